@@ -1,0 +1,145 @@
+"""The compiled loops of packed bit strings, over rows of cells.
+
+Bit 0 is the most significant bit of byte 0. Bits beyond ``length`` stay 0, so equal individuals are equal bytes.
+"""
+
+import numpy as np
+
+from genetics.arrays import Cells, Genomes
+from genetics.compiled import kernel, subroutine
+from genetics.randomness import CROSS, INITIAL, MUTATE, STRAY, below, draw, unit
+
+
+@subroutine
+def _clear_tail(genome, length):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    spare = 8 * genome.size - length
+    genome[-1] &= np.uint8((0xFF << spare) & 0xFF)
+
+
+@subroutine
+def _flip(genome, bit):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    genome[bit >> 3] ^= np.uint8(0x80 >> (bit & 7))
+
+
+@kernel("uint8[:,:,::1](uint64, int64[::1], int64, int64)")
+def random(seed: np.uint64, cells: Cells, deme: int, length: int) -> Genomes:
+    """Uniformly random demes, shape (rows, deme, bytes)."""
+    size = (length + 7) // 8
+    genomes = np.empty((cells.size, deme, size), np.uint8)
+    for row in range(cells.size):
+        for individual in range(deme):
+            genome = genomes[row, individual]
+            for byte in range(size):
+                if byte % 8 == 0:
+                    bits = draw(seed, cells[row], 0, INITIAL, individual, byte // 8)
+                genome[byte] = np.uint8(bits >> np.uint64(8 * (byte % 8)) & np.uint64(0xFF))
+            _clear_tail(genome, length)
+    return genomes
+
+
+@subroutine
+def _one_point(first, second, left_right, right_left, cut):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Bits before ``cut`` of one parent with the rest of the other, and the other way round."""
+    whole = cut >> 3
+    for byte in range(first.size):
+        if byte < whole:
+            keep = np.uint8(0xFF)
+        elif byte == whole:
+            keep = np.uint8((0xFF00 >> (cut & 7)) & 0xFF)
+        else:
+            keep = np.uint8(0)
+        left_right[byte] = (first[byte] & keep) | (second[byte] & ~keep)
+        right_left[byte] = (second[byte] & keep) | (first[byte] & ~keep)
+
+
+@subroutine
+def _uniform(first, second, one, other, seed, cell, generation, couple):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Each bit from either parent with even chances; the other offspring takes the other parent's."""
+    for byte in range(first.size):
+        if byte % 8 == 0:
+            bits = draw(seed, cell, generation, CROSS, couple, byte // 8)
+        keep = np.uint8(bits >> np.uint64(8 * (byte % 8)) & np.uint64(0xFF))
+        one[byte] = (first[byte] & keep) | (second[byte] & ~keep)
+        other[byte] = (second[byte] & keep) | (first[byte] & ~keep)
+
+
+@subroutine
+def _mutate(genome, rate, length, seed, cell, generation, individual):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Flip each bit with probability ``rate``, jumping from flip to flip by geometric gaps."""
+    if rate >= 1.0:
+        for bit in range(length):
+            _flip(genome, bit)
+        return
+    scale = 1.0 / np.log1p(-rate)
+    bit = -1
+    for number in range(length):
+        gap = np.log1p(-unit(draw(seed, cell, generation, MUTATE, individual, number))) * scale
+        if gap >= length - bit - 1:  # compared as floats: a tiny rate gives gaps beyond any integer
+            return
+        bit += 1 + np.int64(gap)
+        _flip(genome, bit)
+
+
+@kernel("uint8[:,:,::1](uint8[:,:,:,::1], uint64, int64[::1], int64, int64, boolean, float64)")
+def recombine(
+    couples: Genomes,
+    seed: np.uint64,
+    cells: Cells,
+    generation: int,
+    length: int,
+    uniform: bool,
+    rate: float,
+) -> Genomes:
+    """Two mutated offspring for each couple: (rows, couples, 2, bytes) to (rows, 2 * couples, bytes)."""
+    rows, count, _, size = couples.shape
+    offspring = np.empty((rows, 2 * count, size), np.uint8)
+    for row in range(rows):
+        cell = cells[row]
+        for couple in range(count):
+            first, second = couples[row, couple, 0], couples[row, couple, 1]
+            one, other = offspring[row, 2 * couple], offspring[row, 2 * couple + 1]
+            if uniform:
+                _uniform(first, second, one, other, seed, cell, generation, couple)
+            else:
+                cut = length
+                if length > 1:
+                    cut = 1 + below(draw(seed, cell, generation, CROSS, couple, 0), length - 1)
+                _one_point(first, second, one, other, cut)
+        if rate > 0.0:
+            for individual in range(2 * count):
+                _mutate(offspring[row, individual], rate, length, seed, cell, generation, individual)
+    return offspring
+
+
+@kernel("int64[::1](uint8[:,:,::1], uint64, int64[::1], int64, int64)")
+def mutate_one(
+    individuals: Genomes, seed: np.uint64, cells: Cells, generation: int, length: int
+) -> Cells:
+    """Flip one random bit of one random individual of each row; returns which individual, shape (rows,)."""
+    changed = np.empty(cells.size, np.int64)
+    for row in range(cells.size):
+        changed[row] = below(draw(seed, cells[row], generation, STRAY, 0, 0), individuals.shape[1])
+        _flip(
+            individuals[row, changed[row]], below(draw(seed, cells[row], generation, STRAY, 0, 1), length)
+        )
+    return changed
+
+
+@kernel("int64[:,::1](uint8[:,::1], int64, int64, boolean)")
+def integers(genomes: Genomes, parameters: int, bits: int, gray: bool) -> Cells:
+    """The coded integers, shape (n, parameters)."""
+    values = np.empty((genomes.shape[0], parameters), np.int64)
+    for row in range(genomes.shape[0]):
+        bit = 0
+        for parameter in range(parameters):
+            value = np.int64(0)
+            last = np.int64(0)
+            for _ in range(bits):
+                digit = np.int64(genomes[row, bit >> 3] >> (7 - (bit & 7))) & 1
+                if gray:
+                    digit ^= last
+                    last = digit
+                value = (value << 1) | digit
+                bit += 1
+            values[row, parameter] = value
+    return values

@@ -1,0 +1,96 @@
+"""Fixed-length bit strings: n parameters of q bits each (Ahuactzin et al. 1992, §3.1 step 1)."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from genetics import bit_kernels
+from genetics.arrays import Cells, Genomes
+from genetics.coding import Keys
+from genetics.recipe import ONE_BIT, Recipe
+
+MOST_BITS = 62
+
+
+@dataclass(frozen=True)
+class BitString:
+    """``parameters`` integers of ``bits`` bits, concatenated, most significant bit first, packed into bytes.
+
+    With ``gray`` each integer is read as a reflected Gray code, in which neighbouring values differ in one bit.
+
+    Raises:
+        ValueError: if there is no parameter, or a parameter has not between 1 and 62 bits.
+    """
+
+    parameters: int
+    bits: int
+    gray: bool = False
+
+    def __post_init__(self) -> None:
+        if self.parameters < 1:
+            raise ValueError(f"a bit string needs at least 1 parameter, found {self.parameters}")
+        if not 1 <= self.bits <= MOST_BITS:
+            raise ValueError(f"a parameter has 1 to {MOST_BITS} bits, found {self.bits}")
+
+    @cached_property
+    def length(self) -> int:
+        """The number of bits of a genome."""
+        return self.parameters * self.bits
+
+    @cached_property
+    def genome_bytes(self) -> int:
+        """The bits, rounded up to whole bytes; bits beyond the length are 0."""
+        return (self.length + 7) // 8
+
+    def random(self, keys: Keys, deme: int) -> Genomes:
+        """Uniformly random bits."""
+        return bit_kernels.random(keys.key, keys.cells, deme, self.length)
+
+    def recombine(self, couples: Genomes, recipe: Recipe, keys: Keys) -> Genomes:
+        """One-point (§3.1 step 4) or uniform crossover, then bit mutation."""
+        if recipe.crossover not in ("one-point", "uniform"):
+            raise ValueError(
+                f"bit strings cross by 'one-point' or 'uniform', found {recipe.crossover!r}"
+            )
+        offspring = bit_kernels.recombine(
+            couples,
+            keys.key,
+            keys.cells,
+            keys.generation,
+            self.length,
+            recipe.crossover == "uniform",
+            0.0 if recipe.mutation == ONE_BIT else recipe.mutation,
+        )
+        return offspring
+
+    def mutate_one(self, individuals: Genomes, keys: Keys) -> Cells:
+        """Flip one random bit of one random individual of each row (§3.1 step 5)."""
+        return bit_kernels.mutate_one(individuals, keys.key, keys.cells, keys.generation, self.length)
+
+    def accepts(self, genome: bytes) -> bool:
+        """Right size, and no bit set beyond the length."""
+        spare = 8 * self.genome_bytes - self.length
+        return len(genome) == self.genome_bytes and genome[-1] & ((1 << spare) - 1) == 0
+
+    def integers(self, genomes: Genomes) -> NDArray[np.int64]:
+        """The coded integers: (n, genome_bytes) to (n, parameters)."""
+        return bit_kernels.integers(
+            np.ascontiguousarray(genomes), self.parameters, self.bits, self.gray
+        )
+
+    def encode(self, integers: NDArray[np.int64]) -> Genomes:
+        """The inverse of `integers`: (n, parameters) to (n, genome_bytes).
+
+        Raises:
+            ValueError: if a value does not fit.
+        """
+        values = np.asarray(integers, dtype=np.int64)
+        if values.min(initial=0) < 0 or values.max(initial=0) >= 1 << self.bits:
+            raise ValueError(f"expected integers from 0 to {(1 << self.bits) - 1}, found {values.tolist()}")
+        if self.gray:
+            values = values ^ (values >> 1)
+        shifts = np.arange(self.bits - 1, -1, -1)
+        unpacked = (values[:, :, None] >> shifts) & 1
+        return np.packbits(unpacked.reshape(len(values), -1).astype(np.uint8), axis=1)

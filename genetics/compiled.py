@@ -1,0 +1,62 @@
+"""How hot loops are compiled: when their module is imported, once, and kept on disk.
+
+Kernels carry explicit signatures, so that importing a module compiles it (or loads it from the cache) and a process
+forked afterwards never compiles. Numba notices a change of a kernel's own file, but not of the kernels that it calls
+in other files: a stale copy would silently break bit-identical replay. So the cache folder is named by a digest of all
+sources that may hold kernels.
+"""
+
+import hashlib
+import os
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numba
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+_ROOT = Path(__file__).resolve().parent.parent
+_PACKAGES = ("genetics", "problems", "node")
+_GENERATIONS_KEPT = 4
+
+
+def _sources_digest() -> str:
+    digest = hashlib.sha256(numba.__version__.encode())
+    for package in _PACKAGES:
+        for source in sorted((_ROOT / package).rglob("*.py")):
+            status = source.stat()
+            digest.update(f"{source}:{status.st_mtime_ns}:{status.st_size}\n".encode())
+    return digest.hexdigest()[:16]
+
+
+def _use_cache_of_these_sources() -> None:
+    if "NUMBA_CACHE_DIR" in os.environ:
+        return
+    home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "supernode"
+    folder = home / f"kernels-{_sources_digest()}"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        os.utime(folder)
+        by_age = sorted(home.glob("kernels-*"), key=lambda path: path.stat().st_mtime, reverse=True)
+    except OSError:
+        return  # no home to write to: numba falls back to its own choice
+    for old in by_age[_GENERATIONS_KEPT:]:
+        shutil.rmtree(old, ignore_errors=True)
+    numba.config.CACHE_DIR = str(folder)
+
+
+_use_cache_of_these_sources()
+
+
+def kernel(signature: str) -> Callable[[Function], Function]:
+    """Compile a function for ``signature`` now, or take it from the cache; no fast-math, so results are exact."""
+    compiler: Callable[[Function], Function] = numba.njit(signature, cache=True, error_model="numpy")
+    return compiler
+
+
+def subroutine(function: Function) -> Function:
+    """A function that only kernels call; it is compiled into them."""
+    compiled: Function = numba.njit(function, error_model="numpy")
+    return compiled

@@ -1,0 +1,74 @@
+"""Real-valued vectors within bounds, with blend crossover and Gaussian mutation."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from genetics import real_kernels
+from genetics.arrays import Cells, Genomes
+from genetics.coding import Keys
+from genetics.recipe import ONE_BIT, Recipe
+
+
+@dataclass(frozen=True)
+class RealVector:
+    """``dimension`` float64 genes between ``low`` and ``high``.
+
+    Raises:
+        ValueError: if there is no gene, or the bounds are not finite and in order.
+    """
+
+    dimension: int
+    low: float
+    high: float
+
+    def __post_init__(self) -> None:
+        if self.dimension < 1:
+            raise ValueError(f"a real vector needs at least 1 gene, found {self.dimension}")
+        if not (np.isfinite(self.low) and np.isfinite(self.high) and self.low < self.high):
+            raise ValueError(f"expected finite bounds low < high, found {self.low}, {self.high}")
+
+    @cached_property
+    def genome_bytes(self) -> int:
+        """Eight bytes for each gene."""
+        return 8 * self.dimension
+
+    def random(self, keys: Keys, deme: int) -> Genomes:
+        """Uniform within the bounds."""
+        genes = real_kernels.random(keys.key, keys.cells, deme, self.dimension, self.low, self.high)
+        return genes.view(np.uint8)
+
+    def recombine(self, couples: Genomes, recipe: Recipe, keys: Keys) -> Genomes:
+        """Blend (BLX-0.5) or uniform crossover, then Gaussian mutation."""
+        if recipe.crossover not in ("blend", "uniform"):
+            raise ValueError(f"real vectors cross by 'blend' or 'uniform', found {recipe.crossover!r}")
+        if recipe.mutation == ONE_BIT:
+            raise ValueError("real vectors have no bits: 'mutation' is a probability, found 'one-bit'")
+        offspring = real_kernels.recombine(
+            couples.view(np.float64),
+            keys.key,
+            keys.cells,
+            keys.generation,
+            self.low,
+            self.high,
+            recipe.crossover == "uniform",
+            recipe.mutation,
+        )
+        return offspring.view(np.uint8)
+
+    def mutate_one(self, individuals: Genomes, keys: Keys) -> Cells:
+        """Not for real vectors: `recombine` has refused the recipe that asks for it."""
+        raise ValueError("real vectors have no bits to flip")
+
+    def accepts(self, genome: bytes) -> bool:
+        """Right size, every gene finite and within the bounds."""
+        if len(genome) != self.genome_bytes:
+            return False
+        genes = np.frombuffer(genome, np.float64)
+        return bool(np.all((genes >= self.low) & (genes <= self.high)))
+
+    def genes(self, genomes: Genomes) -> NDArray[np.float64]:
+        """The coded numbers: (n, genome_bytes) to (n, dimension)."""
+        return np.ascontiguousarray(genomes).view(np.float64)

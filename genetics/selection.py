@@ -1,0 +1,115 @@
+"""Who mates with whom, who leaves and who stays: the same for every coding.
+
+Individuals of equal fitness are ordered by birth: the earlier in the array comes first.
+"""
+
+import numpy as np
+
+from genetics.arrays import Cells, Fitness, Genomes
+from genetics.compiled import kernel, subroutine
+from genetics.randomness import SELECT, below, draw
+
+
+@kernel("int64[:,::1](float64[:,::1], int64)")
+def best(fitness: Fitness, count: int) -> Cells:
+    """The ``count`` best individuals of each row, best first: (rows, deme) to indices (rows, count)."""
+    chosen = np.empty((fitness.shape[0], count), np.int64)
+    for row in range(fitness.shape[0]):
+        if count == 1:
+            chosen[row, 0] = np.argmin(fitness[row])
+        else:
+            chosen[row] = np.argsort(fitness[row], kind="mergesort")[:count]
+    return chosen
+
+
+@kernel("void(uint8[:,:,::1], float64[:,::1], uint8[:,:,::1], float64[:,::1])")
+def admit(genomes: Genomes, fitness: Fitness, immigrants: Genomes, immigrant_fitness: Fitness) -> None:
+    """Each immigrant in turn replaces the worst of its row if it is better; of equal worst, the latest born goes."""
+    for row in range(fitness.shape[0]):
+        for immigrant in range(immigrant_fitness.shape[1]):
+            worst = 0
+            for individual in range(1, fitness.shape[1]):
+                if fitness[row, individual] >= fitness[row, worst]:
+                    worst = individual
+            if immigrant_fitness[row, immigrant] < fitness[row, worst]:
+                genomes[row, worst] = immigrants[row, immigrant]
+                fitness[row, worst] = immigrant_fitness[row, immigrant]
+
+
+@subroutine
+def _by_rank(order, bits):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """An individual with probability proportional to its rank: n for the best of n, 1 for the worst."""
+    count = order.size
+    ticket = below(bits, count * (count + 1) // 2)
+    # The individual of weight w holds the tickets from w(w - 1)/2 to w(w + 1)/2 - 1.
+    weight = np.int64((1.0 + np.sqrt(1.0 + 8.0 * ticket)) / 2.0)
+    if weight * (weight - 1) // 2 > ticket:
+        weight -= 1
+    elif weight * (weight + 1) // 2 <= ticket:
+        weight += 1
+    return order[count - weight]
+
+
+@kernel("int64[:,:,::1](float64[:,::1], uint64, int64[::1], int64)")
+def couples_by_rank(fitness: Fitness, seed: np.uint64, cells: Cells, generation: int) -> Cells:
+    """As many couples as individuals, by rank (Ahuactzin et al. 1992, §3.1 steps 3 and 4).
+
+    Returns indices into each row's deme, shape (rows, deme, 2).
+    """
+    rows, deme = fitness.shape
+    couples = np.empty((rows, deme, 2), np.int64)
+    for row in range(rows):
+        order = np.argsort(fitness[row], kind="mergesort")
+        for couple in range(deme):
+            for turn in range(2):
+                bits = draw(seed, cells[row], generation, SELECT, couple, turn)
+                couples[row, couple, turn] = _by_rank(order, bits)
+    return couples
+
+
+@kernel("void(uint8[:,:,::1], float64[:,::1], uint8[:,:,::1], float64[:,::1], boolean)")
+def replace_local(
+    genomes: Genomes, fitness: Fitness, offspring: Genomes, offspring_fitness: Fitness, elitist: bool
+) -> None:
+    """The best offspring takes the place of the single local individual (§6), unless that is better and elitist."""
+    for row in range(fitness.shape[0]):
+        child = np.argmin(offspring_fitness[row])
+        if not (elitist and fitness[row, 0] < offspring_fitness[row, child]):
+            genomes[row, 0] = offspring[row, child]
+            fitness[row, 0] = offspring_fitness[row, child]
+
+
+@kernel(
+    "void(uint8[:,:,::1], float64[:,::1], int64[:,:,::1], uint8[:,:,::1], float64[:,::1], boolean)"
+)
+def replace_families(
+    genomes: Genomes,
+    fitness: Fitness,
+    couples: Cells,
+    offspring: Genomes,
+    offspring_fitness: Fitness,
+    elitist: bool,
+) -> None:
+    """Each couple leaves the best of itself and its two offspring (§3.1 step 4); the earlier born wins a tie.
+
+    With ``elitist`` the best of the old deme takes the worst new place if nobody as good was left.
+    """
+    rows, deme = fitness.shape
+    for row in range(rows):
+        old_genomes, old_fitness = genomes[row].copy(), fitness[row].copy()
+        for couple in range(deme):
+            family = couples[row, couple, 0]
+            if old_fitness[couples[row, couple, 1]] < old_fitness[family]:
+                family = couples[row, couple, 1]
+            genomes[row, couple] = old_genomes[family]
+            fitness[row, couple] = old_fitness[family]
+            for child in range(2 * couple, 2 * couple + 2):
+                if offspring_fitness[row, child] < fitness[row, couple]:
+                    genomes[row, couple] = offspring[row, child]
+                    fitness[row, couple] = offspring_fitness[row, child]
+        if elitist:
+            champion = np.argmin(old_fitness)
+            if old_fitness[champion] < np.min(fitness[row]):
+                worst = np.argmax(fitness[row])
+                genomes[row, worst] = old_genomes[champion]
+                fitness[row, worst] = old_fitness[champion]

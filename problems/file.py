@@ -1,0 +1,145 @@
+"""Problem files: TOML in, a checked problem and its run settings out."""
+
+import hashlib
+import json
+import tomllib
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from problems import registry
+from problems.errors import BadInput, first_line, shorten
+from problems.problem import Problem
+from problems.run import Run
+
+
+@dataclass(frozen=True)
+class ProblemFile:
+    """A problem as its file states it, and how it is to be run.
+
+    Attributes:
+        name: the file's name, for messages.
+        fields: the problem's own fields, plain values; a user's problem is checked only where its module may run.
+        run: the settings of the ``[run]`` table.
+        folder: where a user's module is looked for first.
+    """
+
+    name: str
+    fields: dict[str, Any]
+    run: Run
+    folder: Path
+
+    @property
+    def kind(self) -> str:
+        """The kind of problem."""
+        return str(self.fields["kind"])
+
+    @property
+    def sha256(self) -> str:
+        """A digest of the problem (not of how it is run), whatever the order and comments of the file."""
+        return hashlib.sha256(json.dumps(self.fields, sort_keys=True).encode()).hexdigest()
+
+    def with_run(self, **settings: Any) -> "ProblemFile":
+        """The same problem, run with other settings where one is given (not None).
+
+        Raises:
+            BadInput: if a setting is unknown or wrong.
+        """
+        given = {name: value for name, value in settings.items() if value is not None}
+        merged = self.run.model_dump(exclude_unset=True) | given
+        return replace(self, run=_run(merged, self.name))
+
+    def problem(self) -> Problem:
+        """The problem itself, for the recipe and deme of the run.
+
+        Raises:
+            BadInput: names this file and the field that is wrong.
+        """
+        try:
+            model = registry.find(self.kind, self.folder)
+        except BadInput as error:
+            raise BadInput(f"{self.name}: {error}") from error
+        try:
+            problem = model.model_validate_json(json.dumps(self.fields), strict=True)
+        except ValidationError as error:
+            raise first_line(error, model, self.name) from error
+        return self._with_recipe(problem)
+
+    def _with_recipe(self, problem: Problem) -> Problem:
+        try:
+            ready = problem.for_recipe(self.run.recipe, self.run.deme)
+            _ = ready.coding.genome_bytes
+        except Exception as error:
+            raise BadInput(f"{self.name}: {error}") from error
+        return ready
+
+    def to_json(self) -> str:
+        """For a message to another process."""
+        return json.dumps(
+            [self.name, self.fields, self.run.model_dump(exclude_unset=True), str(self.folder)]
+        )
+
+    @staticmethod
+    def from_json(text: str) -> "ProblemFile":
+        """The inverse of `to_json`.
+
+        Raises:
+            BadInput: if the text is something else.
+        """
+        try:
+            name, fields, run, folder = json.loads(text)
+            return ProblemFile(str(name), dict(fields), _run(run, name), Path(folder))
+        except (ValueError, TypeError) as error:
+            raise BadInput(f"expected a problem file as JSON, found {shorten(text)}") from error
+
+
+def load(path: str | Path) -> ProblemFile:
+    """Read a problem file and check it, but for a user's own problem, whose module is not imported here.
+
+    Raises:
+        BadInput: one line that names the file and field, what was expected and what was found.
+    """
+    path = Path(path)
+    loaded = parse(_text(path), str(path), path.resolve().parent)
+    if registry.is_built_in(loaded.kind):
+        loaded.problem()
+    elif ":" not in loaded.kind:
+        loaded.problem()  # says which kinds there are
+    return loaded
+
+
+def parse(text: str, name: str, folder: Path) -> ProblemFile:
+    """A problem file's text; see `load`."""
+    try:
+        fields = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise BadInput(f"{name}: expected TOML, found {error}") from error
+    run = fields.pop("run", {})
+    if not isinstance(run, dict):
+        raise BadInput(f"{name}: run: expected a table [run], found {shorten(run)}")
+    if not isinstance(fields.get("kind"), str):
+        raise BadInput(
+            f'{name}: kind: expected a kind of problem such as "arm-ik", found {shorten(fields.get("kind"))}'
+        )
+    plain: dict[str, Any] = json.loads(json.dumps(fields, default=str))
+    return ProblemFile(name, plain, _run(run, name), folder)
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except FileNotFoundError as error:
+        raise BadInput(f"{path}: expected a problem file, found no such file") from error
+    except UnicodeDecodeError as error:
+        raise BadInput(f"{path}: expected TOML in UTF-8, found {error}") from error
+    except OSError as error:
+        raise BadInput(f"{path}: expected a readable problem file, found {error.strerror}") from error
+
+
+def _run(settings: dict[str, Any], name: str) -> Run:
+    try:
+        return Run.model_validate_json(json.dumps(settings, default=str), strict=True)
+    except ValidationError as error:
+        raise first_line(error, Run, f"{name}: run") from error

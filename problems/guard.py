@@ -1,0 +1,30 @@
+"""A fence around a problem's evaluation: whatever it does, the node gets fitness values or one clear error."""
+
+import numpy as np
+
+from genetics.arrays import Fitness, Genomes
+from genetics.breeding import Evaluate
+from problems.errors import EvaluationFailed
+from problems.problem import Problem
+
+
+def guarded(problem: Problem) -> Evaluate:
+    """``problem.evaluate`` that raises `EvaluationFailed` if it raises, or returns NaN or the wrong number of values."""
+
+    def evaluate(genomes: Genomes) -> Fitness:
+        try:
+            returned = problem.evaluate(genomes)
+            fitness = np.ascontiguousarray(returned, dtype=np.float64)
+        except Exception as error:
+            raise EvaluationFailed(
+                f"{problem.kind}: evaluate raised {type(error).__name__}: {error}"
+            ) from error
+        if fitness.shape != (len(genomes),):
+            raise EvaluationFailed(
+                f"{problem.kind}: evaluate must return an array of shape ({len(genomes)},), got {fitness.shape}"
+            )
+        if np.isnan(fitness).any() or (fitness == -np.inf).any():
+            raise EvaluationFailed(f"{problem.kind}: evaluate must not return NaN or -inf, got {fitness}")
+        return fitness
+
+    return evaluate

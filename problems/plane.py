@@ -1,0 +1,168 @@
+"""Worlds in the plane: the obstacles of a problem file, as arrays for kernels, as shapely shapes and as patches."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from pydantic import Field, field_validator
+
+from problems.problem import Table, quantity
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Point = tuple[float, float]
+Positive = Annotated[float, Field(gt=0)]
+
+CONTACT = 1e-9
+"""Shapes that overlap by no more than this (m) only touch, which is free."""
+
+
+class Circle(Table):
+    """A solid disc."""
+
+    shape: Literal["circle"]
+    center: Point = quantity("m", "its centre")
+    radius: Positive = quantity("m", "its radius")
+
+    @property
+    def corners(self) -> NDArray[np.float64]:
+        """The centre alone, shape (1, 2): a disc is a point, thickened."""
+        return np.array([self.center])
+
+    @property
+    def thickness(self) -> float:
+        """By how much the corners are thickened, m."""
+        return self.radius
+
+    def covers(self, point: Point) -> bool:
+        """Whether ``point`` lies inside, deeper than contact."""
+        return bool(np.hypot(point[0] - self.center[0], point[1] - self.center[1]) < self.radius - CONTACT)
+
+
+class _Solid(Table):
+    """What polygons and boxes share: corners, anticlockwise."""
+
+    @property
+    def outline(self) -> Sequence[Point]:
+        raise TypeError("a solid has an outline")
+
+    @cached_property
+    def polygon(self) -> shapely.Polygon:
+        return shapely.Polygon(self.outline)
+
+    @cached_property
+    def corners(self) -> NDArray[np.float64]:
+        """The corners, anticlockwise, shape (n, 2)."""
+        return anticlockwise(self.outline)
+
+    @property
+    def thickness(self) -> float:
+        return 0.0
+
+    def covers(self, point: Point) -> bool:
+        """Whether ``point`` lies inside, deeper than contact."""
+        place = shapely.Point(point)
+        return bool(self.polygon.contains(place) and self.polygon.exterior.distance(place) > CONTACT)
+
+
+class Polygon(_Solid):
+    """A solid simple polygon, convex or not."""
+
+    shape: Literal["polygon"]
+    vertices: list[Point] = quantity("m", "its corners in order, either way round; at least 3")
+
+    @field_validator("vertices")
+    @classmethod
+    def _simple(cls, vertices: list[Point]) -> list[Point]:
+        return simple_polygon(vertices)
+
+    @property
+    def outline(self) -> Sequence[Point]:
+        return self.vertices
+
+
+class Box(_Solid):
+    """A solid rectangle."""
+
+    shape: Literal["box"]
+    center: Point = quantity("m", "its centre")
+    size: tuple[Positive, Positive] = quantity("m", "its width and height")
+    angle: float = quantity("rad", "by which it is turned, anticlockwise", default=0.0)
+
+    @property
+    def outline(self) -> Sequence[Point]:
+        half = np.array(self.size) / 2
+        corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half
+        cosine, sine = np.cos(self.angle), np.sin(self.angle)
+        turned = corners @ np.array([[cosine, sine], [-sine, cosine]]) + self.center
+        return [(float(x), float(y)) for x, y in turned]
+
+
+Obstacle = Annotated[Circle | Polygon | Box, Field(discriminator="shape")]
+
+
+@dataclass(frozen=True)
+class Shapes:
+    """Obstacles as arrays: shape i has the corners ``corners[starts[i]:starts[i + 1]]``, thickened by ``thickness[i]``.
+
+    A disc is one thickened corner; a polygon has its corners anticlockwise and thickness 0.
+    """
+
+    corners: NDArray[np.float64]  # (all corners, 2), m
+    starts: NDArray[np.int64]  # (shapes + 1,)
+    thickness: NDArray[np.float64]  # (shapes,), m
+
+    @staticmethod
+    def of(obstacles: Sequence[Circle | Polygon | Box]) -> Shapes:
+        """The arrays of some obstacles, in order."""
+        corners = [obstacle.corners for obstacle in obstacles]
+        return Shapes(
+            np.concatenate([np.empty((0, 2)), *corners]),
+            np.cumsum([0, *(len(part) for part in corners)], dtype=np.int64),
+            np.array([obstacle.thickness for obstacle in obstacles], dtype=np.float64),
+        )
+
+
+def simple_polygon(vertices: list[Point]) -> list[Point]:
+    """``vertices`` if they bound an area and do not cross.
+
+    Raises:
+        ValueError: says what was found instead.
+    """
+    if len(vertices) < 3:
+        raise ValueError(f"expected at least 3 vertices, found {len(vertices)}")
+    polygon = shapely.Polygon(vertices)
+    if not polygon.is_valid or polygon.area <= CONTACT:
+        raise ValueError(
+            f"expected a simple polygon with an area, found {shapely.is_valid_reason(polygon)}, area {polygon.area:g}"
+        )
+    return vertices
+
+
+def anticlockwise(vertices: Sequence[Point]) -> NDArray[np.float64]:
+    """The corners of a simple polygon, anticlockwise, shape (n, 2)."""
+    corners = np.array(vertices, dtype=np.float64)
+    x, y = corners[:, 0], corners[:, 1]
+    doubled_area = np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y)
+    return corners if doubled_area > 0 else corners[::-1].copy()
+
+
+def draw_obstacles(axes: Axes, obstacles: Sequence[Circle | Polygon | Box]) -> None:
+    """Dark solid patches."""
+    from matplotlib import patches
+
+    for obstacle in obstacles:
+        patch: patches.Patch
+        if isinstance(obstacle, Circle):
+            patch = patches.Circle(obstacle.center, obstacle.radius)
+        else:
+            patch = patches.Polygon(obstacle.corners, closed=True)
+        patch.set(facecolor="0.35", edgecolor="0.2", linewidth=0.8, zorder=2)
+        axes.add_patch(patch)

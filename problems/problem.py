@@ -1,0 +1,136 @@
+"""What a planner is: a coding, an evaluation, a decoder, a checker and a drawing, described by a typed schema.
+
+A problem is a pydantic model whose fields are those of the problem file, so the schema, its validation and the planner
+that uses it are one thing.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+
+from genetics.arrays import Fitness, Genomes
+from genetics.recipe import Recipe
+from problems.errors import BadInput
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from genetics.coding import Coding
+
+RecipeName = Literal["tuned", "paper"]
+Solution = dict[str, Any]  # plain JSON values
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What a check found.
+
+    Attributes:
+        fitness: the fitness of the solution, computed without the code that found it.
+        objections: why the solution is not acceptable, in words; none if it is feasible.
+    """
+
+    fitness: float
+    objections: tuple[str, ...] = ()
+
+    @property
+    def feasible(self) -> bool:
+        """Whether the solution is acceptable."""
+        return not self.objections
+
+
+class Table(BaseModel):
+    """A table of a problem file: unknown fields, wrong types and numbers that are not finite are refused."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+def quantity(unit: str, description: str, **options: Any) -> Any:
+    """A field with a unit, as `supernode problems` shows it."""
+    return Field(description=description, json_schema_extra={"unit": unit}, **options)
+
+
+class Problem(Table):
+    """What to optimise. Lower fitness is better; +inf is infeasible.
+
+    A subclass declares the fields of its problem file and implements `coding`, `evaluate` and, to say more than the
+    coded numbers, `decode` and `check` (both or neither)::
+
+        class Knapsack(supernode.Problem):
+            weights: list[float]
+            capacity: float
+
+            @property
+            def coding(self):
+                return supernode.BitString(parameters=len(self.weights), bits=1)
+
+            def evaluate(self, genomes):
+                load = self.coding.integers(genomes) @ np.array(self.weights)
+                return np.where(load <= self.capacity, self.capacity - load, np.inf)
+    """
+
+    about: ClassVar[str] = ""
+    """One line for `supernode problems`."""
+    template: ClassVar[str] = ""
+    """A commented problem file, for `supernode init`."""
+
+    kind: str = Field(description="the kind of problem")
+
+    @property
+    @abstractmethod
+    def coding(self) -> Coding:
+        """How individuals are coded; cheap to ask for (use a cached property)."""
+
+    @abstractmethod
+    def evaluate(self, genomes: Genomes) -> Fitness:
+        """The fitness of each genome: (n, genome_bytes) to (n,), never NaN; the same for the same genome."""
+
+    @property
+    def solved_at(self) -> float | None:
+        """A champion of this fitness or less solves the problem; None if there is no such figure."""
+        return None
+
+    def for_recipe(self, name: RecipeName, deme: int) -> Self:
+        """This problem with whatever the recipe leaves open filled in (such as the code of its bits)."""
+        return self
+
+    def recipe(self, name: RecipeName, deme: int) -> Recipe:
+        """The operators of a recipe for demes of that size."""
+        from genetics.bit_string import BitString
+
+        if isinstance(self.coding, BitString):
+            return Recipe("one-point", 1.0 / self.coding.length, "offspring" if name == "paper" else "elitist")
+        return Recipe("blend", 0.1, "elitist")
+
+    def decode(self, genome: Genomes) -> Solution:
+        """The solution that a genome, shape (genome_bytes,), stands for, as plain JSON values."""
+        return {"genome": genome.tobytes().hex()}
+
+    def check(self, solution: Solution) -> Verdict:
+        """Judge a solution, if possible without any code that `evaluate` uses.
+
+        Raises:
+            BadInput: if this is not a solution of such a problem at all.
+        """
+        try:
+            genome = np.frombuffer(bytes.fromhex(solution["genome"]), np.uint8)
+            accepted = self.coding.accepts(genome.tobytes())
+        except (KeyError, TypeError, ValueError, IndexError):
+            accepted = False
+        if not accepted:
+            raise BadInput(f"solution: expected a field 'genome' that codes an individual of {self.kind}")
+        fitness = float(self.evaluate(genome[None])[0])
+        return Verdict(fitness, () if np.isfinite(fitness) else ("the individual is infeasible",))
+
+    def draw(self, figure: Figure, solution: Solution | None) -> None:
+        """Draw the problem's world, and the solution in it if there is one, onto an empty figure.
+
+        Raises:
+            BadInput: if this kind of problem has no picture.
+        """
+        raise BadInput(f"problems of kind {self.kind!r} have no picture")

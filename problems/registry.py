@@ -1,0 +1,55 @@
+"""Which kinds of problem there are, and how a user's own is found."""
+
+import importlib
+import sys
+from pathlib import Path
+
+from problems.errors import BadInput, did_you_mean
+from problems.problem import Problem
+
+_BUILT_IN = {
+    "arm-ik": "problems.arm_ik:ArmIk",
+    "function": "problems.function:Function",
+    "mobile-robot": "problems.mobile_robot:MobileRobot",
+}
+
+
+def kinds() -> tuple[str, ...]:
+    """The built-in kinds, sorted."""
+    return tuple(_BUILT_IN)
+
+
+def is_built_in(kind: str) -> bool:
+    """Whether ``kind`` is this project's own, so that loading it runs no user's code."""
+    return kind in _BUILT_IN
+
+
+def find(kind: str, folder: Path | None = None) -> type[Problem]:
+    """The class of a kind; ``"my_module:MyProblem"`` is looked up in ``folder``, then on ``sys.path``.
+
+    Raises:
+        BadInput: if there is no such kind, module or class.
+    """
+    if kind not in _BUILT_IN and ":" not in kind:
+        raise BadInput(
+            f'kind: expected one of {", ".join(_BUILT_IN)} or "module:Class", found {kind!r}'
+            + did_you_mean(kind, _BUILT_IN)
+        )
+    module_name, _, class_name = _BUILT_IN.get(kind, kind).partition(":")
+    if folder is not None and str(folder) not in sys.path:
+        sys.path.insert(0, str(folder))
+    try:
+        found = getattr(importlib.import_module(module_name), class_name)
+    except Exception as error:
+        raise BadInput(f"kind: cannot import {kind!r}: {type(error).__name__}: {error}") from error
+    if not (isinstance(found, type) and issubclass(found, Problem)):
+        raise BadInput(f"kind: expected a subclass of supernode.Problem, found {kind!r}, which is {found!r}")
+    return found
+
+
+def warm_up() -> None:
+    """Import every built-in kind with its compiled kernels, so that a forked process has them all."""
+    for target in _BUILT_IN.values():
+        module = importlib.import_module(target.partition(":")[0])
+        importlib.import_module(f"{module.__name__}.kernels")
+    importlib.import_module("genetics.selection")

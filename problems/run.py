@@ -1,0 +1,80 @@
+"""The settings of a run: the ``[run]`` table of a problem file, and the options of the commands."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field, field_validator, model_validator
+
+import topologies
+from genetics.breeding import evaluations_per_generation
+from genetics.recipe import Recipe, Replacement
+from problems.problem import Problem, RecipeName, Table
+
+DEFAULT_STALL = 200
+MOST_DEME = 1 << 16
+MOST_GENERATIONS = 1 << 31
+
+Count = Annotated[int, Field(ge=0, lt=MOST_GENERATIONS)]
+
+
+class Run(Table):
+    """How a problem is run. Limits that are None do not end the run."""
+
+    topology: str = Field("torus 4x4", description="who neighbours whom")
+    deme: int = Field(1, ge=1, le=MOST_DEME, description="individuals on each node")
+    interval: int = Field(1, ge=1, lt=MOST_GENERATIONS, description="generations between two exchanges")
+    emigrants: int = Field(1, ge=1, le=MOST_DEME, description="individuals sent in an exchange")
+    mode: Literal["lockstep", "async"] = Field("lockstep", description="wait for neighbours, or do not")
+    recipe: RecipeName = Field("tuned", description="the paper's operators, or the best known here")
+    replacement: Replacement | None = Field(None, description="instead of the recipe's")
+    mutation: Annotated[float, Field(ge=0, le=1)] | Literal["one-bit"] | None = Field(
+        None, description="probability that a bit changes, instead of the recipe's"
+    )
+    spy: Literal["champion", "root"] = Field("champion", description="what news reaches the root")
+    seed: int = Field(1, ge=0, lt=1 << 64, description="the same seed gives the same run")
+    generations: Count | None = Field(None, description="end after this generation")
+    evaluations: Count | None = Field(None, description="end before this many fitness calls are exceeded")
+    seconds: Annotated[float, Field(gt=0)] | None = Field(None, description="deadline, s")
+    target: float | None = Field(None, description="fitness that ends the run, instead of the problem's own")
+    stall: Annotated[int, Field(ge=1, lt=MOST_GENERATIONS)] | None = Field(
+        None, description="end after this many generations without a better champion"
+    )
+
+    @field_validator("topology")
+    @classmethod
+    def _known_topology(cls, spec: str) -> str:
+        return topologies.parse(spec).spec
+
+    @model_validator(mode="after")
+    def _emigrants_live_in_the_deme(self) -> "Run":
+        if self.emigrants > self.deme:
+            raise ValueError(f"emigrants: expected at most the deme, {self.deme}, found {self.emigrants}")
+        return self
+
+    def stall_limit(self) -> int | None:
+        """The stall in force: 200 only if nothing else limits the run."""
+        if self.stall is None and self.generations is None and self.evaluations is None and self.seconds is None:
+            return DEFAULT_STALL
+        return self.stall
+
+    def breeding(self, problem: Problem) -> Recipe:
+        """The problem's recipe with this run's own choices put in."""
+        base = problem.recipe(self.recipe, self.deme)
+        return Recipe(
+            base.crossover,
+            base.mutation if self.mutation is None else self.mutation,
+            self.replacement or base.replacement,
+        )
+
+    def last_generation(self, recipe: Recipe) -> int | None:
+        """The generation after which every cell stops by itself, or None.
+
+        Every cell makes the same number of evaluations a generation, so a limit on those is a limit on generations.
+        """
+        limits = [] if self.generations is None else [self.generations]
+        if self.evaluations is not None:
+            topology = topologies.parse(self.topology)
+            slots = len(topology.neighbours(0))
+            first = topology.cells * self.deme
+            each = topology.cells * evaluations_per_generation(self.deme, slots, recipe)
+            limits.append(max(0, (self.evaluations - first) // each))
+        return min(limits, default=None)
