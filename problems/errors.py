@@ -52,7 +52,7 @@ def _field(location: tuple[int | str, ...]) -> str:
     text = ""
     for part in location:
         if isinstance(part, int):
-            text += f"[{part + 1}]"
+            text += f"[{part}]"
         else:
             text += f".{part}" if text else part
     return text

@@ -7,6 +7,7 @@ that uses it are one thing.
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 
 RecipeName = Literal["tuned", "paper"]
 Solution = dict[str, Any]  # plain JSON values
+Populations = Mapping[int, Genomes]  # generation to genomes, shape (n, genome_bytes)
 
 
 @dataclass(frozen=True)
@@ -127,8 +129,13 @@ class Problem(Table):
         fitness = float(self.evaluate(genome[None])[0])
         return Verdict(fitness, () if np.isfinite(fitness) else ("the individual is infeasible",))
 
-    def draw(self, figure: Figure, solution: Solution | None) -> None:
+    def draw(self, figure: Figure, solution: Solution | None, populations: Populations) -> None:
         """Draw the problem's world, and the solution in it if there is one, onto an empty figure.
+
+        Args:
+            figure: an empty figure; its size may be changed.
+            solution: as `decode` made it.
+            populations: all individuals of the torus at some generations, for a picture of how they converge.
 
         Raises:
             BadInput: if this kind of problem has no picture.
