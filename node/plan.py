@@ -1,0 +1,76 @@
+"""A job as every cell must understand it in the same way."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import topologies
+from genetics.breeding import Evaluate, evaluations_per_generation
+from genetics.coding import Coding
+from genetics.recipe import Recipe
+from problems import Problem, ProblemFile, Run, guarded
+from topologies import Topology
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What is to be solved, how it is bred, who neighbours whom and when it ends.
+
+    Raises:
+        BadInput: from `of`, if the problem file is wrong.
+    """
+
+    problem: Problem
+    run: Run
+
+    @staticmethod
+    def of(file: ProblemFile) -> "Plan":
+        """The plan of a problem file; this imports a user's module."""
+        return Plan(file.problem(), file.run)
+
+    @cached_property
+    def topology(self) -> Topology:
+        """Who neighbours whom."""
+        return topologies.parse(self.run.topology)
+
+    @cached_property
+    def slots(self) -> int:
+        """The number of neighbours of each cell, repeats counted."""
+        return len(self.topology.neighbours(0))
+
+    @cached_property
+    def coding(self) -> Coding:
+        """How individuals are coded."""
+        return self.problem.coding
+
+    @cached_property
+    def recipe(self) -> Recipe:
+        """How they breed."""
+        return self.run.breeding(self.problem)
+
+    @cached_property
+    def evaluate(self) -> Evaluate:
+        """The problem's fitness, guarded."""
+        return guarded(self.problem)
+
+    @cached_property
+    def target(self) -> float | None:
+        """A fitness that ends the run."""
+        return self.problem.solved_at if self.run.target is None else self.run.target
+
+    @cached_property
+    def last_generation(self) -> int | None:
+        """Where every cell stops by itself, if anywhere."""
+        return self.run.last_generation(self.recipe)
+
+    @cached_property
+    def stop_distance(self) -> int:
+        """Generations between the proposal of a stop and the stop: by then every cell has heard of it.
+
+        A proposal leaves with the next exchange, at most one interval away, and crosses a link at each exchange.
+        """
+        return (self.topology.diameter + 1) * self.run.interval
+
+    @property
+    def evaluations_per_generation(self) -> int:
+        """By one cell."""
+        return evaluations_per_generation(self.run.deme, self.slots, self.recipe)

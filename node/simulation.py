@@ -1,0 +1,154 @@
+"""The same job in this process: the simulator, without any message.
+
+In lockstep all cells breed at once, as rows of the same kernels that nodes use; the result is bit-identical to a run of
+processes. Asynchronous runs are played by the cells' state machines over an in-process bus with a seeded model of delays.
+"""
+
+import hashlib
+import heapq
+from collections.abc import Callable
+
+import numpy as np
+
+from genetics import Fitness, Genomes
+from node.cell import Action, Cell, Event, Heard, Propose, Publish, Report, Start, champion_of
+from node.kernels import delay
+from node.plan import Plan
+from node.rows import Reason, Rows
+from wire.exchange import Champion
+
+Watch = Callable[[int, Champion], None]
+"""Called with the root's generation and champion, whenever the root knows of a better one."""
+Snapshot = Callable[[int, Genomes, Fitness], None]
+"""Called in each generation with all demes: (cells, deme, genome_bytes) and (cells, deme). In lockstep only."""
+
+Outside = Callable[[], Reason | None]
+"""Asked in each generation whether somebody outside (a clock, a user) wants the run to stop."""
+
+MEAN_LATENCY = 0.1  # of a message, in units of the mean time that a generation takes
+
+
+def _ignore(*_: object) -> None:
+    pass
+
+
+def _never() -> Reason | None:
+    return None
+
+
+def simulate(
+    plan: Plan, watch: Watch = _ignore, snapshot: Snapshot = _ignore, outside: Outside = _never
+) -> list[Report]:
+    """Run the job to its end; the reports are in the order of the cells.
+
+    Raises:
+        EvaluationFailed: if the problem breaks.
+    """
+    if plan.run.mode == "async":
+        return _Delays(plan, watch, outside).run()
+    return _lockstep(plan, watch, snapshot, outside)
+
+
+def _lockstep(plan: Plan, watch: Watch, snapshot: Snapshot, outside: Outside) -> list[Report]:
+    cells = np.arange(plan.topology.cells)
+    slots = np.array([plan.topology.neighbours(cell) for cell in cells])
+    rows = Rows(plan, cells)
+    digests = [hashlib.sha256() for _ in cells]
+    published = 0
+    rows.begin()
+    while True:
+        _note(rows, digests)
+        snapshot(rows.generation, rows.genomes, rows.fitness)
+        champion = champion_of(rows, 0)
+        if champion is not None and rows.better_at[0] == rows.generation:
+            watch(rows.generation, champion)
+        if rows.generation >= rows.stop_at[0]:
+            break
+        if (reason := outside()) is not None:
+            rows.propose(0, reason)
+        published += rows.exchanging
+        rows.advance(rows.packets().gather(slots) if rows.exchanging else None)
+    return [_report(rows, cell, digests[cell].digest(), published) for cell in range(len(cells))]
+
+
+def _note(rows: Rows, digests: list["hashlib._Hash"]) -> None:
+    generation = rows.generation.to_bytes(8, "little")
+    for row, digest in enumerate(digests):
+        digest.update(generation)
+        digest.update(rows.genomes[row])
+        digest.update(rows.fitness[row])
+
+
+def _report(rows: Rows, cell: int, digest: bytes, published: int) -> Report:
+    others = set(rows.plan.topology.neighbours(cell)) - {cell}
+    return Report(
+        cell=cell,
+        generation=rows.generation,
+        digest=digest,
+        evaluations=rows.evaluations,
+        sent=published,
+        received=published * len(others),
+        lost=0,
+        champion=champion_of(rows, cell),
+        proposals=tuple(each for each in rows.proposals if each.cell == cell),
+        deme=rows.genomes[cell].tobytes(),
+        error=None,
+    )
+
+
+class _Delays:
+    """Cells in async mode: each generation takes an exponential time of mean 1, each message one of mean 0.1."""
+
+    def __init__(self, plan: Plan, watch: Watch, outside: Outside) -> None:
+        self.watch = watch
+        self.outside = outside
+        self.cells = [Cell(plan, number, job=1) for number in range(plan.topology.cells)]
+        self.mail: list[list[Event]] = [[Start()] for _ in self.cells]
+        self.reports: dict[int, Report] = {}
+        self.best: Champion | None = None
+        self._seed = np.uint64(plan.run.seed)
+        self._agenda: list[tuple[float, int, int, Event | None]] = []  # time, order, cell, mail or its turn
+        self._order = 0
+
+    def run(self) -> list[Report]:
+        for cell in self.cells:
+            self._later(0.0, cell.cell, None)
+        while self._agenda:
+            now, _, number, event = heapq.heappop(self._agenda)
+            if event is None:
+                self._turn(now, self.cells[number])
+            else:
+                self.mail[number].append(event)
+        return [self.reports[number] for number in range(len(self.cells))]
+
+    def _turn(self, now: float, cell: Cell) -> None:
+        events, self.mail[cell.cell] = self.mail[cell.cell], []
+        for action in cell.step(events):
+            self._carry_out(now, cell, action)
+        if cell.cell == 0:
+            self._look(now, cell)
+        if not cell.ended:
+            self._later(now + self._delay(cell.cell, 0), cell.cell, None)
+
+    def _carry_out(self, now: float, cell: Cell, action: Action) -> None:
+        if isinstance(action, Publish):
+            for index, other in enumerate(cell.neighbours):
+                arrival = now + MEAN_LATENCY * self._delay(cell.cell, 1 + index)
+                self._later(arrival, other, Heard(cell.cell, action.message))
+        elif isinstance(action, Report):
+            self.reports[cell.cell] = action
+
+    def _look(self, now: float, root: Cell) -> None:
+        if (reason := self.outside()) is not None:
+            self._later(now, 0, Propose(reason))
+        champion = root.champion
+        if champion is not None and (self.best is None or champion < self.best):
+            self.best = champion
+            self.watch(root.rows.generation, champion)
+
+    def _later(self, time: float, cell: int, event: Event | None) -> None:
+        self._order += 1
+        heapq.heappush(self._agenda, (time, self._order, cell, event))
+
+    def _delay(self, cell: int, index: int) -> float:
+        return float(delay(self._seed, cell, self.cells[cell].rows.generation, index))

@@ -1,0 +1,1 @@
+"""What travels: key expressions, messages and their limits, Zenoh sessions."""

@@ -1,0 +1,67 @@
+"""Every key expression of the wire, in one place. They are per node, never per job: fresh keys for each job leak."""
+
+from dataclasses import dataclass
+
+ROOT = "supernode"
+
+
+@dataclass(frozen=True)
+class Keys:
+    """The key expressions of one cluster."""
+
+    cluster: str
+
+    def out(self, node: int) -> str:
+        """Where a node publishes its exchange messages."""
+        return f"{self.node(node)}/out"
+
+    def node(self, node: int) -> str:
+        """The liveliness token of a node."""
+        return f"{self._base}/node/{node}"
+
+    @property
+    def any_node(self) -> str:
+        """The liveliness tokens of all nodes."""
+        return f"{self._base}/node/*"
+
+    def control(self, node: int) -> str:
+        """Where a node takes commands and questions."""
+        return f"{self.node(node)}/control"
+
+    @property
+    def every_control(self) -> str:
+        """All nodes' commands at once."""
+        return f"{self._base}/node/*/control"
+
+    def stats(self, node: int) -> str:
+        """Where a node publishes its counters."""
+        return f"{self.node(node)}/stats"
+
+    @property
+    def any_stats(self) -> str:
+        """The counters of all nodes."""
+        return f"{self._base}/node/*/stats"
+
+    @property
+    def spy(self) -> str:
+        """The liveliness token of the spy."""
+        return f"{self._base}/spy"
+
+    @property
+    def spy_control(self) -> str:
+        """Where the spy takes commands."""
+        return f"{self._base}/spy/control"
+
+    @property
+    def spy_stats(self) -> str:
+        """Where the spy publishes statistics of the whole cluster."""
+        return f"{self._base}/spy/stats"
+
+    @property
+    def best(self) -> str:
+        """Where the spy publishes each verified improvement, decoded."""
+        return f"{self._base}/best"
+
+    @property
+    def _base(self) -> str:
+        return f"{ROOT}/{self.cluster}"

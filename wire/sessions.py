@@ -1,0 +1,74 @@
+"""How Zenoh is configured: threads, links, limits and leases, in one place.
+
+What was measured to matter: without shared memory (its watchdog wakes every process 20 times a second) and with long
+leases an idle node costs next to nothing; nodes do with a single runtime thread; a router must not share one thread
+between receiving and sending, or it can deadlock.
+"""
+
+import json
+import os
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import zenoh
+
+NODE_RUNTIME = (
+    "(rx:(handover:net),acc:(handover:net),tx:(handover:net),app:(handover:net),net:(worker_threads:1))"
+)
+ROUTER_RUNTIME = "(rx:(worker_threads:1),acc:(handover:net),tx:(handover:net),app:(handover:net))"
+
+_MOST_SESSIONS = 10_000
+_SLOW_MS = 60_000
+_MOST_MESSAGE_BYTES = 16 << 20
+_ALWAYS: dict[str, Any] = {
+    "scouting/multicast/enabled": False,
+    "scouting/gossip/enabled": False,
+    "transport/shared_memory/enabled": False,
+    "transport/link/tx/lease": _SLOW_MS,
+    "transport/link/tx/keep_alive": 2,
+    "transport/link/rx/max_message_size": _MOST_MESSAGE_BYTES,
+    "transport/unicast/max_sessions": _MOST_SESSIONS,
+    "transport/unicast/accept_pending": _MOST_SESSIONS,
+    "transport/unicast/open_timeout": _SLOW_MS,
+    "transport/unicast/accept_timeout": _SLOW_MS,
+    # Neighbours start in any order: keep trying, at once and patiently.
+    "connect/timeout_ms": _SLOW_MS,
+    "connect/exit_on_failure": False,
+    "connect/retry": {"period_init_ms": 10, "period_max_ms": 200, "period_increase_factor": 1.5},
+}
+
+
+def use_runtime(runtime: str) -> None:
+    """Choose the threads of this process; Zenoh reads this once, at the first session."""
+    os.environ["ZENOH_RUNTIME"] = runtime
+
+
+def unix_socket(folder: Path, name: str) -> str:
+    """The endpoint of a Unix socket in ``folder``, which must be private and short (a path has at most 107 bytes)."""
+    return f"unixsock-stream/{folder}/{name}.sock"
+
+
+def router(listen: str) -> zenoh.Session:
+    """Open the session that makes this process a router."""
+    return _open("router", [listen], [])
+
+
+def client(endpoint: str) -> zenoh.Session:
+    """Open a session through the router at ``endpoint``."""
+    return _open("client", [], [endpoint])
+
+
+def peer(listen: str | None, links: Iterable[str]) -> zenoh.Session:
+    """Open a session with direct links only; peers never forward for each other."""
+    return _open("peer", [] if listen is None else [listen], list(links))
+
+
+def _open(mode: str, listen: list[str], connect: list[str]) -> zenoh.Session:
+    config = zenoh.Config()
+    for key, value in _ALWAYS.items():
+        config.insert_json5(key, json.dumps(value))
+    config.insert_json5("mode", json.dumps(mode))
+    config.insert_json5("listen/endpoints", json.dumps(listen))
+    config.insert_json5("connect/endpoints", json.dumps(connect))
+    return zenoh.open(config)
