@@ -3,6 +3,8 @@
 Bit 0 is the most significant bit of byte 0. Bits beyond ``length`` stay 0, so equal individuals are equal bytes.
 """
 
+from typing import Any
+
 import numpy as np
 
 from genetics.arrays import Cells, Genomes
@@ -11,13 +13,13 @@ from genetics.randomness import CROSS, INITIAL, MUTATE, STRAY, below, draw, unit
 
 
 @subroutine
-def _clear_tail(genome, length):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _clear_tail(genome: Any, length: Any) -> Any:
     spare = 8 * genome.size - length
     genome[-1] &= np.uint8((0xFF << spare) & 0xFF)
 
 
 @subroutine
-def _flip(genome, bit):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _flip(genome: Any, bit: Any) -> Any:
     genome[bit >> 3] ^= np.uint8(0x80 >> (bit & 7))
 
 
@@ -38,7 +40,7 @@ def random(seed: np.uint64, cells: Cells, deme: int, length: int) -> Genomes:
 
 
 @subroutine
-def _one_point(first, second, left_right, right_left, cut):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _one_point(first: Any, second: Any, left_right: Any, right_left: Any, cut: Any) -> Any:
     """Bits before ``cut`` of one parent with the rest of the other, and the other way round."""
     whole = cut >> 3
     for byte in range(first.size):
@@ -53,7 +55,7 @@ def _one_point(first, second, left_right, right_left, cut):  # type: ignore[no-u
 
 
 @subroutine
-def _uniform(first, second, one, other, seed, cell, generation, couple):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _uniform(first: Any, second: Any, one: Any, other: Any, seed: Any, cell: Any, generation: Any, couple: Any) -> Any:
     """Each bit from either parent with even chances; the other offspring takes the other parent's."""
     for byte in range(first.size):
         if byte % 8 == 0:
@@ -64,14 +66,14 @@ def _uniform(first, second, one, other, seed, cell, generation, couple):  # type
 
 
 @subroutine
-def _mutate(genome, rate, length, seed, cell, generation, individual):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _mutate(genome: Any, rate: Any, length: Any, seed: Any, cell: Any, generation: Any, individual: Any) -> Any:
     """Flip each bit with probability ``rate``, jumping from flip to flip by geometric gaps."""
     if rate >= 1.0:
         for bit in range(length):
             _flip(genome, bit)
         return
     scale = 1.0 / np.log1p(-rate)
-    bit = -1
+    bit: Any = -1
     for number in range(length):
         gap = np.log1p(-unit(draw(seed, cell, generation, MUTATE, individual, number))) * scale
         if gap >= length - bit - 1:  # compared as floats: a tiny rate gives gaps beyond any integer
@@ -112,16 +114,12 @@ def recombine(
 
 
 @kernel("int64[::1](uint8[:,:,::1], uint64, int64[::1], int64, int64)")
-def mutate_one(
-    individuals: Genomes, seed: np.uint64, cells: Cells, generation: int, length: int
-) -> Cells:
+def mutate_one(individuals: Genomes, seed: np.uint64, cells: Cells, generation: int, length: int) -> Cells:
     """Flip one random bit of one random individual of each row; returns which individual, shape (rows,)."""
     changed = np.empty(cells.size, np.int64)
     for row in range(cells.size):
         changed[row] = below(draw(seed, cells[row], generation, STRAY, 0, 0), individuals.shape[1])
-        _flip(
-            individuals[row, changed[row]], below(draw(seed, cells[row], generation, STRAY, 0, 1), length)
-        )
+        _flip(individuals[row, changed[row]], below(draw(seed, cells[row], generation, STRAY, 0, 1), length))
     return changed
 
 

@@ -51,10 +51,8 @@ class BitString:
     def recombine(self, couples: Genomes, recipe: Recipe, keys: Keys) -> Genomes:
         """One-point (§3.1 step 4) or uniform crossover, then bit mutation."""
         if recipe.crossover not in ("one-point", "uniform"):
-            raise ValueError(
-                f"bit strings cross by 'one-point' or 'uniform', found {recipe.crossover!r}"
-            )
-        offspring = bit_kernels.recombine(
+            raise ValueError(f"bit strings cross by 'one-point' or 'uniform', found {recipe.crossover!r}")
+        return bit_kernels.recombine(
             couples,
             keys.key,
             keys.cells,
@@ -63,7 +61,6 @@ class BitString:
             recipe.crossover == "uniform",
             0.0 if recipe.mutation == ONE_BIT else recipe.mutation,
         )
-        return offspring
 
     def mutate_one(self, individuals: Genomes, keys: Keys) -> Cells:
         """Flip one random bit of one random individual of each row (§3.1 step 5)."""
@@ -76,9 +73,7 @@ class BitString:
 
     def integers(self, genomes: Genomes) -> NDArray[np.int64]:
         """The coded integers: (n, genome_bytes) to (n, parameters)."""
-        return bit_kernels.integers(
-            np.ascontiguousarray(genomes), self.parameters, self.bits, self.gray
-        )
+        return bit_kernels.integers(np.ascontiguousarray(genomes), self.parameters, self.bits, self.gray)
 
     def encode(self, integers: NDArray[np.int64]) -> Genomes:
         """The inverse of `integers`: (n, parameters) to (n, genome_bytes).

@@ -68,9 +68,7 @@ def _breed_individual(
     if recipe.mutation == ONE_BIT:
         coding.mutate_one(offspring, keys)
     offspring_fitness = _evaluate(evaluate, offspring)
-    selection.replace_local(
-        genomes, fitness, offspring, offspring_fitness, recipe.replacement == "elitist"
-    )
+    selection.replace_local(genomes, fitness, offspring, offspring_fitness, recipe.replacement == "elitist")
 
 
 def _breed_island(
@@ -87,9 +85,7 @@ def _breed_island(
     parents = genomes[rows[:, None, None], couples]
     offspring = coding.recombine(parents, recipe, keys)
     offspring_fitness = _evaluate(evaluate, offspring)
-    selection.replace_families(
-        genomes, fitness, couples, offspring, offspring_fitness, recipe.replacement == "elitist"
-    )
+    selection.replace_families(genomes, fitness, couples, offspring, offspring_fitness, recipe.replacement == "elitist")
     if recipe.mutation == ONE_BIT:
         changed = coding.mutate_one(genomes, keys)
         fitness[rows, changed] = evaluate(genomes[rows, changed])

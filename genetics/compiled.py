@@ -44,7 +44,7 @@ def _use_cache_of_these_sources() -> None:
         return  # no home to write to: numba falls back to its own choice
     for old in by_age[_GENERATIONS_KEPT:]:
         shutil.rmtree(old, ignore_errors=True)
-    numba.config.CACHE_DIR = str(folder)
+    setattr(numba.config, "CACHE_DIR", str(folder))  # noqa: B010 - numba makes its settings when imported
 
 
 _use_cache_of_these_sources()
@@ -52,11 +52,17 @@ _use_cache_of_these_sources()
 
 def kernel(signature: str) -> Callable[[Function], Function]:
     """Compile a function for ``signature`` now, or take it from the cache; no fast-math, so results are exact."""
-    compiler: Callable[[Function], Function] = numba.njit(signature, cache=True, error_model="numpy")
-    return compiler
+    compiler: Any = numba.njit(signature, cache=True, error_model="numpy")
+
+    def compile_now(function: Function) -> Function:
+        compiled: Function = compiler(function)
+        return compiled
+
+    return compile_now
 
 
 def subroutine(function: Function) -> Function:
     """A function that only kernels call; it is compiled into them."""
-    compiled: Function = numba.njit(function, error_model="numpy")
+    compiler: Any = numba.njit(error_model="numpy")
+    compiled: Function = compiler(function)
     return compiled

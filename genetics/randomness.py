@@ -5,6 +5,8 @@ others, and a run can be replayed from any generation. The generator is Philox4x
 "Parallel random numbers: as easy as 1, 2, 3", 2011), whose 128-bit counter holds the coordinates of the draw.
 """
 
+from typing import Any
+
 import numpy as np
 
 from genetics.compiled import subroutine
@@ -28,7 +30,7 @@ _TO_UNIT = 2.0**-53
 
 
 @subroutine
-def philox(c0, c1, c2, c3, k0, k1):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
+def philox(c0: Any, c1: Any, c2: Any, c3: Any, k0: Any, k1: Any) -> Any:
     """Ten rounds of Philox4x32 on four counter words and two key words, each a uint64 below 2**32."""
     for _ in range(10):
         product_0 = _MULTIPLIER_0 * c0
@@ -43,7 +45,7 @@ def philox(c0, c1, c2, c3, k0, k1):  # type: ignore[no-untyped-def]  # noqa: ANN
 
 
 @subroutine
-def draw(seed, cell, generation, purpose, index, number):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
+def draw(seed: Any, cell: Any, generation: Any, purpose: Any, index: Any, number: Any) -> Any:
     """64 random bits.
 
     Args:
@@ -66,18 +68,18 @@ def draw(seed, cell, generation, purpose, index, number):  # type: ignore[no-unt
 
 
 @subroutine
-def unit(bits):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
+def unit(bits: Any) -> Any:
     """From 64 random bits, a float in [0, 1)."""
     return np.float64(bits >> np.uint64(11)) * _TO_UNIT
 
 
 @subroutine
-def below(bits, limit):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
+def below(bits: Any, limit: Any) -> Any:
     """From 64 random bits, an integer in [0, limit) for a limit below 2**31."""
     return np.int64(((bits >> _HALF) * np.uint64(limit)) >> _HALF)
 
 
 @subroutine
-def normal(first, second):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN201
+def normal(first: Any, second: Any) -> Any:
     """From twice 64 random bits, a standard normal number (Box and Muller)."""
     return np.sqrt(-2.0 * np.log(1.0 - unit(first))) * np.cos(2.0 * np.pi * unit(second))

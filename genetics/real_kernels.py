@@ -12,9 +12,7 @@ DECADES = 4.0  # mutation steps are spread over this many powers of ten, so that
 
 
 @kernel("float64[:,:,::1](uint64, int64[::1], int64, int64, float64, float64)")
-def random(
-    seed: np.uint64, cells: Cells, deme: int, dimension: int, low: float, high: float
-) -> Fitness:
+def random(seed: np.uint64, cells: Cells, deme: int, dimension: int, low: float, high: float) -> Fitness:
     """Uniform demes, shape (rows, deme, dimension)."""
     genes = np.empty((cells.size, deme, dimension))
     for row in range(cells.size):
@@ -25,9 +23,7 @@ def random(
     return genes
 
 
-@kernel(
-    "float64[:,:,::1](float64[:,:,:,::1], uint64, int64[::1], int64, float64, float64, boolean, float64)"
-)
+@kernel("float64[:,:,::1](float64[:,:,:,::1], uint64, int64[::1], int64, float64, float64, boolean, float64)")
 def recombine(
     couples: Fitness,
     seed: np.uint64,

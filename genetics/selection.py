@@ -3,6 +3,8 @@
 Individuals of equal fitness are ordered by birth: the earlier in the array comes first.
 """
 
+from typing import Any
+
 import numpy as np
 
 from genetics.arrays import Cells, Fitness, Genomes
@@ -37,7 +39,7 @@ def admit(genomes: Genomes, fitness: Fitness, immigrants: Genomes, immigrant_fit
 
 
 @subroutine
-def _by_rank(order, bits):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _by_rank(order: Any, bits: Any) -> Any:
     """An individual with probability proportional to its rank: n for the best of n, 1 for the worst."""
     count = order.size
     ticket = below(bits, count * (count + 1) // 2)
@@ -79,9 +81,7 @@ def replace_local(
             fitness[row, 0] = offspring_fitness[row, child]
 
 
-@kernel(
-    "void(uint8[:,:,::1], float64[:,::1], int64[:,:,::1], uint8[:,:,::1], float64[:,::1], boolean)"
-)
+@kernel("void(uint8[:,:,::1], float64[:,::1], int64[:,:,::1], uint8[:,:,::1], float64[:,::1], boolean)")
 def replace_families(
     genomes: Genomes,
     fitness: Fitness,

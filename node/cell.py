@@ -19,9 +19,13 @@ from typing import Literal
 import numpy as np
 
 from node.plan import Plan
-from node.rows import NEVER, Packets, Proposal, Reason, Rows
+from node.rows import NEVER, Packets, Rows
 from problems import EvaluationFailed
 from wire.exchange import Champion, Emigrant, Exchange
+from wire.report import Reason, Report
+
+ROOT = 0
+"""The cell at which the spy sits."""
 
 State = Literal["prepared", "running", "stopped", "failed"]
 
@@ -85,32 +89,6 @@ class Answer:
 
     question: object
     message: Exchange
-
-
-@dataclass(frozen=True)
-class Report:
-    """The end: what the cell has to say of its life.
-
-    Attributes:
-        generation: after which it stopped.
-        digest: SHA-256 over (generation, deme) of each of its generations.
-        champion: the best that it has seen or heard of.
-        proposals: the stops that it proposed.
-        deme: its last deme, shape (deme, genome_bytes), as bytes.
-        error: why it failed, or None.
-    """
-
-    cell: int
-    generation: int
-    digest: bytes
-    evaluations: int
-    sent: int
-    received: int
-    lost: int
-    champion: Champion | None
-    proposals: tuple[Proposal, ...]
-    deme: bytes
-    error: str | None
 
 
 Action = Publish | Ask | Answer | Report
@@ -227,13 +205,13 @@ class Cell:
         own = self._outbox[self.rows.generation]
         messages = [heard.get(other, own) for other in self.slots]
         senders = [other if other in heard else self.cell for other in self.slots]
-        return _packets(messages, senders)
+        return _packets(messages, senders, champions=self.plan.run.spy == "champion")
 
     def _generation_done(self, actions: list[Action]) -> None:
         rows = self.rows
         self._digest.update(rows.generation.to_bytes(8, "little"))
-        self._digest.update(rows.genomes)
-        self._digest.update(rows.fitness)
+        self._digest.update(rows.genomes.data)
+        self._digest.update(rows.fitness.data)
         # Without lockstep there is no common generation to stop after: who hears of a stop passes it on and stops.
         drains = self._is_async and rows.stop_at[0] != rows.limit
         stops = drains or rows.generation >= rows.stop_at[0]
@@ -262,7 +240,7 @@ class Cell:
                 Emigrant(genome.tobytes(), float(fitness))
                 for genome, fitness in zip(packets.emigrants[0], packets.emigrant_fitness[0], strict=True)
             ),
-            None if self.plan.run.spy == "root" else self.champion,
+            self.champion if self.plan.run.spy == "champion" or self.cell == ROOT else None,
             self.sent,
             rows.evaluations,
         )
@@ -272,17 +250,18 @@ class Cell:
         sound = error is None
         actions.append(
             Report(
-                self.cell,
-                self.rows.generation,
-                self._digest.digest(),
-                self.rows.evaluations if sound else 0,
-                self.sent,
-                self.received,
-                self.lost,
-                self.champion,
-                tuple(self.rows.proposals),
-                self.rows.genomes.tobytes() if sound else b"",
-                error,
+                cell=self.cell,
+                generation=self.rows.generation,
+                digest=self._digest.digest(),
+                evaluations=self.rows.evaluations if sound else 0,
+                sent=self.sent,
+                received=self.received,
+                lost=self.lost,
+                rejected=0,  # the bus knows
+                champion=self.champion,
+                proposals=tuple(self.rows.proposals),
+                deme=self.rows.genomes.tobytes() if sound else b"",
+                error=error,
             )
         )
 
@@ -299,13 +278,14 @@ def champion_of(rows: Rows, row: int) -> Champion | None:
     )
 
 
-def _packets(messages: list[Exchange], senders: list[int]) -> Packets:
+def _packets(messages: list[Exchange], senders: list[int], champions: bool) -> Packets:
     """The arrays of some messages, shape (1, slots, ...).
 
-    A message without a champion is one of the paper's spy: the sender's best emigrant is all that is heard of.
+    Without ``champions``, under the paper's spy, a sender's best emigrant is all that is heard of it (only the spy may
+    look at the root's champion).
     """
-    champions = [
-        message.champion
+    best = [
+        (message.champion if champions else None)
         or Champion(message.emigrants[0].fitness, message.generation, sender, message.emigrants[0].genome)
         for message, sender in zip(messages, senders, strict=True)
     ]
@@ -314,9 +294,9 @@ def _packets(messages: list[Exchange], senders: list[int]) -> Packets:
     return Packets(
         np.frombuffer(bytearray(genomes), np.uint8).reshape(1, slots, emigrants, -1),
         np.array([[[emigrant.fitness for emigrant in message.emigrants] for message in messages]]),
-        np.frombuffer(bytearray(b"".join(each.genome for each in champions)), np.uint8).reshape(1, slots, -1),
-        np.array([[each.fitness for each in champions]]),
-        np.array([[each.generation for each in champions]]),
-        np.array([[each.cell for each in champions]]),
+        np.frombuffer(bytearray(b"".join(each.genome for each in best)), np.uint8).reshape(1, slots, -1),
+        np.array([[each.fitness for each in best]]),
+        np.array([[each.generation for each in best]]),
+        np.array([[each.cell for each in best]]),
         np.array([[NEVER if message.stop_at is None else message.stop_at for message in messages]]),
     )

@@ -5,7 +5,7 @@ arithmetic. It knows nothing of messages: what neighbours said comes in as `Pack
 """
 
 from dataclasses import dataclass, field
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,20 +13,10 @@ from genetics import Cells, Fitness, Genomes, Keys, breed
 from genetics.selection import best
 from node.kernels import believe, greet
 from node.plan import Plan
+from wire.report import Proposal, Reason
 
 NEVER = 1 << 62
 """The generation of a stop that nobody has proposed."""
-
-Reason = Literal["target", "stall", "deadline", "cancel"]
-
-
-class Proposal(NamedTuple):
-    """That some cell proposed to stop."""
-
-    stop_at: int
-    reason: Reason
-    cell: int
-    generation: int
 
 
 class Packets(NamedTuple):
@@ -45,7 +35,7 @@ class Packets(NamedTuple):
 
     def gather(self, senders: Cells) -> "Packets":
         """The packets of ``senders``, shape (rows, slots)."""
-        return Packets(*(array[senders] for array in self))
+        return Packets._make(array[senders] for array in self)
 
 
 @dataclass

@@ -1,7 +1,7 @@
 """The same job in this process: the simulator, without any message.
 
 In lockstep all cells breed at once, as rows of the same kernels that nodes use; the result is bit-identical to a run of
-processes. Asynchronous runs are played by the cells' state machines over an in-process bus with a seeded model of delays.
+processes. Asynchronous runs are played by the cells' state machines over an in-process bus with seeded delays.
 """
 
 import hashlib
@@ -11,11 +11,12 @@ from collections.abc import Callable
 import numpy as np
 
 from genetics import Fitness, Genomes
-from node.cell import Action, Cell, Event, Heard, Propose, Publish, Report, Start, champion_of
+from node.cell import Action, Cell, Event, Heard, Propose, Publish, Start, champion_of
 from node.kernels import delay
 from node.plan import Plan
-from node.rows import Reason, Rows
+from node.rows import Rows
 from wire.exchange import Champion
+from wire.report import Reason, Report
 
 Watch = Callable[[int, Champion], None]
 """Called with the root's generation and champion, whenever the root knows of a better one."""
@@ -51,7 +52,7 @@ def simulate(
 
 def _lockstep(plan: Plan, watch: Watch, snapshot: Snapshot, outside: Outside) -> list[Report]:
     cells = np.arange(plan.topology.cells)
-    slots = np.array([plan.topology.neighbours(cell) for cell in cells])
+    slots = np.array([plan.topology.neighbours(cell) for cell in range(len(cells))])
     rows = Rows(plan, cells)
     digests = [hashlib.sha256() for _ in cells]
     published = 0
@@ -75,8 +76,8 @@ def _note(rows: Rows, digests: list["hashlib._Hash"]) -> None:
     generation = rows.generation.to_bytes(8, "little")
     for row, digest in enumerate(digests):
         digest.update(generation)
-        digest.update(rows.genomes[row])
-        digest.update(rows.fitness[row])
+        digest.update(rows.genomes[row].data)
+        digest.update(rows.fitness[row].data)
 
 
 def _report(rows: Rows, cell: int, digest: bytes, published: int) -> Report:
@@ -89,6 +90,7 @@ def _report(rows: Rows, cell: int, digest: bytes, published: int) -> Report:
         sent=published,
         received=published * len(others),
         lost=0,
+        rejected=0,
         champion=champion_of(rows, cell),
         proposals=tuple(each for each in rows.proposals if each.cell == cell),
         deme=rows.genomes[cell].tobytes(),

@@ -77,9 +77,7 @@ class ProblemFile:
 
     def to_json(self) -> str:
         """For a message to another process."""
-        return json.dumps(
-            [self.name, self.fields, self.run.model_dump(exclude_unset=True), str(self.folder)]
-        )
+        return json.dumps([self.name, self.fields, self.run.model_dump(exclude_unset=True), str(self.folder)])
 
     @staticmethod
     def from_json(text: str) -> "ProblemFile":

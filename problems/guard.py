@@ -9,16 +9,14 @@ from problems.problem import Problem
 
 
 def guarded(problem: Problem) -> Evaluate:
-    """``problem.evaluate`` that raises `EvaluationFailed` if it raises, or returns NaN or the wrong number of values."""
+    """``problem.evaluate`` that raises `EvaluationFailed` if it raises or returns NaN, or not one value for each."""
 
     def evaluate(genomes: Genomes) -> Fitness:
         try:
             returned = problem.evaluate(genomes)
             fitness = np.ascontiguousarray(returned, dtype=np.float64)
         except Exception as error:
-            raise EvaluationFailed(
-                f"{problem.kind}: evaluate raised {type(error).__name__}: {error}"
-            ) from error
+            raise EvaluationFailed(f"{problem.kind}: evaluate raised {type(error).__name__}: {error}") from error
         if fitness.shape != (len(genomes),):
             raise EvaluationFailed(
                 f"{problem.kind}: evaluate must return an array of shape ({len(genomes)},), got {fitness.shape}"

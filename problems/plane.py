@@ -85,6 +85,7 @@ class Polygon(_Solid):
 
     @property
     def outline(self) -> Sequence[Point]:
+        """Its corners in order."""
         return self.vertices
 
 
@@ -98,6 +99,7 @@ class Box(_Solid):
 
     @property
     def outline(self) -> Sequence[Point]:
+        """Its corners in order."""
         half = np.array(self.size) / 2
         corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half
         cosine, sine = np.cos(self.angle), np.sin(self.angle)

@@ -113,8 +113,6 @@ def decode(payload: bytes, limits: Limits) -> Exchange:
     )
 
 
-
-
 def _emigrant(value: Any, limits: Limits) -> Emigrant:
     genome, its_fitness = fields(value, 2)
     return Emigrant(_genome(genome, limits), fitness(its_fitness))
@@ -122,9 +120,7 @@ def _emigrant(value: Any, limits: Limits) -> Emigrant:
 
 def _champion(value: Any, limits: Limits) -> Champion:
     its_fitness, generation, cell, genome = fields(value, 4)
-    return Champion(
-        fitness(its_fitness), count(generation), count(cell, limits.cells), _genome(genome, limits)
-    )
+    return Champion(fitness(its_fitness), count(generation), count(cell, limits.cells), _genome(genome, limits))
 
 
 def _genome(value: Any, limits: Limits) -> bytes:

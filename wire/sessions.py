@@ -13,9 +13,7 @@ from typing import Any
 
 import zenoh
 
-NODE_RUNTIME = (
-    "(rx:(handover:net),acc:(handover:net),tx:(handover:net),app:(handover:net),net:(worker_threads:1))"
-)
+NODE_RUNTIME = "(rx:(handover:net),acc:(handover:net),tx:(handover:net),app:(handover:net),net:(worker_threads:1))"
 ROUTER_RUNTIME = "(rx:(worker_threads:1),acc:(handover:net),tx:(handover:net),app:(handover:net))"
 
 _MOST_SESSIONS = 10_000

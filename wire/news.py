@@ -1,0 +1,101 @@
+"""What the spy and the nodes tell anyone who listens: verified improvements, and counters."""
+
+import json
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from wire.strict import count, fields, fitness, of, pack, unpack
+
+
+@dataclass(frozen=True)
+class Improvement:
+    """A champion that the spy has evaluated itself.
+
+    Attributes:
+        seconds: since the job began.
+        generation: of its birth.
+        cell: where it was born.
+        fitness: lower is better.
+        solution: decoded, plain JSON values; see the planner's page.
+    """
+
+    job: int
+    seconds: float
+    generation: int
+    cell: int
+    fitness: float
+    solution: dict[str, Any]
+
+    def encode(self) -> bytes:
+        """As msgpack, the solution as JSON."""
+        return pack((self.job, self.seconds, self.generation, self.cell, self.fitness, json.dumps(self.solution)))
+
+    @staticmethod
+    def decode(payload: bytes) -> "Improvement":
+        """The inverse of `encode`.
+
+        Raises:
+            Rejected: whatever is wrong with it.
+        """
+        job, seconds, generation, cell, its_fitness, solution = fields(unpack(payload), 6)
+        return Improvement(
+            count(job),
+            fitness(seconds),
+            count(generation),
+            count(cell),
+            fitness(its_fitness),
+            json.loads(of(str, solution)),
+        )
+
+
+class Counters(NamedTuple):
+    """One node's counters for the job that it is at."""
+
+    node: int
+    job: int
+    generation: int
+    evaluations: int
+    sent: int
+    received: int
+    lost: int
+    rejected: int
+
+    def encode(self) -> bytes:
+        """As msgpack."""
+        return pack(self)
+
+    @staticmethod
+    def decode(payload: bytes) -> "Counters":
+        """The inverse of `encode`.
+
+        Raises:
+            Rejected: whatever is wrong with it.
+        """
+        return Counters(*(count(each) for each in fields(unpack(payload), 8)))
+
+
+class Statistics(NamedTuple):
+    """The whole cluster's counters, as the spy adds them up: sums over nodes, the root's generation."""
+
+    job: int
+    generation: int
+    evaluations: int
+    messages: int
+    lost: int
+    rejected: int
+    nodes_alive: int
+    messages_per_second: float
+
+    def encode(self) -> bytes:
+        """As msgpack."""
+        return pack(self)
+
+    @staticmethod
+    def decode(payload: bytes) -> "Statistics":
+        """The inverse of `encode`.
+
+        Raises:
+            Rejected: whatever is wrong with it.
+        """
+        *counts, rate = fields(unpack(payload), 8)
+        return Statistics._make([*(count(each) for each in counts), fitness(rate)])

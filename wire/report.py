@@ -1,0 +1,92 @@
+"""What a cell says when it has stopped."""
+
+from dataclasses import dataclass
+from typing import Literal, NamedTuple, get_args
+
+from wire.exchange import Champion
+from wire.strict import Rejected, count, fields, fitness, of, pack, unpack
+
+Reason = Literal["target", "stall", "deadline", "cancel"]
+
+
+class Proposal(NamedTuple):
+    """That a cell proposed that all stop after generation ``stop_at``."""
+
+    stop_at: int
+    reason: Reason
+    cell: int
+    generation: int
+
+
+@dataclass(frozen=True)
+class Report:
+    """What a cell has to say of its life when it stops.
+
+    Attributes:
+        generation: after which it stopped.
+        digest: SHA-256 over (generation, deme) of each of its generations.
+        champion: the best that it has seen or heard of.
+        proposals: the stops that it proposed.
+        deme: its last individuals, each of them whole, one after the other.
+        error: why it failed, or None.
+    """
+
+    cell: int
+    generation: int
+    digest: bytes
+    evaluations: int
+    sent: int
+    received: int
+    lost: int
+    rejected: int
+    champion: Champion | None
+    proposals: tuple[Proposal, ...]
+    deme: bytes
+    error: str | None
+
+    def encode(self) -> bytes:
+        """As msgpack."""
+        return pack(tuple(getattr(self, name) for name in self.__dataclass_fields__))
+
+    @staticmethod
+    def decode(payload: bytes) -> "Report":
+        """The inverse of `encode`.
+
+        Raises:
+            Rejected: whatever is wrong with it.
+        """
+        cell, generation, digest, *counters, champion, proposals, deme, error = fields(unpack(payload), 12)
+        evaluations, sent, received, lost, rejected = (count(each) for each in counters)
+        return Report(
+            count(cell),
+            count(generation),
+            of(bytes, digest),
+            evaluations,
+            sent,
+            received,
+            lost,
+            rejected,
+            None if champion is None else _champion(champion),
+            tuple(_proposal(each) for each in of(list, proposals)),
+            of(bytes, deme),
+            None if error is None else of(str, error),
+        )
+
+
+def _champion(value: object) -> Champion:
+    its_fitness, generation, cell, genome = fields(value, 4)
+    return Champion(fitness(its_fitness), count(generation), count(cell), of(bytes, genome))
+
+
+def _proposal(value: object) -> Proposal:
+    stop_at, reason, cell, generation = fields(value, 4)
+    return Proposal(count(stop_at), reason_of(reason), count(cell), count(generation))
+
+
+def reason_of(value: object) -> Reason:
+    """``value`` if it is one of the reasons to stop."""
+    for reason in get_args(Reason):
+        if value == reason:
+            known: Reason = reason
+            return known
+    raise Rejected("no such reason")
