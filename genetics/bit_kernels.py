@@ -73,13 +73,13 @@ def _mutate(genome: Any, rate: Any, length: Any, seed: Any, cell: Any, generatio
             _flip(genome, bit)
         return
     scale = 1.0 / np.log1p(-rate)
-    bit: Any = -1
+    last: Any = -1
     for number in range(length):
         gap = np.log1p(-unit(draw(seed, cell, generation, MUTATE, individual, number))) * scale
-        if gap >= length - bit - 1:  # compared as floats: a tiny rate gives gaps beyond any integer
+        if gap >= length - last - 1:  # compared as floats: a tiny rate gives gaps beyond any integer
             return
-        bit += 1 + np.int64(gap)
-        _flip(genome, bit)
+        last += 1 + np.int64(gap)
+        _flip(genome, last)
 
 
 @kernel("uint8[:,:,::1](uint8[:,:,:,::1], uint64, int64[::1], int64, int64, boolean, float64)")

@@ -13,13 +13,13 @@ import os
 import queue
 import threading
 import time
-from collections import Counter
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import topologies
 import zenoh
+
+import topologies
 from node.cell import Action, Answer, Ask, Asked, Cell, Event, Heard, Propose, Publish, Start, Waited
 from node.fingerprint import fingerprint
 from node.plan import Plan
@@ -28,7 +28,7 @@ from wire import control, sessions
 from wire.control import Begin, Done, Drop, Missed, Prepare, ProposeStop, Refused
 from wire.exchange import Limits, decode
 from wire.keys import Keys
-from wire.news import Counters
+from wire.news import Counters, LogRecord
 from wire.report import Report
 from wire.strict import Rejected
 
@@ -105,7 +105,7 @@ class NodeProcess:
         self.neighbours = tuple(dict.fromkeys(other for other in slots if other != berth.node))
         self.mail: queue.SimpleQueue[_News | zenoh.Query] = queue.SimpleQueue()
         self.assignment: _Assignment | None = None
-        self._rejections: Counter[tuple[int, str]] = Counter()
+        self._complaints: set[tuple[int, str]] = set()
         self._stats_due = 0.0
         self._stats_period = max(1.0, topology.cells / MOST_REPORTS_PER_SECOND)
         self._link(slots)
@@ -142,7 +142,7 @@ class NodeProcess:
         if self.neighbours:
             complete.wait()
         for watcher in watchers:
-            watcher.undeclare()
+            watcher.undeclare()  # type: ignore[no-untyped-call]
 
     def _hearer(self, sender: int) -> Any:
         def hear(sample: zenoh.Sample) -> None:
@@ -174,15 +174,13 @@ class NodeProcess:
         cell = self.assignment.cell if self.assignment else None
         running = cell is not None and cell.state == "running"
         try:
-            if cell is not None and cell.ready:
-                self._open(self.mail.get_nowait(), events)
-            else:
+            if cell is None or not cell.ready:
                 self._open(self.mail.get(timeout=PATIENCE if running else None), events)
-            while True:
-                self._open(self.mail.get_nowait(), events)
         except queue.Empty:
-            if running and not events and cell is not None and not cell.ready:
-                events.append(Waited())
+            events.append(Waited())
+        # What is here now, but not what comes meanwhile: neighbours could keep this node reading for ever.
+        for _ in range(self.mail.qsize()):
+            self._open(self.mail.get_nowait(), events)
         return events
 
     def _open(self, mail: _News | zenoh.Query, events: list[Event]) -> None:
@@ -199,7 +197,14 @@ class NodeProcess:
             events.append(Heard(news.sender, decode(news.payload, assignment.limits)))
         except Rejected as error:
             assignment.rejected += 1
-            self._rejections[news.sender, error.reason] += 1
+            self._complain(news.sender, error.reason)
+
+    def _complain(self, sender: int, reason: str) -> None:
+        """Say once for each sender and reason that its messages are bad; they are counted anyway."""
+        if (sender, reason) not in self._complaints:
+            self._complaints.add((sender, reason))
+            text = f"node {self.berth.node} rejects messages of node {sender}: {reason}"
+            self.control.put(self.keys.log, LogRecord("warning", self.berth.node, text).encode())
 
     def _open_command(self, query: zenoh.Query, events: list[Event]) -> None:
         payload = query.payload.to_bytes() if query.payload is not None else b""

@@ -18,9 +18,7 @@ class Torus:
 
     def __post_init__(self) -> None:
         if self.rows < 1 or self.columns < 1:
-            raise ValueError(
-                f"a torus needs at least 1 row and 1 column, found {self.rows} x {self.columns}"
-            )
+            raise ValueError(f"a torus needs at least 1 row and 1 column, found {self.rows} x {self.columns}")
 
     @property
     def spec(self) -> str:

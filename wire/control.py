@@ -57,11 +57,19 @@ class Missed:
 
 @dataclass(frozen=True)
 class Finish:
-    """To the spy: all nodes have stopped, and this is the best that they know."""
+    """To the spy: all nodes have stopped.
+
+    Attributes:
+        champion: the best that they know.
+        generation: after which they stopped, the median in async mode.
+        reasons: of the stops proposed for that generation.
+    """
 
     name: ClassVar[str] = "finish"
     job: int
     champion: Champion | None
+    generation: int
+    reasons: tuple[Reason, ...]
 
 
 Command = Prepare | Begin | ProposeStop | Drop | Missed | Finish
@@ -108,8 +116,13 @@ def decode(payload: bytes) -> Command:
             return Drop(count(job))
         case "missed", [job, generation]:
             return Missed(count(job), count(generation))
-        case "finish", [job, champion]:
-            return Finish(count(job), None if champion is None else _champion(champion))
+        case "finish", [job, champion, generation, reasons]:
+            return Finish(
+                count(job),
+                None if champion is None else _champion(champion),
+                count(generation),
+                tuple(reason_of(reason) for reason in of(list, reasons)),
+            )
     raise Rejected("no such command")
 
 

@@ -58,6 +58,11 @@ class Keys:
         return f"{self._base}/spy/stats"
 
     @property
+    def log(self) -> str:
+        """Where any process publishes what people should know."""
+        return f"{self._base}/log"
+
+    @property
     def best(self) -> str:
         """Where the spy publishes each verified improvement, decoded."""
         return f"{self._base}/best"

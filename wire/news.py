@@ -99,3 +99,25 @@ class Statistics(NamedTuple):
         """
         *counts, rate = fields(unpack(payload), 8)
         return Statistics._make([*(count(each) for each in counts), fitness(rate)])
+
+
+class LogRecord(NamedTuple):
+    """What a process wants people to know."""
+
+    level: str
+    node: int
+    text: str
+
+    def encode(self) -> bytes:
+        """As msgpack."""
+        return pack(self)
+
+    @staticmethod
+    def decode(payload: bytes) -> "LogRecord":
+        """The inverse of `encode`.
+
+        Raises:
+            Rejected: whatever is wrong with it.
+        """
+        level, node, text = fields(unpack(payload), 3)
+        return LogRecord(of(str, level), count(node), of(str, text))

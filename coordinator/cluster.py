@@ -1,0 +1,176 @@
+"""A cluster of processes on this machine, for as long as the calling process wants it."""
+
+import queue
+import secrets
+import threading
+import time
+from typing import Any, Self
+
+import zenoh
+
+import topologies
+from coordinator.errors import ClusterFailed
+from coordinator.job import Job
+from coordinator.launcher import Launcher
+from problems import BadInput, ProblemFile
+from wire import sessions
+from wire.keys import Keys
+
+_READY_WITHIN = 120.0  # seconds; a thousand nodes on two cores take less than ten
+
+
+class LocalCluster:
+    """Router, spy and one node process for each cell of a torus; a context manager.
+
+    When the calling process ends, however it ends, all of them do. Jobs run one after another, in the order in which
+    they were submitted::
+
+        with supernode.LocalCluster(torus=(4, 4)) as cluster:
+            result = cluster.submit(supernode.load("examples/arm-ik.toml"), seed=1).result()
+
+    Args:
+        torus: rows and columns.
+        topology: instead of ``torus``, a text such as ``"torus 4x4"``.
+
+    Raises:
+        ValueError: if there is no such topology.
+        ClusterFailed: if a process dies before all are ready.
+    """
+
+    def __init__(self, torus: tuple[int, int] = (4, 4), *, topology: str | None = None) -> None:
+        called = time.monotonic()
+        self.topology = topologies.parse(topology or f"torus {torus[0]}x{torus[1]}")
+        self.keys = Keys(secrets.token_hex(4))
+        self._failure: str | None = None
+        self._changed = threading.Condition()
+        self._jobs: queue.SimpleQueue[Job | None] = queue.SimpleQueue()
+        self._current: Job | None = None
+        self._submitted = 0
+        self._session: zenoh.Session | None = None
+        self._launcher = Launcher(self.keys.cluster, self.topology.spec, self._on_death)
+        try:
+            self._connect()
+        except BaseException:
+            self._launcher.close()
+            raise
+        self.seconds_to_ready = time.monotonic() - called
+        self._worker = threading.Thread(target=self._work, name="coordinator", daemon=True)
+        self._worker.start()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    @property
+    def processes(self) -> dict[str, int]:
+        """Process ids by name: "router", "spy", "node 0" and so on."""
+        return dict(self._launcher.processes)
+
+    @property
+    def session(self) -> zenoh.Session:
+        """The control session of this process."""
+        if self._session is None:
+            raise ClusterFailed("the cluster is closed")
+        return self._session
+
+    def submit(self, file: ProblemFile, **run: Any) -> Job:
+        """Hand in a job; it runs when those before it have ended.
+
+        Args:
+            file: from `supernode.load`.
+            run: settings that replace those of the file's ``[run]`` table, such as ``seed=1``, ``seconds=5``.
+
+        Raises:
+            BadInput: if a setting is unknown or wrong.
+            ClusterFailed: if the cluster is closed, or a process of it has died.
+        """
+        if run.get("topology", self.topology.spec) != self.topology.spec:
+            raise BadInput(f"topology: this cluster is a {self.topology.spec}, found {run['topology']!r}")
+        if self._session is None:
+            raise ClusterFailed("the cluster is closed")
+        if self._failure is not None:
+            raise ClusterFailed(self._failure)
+        log = run.pop("log", None)
+        self._submitted += 1
+        job = Job(self._submitted, file.with_run(**run | {"topology": self.topology.spec}), log)
+        self._jobs.put(job)
+        return job
+
+    def cpu_seconds(self) -> float:
+        """CPU time that all processes have used so far, this one included."""
+        return self._launcher.cpu_seconds()
+
+    def close(self) -> None:
+        """End every process; a job that still runs fails. Idempotent."""
+        with self._changed:
+            session, self._session = self._session, None
+            self._failure = self._failure or "the cluster was closed"
+            current = self._current
+        if session is None:
+            return
+        if current is not None:
+            current.fail(self._failure)
+        self._jobs.put(None)
+        self._worker.join()
+        session.close()  # type: ignore[no-untyped-call]
+        self._launcher.close()
+
+    def _connect(self) -> None:
+        """Wait for the router, then for the token of every node (alive and linked) and of the spy."""
+        self._launcher.started.wait(_READY_WITHIN)
+        self._raise_failure()
+        endpoint = sessions.unix_socket(self._launcher.folder, "router")
+        self._session = sessions.client(endpoint)
+        awaited = {self.keys.node(cell) for cell in range(self.topology.cells)} | {self.keys.spy}
+
+        def see(sample: zenoh.Sample) -> None:
+            with self._changed:
+                awaited.discard(str(sample.key_expr))
+                self._changed.notify_all()
+
+        direct = zenoh.handlers.Callback(see, indirect=False)
+        watchers = [
+            self._session.liveliness().declare_subscriber(key, direct, history=True)
+            for key in (self.keys.any_node, self.keys.spy)
+        ]
+        with self._changed:
+            ready = self._changed.wait_for(lambda: not awaited or self._failure, _READY_WITHIN)
+        self._raise_failure()
+        if not ready:
+            raise ClusterFailed(f"not ready within {_READY_WITHIN:.0f} s: {', '.join(sorted(awaited)[:4])}")
+        for watcher in watchers:
+            watcher.undeclare()  # type: ignore[no-untyped-call]
+
+    def _raise_failure(self) -> None:
+        if self._failure is not None:
+            raise ClusterFailed(self._failure)
+
+    def _on_death(self, text: str) -> None:
+        """Called by the launcher: nothing of a cluster may die while it is open."""
+        with self._changed:
+            self._failure = self._failure or self._naming_the_cell(text)
+            current = self._current
+            self._changed.notify_all()
+        if current is not None:
+            current.fail(self._failure)
+
+    def _naming_the_cell(self, text: str) -> str:
+        kind, _, rest = text.partition(" ")
+        number = rest.split(" ")[0]
+        if kind == "node" and number.isdigit():
+            return f"{text} (cell {self.topology.place(int(number))})"
+        return text
+
+    def _work(self) -> None:
+        while (job := self._jobs.get()) is not None:
+            with self._changed:
+                session, failure = self._session, self._failure
+                self._current = job
+            if failure is not None or session is None:
+                job.fail(failure or "the cluster was closed")
+            else:
+                job.conduct(session, self.keys, self.seconds_to_ready, self.cpu_seconds)
+            with self._changed:
+                self._current = None

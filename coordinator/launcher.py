@@ -1,0 +1,123 @@
+"""The caller's side of the zygote: start it, hear of its processes, and end it."""
+
+import contextlib
+import fcntl
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from coordinator.errors import ClusterFailed
+
+_PREFIX = "supernode-"
+_END_WITHIN = 5.0  # seconds
+_ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+
+
+class Launcher:
+    """The processes of one local cluster.
+
+    Attributes:
+        folder: private, holds the Unix sockets; gone when the cluster has ended.
+        processes: name ("router", "spy", "node 7") to process id; complete once ``started`` is set.
+    """
+
+    def __init__(self, cluster: str, topology: str, on_death: Callable[[str], None]) -> None:
+        _remove_stale_folders()
+        self.folder = Path(tempfile.mkdtemp(prefix=_PREFIX))
+        self._lock = _lock(self.folder)
+        assert self._lock is not None
+        self.processes: dict[str, int] = {}
+        self.started = threading.Event()
+        self._on_death = on_death
+        self._closing = False
+        config = {"cluster": cluster, "topology": topology, "folder": str(self.folder)}
+        self._zygote = subprocess.Popen(
+            [sys.executable, "-m", "coordinator.zygote", json.dumps(config)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            env=os.environ | _ONE_THREAD,
+            pass_fds=[self._lock],  # held by every process of the cluster: the folder is stale once none lives
+            start_new_session=True,  # Ctrl-C is the caller's business
+        )
+        self._reader = threading.Thread(target=self._read, name="zygote reader", daemon=True)
+        self._reader.start()
+
+    def _read(self) -> None:
+        assert self._zygote.stdout is not None
+        for line in self._zygote.stdout:
+            event = json.loads(line)
+            if "processes" in event:
+                self.processes = event["processes"]
+                self.started.set()
+            elif not self._closing:
+                self._on_death(f"{event['died']} {event['how']}")
+        if not self._closing:
+            self._on_death("the zygote ended")
+        self.started.set()
+
+    def cpu_seconds(self) -> float:
+        """CPU time that the living processes have used so far, this one included."""
+        total = time.process_time()
+        for process in [*self.processes.values(), self._zygote.pid]:
+            with contextlib.suppress(OSError):  # it has ended
+                total += time.clock_gettime(_cpu_clock(process))
+        return total
+
+    def close(self) -> None:
+        """End every process and wait until they are gone. Idempotent.
+
+        Raises:
+            ClusterFailed: if they do not end.
+        """
+        self._closing = True
+        if self._zygote.stdin is not None and not self._zygote.stdin.closed:
+            self._zygote.stdin.close()
+        try:
+            self._zygote.wait(_END_WITHIN)
+        except subprocess.TimeoutExpired as error:
+            self._zygote.kill()
+            self._zygote.wait()
+            raise ClusterFailed("the zygote did not end by itself") from error
+        finally:
+            self._reader.join()
+            if self._lock is not None:
+                shutil.rmtree(self.folder, ignore_errors=True)
+                os.close(self._lock)
+                self._lock = None
+
+
+def _cpu_clock(process: int) -> int:
+    """The clock id of another process's CPU time, as Linux makes it (clock_getcpuclockid(3))."""
+    return (~process << 3) | 2
+
+
+def _lock(folder: Path) -> int | None:
+    """An open descriptor that locks ``folder`` for as long as any process holds it; None if another one does."""
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(descriptor)
+        return None
+    return descriptor
+
+
+def _remove_stale_folders() -> None:
+    """Folders of clusters whose processes were all killed at once, so that nobody could clean up."""
+    for folder in Path(tempfile.gettempdir()).glob(f"{_PREFIX}*"):
+        try:
+            if folder.stat().st_uid != os.getuid() or time.time() - folder.stat().st_mtime < _END_WITHIN:
+                continue  # another's, or so young that its owner may not have locked it yet
+            descriptor = _lock(folder)
+        except OSError:
+            continue
+        if descriptor is not None:
+            shutil.rmtree(folder, ignore_errors=True)
+            os.close(descriptor)

@@ -1,0 +1,40 @@
+"""What the spy believes: the best solution so far, evaluated by the spy itself before it is passed on."""
+
+import math
+
+import numpy as np
+
+from node.plan import Plan
+from wire.exchange import Champion
+from wire.news import Improvement
+
+
+class Collector:
+    """Keeps the best verified champion of one job. No input or output."""
+
+    def __init__(self, plan: Plan, job: int) -> None:
+        self.plan = plan
+        self.job = job
+        self.best: Improvement | None = None
+        self.disagreement: str | None = None
+        self._best: Champion | None = None
+
+    def hear(self, champion: Champion | None, seconds: float) -> Improvement | None:
+        """A better champion than any before, if this is one and its fitness is true."""
+        if champion is None or (self._best is not None and champion >= self._best):
+            return None
+        if not self._true(champion):
+            return None
+        improves = self._best is None or champion.fitness < self._best.fitness
+        self._best = champion
+        solution = self.plan.problem.decode(np.frombuffer(champion.genome, np.uint8))
+        self.best = Improvement(self.job, seconds, champion.generation, champion.cell, champion.fitness, solution)
+        return self.best if improves else None
+
+    def _true(self, champion: Champion) -> bool:
+        genome = np.frombuffer(bytearray(champion.genome), np.uint8)
+        fitness = float(self.plan.evaluate(genome[None])[0])
+        if math.isfinite(fitness) and fitness == champion.fitness:
+            return True
+        self.disagreement = f"cell {champion.cell} claims a fitness of {champion.fitness!r}, the spy finds {fitness!r}"
+        return False

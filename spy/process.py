@@ -1,0 +1,259 @@
+"""The process of the spy: linked to the root cell like a fifth neighbour, as in figure 7 of Ahuactzin et al. 1992.
+
+It hears what the root publishes, believes a champion once it has evaluated it, and tells the world. The control session
+also gathers the nodes' counters and log records, and adds them up twice a second.
+"""
+
+import contextlib
+import json
+import queue
+import threading
+import time
+from dataclasses import dataclass, field
+from typing import Any
+
+import zenoh
+
+from node.cell import ROOT
+from node.plan import Plan
+from node.process import Berth
+from problems import BadInput, EvaluationFailed, ProblemFile
+from spy.collector import Collector
+from spy.judge import judge
+from spy.run_log import RunLog
+from wire import control, sessions
+from wire.control import Begin, Done, Drop, Finish, Prepare, Refused
+from wire.exchange import Champion, Exchange, Limits, decode
+from wire.news import Counters, Improvement, LogRecord, Statistics
+from wire.strict import Rejected
+
+STATISTICS_PERIOD = 0.5  # seconds
+
+
+def watch(berth: Berth) -> None:
+    """Be the spy until the process is ended; ``berth.node`` is the root's number."""
+    sessions.use_runtime(sessions.NODE_RUNTIME)
+    SpyProcess(berth).run()
+
+
+@dataclass(frozen=True)
+class _News:
+    """A message of the root, not looked at yet."""
+
+    payload: bytes
+
+
+@dataclass
+class _Assignment:
+    """The job that is being watched."""
+
+    job: int
+    plan: Plan
+    collector: Collector
+    limits: Limits
+    log: RunLog
+    began: float | None = None  # on the monotonic clock
+    last: Exchange | None = None  # the root's latest message
+    counters: dict[int, Counters] = field(default_factory=dict)  # the latest of each node
+    rejected: int = 0
+
+    @property
+    def seconds(self) -> float:
+        """Since the job began."""
+        return 0.0 if self.began is None else time.monotonic() - self.began
+
+
+class SpyProcess:
+    """Mail in, verified improvements and statistics out."""
+
+    def __init__(self, berth: Berth) -> None:
+        self.berth = berth
+        self.keys = berth.keys
+        self.mail: queue.SimpleQueue[_News | Counters | LogRecord | zenoh.Query] = queue.SimpleQueue()
+        self.alive: set[str] = set()
+        self.assignment: _Assignment | None = None
+        self._messages = (time.monotonic(), 0)  # when they were last added up, and how many there were
+        self._due = 0.0
+        self._link()
+        self._register()
+
+    def _link(self) -> None:
+        """Link to the root and wait until it is there."""
+        self.data = sessions.peer(None, [self.berth.data_endpoint(ROOT)])
+        self._root = self.data.declare_subscriber(
+            self.keys.out(ROOT), _direct(lambda sample: self.mail.put(_News(sample.payload.to_bytes())))
+        )
+        linked = threading.Event()
+        watcher = self.data.liveliness().declare_subscriber(
+            self.keys.node(ROOT), _direct(lambda _: linked.set()), history=True
+        )
+        linked.wait()
+        watcher.undeclare()  # type: ignore[no-untyped-call]
+
+    def _register(self) -> None:
+        self.control = sessions.client(self.berth.router)
+        liveliness = self.control.liveliness()
+        self._subscribers = [
+            self.control.declare_subscriber(self.keys.any_stats, _direct(self._reader(Counters))),
+            self.control.declare_subscriber(self.keys.log, _direct(self._reader(LogRecord))),
+            liveliness.declare_subscriber(self.keys.any_node, _direct(self._see), history=True),
+        ]
+        self._queryable = self.control.declare_queryable(self.keys.spy_control, _direct(self.mail.put))
+        self._token = liveliness.declare_token(self.keys.spy)
+
+    def _reader(self, kind: type[Counters] | type[LogRecord]) -> Any:
+        def read(sample: zenoh.Sample) -> None:
+            with contextlib.suppress(Rejected):  # not one of ours
+                self.mail.put(kind.decode(sample.payload.to_bytes()))
+
+        return read
+
+    def _see(self, sample: zenoh.Sample) -> None:
+        if sample.kind == zenoh.SampleKind.PUT:
+            self.alive.add(str(sample.key_expr))
+        else:
+            self.alive.discard(str(sample.key_expr))
+
+    def run(self) -> None:
+        """Handle mail for ever; the coordinator ends the process."""
+        while True:
+            with contextlib.suppress(queue.Empty):
+                self._open(self.mail.get(timeout=STATISTICS_PERIOD if self._watching else None))
+            if self._watching and time.monotonic() >= self._due:
+                self._tell_statistics()
+
+    @property
+    def _watching(self) -> bool:
+        return self.assignment is not None and self.assignment.began is not None
+
+    def _open(self, mail: _News | Counters | LogRecord | zenoh.Query) -> None:
+        assignment = self.assignment
+        if isinstance(mail, zenoh.Query):
+            self._open_command(mail)
+        elif isinstance(mail, LogRecord):
+            if assignment is not None:
+                assignment.log.write("log", level=mail.level, node=mail.node, text=mail.text)
+        elif assignment is not None and isinstance(mail, Counters):
+            if mail.job == assignment.job:
+                assignment.counters[mail.node] = mail
+        elif assignment is not None and isinstance(mail, _News):
+            self._open_news(assignment, mail)
+
+    def _open_news(self, assignment: _Assignment, news: _News) -> None:
+        try:
+            message = decode(news.payload, assignment.limits)
+        except Rejected:
+            assignment.rejected += 1
+            return
+        if message.job == assignment.job:
+            assignment.last = message
+            self._hear(assignment, message.champion)
+
+    def _hear(self, assignment: _Assignment, champion: Champion | None) -> None:
+        better = assignment.collector.hear(champion, assignment.seconds)
+        if better is not None:
+            self.control.put(self.keys.best, better.encode())
+            assignment.log.write("improvement", **_plain(assignment.plan, better))
+
+    def _open_command(self, query: zenoh.Query) -> None:
+        payload = query.payload.to_bytes() if query.payload is not None else b""
+        answer: Done | Refused
+        try:
+            answer = self._obey(control.decode(payload))
+        except Rejected as error:
+            answer = Refused(f"spy: bad command: {error.reason}")
+        except EvaluationFailed as error:
+            answer = Refused(str(error))
+        with query:
+            query.reply(query.key_expr, control.encode_answer(answer))
+
+    def _obey(self, command: control.Command) -> Done | Refused:
+        if isinstance(command, Prepare):
+            return self._prepare(command)
+        assignment = self.assignment
+        if assignment is None or command.job != assignment.job:
+            return Refused(f"the spy is not at job {command.job}")
+        if isinstance(command, Begin):
+            assignment.began = time.monotonic()
+            assignment.log.write("start", job=command.job, run=assignment.plan.run.model_dump())
+            return Done()
+        if isinstance(command, Finish):
+            return self._finish(assignment, command)
+        if isinstance(command, Drop):
+            assignment.log.close()
+            self.assignment = None
+            return Done()
+        return Refused("that is a command for nodes")
+
+    def _prepare(self, command: Prepare) -> Done | Refused:
+        try:
+            plan = Plan.of(ProblemFile.from_json(command.file))
+            log = RunLog(command.log)
+        except BadInput as error:
+            return Refused(str(error), "input")
+        except Exception as error:
+            return Refused(f"spy: {type(error).__name__}: {error}")
+        coding = plan.coding
+        limits = Limits(coding.genome_bytes, plan.run.emigrants, plan.topology.cells, coding.accepts)
+        self.assignment = _Assignment(command.job, plan, Collector(plan, command.job), limits, log)
+        return Done()
+
+    def _finish(self, assignment: _Assignment, command: Finish) -> Done:
+        self._hear(assignment, command.champion)
+        judgement = judge(assignment.collector, command.generation, command.reasons)
+        best = judgement.best
+        assignment.log.write(
+            "end",
+            status=judgement.status,
+            feasible=judgement.feasible,
+            message=judgement.message,
+            generations=command.generation,
+            fitness=None if best is None else best.fitness,
+        )
+        assignment.log.close()
+        self.assignment = None
+        return Done(
+            json.dumps(
+                {
+                    "status": judgement.status,
+                    "feasible": judgement.feasible,
+                    "message": judgement.message,
+                    "best": None if best is None else best.encode().hex(),
+                }
+            )
+        )
+
+    def _tell_statistics(self) -> None:
+        now = time.monotonic()
+        self._due = now + STATISTICS_PERIOD
+        assignment = self.assignment
+        assert assignment is not None
+        counters = list(assignment.counters.values())
+        messages = sum(each.sent for each in counters)
+        before, had = self._messages
+        self._messages = (now, messages)
+        statistics = Statistics(
+            assignment.job,
+            assignment.last.generation if assignment.last else 0,
+            sum(each.evaluations for each in counters),
+            messages,
+            sum(each.lost for each in counters),
+            assignment.rejected + sum(each.rejected for each in counters),
+            len(self.alive),
+            max(0.0, (messages - had) / (now - before)),
+        )
+        self.control.put(self.keys.spy_stats, statistics.encode())
+        assignment.log.write("statistics", **statistics._asdict())
+
+
+def _plain(plan: Plan, better: Improvement) -> dict[str, Any]:
+    return {
+        "seconds": round(better.seconds, 6),
+        "generation": better.generation,
+        "cell": list(plan.topology.place(better.cell)),
+        "fitness": better.fitness,
+    }
+
+
+def _direct(function: Any) -> Any:
+    return zenoh.handlers.Callback(function, indirect=False)

@@ -1,0 +1,145 @@
+"""The result of a run, as `--json` prints it and Python users get it."""
+
+import hashlib
+import math
+import statistics
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import topologies
+from problems import ProblemFile
+from spy.judge import Judgement, Status
+from wire.exchange import Champion
+from wire.report import Proposal, Reason, Report
+
+
+@dataclass(frozen=True)
+class Result:
+    """What came of a job.
+
+    Attributes:
+        status: "solved", "stalled", "exhausted", "deadline", "cancelled" or "failed".
+        solved: whether the target was reached.
+        feasible: whether the planner's independent check accepts the solution.
+        fitness: of the solution; +inf if nothing feasible was found.
+        solution: the planner's own plain values, or None.
+        found_at: cell and generation of the solution's birth.
+        generations: after which all cells stopped; in async mode the median over cells.
+        evaluations: all fitness calls in nodes.
+        seconds: from the start to the last stop.
+        seconds_to_ready: from the call to the ready cluster.
+        cpu_seconds: of all processes.
+        history_sha256: equal for equal lockstep runs.
+        message: why it failed, or what the check has against the solution.
+    """
+
+    job: str
+    kind: str
+    status: Status
+    solved: bool
+    feasible: bool
+    fitness: float
+    solution: dict[str, Any] | None
+    found_at: dict[str, Any] | None
+    generations: int
+    evaluations: int
+    seconds: float
+    seconds_to_ready: float
+    cpu_seconds: float
+    nodes: int
+    topology: str
+    deme: int
+    mode: str
+    seed: int
+    run: dict[str, Any]
+    problem_sha256: str
+    versions: dict[str, str]
+    directives: list[dict[str, Any]]
+    messages: dict[str, int]
+    history_sha256: str | None
+    message: str | None = None
+    demes: list[bytes] = field(default_factory=list, repr=False)  # the last individuals of each cell, for pictures
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain JSON values; +inf becomes null."""
+        values = asdict(self)
+        del values["demes"]
+        if not math.isfinite(self.fitness):
+            values["fitness"] = None
+        return values
+
+
+@dataclass(frozen=True)
+class Clocks:
+    """Seconds that a run took, see `Result`."""
+
+    seconds: float
+    seconds_to_ready: float
+    cpu_seconds: float
+
+
+def best_known(reports: Sequence[Report], spy: str) -> Champion | None:
+    """The best champion that the cells know at the end; under the paper's spy only what the root knows counts."""
+    known = [report.champion for report in reports if spy == "champion" or report.cell == 0]
+    return min((champion for champion in known if champion is not None), default=None)
+
+
+def stopped_after(reports: Sequence[Report]) -> int:
+    """The generation after which the cells stopped; in async mode the (lower) median."""
+    return statistics.median_low(report.generation for report in reports)
+
+
+def stop_reasons(reports: Sequence[Report], mode: str) -> tuple[Reason, ...]:
+    """Why the cells stopped: the reasons proposed for the generation of the stop (in async mode, all)."""
+    stop = stopped_after(reports)
+    proposals = [each for report in reports for each in report.proposals]
+    return tuple(dict.fromkeys(each.reason for each in proposals if mode == "async" or each.stop_at == stop))
+
+
+def result_of(
+    job: str,
+    file: ProblemFile,
+    reports: Sequence[Report],
+    judgement: Judgement,
+    versions: dict[str, str],
+    clocks: Clocks,
+) -> Result:
+    """Put together what the cells report (in the order of cells) and what the spy judges."""
+    run, best = file.run, judgement.best
+    topology = topologies.parse(run.topology)
+    proposals = [each for report in reports for each in report.proposals]
+    return Result(
+        job=job,
+        kind=file.kind,
+        status=judgement.status,
+        solved=judgement.status == "solved",
+        feasible=judgement.feasible,
+        fitness=math.inf if best is None else best.fitness,
+        solution=None if best is None else best.solution,
+        found_at=None if best is None else {"cell": list(topology.place(best.cell)), "generation": best.generation},
+        generations=stopped_after(reports) if reports else 0,
+        evaluations=sum(report.evaluations for report in reports),
+        seconds=round(clocks.seconds, 6),
+        seconds_to_ready=round(clocks.seconds_to_ready, 6),
+        cpu_seconds=round(clocks.cpu_seconds, 6),
+        nodes=topology.cells,
+        topology=topology.spec,
+        deme=run.deme,
+        mode=run.mode,
+        seed=run.seed,
+        run=run.model_dump(),
+        problem_sha256=file.sha256,
+        versions=versions,
+        directives=[_directive(each) for each in proposals if each.reason in ("deadline", "cancel")],
+        messages={
+            name: sum(getattr(report, name) for report in reports) for name in ("sent", "received", "lost", "rejected")
+        },
+        history_sha256=hashlib.sha256(b"".join(report.digest for report in reports)).hexdigest() if reports else None,
+        message=judgement.message,
+        demes=[report.deme for report in reports],
+    )
+
+
+def _directive(proposal: Proposal) -> dict[str, Any]:
+    return {"do": "stop", "generation": proposal.stop_at, "reason": proposal.reason}

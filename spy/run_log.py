@@ -1,0 +1,40 @@
+"""The run log: one JSON object a line, for people who plot runs afterwards."""
+
+import json
+import math
+import time
+from pathlib import Path
+from typing import Any, TextIO
+
+from problems import BadInput
+
+
+class RunLog:
+    """Appends events to a file, or nowhere if there is no path.
+
+    Raises:
+        BadInput: if the file cannot be written.
+    """
+
+    def __init__(self, path: str | Path | None) -> None:
+        self._file: TextIO | None = None
+        if path is not None:
+            try:
+                self._file = Path(path).open("w", encoding="utf-8", buffering=1)  # noqa: SIM115
+            except OSError as error:
+                raise BadInput(f"--log: expected a file that can be written, found {path}: {error.strerror}") from error
+
+    def write(self, event: str, **values: Any) -> None:
+        """One line, with the wall-clock time."""
+        if self._file is not None:
+            plain = {
+                name: None if isinstance(value, float) and not math.isfinite(value) else value
+                for name, value in values.items()
+            }
+            self._file.write(json.dumps({"time": round(time.time(), 6), "event": event, **plain}) + "\n")
+
+    def close(self) -> None:
+        """Close the file."""
+        if self._file is not None:
+            self._file.close()
+            self._file = None
