@@ -6,6 +6,7 @@ that uses it are one thing.
 
 from __future__ import annotations
 
+import json
 from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -112,6 +113,10 @@ class Problem(Table):
     def decode(self, genome: Genomes) -> Solution:
         """The solution that a genome, shape (genome_bytes,), stands for, as plain JSON values."""
         return {"genome": genome.tobytes().hex()}
+
+    def describe(self, solution: Solution) -> str:
+        """The solution in words, a line or a few."""
+        return "\n".join(f"{name}: {json.dumps(value)}" for name, value in solution.items())
 
     def check(self, solution: Solution) -> Verdict:
         """Judge a solution, if possible without any code that `evaluate` uses.

@@ -24,6 +24,17 @@ def is_built_in(kind: str) -> bool:
     return kind in _BUILT_IN
 
 
+def find_built_in(kind: str) -> type[Problem]:
+    """The class of a built-in kind.
+
+    Raises:
+        BadInput: if there is no such kind.
+    """
+    if not is_built_in(kind):
+        raise BadInput(f"expected one of {', '.join(_BUILT_IN)}, found {kind!r}" + did_you_mean(kind, _BUILT_IN))
+    return find(kind)
+
+
 def find(kind: str, folder: Path | None = None) -> type[Problem]:
     """The class of a kind; ``"my_module:MyProblem"`` is looked up in ``folder``, then on ``sys.path``.
 

@@ -24,7 +24,7 @@ from spy.run_log import RunLog
 from wire import control, sessions
 from wire.control import Begin, Done, Drop, Finish, Prepare, Refused
 from wire.exchange import Champion, Exchange, Limits, decode
-from wire.news import Counters, Improvement, LogRecord, Statistics
+from wire.news import Counters, LogRecord, Statistics
 from wire.strict import Rejected
 
 STATISTICS_PERIOD = 0.5  # seconds
@@ -153,7 +153,7 @@ class SpyProcess:
         better = assignment.collector.hear(champion, assignment.seconds)
         if better is not None:
             self.control.put(self.keys.best, better.encode())
-            assignment.log.write("improvement", **_plain(assignment.plan, better))
+            assignment.log.improvement(assignment.plan.topology, better)
 
     def _open_command(self, query: zenoh.Query) -> None:
         payload = query.payload.to_bytes() if query.payload is not None else b""
@@ -202,15 +202,7 @@ class SpyProcess:
         self._hear(assignment, command.champion)
         judgement = judge(assignment.collector, command.generation, command.reasons)
         best = judgement.best
-        assignment.log.write(
-            "end",
-            status=judgement.status,
-            feasible=judgement.feasible,
-            message=judgement.message,
-            generations=command.generation,
-            fitness=None if best is None else best.fitness,
-        )
-        assignment.log.close()
+        assignment.log.end(judgement, command.generation)
         self.assignment = None
         return Done(
             json.dumps(
@@ -244,15 +236,6 @@ class SpyProcess:
         )
         self.control.put(self.keys.spy_stats, statistics.encode())
         assignment.log.write("statistics", **statistics._asdict())
-
-
-def _plain(plan: Plan, better: Improvement) -> dict[str, Any]:
-    return {
-        "seconds": round(better.seconds, 6),
-        "generation": better.generation,
-        "cell": list(plan.topology.place(better.cell)),
-        "fitness": better.fitness,
-    }
 
 
 def _direct(function: Any) -> Any:

@@ -7,6 +7,9 @@ from pathlib import Path
 from typing import Any, TextIO
 
 from problems import BadInput
+from spy.judge import Judgement
+from topologies import Topology
+from wire.news import Improvement
 
 
 class RunLog:
@@ -32,6 +35,29 @@ class RunLog:
                 for name, value in values.items()
             }
             self._file.write(json.dumps({"time": round(time.time(), 6), "event": event, **plain}) + "\n")
+
+    def improvement(self, topology: Topology, better: Improvement) -> None:
+        """A verified champion."""
+        self.write(
+            "improvement",
+            seconds=round(better.seconds, 6),
+            generation=better.generation,
+            cell=list(topology.place(better.cell)),
+            fitness=better.fitness,
+        )
+
+    def end(self, judgement: Judgement, generations: int) -> None:
+        """What came of the run; the log is closed."""
+        best = judgement.best
+        self.write(
+            "end",
+            status=judgement.status,
+            feasible=judgement.feasible,
+            message=judgement.message,
+            generations=generations,
+            fitness=None if best is None else best.fitness,
+        )
+        self.close()
 
     def close(self) -> None:
         """Close the file."""

@@ -3,6 +3,7 @@
 Every command is answered: with `Done`, with `Refused`, or, for `Begin`, with the node's `Report` when it stops.
 """
 
+import dataclasses
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -92,7 +93,7 @@ class Refused:
 
 def encode(command: Command) -> bytes:
     """As msgpack."""
-    values = [getattr(command, name) for name in command.__dataclass_fields__]
+    values = [getattr(command, field.name) for field in dataclasses.fields(command)]
     return pack([VERSION, command.name, *values])
 
 

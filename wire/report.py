@@ -1,5 +1,6 @@
 """What a cell says when it has stopped."""
 
+import dataclasses
 from dataclasses import dataclass
 from typing import Literal, NamedTuple, get_args
 
@@ -46,7 +47,7 @@ class Report:
 
     def encode(self) -> bytes:
         """As msgpack."""
-        return pack(tuple(getattr(self, name) for name in self.__dataclass_fields__))
+        return pack(tuple(getattr(self, field.name) for field in dataclasses.fields(self)))
 
     @staticmethod
     def decode(payload: bytes) -> "Report":

@@ -1,0 +1,90 @@
+"""The command line: which commands there are, and how each ends.
+
+Only argparse is imported here; a command imports what it needs when it runs, so that ``--help`` answers at once.
+"""
+
+import argparse
+import importlib
+import os
+import sys
+from collections.abc import Sequence
+from importlib.metadata import version
+from typing import NoReturn
+
+from supernode.exits import BAD_INPUT, FAILED, INTERRUPTED
+
+_COMMANDS = {
+    "solve": "solve a problem on a cluster of processes started for it",
+    "simulate": "the same job in this process: bit-identical to a lockstep solve",
+    "check": "verify a result independently of the code that found it",
+    "problems": "the kinds of problem, or the fields of one",
+    "init": "write a commented problem file to start from",
+}
+
+
+class _Parser(argparse.ArgumentParser):
+    """An argument parser whose complaint is one line."""
+
+    def error(self, message: str) -> NoReturn:
+        message = message.removeprefix("argument ")
+        self.exit(BAD_INPUT, f"error: {message} (see `{self.prog} --help`)\n")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command and return its exit code."""
+    parser = _parser()
+    options = parser.parse_args(arguments)
+    return _run(options)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = _Parser(
+        prog="supernode",
+        description="Robot motion planning by a genetic algorithm on a torus of real processes.",
+    )
+    parser.add_argument("--version", action="version", version=f"supernode {version('supernode')}")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    for name, summary in _COMMANDS.items():
+        module = importlib.import_module(f"supernode.commands.{name}")
+        command = commands.add_parser(
+            name,
+            help=summary,
+            description=module.__doc__,
+            epilog=f"example:\n  {module.EXAMPLE}",
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+        module.add_arguments(command)
+        command.set_defaults(run=module.run)
+    return parser
+
+
+def _run(options: argparse.Namespace) -> int:
+    try:
+        code: int = options.run(options)
+        sys.stdout.flush()
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    except BrokenPipeError:  # whoever read the output has gone; nobody is left to complain to
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return FAILED
+    except Exception as error:
+        return _explain(error)
+    return code
+
+
+def _explain(error: Exception) -> int:
+    from coordinator.errors import ClusterFailed
+    from problems.errors import BadInput, EvaluationFailed
+
+    if isinstance(error, BadInput):
+        code = BAD_INPUT
+    elif isinstance(error, ClusterFailed | EvaluationFailed):
+        code = FAILED
+    else:
+        raise error
+    print(f"error: {error}", file=sys.stderr)
+    return code
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,1 @@
+"""The commands, one module each: what it does, its arguments, an example, and `run`."""

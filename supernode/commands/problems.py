@@ -1,0 +1,85 @@
+"""List the kinds of problem, or the fields of one with their units and defaults."""
+
+import argparse
+import json
+from collections.abc import Iterator
+from typing import Any
+
+from supernode import exits
+
+EXAMPLE = "supernode problems arm-ik"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The kind."""
+    parser.add_argument("kind", metavar="KIND", nargs="?", help="one kind, in detail")
+    parser.add_argument("--json", action="store_true", help="the kinds, or the kind's JSON Schema, as JSON")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Print them."""
+    from problems.registry import find_built_in, kinds
+
+    if options.kind is None:
+        abouts = {kind: find_built_in(kind).about for kind in kinds()}
+        print(json.dumps(abouts) if options.json else "\n".join(f"{kind:14} {about}" for kind, about in abouts.items()))
+        return exits.OK
+    model = find_built_in(options.kind)
+    schema = model.model_json_schema()
+    if options.json:
+        print(json.dumps(schema))
+        return exits.OK
+    print(f"{options.kind}: {model.about}\n")
+    for name, kind, default, description in _fields(schema, schema, ""):
+        print(f"  {name:26} {kind:24} {default:14} {description}")
+    return exits.OK
+
+
+def _fields(schema: dict[str, Any], whole: dict[str, Any], prefix: str) -> Iterator[tuple[str, str, str, str]]:
+    """Name, type and unit, default, description of each field, tables after their own name."""
+    required = schema.get("required", ())
+    for name, field in schema.get("properties", {}).items():
+        unit = f" ({field['unit']})" if "unit" in field else ""
+        yield prefix + name, _type(field) + unit, _default(name in required, field), field.get("description", "")
+        for table, label in _tables(field, whole):
+            yield from _fields(table, whole, f"{prefix}{name}{label}.")
+
+
+def _tables(field: dict[str, Any], whole: dict[str, Any]) -> Iterator[tuple[dict[str, Any], str]]:
+    """The tables that a field holds: itself, one of some, or the elements of its array."""
+    if "$ref" in field:
+        table = whole["$defs"][field["$ref"].rsplit("/", 1)[1]]
+        shape = table.get("properties", {}).get("shape", {}).get("const")
+        yield table, f"[{shape}]" if shape else ""
+    for choice in [*field.get("anyOf", ()), *field.get("oneOf", ()), *field.get("allOf", ())]:
+        yield from _tables(choice, whole)
+    if isinstance(field.get("items"), dict):
+        yield from _tables(field["items"], whole)
+
+
+def _type(field: dict[str, Any]) -> str:
+    if "const" in field:
+        return json.dumps(field["const"])
+    if "enum" in field:
+        return " | ".join(json.dumps(value) for value in field["enum"])
+    if "$ref" in field:
+        return "table"
+    choices = [*field.get("anyOf", ()), *field.get("oneOf", ())]
+    if choices:
+        return " | ".join(dict.fromkeys(_type(choice) for choice in choices if choice.get("type") != "null"))
+    if field.get("type") == "array":
+        return _array(field)
+    return str(field.get("type", "any"))
+
+
+def _array(field: dict[str, Any]) -> str:
+    if "prefixItems" in field:
+        return "[" + ", ".join(_type(item) for item in field["prefixItems"]) + "]"
+    return f"array of {_type(field.get('items', {}))}"
+
+
+def _default(required: bool, field: dict[str, Any]) -> str:
+    if required:
+        return "required"
+    default = field.get("default")
+    return "optional" if default is None else f"= {json.dumps(default)}"

@@ -1,0 +1,110 @@
+"""The options that `solve` and `simulate` share: how a problem is run, and what is told of it."""
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from problems import ProblemFile
+
+_SETTINGS = (
+    "topology",
+    "deme",
+    "interval",
+    "emigrants",
+    "mode",
+    "replacement",
+    "mutation",
+    "spy",
+    "seed",
+    "recipe",
+    "generations",
+    "evaluations",
+    "seconds",
+    "target",
+    "stall",
+)
+
+
+def add_run_options(parser: argparse.ArgumentParser) -> None:
+    """The settings of a run, each of which wins over the problem file's ``[run]``."""
+    parser.add_argument("problem", metavar="PROBLEM.toml", help="the problem file")
+    run = parser.add_argument_group("how to run (each wins over the file's [run] table)")
+    shape = run.add_mutually_exclusive_group()
+    shape.add_argument("--torus", metavar="RxC", type=_torus, dest="topology", help="rows and columns (4x4)")
+    shape.add_argument("--topology", metavar="SPEC", help='such as "torus 4x4"')
+    run.add_argument("--deme", metavar="N", type=_whole, help="individuals on each node (1)")
+    run.add_argument("--interval", metavar="N", type=_whole, help="generations between exchanges (1)")
+    run.add_argument("--emigrants", metavar="N", type=_whole, help="individuals sent in an exchange (1)")
+    run.add_argument("--mode", choices=("lockstep", "async"), help="wait for neighbours, or do not (lockstep)")
+    run.add_argument("--recipe", choices=("tuned", "paper"), help="the best known operators, or the paper's (tuned)")
+    run.add_argument("--replacement", choices=("offspring", "elitist"), help="instead of the recipe's")
+    run.add_argument("--mutation", metavar="P", type=_mutation, help='probability a bit changes, or "one-bit"')
+    run.add_argument("--spy", choices=("champion", "root"), help="what news reaches the root (champion)")
+    run.add_argument("--seed", metavar="N", type=_whole, help="the same seed gives the same run (1)")
+    end = parser.add_argument_group("when to stop (by default at the target, or after --stall 200)")
+    end.add_argument("--generations", metavar="N", type=_whole, help="after this generation")
+    end.add_argument("--evaluations", metavar="N", type=_whole, help="before more fitness calls than this")
+    end.add_argument("--seconds", metavar="S", type=_number, help="at this deadline")
+    end.add_argument("--target", metavar="F", type=_number, help="at this fitness, instead of the problem's own")
+    end.add_argument("--stall", metavar="N", type=_whole, help="after so many generations without a better champion")
+    out = parser.add_argument_group("what to tell")
+    out.add_argument("--log", metavar="FILE", help="write a run log, JSON Lines")
+    out.add_argument("--plot", metavar="FILE", help="draw the result (PNG, SVG or PDF by the name's end)")
+    out.add_argument("--json", action="store_true", help="print the result as one JSON object")
+    out.add_argument("--quiet", action="store_true", help="no progress on stderr")
+
+
+def chosen_file(options: argparse.Namespace) -> "ProblemFile":
+    """The problem file with the command line's settings, everything checked that can be before a launch.
+
+    Raises:
+        BadInput: if anything is wrong.
+    """
+    from problems import load
+    from supernode.picture import check_picture_name
+
+    if options.plot is not None:
+        check_picture_name(options.plot)
+    _check_folder("--log", options.log)
+    _check_folder("--plot", options.plot)
+    return load(options.problem).with_run(**settings(options))
+
+
+def settings(options: argparse.Namespace) -> dict[str, Any]:
+    """The settings that were given."""
+    return {name: getattr(options, name) for name in _SETTINGS if getattr(options, name) is not None}
+
+
+def _check_folder(option: str, name: str | None) -> None:
+    from problems import BadInput
+
+    if name is not None and not Path(name).absolute().parent.is_dir():
+        raise BadInput(f"{option}: expected a file in a folder that exists, found {name}")
+
+
+def _torus(text: str) -> str:
+    return f"torus {text}"
+
+
+def _whole(text: str) -> int:
+    try:
+        return int(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"expected a whole number, found {text!r}") from None
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"expected a number, found {text!r}") from None
+
+
+def _mutation(text: str) -> float | str:
+    if text == "one-bit":
+        return text
+    try:
+        return float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f'expected a probability or "one-bit", found {text!r}') from None
