@@ -1,0 +1,33 @@
+# All set-up happens here: `make run` and `make test` work in a fresh clone.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+
+.PHONY: run test lint bench clean
+
+run: $(VENV)/core  ## sixteen processes plan the path of a mobile robot through an office floor
+	$(BIN)/supernode solve examples/mobile-robot.toml --seed 1 --plot office.png
+
+test: lint  ## everything that must hold
+	$(BIN)/pytest
+
+lint: $(VENV)/test
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	$(BIN)/mypy
+
+bench: $(VENV)/test  ## ratios and shares, measured side by side on this machine
+	$(BIN)/python -m benchmarks.exchange
+	$(BIN)/python -m benchmarks.arm_ik
+
+clean:
+	rm -rf $(VENV) build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis office.png
+
+$(VENV)/core: pyproject.toml
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/pip install --quiet --disable-pip-version-check --editable .
+	touch $@
+
+$(VENV)/test: $(VENV)/core
+	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[test]'
+	touch $@

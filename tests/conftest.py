@@ -1,0 +1,52 @@
+"""What tests share: small problems that need no planner, and problem files of one's own."""
+
+import random
+
+import pytest
+
+OWN_MODULE = """
+import numpy as np
+import supernode
+
+
+class OneMax(supernode.Problem):
+    size: int = 40
+    trouble: str = ""
+
+    @property
+    def coding(self):
+        return supernode.BitString(self.size, 1)
+
+    @property
+    def solved_at(self):
+        return 0.0
+
+    def evaluate(self, genomes):
+        missing = self.size - np.unpackbits(genomes, axis=1)[:, : self.size].sum(axis=1).astype(float)
+        if missing.min() < self.size / 3:
+            if self.trouble == "raises":
+                raise RuntimeError("out of paper")
+            if self.trouble == "nan":
+                return np.full(len(genomes), np.nan)
+            if self.trouble == "count":
+                return missing[:-1]
+        return missing
+"""
+
+
+@pytest.fixture
+def random_source():
+    return random.Random(1992)
+
+
+@pytest.fixture
+def own_problem(tmp_path):
+    """Writes a problem file of kind ``own_module:OneMax``; call it with more lines of TOML."""
+
+    def write(*lines, name="own.toml"):
+        (tmp_path / "own_module.py").write_text(OWN_MODULE)
+        path = tmp_path / name
+        path.write_text("\n".join(['kind = "own_module:OneMax"', *lines]) + "\n")
+        return path
+
+    return write

@@ -1,0 +1,63 @@
+"""A problem for tests of nodes, and an in-process bus that delivers their messages in any order."""
+
+import numpy as np
+
+from genetics import BitString
+from node import Cell, Plan
+from node.cell import Heard, Propose, Publish, Start
+from problems import Problem, Run
+from wire.report import Report
+
+
+class OneMax(Problem):
+    """As many bits as possible are to be 1."""
+
+    size: int = 40
+
+    @property
+    def coding(self):
+        return BitString(self.size, 1)
+
+    @property
+    def solved_at(self):
+        return 0.0
+
+    def evaluate(self, genomes):
+        return self.size - np.unpackbits(genomes, axis=1)[:, : self.size].sum(axis=1).astype(float)
+
+
+def plan_of(size=40, **run):
+    return Plan(OneMax(kind="onemax", size=size), Run(**run))
+
+
+class Bus:
+    """Steps cells in random order and lets each take a random part of its mail, to the end."""
+
+    def __init__(self, plan, random, wish=None, drop=0.0):
+        self.cells = [Cell(plan, number, job=1) for number in range(plan.topology.cells)]
+        self.mail = [[Start()] for _ in self.cells]
+        self.random = random
+        self.wish = wish  # (at which generation of the root, reason)
+        self.drop = drop
+        self.reports = {}
+
+    def run(self):
+        while len(self.reports) < len(self.cells):
+            cell = self.random.choice(self.cells)
+            taken = self.random.randint(0, len(self.mail[cell.cell]))
+            events, self.mail[cell.cell] = self.mail[cell.cell][:taken], self.mail[cell.cell][taken:]
+            if self.wish and cell.cell == 0 and cell.rows.generation >= self.wish[0]:
+                events.append(Propose(self.wish[1]))
+                self.wish = None
+            for action in cell.step(events):
+                self.carry_out(cell, action)
+        return [self.reports[number] for number in range(len(self.cells))]
+
+    def carry_out(self, cell, action):
+        if isinstance(action, Publish):
+            for other in cell.neighbours:
+                if self.random.random() >= self.drop:
+                    self.mail[other].append(Heard(cell.cell, action.message))
+        elif isinstance(action, Report):
+            assert cell.cell not in self.reports, "a cell reports once"
+            self.reports[cell.cell] = action
