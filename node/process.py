@@ -8,6 +8,7 @@ Zenoh calls back on a thread of its own; callbacks only put mail into a queue, a
 thread.
 """
 
+import contextlib
 import json
 import os
 import queue
@@ -106,6 +107,7 @@ class NodeProcess:
         self.mail: queue.SimpleQueue[_News | zenoh.Query] = queue.SimpleQueue()
         self.assignment: _Assignment | None = None
         self._complaints: set[tuple[int, str]] = set()
+        self._patience_ends = 0.0
         self._stats_due = 0.0
         self._stats_period = max(1.0, topology.cells / MOST_REPORTS_PER_SECOND)
         self._link(slots)
@@ -163,24 +165,28 @@ class NodeProcess:
         while True:
             events = self._collect()
             assignment = self.assignment
-            if assignment is not None:
-                for action in assignment.cell.step(events):
-                    self._carry_out(assignment, action)
-                self._tell_counters(assignment)
+            if assignment is None:
+                continue
+            for action in assignment.cell.step(events):
+                self._carry_out(assignment, action)
+            self._tell_counters(assignment)
 
     def _collect(self) -> list[Event]:
         """Wait for mail unless the cell can go on without, and turn all there is into events."""
         events: list[Event] = []
         cell = self.assignment.cell if self.assignment else None
-        running = cell is not None and cell.state == "running"
-        try:
-            if cell is None or not cell.ready:
-                self._open(self.mail.get(timeout=PATIENCE if running else None), events)
-        except queue.Empty:
-            events.append(Waited())
+        waiting = cell is not None and cell.state == "running" and not cell.ready
+        if waiting or cell is None or cell.state != "running":
+            with contextlib.suppress(queue.Empty):
+                left = max(0.0, self._patience_ends - time.monotonic()) if waiting else None
+                self._open(self.mail.get(timeout=left), events)
         # What is here now, but not what comes meanwhile: neighbours could keep this node reading for ever.
         for _ in range(self.mail.qsize()):
             self._open(self.mail.get_nowait(), events)
+        # Mail alone does not restart the clock, only progress: neighbours' own questions must not drown this one's.
+        if waiting and time.monotonic() >= self._patience_ends:
+            self._patience_ends = time.monotonic() + PATIENCE
+            events.append(Waited())
         return events
 
     def _open(self, mail: _News | zenoh.Query, events: list[Event]) -> None:
@@ -248,6 +254,7 @@ class NodeProcess:
 
     def _carry_out(self, assignment: _Assignment, action: Action) -> None:
         if isinstance(action, Publish):
+            self._patience_ends = time.monotonic() + PATIENCE
             self.out.put(action.message.encode())
         elif isinstance(action, Ask):
             self._ask(action, assignment.cell.job)

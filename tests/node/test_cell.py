@@ -100,7 +100,7 @@ def test_it_answers_for_its_last_two_generations():
 
 def test_the_cell_that_bred_the_target_proposes_to_stop():
     plan = plan_of(size=1, mutation=0.0, seed=3)
-    cell = next(cell for cell in map(lambda n: Cell(plan, n, 1), range(16)) if _starts_solved(cell))
+    cell = next(cell for cell in (Cell(plan, number, 1) for number in range(16)) if _starts_solved(cell))
     assert cell.rows.stop_at[0] == plan.stop_distance == 5
     (proposal,) = cell.rows.proposals
     assert (proposal.reason, proposal.cell, proposal.generation) == ("target", cell.cell, 0)
@@ -216,7 +216,7 @@ def test_lost_messages_stop_nobody_when_cells_ask(random_source):
             while len(self.reports) < len(self.cells):
                 for cell in self.cells:
                     events, self.mail[cell.cell] = self.mail[cell.cell], []
-                    for action in cell.step(events or [Waited()]):
+                    for action in cell.step([*events, Waited()]):
                         self.carry_out(cell, action)
             return [self.reports[number] for number in range(len(self.cells))]
 
