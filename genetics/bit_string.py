@@ -73,7 +73,8 @@ class BitString:
 
     def integers(self, genomes: Genomes) -> NDArray[np.int64]:
         """The coded integers: (n, genome_bytes) to (n, parameters)."""
-        return bit_kernels.integers(np.ascontiguousarray(genomes), self.parameters, self.bits, self.gray)
+        writable = np.require(genomes, np.uint8, ["C", "W"])  # compiled signatures refuse read-only arrays
+        return bit_kernels.integers(writable, self.parameters, self.bits, self.gray)
 
     def encode(self, integers: NDArray[np.int64]) -> Genomes:
         """The inverse of `integers`: (n, parameters) to (n, genome_bytes).

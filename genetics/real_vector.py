@@ -1,5 +1,6 @@
 """Real-valued vectors within bounds, with blend crossover and Gaussian mutation."""
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -17,7 +18,7 @@ class RealVector:
     """``dimension`` float64 genes between ``low`` and ``high``.
 
     Raises:
-        ValueError: if there is no gene, or the bounds are not finite and in order.
+        ValueError: if there is no gene, or the bounds are not in order, or not finitely far apart.
     """
 
     dimension: int
@@ -27,8 +28,8 @@ class RealVector:
     def __post_init__(self) -> None:
         if self.dimension < 1:
             raise ValueError(f"a real vector needs at least 1 gene, found {self.dimension}")
-        if not (np.isfinite(self.low) and np.isfinite(self.high) and self.low < self.high):
-            raise ValueError(f"expected finite bounds low < high, found {self.low}, {self.high}")
+        if not (self.low < self.high and math.isfinite(float(self.high) - float(self.low))):
+            raise ValueError(f"expected finite bounds low < high with a finite range, found {self.low}, {self.high}")
 
     @cached_property
     def genome_bytes(self) -> int:

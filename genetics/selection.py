@@ -90,9 +90,10 @@ def replace_families(
     offspring_fitness: Fitness,
     elitist: bool,
 ) -> None:
-    """Each couple leaves the best of itself and its two offspring (§3.1 step 4); the earlier born wins a tie.
+    """Each couple leaves the best of itself and its two offspring (§3.1 step 4).
 
-    With ``elitist`` the best of the old deme takes the worst new place if nobody as good was left.
+    The earlier born wins a tie: a parent over an offspring, the first drawn parent over the second. With ``elitist``
+    the best of the old deme takes the worst new place (the first of several as bad) if nobody as good was left.
     """
     rows, deme = fitness.shape
     for row in range(rows):

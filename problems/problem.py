@@ -125,7 +125,7 @@ class Problem(Table):
             BadInput: if this is not a solution of such a problem at all.
         """
         try:
-            genome = np.frombuffer(bytes.fromhex(solution["genome"]), np.uint8)
+            genome = np.frombuffer(bytearray.fromhex(solution["genome"]), np.uint8)
             accepted = self.coding.accepts(genome.tobytes())
         except (KeyError, TypeError, ValueError, IndexError):
             accepted = False

@@ -18,7 +18,7 @@ class Torus:
 
     def __post_init__(self) -> None:
         if self.rows < 1 or self.columns < 1:
-            raise ValueError(f"a torus needs at least 1 row and 1 column, found {self.rows} x {self.columns}")
+            raise ValueError(f"expected a torus of at least 1 row and 1 column, found {self.rows} x {self.columns}")
 
     @property
     def spec(self) -> str:
@@ -48,7 +48,7 @@ class Torus:
     def place(self, cell: int) -> tuple[int, int]:
         """(row, column) of ``cell``."""
         if not 0 <= cell < self.cells:
-            raise ValueError(f"{self.spec} has cells 0 to {self.cells - 1}, found {cell}")
+            raise ValueError(f"expected a cell of {self.spec}, 0 to {self.cells - 1}, found {cell}")
         return divmod(cell, self.columns)
 
     def _cell(self, row: int, column: int) -> int:
