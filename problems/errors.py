@@ -2,8 +2,9 @@
 
 import difflib
 import json
+import re
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, Literal, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
@@ -11,11 +12,25 @@ _LONGEST_FOUND = 80
 
 
 class BadInput(ValueError):  # noqa: N818 - it is the user's input that is bad, and people read the name
-    """Input that cannot be used; the message names the file and field, what was expected and what was found."""
+    """Input that cannot be used; the message names the file and field, what was expected and what was found.
+
+    It is always one line, whatever was put into it.
+    """
+
+    def __init__(self, message: str) -> None:
+        super().__init__(one_line(message))
 
 
 class EvaluationFailed(RuntimeError):  # noqa: N818
-    """A problem's evaluation raised, or returned something that is no fitness."""
+    """A problem's evaluation raised, or returned something that is no fitness; the message is one line."""
+
+    def __init__(self, message: str) -> None:
+        super().__init__(one_line(message))
+
+
+def one_line(text: str) -> str:
+    """``text`` without line breaks."""
+    return " ".join(line.strip() for line in text.splitlines())
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:
@@ -26,19 +41,23 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
 
 def first_line(error: ValidationError, model: type[BaseModel], where: str) -> BadInput:
     """The first complaint of a failed validation as one line that begins with ``where`` (a file, or an option)."""
-    errors = error.errors(include_url=False)
-    complaint = errors[0]
-    field = _field(complaint["loc"])
-    if complaint["type"] == "extra_forbidden":
-        text = f"unknown field, expected {_siblings(model, complaint['loc'])}"
-    elif complaint["type"] == "missing":
+    by_field: dict[str, list[Any]] = {}  # a field of several types has a complaint from each of them
+    for complaint in error.errors(include_url=False):
+        by_field.setdefault(_field(complaint), []).append(complaint)
+    field, complaints = next(iter(by_field.items()))
+    first = complaints[0]
+    if first["type"] == "extra_forbidden":
+        text = f"unknown field, expected {_siblings(model, first['loc'])}"
+    elif first["type"] in ("missing", "union_tag_not_found"):
         text = "expected this field, found nothing"
+    elif first["type"] == "union_tag_invalid":
+        text = f"expected one of {first['ctx']['expected_tags']}, found {shorten(first['ctx']['tag'])}"
     else:
-        message = str(complaint["msg"]).removeprefix("Value error, ")
-        message = message.replace("Input should be", "expected").replace("Input should", "expected to")
-        found = "" if "found" in message else f", found {shorten(complaint.get('input'))}"
-        text = message[0].lower() + message[1:] + found
-    more = f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""
+        expected = " or ".join(dict.fromkeys(_expectation(complaint) for complaint in complaints))
+        text = re.sub(" or expected ", " or ", expected)
+        if "found" not in text:
+            text += f", found {shorten(first.get('input'))}"
+    more = f" (and {len(by_field) - 1} more)" if len(by_field) > 1 else ""
     return BadInput(f"{where}: {field + ': ' if field else ''}{text}{more}")
 
 
@@ -48,18 +67,49 @@ def shorten(value: Any) -> str:
     return text if len(text) <= _LONGEST_FOUND else text[: _LONGEST_FOUND - 1] + "…"
 
 
-def _field(location: tuple[int | str, ...]) -> str:
+def _expectation(complaint: Any) -> str:
+    message = str(complaint["msg"]).removeprefix("Value error, ")
+    message = re.sub(r"^\w+ should have (.*?)( after validation, not .*)?$", r"expected \1", message)
+    message = re.sub(r"^\w+ should be", "expected", message)
+    message = re.sub(r"^\w+ should", "expected to", message)
+    return message[:1].lower() + message[1:]
+
+
+def _field(complaint: Any) -> str:
+    location = list(complaint["loc"])
+    last = len(location) - 1
+    named = complaint["type"] in ("missing", "extra_forbidden")
     text = ""
-    for part in location:
+    for place, part in enumerate(location):
         if isinstance(part, int):
             text += f"[{part}]"
-        else:
+        elif place == 0 or part.isidentifier() or (named and place == last):
             text += f".{part}" if text else part
+        # else it is no field but the name of one of a field's types, such as "constrained-float"
+    if complaint["type"].startswith("union_tag"):
+        text += "." + complaint["ctx"]["discriminator"].strip("'")
     return text
 
 
 def _siblings(model: type[BaseModel], location: tuple[int | str, ...]) -> str:
-    known = list(model.model_fields)
-    if len(location) > 1:
-        return "one of those that this table has (see `supernode problems`)"
-    return "one of " + ", ".join(known) + did_you_mean(str(location[0]), known)
+    tables = [model]
+    for part in location[:-1]:
+        inner = [each for table in tables if part in table.model_fields for each in _tables_in(table, str(part))]
+        chosen = [table for table in tables if _is_tagged(table, part)]
+        tables = inner or chosen or tables
+    known = list(dict.fromkeys(name for table in tables for name in table.model_fields))
+    return "one of " + ", ".join(known) + did_you_mean(str(location[-1]), known)
+
+
+def _tables_in(table: type[BaseModel], field: str) -> list[type[BaseModel]]:
+    found, left = [], [table.model_fields[field].annotation]
+    while left:
+        annotation = left.pop(0)
+        if isinstance(annotation, type) and get_origin(annotation) is None and issubclass(annotation, BaseModel):
+            found.append(annotation)
+        left += [argument for argument in get_args(annotation) if get_origin(annotation) is not Literal]
+    return found
+
+
+def _is_tagged(table: type[BaseModel], tag: int | str) -> bool:
+    return any(tag in get_args(field.annotation) for field in table.model_fields.values())

@@ -7,8 +7,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from pydantic import ValidationError
 
+from genetics.coding import Keys
 from problems import registry
 from problems.errors import BadInput, first_line, shorten
 from problems.problem import Problem
@@ -65,14 +67,18 @@ class ProblemFile:
             problem = model.model_validate_json(json.dumps(self.fields), strict=True)
         except ValidationError as error:
             raise first_line(error, model, self.name) from error
+        except Exception as error:  # from a user's class, which may be abstract or raise as it likes
+            raise BadInput(f"{self.name}: kind: cannot make a {self.kind!r}: {_said(error)}") from error
         return self._with_recipe(problem)
 
     def _with_recipe(self, problem: Problem) -> Problem:
         try:
             ready = problem.for_recipe(self.run.recipe, self.run.deme)
-            _ = ready.coding.genome_bytes
+            # Crossing nobody, for the coding to refuse a recipe that is not for it.
+            nobody = np.empty((1, 0, 2, ready.coding.genome_bytes), np.uint8)
+            ready.coding.recombine(nobody, self.run.breeding(ready), Keys(np.zeros(1, np.int64), self.run.seed, 0))
         except Exception as error:
-            raise BadInput(f"{self.name}: {error}") from error
+            raise BadInput(f"{self.name}: {_said(error)}") from error
         return ready
 
     def to_json(self) -> str:
@@ -88,9 +94,12 @@ class ProblemFile:
         """
         try:
             name, fields, run, folder = json.loads(text)
-            return ProblemFile(str(name), dict(fields), _run(run, name), Path(folder))
-        except (ValueError, TypeError) as error:
+            right = isinstance(name, str) and isinstance(fields, dict) and isinstance(fields.get("kind"), str)
+            if not (right and isinstance(run, dict) and isinstance(folder, str)):
+                raise TypeError
+        except (ValueError, TypeError, RecursionError) as error:
             raise BadInput(f"expected a problem file as JSON, found {shorten(text)}") from error
+        return ProblemFile(name, fields, _run(run, name), Path(folder))
 
 
 def load(path: str | Path) -> ProblemFile:
@@ -112,16 +121,15 @@ def parse(text: str, name: str, folder: Path) -> ProblemFile:
     """A problem file's text; see `load`."""
     try:
         fields = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+        plain: dict[str, Any] = json.loads(json.dumps(fields, default=str))
+    except (ValueError, RecursionError) as error:  # also for numbers too long, or tables too deep, to read at all
         raise BadInput(f"{name}: expected TOML, found {error}") from error
-    run = fields.pop("run", {})
+    run = plain.pop("run", {})
     if not isinstance(run, dict):
         raise BadInput(f"{name}: run: expected a table [run], found {shorten(run)}")
-    if not isinstance(fields.get("kind"), str):
-        raise BadInput(
-            f'{name}: kind: expected a kind of problem such as "arm-ik", found {shorten(fields.get("kind"))}'
-        )
-    plain: dict[str, Any] = json.loads(json.dumps(fields, default=str))
+    if not isinstance(plain.get("kind"), str):
+        found = shorten(plain["kind"]) if "kind" in plain else "nothing"
+        raise BadInput(f'{name}: kind: expected a kind of problem such as "arm-ik", found {found}')
     return ProblemFile(name, plain, _run(run, name), folder)
 
 
@@ -134,6 +142,11 @@ def _text(path: Path) -> str:
         raise BadInput(f"{path}: expected TOML in UTF-8, found {error}") from error
     except OSError as error:
         raise BadInput(f"{path}: expected a readable problem file, found {error.strerror}") from error
+
+
+def _said(error: Exception) -> str:
+    """What ``error`` says; its type too, unless it is of those whose message is meant for people."""
+    return str(error) if type(error) in (BadInput, ValueError) else f"{type(error).__name__}: {error}"
 
 
 def _run(settings: dict[str, Any], name: str) -> Run:

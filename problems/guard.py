@@ -13,16 +13,20 @@ def guarded(problem: Problem) -> Evaluate:
 
     def evaluate(genomes: Genomes) -> Fitness:
         try:
-            returned = problem.evaluate(genomes)
-            fitness = np.ascontiguousarray(returned, dtype=np.float64)
+            # A copy: what the problem returned may be read-only, or an array that it will use again.
+            fitness = np.array(problem.evaluate(genomes), dtype=np.float64, order="C")
         except Exception as error:
             raise EvaluationFailed(f"{problem.kind}: evaluate raised {type(error).__name__}: {error}") from error
         if fitness.shape != (len(genomes),):
             raise EvaluationFailed(
                 f"{problem.kind}: evaluate must return an array of shape ({len(genomes)},), got {fitness.shape}"
             )
-        if np.isnan(fitness).any() or (fitness == -np.inf).any():
-            raise EvaluationFailed(f"{problem.kind}: evaluate must not return NaN or -inf, got {fitness}")
+        wrong = np.flatnonzero(np.isnan(fitness) | (fitness == -np.inf))
+        if wrong.size:
+            raise EvaluationFailed(
+                f"{problem.kind}: evaluate must not return NaN or -inf, got {fitness[wrong[0]]}"
+                f" for genome {genomes[wrong[0]].tobytes().hex()}"
+            )
         return fitness
 
     return evaluate
