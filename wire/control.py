@@ -104,7 +104,7 @@ def decode(payload: bytes) -> Command:
         Rejected: whatever is wrong with it.
     """
     version, name, *values = _at_least_two(unpack(payload))
-    if version != VERSION:
+    if version != VERSION or type(version) is not int:
         raise Rejected("other version")
     match name, values:
         case "prepare", [job, file, log]:

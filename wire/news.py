@@ -1,10 +1,11 @@
 """What the spy and the nodes tell anyone who listens: verified improvements, and counters."""
 
 import json
+import math
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from wire.strict import count, fields, fitness, of, pack, unpack
+from wire.strict import Rejected, count, fields, fitness, of, pack, unpack
 
 
 @dataclass(frozen=True)
@@ -27,8 +28,9 @@ class Improvement:
     solution: dict[str, Any]
 
     def encode(self) -> bytes:
-        """As msgpack, the solution as JSON."""
-        return pack((self.job, self.seconds, self.generation, self.cell, self.fitness, json.dumps(self.solution)))
+        """As msgpack, the solution as JSON, which has null for numbers that are not finite."""
+        solution = json.dumps(_finite(self.solution))
+        return pack((self.job, self.seconds, self.generation, self.cell, self.fitness, solution))
 
     @staticmethod
     def decode(payload: bytes) -> "Improvement":
@@ -44,7 +46,7 @@ class Improvement:
             count(generation),
             count(cell),
             fitness(its_fitness),
-            json.loads(of(str, solution)),
+            _table(solution),
         )
 
 
@@ -121,3 +123,26 @@ class LogRecord(NamedTuple):
         """
         level, node, text = fields(unpack(payload), 3)
         return LogRecord(of(str, level), count(node), of(str, text))
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {name: _finite(each) for name, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(each) for each in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _table(value: object) -> dict[str, Any]:
+    """The JSON object in ``value``."""
+    try:
+        table = json.loads(of(str, value), parse_constant=_no_json)
+    except Rejected:
+        raise
+    except (ValueError, RecursionError) as error:
+        raise Rejected("not JSON") from error
+    return of(dict, table)
+
+
+def _no_json(word: str) -> None:
+    raise ValueError(f"JSON has no {word}")

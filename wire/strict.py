@@ -6,6 +6,7 @@ from typing import Any, TypeVar
 import msgpack
 
 MOST_BYTES = 16 << 20  # of any message
+MOST_ELEMENTS = 1 << 16  # of any array: room for them is made as soon as its length is read
 Kind = TypeVar("Kind")
 
 
@@ -35,13 +36,13 @@ def unpack(payload: bytes, most_bytes: int = MOST_BYTES) -> list[Any]:
         value = msgpack.unpackb(
             payload,
             strict_map_key=True,
-            max_str_len=most_bytes,
-            max_bin_len=most_bytes,
-            max_array_len=most_bytes,
+            max_str_len=len(payload),
+            max_bin_len=len(payload),
+            max_array_len=min(len(payload), MOST_ELEMENTS),
             max_map_len=0,
             max_ext_len=0,
         )
-    except (ValueError, TypeError, RecursionError, msgpack.UnpackException) as error:
+    except (ValueError, TypeError, RecursionError, MemoryError, msgpack.UnpackException) as error:
         raise Rejected("not msgpack") from error
     if type(value) is not list:
         raise Rejected("not an array")
