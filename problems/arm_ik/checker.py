@@ -1,0 +1,133 @@
+"""The judge of arm-ik solutions: its own kinematics in complex numbers, and shapely; nothing that `evaluate` uses.
+
+It is more lenient than the evaluation by one more `CONTACT`, so that rounding never makes the two disagree about shapes
+that only touch.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Annotated
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from pydantic import Field, ValidationError
+
+from problems.errors import BadInput, first_line
+from problems.plane import CONTACT, Circle, Obstacle, Point
+from problems.problem import Solution, Table, Verdict
+
+if TYPE_CHECKING:
+    from problems.arm_ik.problem import Arm, ArmIk
+
+Joints = NDArray[np.complex128]  # (links + 1,), m
+
+_LENIENCE = 2 * CONTACT
+_ROUNDING = 1e-9  # of angles (rad), and of lengths as a share of the arm's
+
+
+class ArmSolution(Table):
+    """What a solution of arm-ik is made of."""
+
+    configuration: list[float]
+    tip: Point
+    distance: Annotated[float, Field(ge=0)]
+
+
+def judge(problem: ArmIk, solution: Solution) -> Verdict:
+    """The distance of the tip to the target, inf in collision, and all that is wrong with the solution."""
+    claimed = _parsed(problem.arm, solution)
+    joints = _joints(problem.arm, claimed.configuration)
+    distance = float(abs(joints[-1] - complex(*problem.target)))
+    collisions = [*_obstacles_hit(problem, joints), *_links_touching(problem, joints)]
+    objections = [
+        *_limits_exceeded(problem.arm, claimed.configuration),
+        *collisions,
+        *_wrong_claims(problem.arm, claimed, joints[-1], distance),
+    ]
+    return Verdict(np.inf if collisions else distance, tuple(objections))
+
+
+def obstacle_at_base(problem: ArmIk) -> int | None:
+    """The first obstacle that the arm's first joint stands in, so that no configuration is free."""
+    for number, obstacle in enumerate(problem.obstacles):
+        if obstacle.covers(problem.arm.base) or _is_near(
+            shapely.Point(problem.arm.base), obstacle, problem.arm.radius - CONTACT
+        ):
+            return number
+    return None
+
+
+def _parsed(arm: Arm, solution: Solution) -> ArmSolution:
+    try:
+        claimed = ArmSolution.model_validate_json(json.dumps(solution), strict=True)
+    except ValidationError as error:
+        raise first_line(error, ArmSolution, "solution") from error
+    if len(claimed.configuration) != len(arm.links):
+        raise BadInput(f"solution: configuration: expected {len(arm.links)} angles, found {len(claimed.configuration)}")
+    return claimed
+
+
+def _joints(arm: Arm, configuration: list[float]) -> Joints:
+    turns = np.cumprod(np.exp(1j * np.array(configuration)))
+    return complex(*arm.base) + np.concatenate([[0], np.cumsum(arm.links * turns)])
+
+
+def _links(joints: Joints) -> list[shapely.LineString]:
+    points = np.column_stack([joints.real, joints.imag])
+    return [shapely.LineString(points[link : link + 2]) for link in range(len(points) - 1)]
+
+
+def _is_near(shape: shapely.Geometry, obstacle: Obstacle, limit: float) -> bool:
+    """Whether ``shape`` comes nearer to the obstacle than ``limit``."""
+    if isinstance(obstacle, Circle):
+        return bool(shape.distance(shapely.Point(obstacle.center)) < obstacle.radius + limit)
+    return bool(shape.distance(obstacle.polygon) < limit)
+
+
+def _is_hit(link: shapely.LineString, obstacle: Obstacle, radius: float) -> bool:
+    if isinstance(obstacle, Circle) or radius > _LENIENCE:
+        return _is_near(link, obstacle, radius - _LENIENCE)
+    core = obstacle.polygon.buffer(-_LENIENCE, join_style="mitre")  # what a bare link must not reach
+    return bool(link.intersects(core))
+
+
+def _obstacles_hit(problem: ArmIk, joints: Joints) -> Iterator[str]:
+    for number, link in enumerate(_links(joints), start=1):
+        for index, obstacle in enumerate(problem.obstacles):
+            if _is_hit(link, obstacle, problem.arm.radius):
+                yield f"link {number} is in obstacles[{index}]"
+
+
+def _links_touching(problem: ArmIk, joints: Joints) -> Iterator[str]:
+    if not problem.self_collision:
+        return
+    links = _links(joints)
+    for one in range(len(links)):
+        for other in range(one + 2, len(links)):
+            if _are_in_each_other(links[one], links[other], 2 * problem.arm.radius):
+                yield f"links {one + 1} and {other + 1} touch"
+
+
+def _are_in_each_other(one: shapely.LineString, other: shapely.LineString, thickness: float) -> bool:
+    if thickness > _LENIENCE:
+        return bool(one.distance(other) < thickness - _LENIENCE)
+    ends = [*shapely.points(one.coords), *shapely.points(other.coords)]
+    stick_out = min(max(end.distance(one), end.distance(other)) for end in ends)
+    return bool(one.crosses(other)) and stick_out > _LENIENCE
+
+
+def _limits_exceeded(arm: Arm, configuration: list[float]) -> Iterator[str]:
+    for joint, (angle, limits) in enumerate(zip(configuration, arm.limits or [], strict=False), start=1):
+        if not limits[0] - _ROUNDING <= angle <= limits[1] + _ROUNDING:
+            yield f"joint {joint} is at {angle:g} rad, outside its limits {list(limits)}"
+
+
+def _wrong_claims(arm: Arm, claimed: ArmSolution, tip: complex, distance: float) -> Iterator[str]:
+    rounding = _ROUNDING * max(1.0, sum(arm.links), abs(tip))
+    if abs(complex(*claimed.tip) - tip) > rounding:
+        yield f"the tip is at {[tip.real, tip.imag]}, not at {list(claimed.tip)}"
+    if abs(claimed.distance - distance) > rounding:
+        yield f"the tip's distance to the target is {distance:g} m, not {claimed.distance:g}"

@@ -1,0 +1,160 @@
+"""Pictures of arm-ik: the arm in its world, and the configuration space of two links (figures 1 to 3 of the paper)."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.colors import ListedColormap
+from matplotlib.lines import Line2D
+from matplotlib.patches import Circle
+from numpy.typing import NDArray
+
+from problems.plane import draw_obstacles
+from problems.problem import Populations, Solution
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from problems.arm_ik.problem import ArmIk
+
+ARM = "#1f5fa8"
+TARGET = "#c8321e"
+FIRST = "0.3"
+_PIXELS = 361  # of the configuration space, each way
+
+
+def draw(problem: ArmIk, figure: Figure, solution: Solution | None, populations: Populations) -> None:
+    """Fill an empty figure; see `problems.problem.Problem.draw`."""
+    if len(problem.arm.links) == 2:
+        figure.set_size_inches(11.5, 5.6)
+        world, space = figure.subplots(1, 2)
+        _draw_space(problem, space, solution, populations)
+    else:
+        figure.set_size_inches(6.5, 6.5)
+        world = figure.subplots()
+    _draw_world(problem, world, solution)
+    figure.tight_layout()
+
+
+def _draw_world(problem: ArmIk, axes: Axes, solution: Solution | None) -> None:
+    arm = problem.arm
+    reach = sum(arm.links)
+    draw_obstacles(axes, problem.obstacles)
+    axes.add_patch(Circle(arm.base, reach, fill=False, edgecolor="0.8", linestyle=":", zorder=1))
+    if solution is not None:
+        _draw_arm(problem, axes, solution)
+    axes.plot(*arm.base, marker="s", markersize=9, color="black", zorder=6)
+    axes.plot(*problem.target, marker="x", markersize=10, markeredgewidth=2.5, color=TARGET, zorder=7)
+    margin = 1.06 * max(reach, abs(problem.target[0] - arm.base[0]), abs(problem.target[1] - arm.base[1]))
+    axes.set_xlim(arm.base[0] - margin, arm.base[0] + margin)
+    axes.set_ylim(arm.base[1] - margin, arm.base[1] + margin)
+    axes.set_aspect("equal")
+    axes.set_xlabel("x / m")
+    axes.set_ylabel("y / m")
+    if solution is None:
+        axes.set_title("no configuration found")
+    else:
+        axes.set_title(f"tip {solution['distance']:.4f} m from the target")
+
+
+def _draw_arm(problem: ArmIk, axes: Axes, solution: Solution) -> None:
+    """Links as thick as they are, at least thick enough to be seen, with their joints."""
+    points = _joints(problem, np.array(solution["configuration"]))
+    for start, end in pairwise(points):
+        _draw_capsule(axes, start, end, problem.arm.radius)
+    axes.plot(*points.T, color=ARM, linewidth=2, zorder=4)
+    axes.plot(*points[:-1].T, "o", markersize=6, color="white", markeredgecolor=ARM, markeredgewidth=1.5, zorder=5)
+    axes.plot(*points[-1], "o", markersize=4, color=ARM, zorder=5)
+
+
+def _draw_capsule(axes: Axes, start: NDArray[np.float64], end: NDArray[np.float64], radius: float) -> None:
+    bearing = np.arctan2(*(end - start)[::-1])
+    half = np.linspace(-np.pi / 2, np.pi / 2, 19)
+    caps = [end + radius * _unit(bearing + half), start + radius * _unit(bearing + np.pi + half)]
+    axes.fill(*np.concatenate(caps).T, facecolor=ARM, alpha=0.35, edgecolor=ARM, linewidth=0.8, zorder=3)
+
+
+def _unit(angles: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+
+
+def _joints(problem: ArmIk, configuration: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The base, the joints and the tip, shape (links + 1, 2)."""
+    steps = np.array(problem.arm.links)[:, None] * _unit(np.cumsum(configuration))
+    joints: NDArray[np.float64] = np.cumsum(np.concatenate([[problem.arm.base], steps]), axis=0)
+    return joints
+
+
+def _draw_space(problem: ArmIk, axes: Axes, solution: Solution | None, populations: Populations) -> None:
+    """Joint angle 1 to the right, 2 upwards: collisions shaded, solutions as circles, individuals as dots."""
+    lowest, ranges = problem.joint_ranges
+    _draw_collisions(problem, axes)
+    handles = [_mark(axes, _exact_solutions(problem), "exact solution", "o", TARGET, 12, hollow=True)]
+    if populations:
+        first, last = min(populations), max(populations)
+        if first != last:
+            individuals = problem.angles(populations[first])
+            handles.append(_mark(axes, individuals, f"generation {first}", "x", FIRST, 4))
+        individuals = problem.angles(populations[last])
+        handles.append(_mark(axes, individuals, f"generation {last}", ".", ARM, 7))
+    if solution is not None:
+        found = np.array([solution["configuration"]])
+        handles.append(_mark(axes, found, "found", "+", "black", 11))
+    axes.set_xlim(lowest[0], lowest[0] + ranges[0])
+    axes.set_ylim(lowest[1], lowest[1] + ranges[1])
+    axes.set_box_aspect(1)
+    axes.set_xlabel("joint 1 / rad")
+    axes.set_ylabel("joint 2 / rad")
+    axes.set_title("configuration space, collisions shaded", pad=28)
+    axes.legend(handles=handles, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=4, frameon=False, fontsize=9)
+
+
+def _draw_collisions(problem: ArmIk, axes: Axes) -> None:
+    lowest, ranges = problem.joint_ranges
+    shares = (np.arange(_PIXELS) + 0.5) / _PIXELS
+    one, two = np.meshgrid(lowest[0] + ranges[0] * shares, lowest[1] + ranges[1] * shares)
+    fitness = problem.distances(np.column_stack([one.ravel(), two.ravel()])).reshape(one.shape)
+    extent = (lowest[0], lowest[0] + ranges[0], lowest[1], lowest[1] + ranges[1])
+    axes.imshow(np.isinf(fitness), extent=extent, origin="lower", aspect="auto", cmap=ListedColormap(["white", "0.78"]))
+
+
+def _mark(
+    axes: Axes,
+    configurations: NDArray[np.float64],
+    label: str,
+    marker: str,
+    color: str,
+    size: float,
+    hollow: bool = False,
+) -> Line2D:
+    fill = "none" if hollow else color
+    (line,) = axes.plot(
+        configurations[:, 0],
+        configurations[:, 1],
+        marker,
+        color=color,
+        markersize=size,
+        markerfacecolor=fill,
+        markeredgewidth=1.5,
+        label=label,
+    )
+    return line
+
+
+def _exact_solutions(problem: ArmIk) -> NDArray[np.float64]:
+    """The free ones of the two configurations that reach the target exactly, in closed form, shape (0 to 2, 2)."""
+    one, two = problem.arm.links
+    away = np.array(problem.target) - problem.arm.base
+    cosine = (away @ away - one * one - two * two) / (2 * one * two)
+    if abs(cosine) > 1:
+        return np.empty((0, 2))
+    elbows = np.array([1, -1]) * np.arccos(cosine)
+    first = np.arctan2(away[1], away[0]) - np.arctan2(two * np.sin(elbows), one + two * np.cos(elbows))
+    lowest, ranges = problem.joint_ranges
+    angles: NDArray[np.float64] = lowest + (np.column_stack([first, elbows]) - lowest) % (2 * np.pi)
+    usable = np.all(angles <= lowest + ranges, axis=1) & np.isfinite(problem.distances(angles))
+    free: NDArray[np.float64] = angles[usable]
+    return free

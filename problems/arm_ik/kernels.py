@@ -1,0 +1,218 @@
+"""The compiled fitness of arm configurations: forward kinematics, then collisions, without any allocation per arm.
+
+A clearance here is signed: the gap between two shapes, or, if they overlap, minus the depth. Two shapes collide if
+their clearance falls below a limit; for links of thickness that limit is the sum of their radii less `CONTACT`, so the
+shapes of bare links, of radius 0, may overlap by no more than `CONTACT`.
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from genetics.arrays import Fitness
+from genetics.compiled import kernel, subroutine
+from problems.plane import CONTACT
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+_NOWHERE = (2.0, -1.0)  # an empty interval of [0, 1]
+
+
+@subroutine
+def _gap_squared(px: Any, py: Any, ax: Any, ay: Any, bx: Any, by: Any) -> Any:
+    """The squared distance of the point p to the segment ab."""
+    dx, dy = bx - ax, by - ay
+    length_squared = dx * dx + dy * dy
+    share = 0.0
+    if length_squared > 0.0:
+        share = min(1.0, max(0.0, ((px - ax) * dx + (py - ay) * dy) / length_squared))
+    ex, ey = ax + share * dx - px, ay + share * dy - py
+    return ex * ex + ey * ey
+
+
+@subroutine
+def _side(px: Any, py: Any, ax: Any, ay: Any, bx: Any, by: Any) -> Any:
+    """Positive if p lies to the left of the line from a to b."""
+    return (bx - ax) * (py - ay) - (by - ay) * (px - ax)
+
+
+@subroutine
+def _clearance(ax: Any, ay: Any, bx: Any, by: Any, cx: Any, cy: Any, dx: Any, dy: Any) -> Any:
+    """The signed clearance of the segments ab and cd; the depth of a crossing is how far its nearest end sticks out."""
+    nearest = np.sqrt(
+        min(
+            _gap_squared(ax, ay, cx, cy, dx, dy),
+            _gap_squared(bx, by, cx, cy, dx, dy),
+            _gap_squared(cx, cy, ax, ay, bx, by),
+            _gap_squared(dx, dy, ax, ay, bx, by),
+        )
+    )
+    apart = (
+        _side(ax, ay, cx, cy, dx, dy) * _side(bx, by, cx, cy, dx, dy) >= 0.0
+        or _side(cx, cy, ax, ay, bx, by) * _side(dx, dy, ax, ay, bx, by) >= 0.0
+    )
+    return nearest if apart else -nearest
+
+
+@subroutine
+def _inside(px: Any, py: Any, corners: Any, first: Any, last: Any) -> Any:
+    """Whether p lies inside the polygon; p must not be on its outline."""
+    within = False
+    previous = last - 1
+    for corner in range(first, last):
+        ax, ay = corners[previous, 0], corners[previous, 1]
+        bx, by = corners[corner, 0], corners[corner, 1]
+        if (ay > py) != (by > py) and px < ax + (py - ay) * (bx - ax) / (by - ay):
+            within = not within
+        previous = corner
+    return within
+
+
+@subroutine
+def _clip(enter: Any, leave: Any, start: Any, slope: Any, low: Any, high: Any) -> Any:
+    """The part of [enter, leave] in which low <= start + slope * t <= high."""
+    if slope == 0.0:
+        return (enter, leave) if low <= start <= high else _NOWHERE
+    one, other = (low - start) / slope, (high - start) / slope
+    return max(enter, min(one, other)), min(leave, max(one, other))
+
+
+@subroutine
+def _along_edge(ax: Any, ay: Any, bx: Any, by: Any, cx: Any, cy: Any, dx: Any, dy: Any, depth: Any) -> Any:
+    """Where on ab, as an interval of [0, 1], its points are within ``depth`` of the edge cd."""
+    length = np.hypot(dx - cx, dy - cy)
+    if length == 0.0:
+        return _NOWHERE
+    ux, uy = (dx - cx) / length, (dy - cy) / length
+    along, across = (ax - cx) * ux + (ay - cy) * uy, (ay - cy) * ux - (ax - cx) * uy
+    along_slope, across_slope = (bx - ax) * ux + (by - ay) * uy, (by - ay) * ux - (bx - ax) * uy
+    enter, leave = _clip(0.0, 1.0, across, across_slope, -depth, depth)
+    return _clip(enter, leave, along, along_slope, -depth, length + depth)
+
+
+@subroutine
+def _enters(ax: Any, ay: Any, bx: Any, by: Any, corners: Any, first: Any, last: Any, depth: Any) -> Any:
+    """Whether the bare segment ab has a point inside the polygon, deeper than ``depth``.
+
+    Walks along ab from one stretch that is clear of the outline to the next: one point tells for all of a stretch.
+    """
+    at = 0.0
+    while at < 1.0:
+        until = 1.0
+        near = False
+        previous = last - 1
+        for corner in range(first, last):
+            cx, cy, dx, dy = corners[previous, 0], corners[previous, 1], corners[corner, 0], corners[corner, 1]
+            enter, leave = _along_edge(ax, ay, bx, by, cx, cy, dx, dy, depth)
+            previous = corner
+            if enter <= at < leave:
+                at, near = leave, True
+            elif at < enter < until and enter <= leave:
+                until = enter
+        if near:
+            continue
+        middle = (at + until) / 2.0
+        if _inside(ax + middle * (bx - ax), ay + middle * (by - ay), corners, first, last):
+            return True
+        at = until
+    return False
+
+
+@subroutine
+def _hits_polygon(ax: Any, ay: Any, bx: Any, by: Any, corners: Any, first: Any, last: Any, limit: Any) -> Any:
+    if limit <= 0.0:
+        return _enters(ax, ay, bx, by, corners, first, last, -limit)
+    previous = last - 1
+    for corner in range(first, last):
+        cx, cy, dx, dy = corners[previous, 0], corners[previous, 1], corners[corner, 0], corners[corner, 1]
+        if _clearance(ax, ay, bx, by, cx, cy, dx, dy) < limit:
+            return True
+        previous = corner
+    return _inside(ax, ay, corners, first, last)
+
+
+@subroutine
+def link_hits(
+    ax: Any, ay: Any, bx: Any, by: Any, radius: Any, corners: Any, starts: Any, thickness: Any, boxes: Any
+) -> Any:
+    """Whether the link ab, thickened by ``radius``, is in any of the obstacles (see `problems.plane.Shapes`)."""
+    left, right = min(ax, bx) - radius, max(ax, bx) + radius
+    low, high = min(ay, by) - radius, max(ay, by) + radius
+    for shape in range(thickness.size):
+        box = boxes[shape]
+        if right < box[0] or high < box[1] or left > box[2] or low > box[3]:
+            continue
+        first, last = starts[shape], starts[shape + 1]
+        limit = radius + thickness[shape] - CONTACT
+        if last - first == 1:
+            if limit > 0.0:
+                gap_squared = _gap_squared(corners[first, 0], corners[first, 1], ax, ay, bx, by)
+                if gap_squared < limit * limit:
+                    return True
+        elif _hits_polygon(ax, ay, bx, by, corners, first, last, limit):
+            return True
+    return False
+
+
+@subroutine
+def touches_itself(joints: Any, radius: Any) -> Any:
+    """Whether two links that are not neighbours, each thickened by ``radius``, are in each other."""
+    limit = 2.0 * radius - CONTACT
+    links = joints.shape[0] - 1
+    for one in range(links - 2):
+        ax, ay, bx, by = joints[one, 0], joints[one, 1], joints[one + 1, 0], joints[one + 1, 1]
+        for other in range(one + 2, links):
+            cx, cy, dx, dy = joints[other, 0], joints[other, 1], joints[other + 1, 0], joints[other + 1, 1]
+            if max(ax, bx) + limit < min(cx, dx) or max(cx, dx) + limit < min(ax, bx):
+                continue
+            if max(ay, by) + limit < min(cy, dy) or max(cy, dy) + limit < min(ay, by):
+                continue
+            if _clearance(ax, ay, bx, by, cx, cy, dx, dy) < limit:
+                return True
+    return False
+
+
+@subroutine
+def place(joints: Any, angles: Any, links: Any) -> Any:
+    """Forward kinematics: fill ``joints``, whose first row is the base, shape (links + 1, 2)."""
+    heading = 0.0
+    for link in range(links.size):
+        heading += angles[link]
+        joints[link + 1, 0] = joints[link, 0] + links[link] * np.cos(heading)
+        joints[link + 1, 1] = joints[link, 1] + links[link] * np.sin(heading)
+
+
+@kernel(
+    "float64[::1](float64[:,::1], float64[::1], float64[::1], float64[::1], float64, boolean,"
+    "float64[:,::1], int64[::1], float64[::1], float64[:,::1])"
+)
+def distances(
+    configurations: Floats,
+    links: Floats,
+    base: Floats,
+    target: Floats,
+    radius: float,
+    self_collision: bool,
+    corners: Floats,
+    starts: Integers,
+    thickness: Floats,
+    boxes: Floats,
+) -> Fitness:
+    """f(θ) of §3.1: the tip's distance to the target, +inf in collision; (n, links) to (n,)."""
+    fitness = np.empty(configurations.shape[0])
+    joints = np.empty((links.size + 1, 2))
+    joints[0] = base
+    for row in range(configurations.shape[0]):
+        place(joints, configurations[row], links)
+        fitness[row] = np.hypot(joints[-1, 0] - target[0], joints[-1, 1] - target[1])
+        if self_collision and touches_itself(joints, radius):
+            fitness[row] = np.inf
+            continue
+        for link in range(links.size):
+            ax, ay, bx, by = joints[link, 0], joints[link, 1], joints[link + 1, 0], joints[link + 1, 1]
+            if link_hits(ax, ay, bx, by, radius, corners, starts, thickness, boxes):
+                fitness[row] = np.inf
+                break
+    return fitness
