@@ -12,7 +12,8 @@ import zenoh
 
 import topologies
 from coordinator.errors import ClusterFailed
-from problems import BadInput, EvaluationFailed, ProblemFile
+from node.cell import ROOT
+from problems import BadInput, ProblemFile
 from spy.judge import Judgement
 from spy.result import Clocks, Result, best_known, result_of, stop_reasons, stopped_after
 from wire import control
@@ -52,6 +53,7 @@ class Job:
         self._ended = threading.Event()
         self._result: Result | None = None
         self._error: Exception | None = None
+        self._failure: str | None = None
 
     # For those who submitted it ---------------------------------------------------------------------------------------
     def improvements(self) -> Iterator[Improvement]:
@@ -96,6 +98,7 @@ class Job:
     # For the coordinator ----------------------------------------------------------------------------------------------
     def fail(self, message: str) -> None:
         """End the job because the cluster failed."""
+        self._failure = message
         self._mail.put(_Failure(message))
 
     def conduct(
@@ -110,9 +113,9 @@ class Job:
         except BadInput as error:
             self._end(None, error)
             return
-        except (ClusterFailed, EvaluationFailed) as error:
+        except ClusterFailed as error:
             conductor.drop()
-            judgement = Judgement("failed", False, str(error), self._best)
+            judgement = Judgement("failed", False, self._failure or str(error), self._best)
         finally:
             conductor.close()
         clocks = Clocks(conductor.seconds, seconds_to_ready, cpu_seconds() - used)
@@ -137,6 +140,7 @@ class _Conductor:
         self.job = job
         self.session = session
         self.keys = keys
+        self.cells = topologies.parse(job.file.run.topology).cells
         self.seconds = 0.0
         self.versions: dict[str, str] = {}
         self._subscribers = [
@@ -153,7 +157,6 @@ class _Conductor:
 
         Raises:
             BadInput: if the problem is wrong.
-            EvaluationFailed: if it broke.
             ClusterFailed: if a process died.
         """
         job = self.job
@@ -168,36 +171,32 @@ class _Conductor:
             consolidation=zenoh.ConsolidationMode.NONE,
             timeout=_FOR_EVER,
         )
-        self._gather(reports)
+        error = self._gather(reports)
         self.seconds = time.monotonic() - began
-        return self._finish(reports)
+        if error is not None:
+            self.drop()
+        return self._finish(reports, error)
 
     def drop(self) -> None:
-        """Let the nodes and the spy forget a job that failed, if they still can hear."""
-        for key in (self.keys.every_control, self.keys.spy_control):
-            self.session.get(
-                key,
-                _direct(lambda _: None),
-                payload=control.encode(Drop(self.job.number)),
-                target=zenoh.QueryTarget.ALL,
-                timeout=_ANSWER_WITHIN,
-            )
+        """Let the nodes forget a job that failed, if they still can hear."""
+        self._tell(self.keys.every_control, Drop(self.job.number))
 
     def _prepare(self) -> None:
         """The spy first: it finds a wrong problem before a thousand nodes do."""
         job = self.job
         self._ask(self.keys.spy_control, Prepare(job.number, job.file.to_json(), job._log))
-        answers = self._ask(self.keys.every_control, Prepare(job.number, job.file.to_json()))
+        answers = self._ask(self.keys.every_control, Prepare(job.number, job.file.to_json()), self.cells)
         fingerprints = {answer.note for answer in answers}
         if job.file.run.mode == "lockstep" and len(fingerprints) > 1:
             raise ClusterFailed(f"nodes differ, lockstep would not repeat: {' / '.join(sorted(fingerprints))}")
         self.versions = json.loads(answers[0].note)
 
-    def _ask(self, key: str, command: Command) -> list[Done]:
+    def _ask(self, key: str, command: Command, expected: int = 1) -> list[Done]:
         """The answers of all that ``key`` reaches.
 
         Raises:
-            BadInput, ClusterFailed: as the first refusal says; ClusterFailed if nobody answers.
+            BadInput: as the first refusal says.
+            ClusterFailed: as the first refusal says, or because fewer answered than expected.
         """
         answers = []
         for reply in self.session.get(
@@ -213,16 +212,18 @@ class _Conductor:
             if isinstance(answer, Refused):
                 raise BadInput(answer.message) if answer.blame == "input" else ClusterFailed(answer.message)
         done = [answer for answer in answers if isinstance(answer, Done)]
-        if not done:
-            raise ClusterFailed(f"no answer to {command.name!r}")
+        if len(done) < expected:
+            raise ClusterFailed(f"{len(done)} of {expected} answered to {command.name!r} within {_ANSWER_WITHIN:.0f} s")
         return done
 
-    def _gather(self, reports: list[Report]) -> None:
-        """Wait for the report of every cell, passing on wishes to stop and the deadline."""
+    def _gather(self, reports: list[Report]) -> str | None:
+        """Wait for the report of every cell, passing on wishes to stop and the deadline.
+
+        Returns why a cell failed, if one did; the others are not waited for then.
+        """
         run = self.job.file.run
-        cells = topologies.parse(run.topology).cells
         deadline = None if run.seconds is None else self.job._submitted + run.seconds
-        while len(reports) < cells:
+        while len(reports) < self.cells:
             try:
                 left = None if deadline is None else max(0.0, deadline - time.monotonic())
                 mail = self.job._mail.get(timeout=left)
@@ -231,30 +232,31 @@ class _Conductor:
             if isinstance(mail, _Failure):
                 raise ClusterFailed(mail.message)
             if isinstance(mail, _Wish):
-                self._propose(mail.reason)
+                self._tell(self.keys.control(ROOT), ProposeStop(self.job.number, mail.reason))
                 continue
-            if mail.error is not None:
-                raise EvaluationFailed(mail.error)
             reports.append(mail)
+            if mail.error is not None:
+                return mail.error
             if run.mode == "async" and len(reports) == 1 and mail.proposals:
                 # Without lockstep a lost message could leave a node that never hears of the stop.
-                self._propose(mail.proposals[0].reason, self.keys.every_control)
+                self._tell(self.keys.every_control, ProposeStop(self.job.number, mail.proposals[0].reason))
+        return None
 
-    def _propose(self, reason: Reason, key: str | None = None) -> None:
-        """Tell the root, or all nodes in ``key``, to propose a stop; nobody waits for the answer."""
+    def _tell(self, key: str, command: Command) -> None:
+        """Send a command without waiting for the answers."""
         self.session.get(
-            key or self.keys.control(0),
+            key,
             _direct(lambda _: None),
-            payload=control.encode(ProposeStop(self.job.number, reason)),
+            payload=control.encode(command),
             target=zenoh.QueryTarget.ALL,
             timeout=_ANSWER_WITHIN,
         )
 
-    def _finish(self, reports: list[Report]) -> Judgement:
+    def _finish(self, reports: list[Report], error: str | None) -> Judgement:
         run = self.job.file.run
-        command = Finish(
-            self.job.number, best_known(reports, run.spy), stopped_after(reports), stop_reasons(reports, run.mode)
-        )
+        champion = best_known(reports, run.spy)
+        reasons = stop_reasons(reports, run.mode)
+        command = Finish(self.job.number, champion, stopped_after(reports), reasons, error)
         answer = json.loads(self._ask(self.keys.spy_control, command)[0].note)
         best = None if answer["best"] is None else Improvement.decode(bytes.fromhex(answer["best"]))
         self.job._improve(best)

@@ -1,8 +1,10 @@
 """Which kinds of problem there are, and how a user's own is found."""
 
 import importlib
+import importlib.util
 import sys
 from pathlib import Path
+from types import ModuleType
 
 from problems.errors import BadInput, did_you_mean
 from problems.problem import Problem
@@ -47,15 +49,29 @@ def find(kind: str, folder: Path | None = None) -> type[Problem]:
             + did_you_mean(kind, _BUILT_IN)
         )
     module_name, _, class_name = _BUILT_IN.get(kind, kind).partition(":")
-    if folder is not None and str(folder) not in sys.path:
-        sys.path.insert(0, str(folder))
     try:
-        found = getattr(importlib.import_module(module_name), class_name)
+        found = getattr(_module(module_name, None if is_built_in(kind) else folder), class_name)
     except Exception as error:
         raise BadInput(f"kind: cannot import {kind!r}: {type(error).__name__}: {error}") from error
     if not (isinstance(found, type) and issubclass(found, Problem)):
         raise BadInput(f"kind: expected a subclass of supernode.Problem, found {kind!r}, which is {found!r}")
     return found
+
+
+def _module(name: str, folder: Path | None) -> ModuleType:
+    """The module, read anew if it lies in ``folder``: there may be others of that name, or it may have been edited."""
+    beside = None if folder is None else folder / f"{name}.py"
+    if beside is None or not beside.is_file():
+        return importlib.import_module(name)
+    if str(folder) not in sys.path:
+        sys.path.insert(0, str(folder))
+    spec = importlib.util.spec_from_file_location(name, beside)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    sys.modules[name] = module
+    return module
 
 
 def warm_up() -> None:

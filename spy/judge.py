@@ -38,9 +38,11 @@ class Judgement:
     best: Improvement | None
 
 
-def judge(collector: Collector, generation: int, reasons: Iterable[Reason]) -> Judgement:
-    """Judge what the spy has collected of a run that stopped after ``generation`` for ``reasons``."""
+def judge(collector: Collector, generation: int, reasons: Iterable[Reason], error: str | None = None) -> Judgement:
+    """Judge what the spy has collected of a run that stopped after ``generation`` for ``reasons``, or by an error."""
     best = collector.best
+    if error is not None:
+        return Judgement("failed", False, error, best)
     if collector.disagreement is not None:
         return Judgement("failed", False, collector.disagreement, best)
     status = _status(collector.plan, best, generation, set(reasons))

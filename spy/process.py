@@ -200,7 +200,7 @@ class SpyProcess:
 
     def _finish(self, assignment: _Assignment, command: Finish) -> Done:
         self._hear(assignment, command.champion)
-        judgement = judge(assignment.collector, command.generation, command.reasons)
+        judgement = judge(assignment.collector, command.generation, command.reasons, command.error)
         best = judgement.best
         assignment.log.end(judgement, command.generation)
         self.assignment = None

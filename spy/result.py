@@ -30,7 +30,7 @@ class Result:
         seconds: from the start to the last stop.
         seconds_to_ready: from the call to the ready cluster.
         cpu_seconds: of all processes.
-        history_sha256: equal for equal lockstep runs.
+        history_sha256: equal for equal lockstep runs; None if the run failed.
         message: why it failed, or what the check has against the solution.
     """
 
@@ -135,10 +135,14 @@ def result_of(
         messages={
             name: sum(getattr(report, name) for report in reports) for name in ("sent", "received", "lost", "rejected")
         },
-        history_sha256=hashlib.sha256(b"".join(report.digest for report in reports)).hexdigest() if reports else None,
+        history_sha256=_history(reports) if judgement.status != "failed" else None,
         message=judgement.message,
         demes=[report.deme for report in reports],
     )
+
+
+def _history(reports: Sequence[Report]) -> str:
+    return hashlib.sha256(b"".join(report.digest for report in reports)).hexdigest()
 
 
 def _directive(proposal: Proposal) -> dict[str, Any]:

@@ -58,12 +58,13 @@ class Missed:
 
 @dataclass(frozen=True)
 class Finish:
-    """To the spy: all nodes have stopped.
+    """To the spy: all nodes have stopped, or one has failed.
 
     Attributes:
         champion: the best that they know.
         generation: after which they stopped, the median in async mode.
         reasons: of the stops proposed for that generation.
+        error: why a node failed, or None.
     """
 
     name: ClassVar[str] = "finish"
@@ -71,6 +72,7 @@ class Finish:
     champion: Champion | None
     generation: int
     reasons: tuple[Reason, ...]
+    error: str | None = None
 
 
 Command = Prepare | Begin | ProposeStop | Drop | Missed | Finish
@@ -117,12 +119,13 @@ def decode(payload: bytes) -> Command:
             return Drop(count(job))
         case "missed", [job, generation]:
             return Missed(count(job), count(generation))
-        case "finish", [job, champion, generation, reasons]:
+        case "finish", [job, champion, generation, reasons, error]:
             return Finish(
                 count(job),
                 None if champion is None else _champion(champion),
                 count(generation),
                 tuple(reason_of(reason) for reason in of(list, reasons)),
+                None if error is None else of(str, error),
             )
     raise Rejected("no such command")
 

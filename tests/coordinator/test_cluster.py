@@ -1,0 +1,185 @@
+"""Jobs on real processes over real Zenoh."""
+
+import json
+import math
+
+import pytest
+
+import supernode
+from node import Plan, simulate
+from spy.result import Result
+
+
+@pytest.fixture(scope="module")
+def cluster():
+    with supernode.LocalCluster(torus=(3, 4)) as cluster:
+        yield cluster
+
+
+def replay(file, **run):
+    return [report.digest for report in simulate(Plan.of(file.with_run(**run)))]
+
+
+def history(result):
+    import hashlib
+
+    return hashlib.sha256(b"".join(result)).hexdigest()
+
+
+def test_a_job_is_solved_and_tells_how(cluster, own_problem):
+    file = supernode.load(own_problem("size = 48"))
+    job = cluster.submit(file, seed=3)
+    improvements = list(job.improvements())
+    result = job.result()
+    assert (result.status, result.solved, result.feasible, result.fitness) == ("solved", True, True, 0.0)
+    fitness = [better.fitness for better in improvements]
+    assert fitness == sorted(fitness, reverse=True)
+    assert len(set(fitness)) == len(fitness)
+    assert improvements[-1].solution == result.solution == {"genome": "ff" * 6}
+    diameter = 3
+    assert result.generations == result.found_at["generation"] + diameter + 1
+
+
+def test_one_publication_and_four_receipts_a_node_and_generation(cluster, own_problem):
+    result = cluster.submit(supernode.load(own_problem()), target=-1.0, generations=25).result()
+    assert result.status == "exhausted"
+    assert result.messages == {"sent": 12 * 25, "received": 12 * 25 * 4, "lost": 0, "rejected": 0}
+    assert result.evaluations == 12 * (1 + 25 * 8)
+
+
+@pytest.mark.parametrize("spy", ["champion", "root"])
+@pytest.mark.parametrize(("deme", "interval", "emigrants"), [(1, 1, 1), (8, 1, 1), (5, 3, 2)])
+def test_processes_and_simulator_are_bit_identical(cluster, own_problem, deme, interval, emigrants, spy):
+    file = supernode.load(own_problem())
+    for seed in (1, 2**63):
+        run = {"deme": deme, "interval": interval, "emigrants": emigrants, "seed": seed, "spy": spy, "mutation": 0.02}
+        result = cluster.submit(file, **run).result()
+        again = cluster.submit(file, **run).result()
+        assert result.history_sha256 == again.history_sha256
+        assert result.history_sha256 == history(replay(file, topology="torus 3x4", **run))
+
+
+def test_a_run_ended_by_the_clock_can_be_replayed(cluster, own_problem):
+    file = supernode.load(own_problem("size = 4000"))
+    result = cluster.submit(file, seconds=0.3).result()
+    assert (result.status, result.solved) == ("deadline", False)
+    assert result.directives == [{"do": "stop", "generation": result.generations, "reason": "deadline"}]
+    again = replay(file, topology="torus 3x4", generations=result.generations)
+    assert result.history_sha256 == history(again)
+
+
+def test_a_cancelled_job_has_the_best_so_far(cluster, own_problem):
+    job = cluster.submit(supernode.load(own_problem("size = 4000")), stall=10**6)
+    first = next(job.improvements())
+    job.cancel()
+    result = job.result(timeout=30)
+    assert result.status == "cancelled"
+    assert result.fitness <= first.fitness
+    assert [directive["reason"] for directive in result.directives] == ["cancel"]
+
+
+def test_a_stalled_job_ends_as_such(cluster, own_problem):
+    result = cluster.submit(supernode.load(own_problem("size = 8")), target=-1.0, stall=5).result()
+    assert (result.status, result.fitness) == ("stalled", 0.0)
+
+
+def test_async_runs_have_the_same_result_type(cluster, own_problem):
+    result = cluster.submit(supernode.load(own_problem()), mode="async").result()
+    assert isinstance(result, Result)
+    assert (result.status, result.mode) == ("solved", "async")
+    limited = cluster.submit(supernode.load(own_problem()), mode="async", target=-1.0, generations=30).result()
+    assert (limited.status, limited.generations) == ("exhausted", 30)
+
+
+def test_the_result_is_the_documented_json(cluster, own_problem):
+    result = cluster.submit(supernode.load(own_problem()), generations=0, target=-1.0).result()
+    plain = json.loads(json.dumps(result.to_json()))
+    assert list(plain)[:8] == [
+        "job", "kind", "status", "solved", "feasible", "fitness", "solution", "found_at"
+    ]  # fmt: skip
+    assert plain["generations"] == 0
+    assert plain["nodes"] == 12
+    assert plain["versions"]["numpy"]
+    assert plain["seconds_to_ready"] > 0
+    assert plain["cpu_seconds"] > 0
+    assert len(plain["history_sha256"]) == 64
+
+
+def test_jobs_run_one_after_another(cluster, own_problem):
+    file = supernode.load(own_problem())
+    jobs = [cluster.submit(file, seed=seed) for seed in range(4)]
+    assert [job.result().seed for job in jobs] == [0, 1, 2, 3]
+    assert [job.result().job for job in jobs] == sorted((job.result().job for job in jobs), key=int)
+
+
+@pytest.mark.parametrize(
+    ("trouble", "said"),
+    [
+        ("raises", "evaluate raised RuntimeError: out of paper"),
+        ("nan", "evaluate must not return NaN"),
+        ("count", "evaluate must return an array of shape"),
+    ],
+)
+def test_a_problem_that_breaks_while_it_runs_fails_the_job_and_not_the_cluster(cluster, own_problem, trouble, said):
+    result = cluster.submit(supernode.load(own_problem(f'trouble = "{trouble}"'))).result(timeout=30)
+    assert (result.status, result.solved) == ("failed", False)
+    assert said in result.message
+    assert math.isfinite(result.fitness), "the best so far is kept"
+    assert cluster.submit(supernode.load(own_problem(name="sound.toml"))).result().solved
+
+
+def test_a_module_that_cannot_be_imported_is_bad_input(cluster, own_problem, tmp_path):
+    path = own_problem()
+    path.write_text('kind = "no_such_module:Thing"\n')
+    with pytest.raises(supernode.BadInput, match=r"own.toml: kind: cannot import 'no_such_module:Thing'"):
+        cluster.submit(supernode.load(path)).result()
+
+
+def test_an_edited_module_is_not_mistaken_for_the_old_one(cluster, own_problem, tmp_path):
+    path = own_problem("size = 16")
+    assert cluster.submit(supernode.load(path)).result().fitness == 0.0
+    module = tmp_path / "own_module.py"
+    module.write_text(module.read_text().replace("return missing\n", "return missing + 7\n"))
+    assert cluster.submit(supernode.load(path), stall=10).result().fitness == 7.0
+
+
+def test_another_topology_than_the_clusters_is_refused(cluster, own_problem):
+    with pytest.raises(supernode.BadInput, match="this cluster is a torus 3x4, found 'torus 9x9'"):
+        cluster.submit(supernode.load(own_problem()), topology="torus 9x9")
+
+
+def test_the_run_log_has_a_line_for_each_improvement(cluster, own_problem, tmp_path):
+    log = tmp_path / "run.jsonl"
+    job = cluster.submit(supernode.load(own_problem()), log=str(log))
+    improvements = list(job.improvements())
+    events = [json.loads(line) for line in log.read_text().splitlines()]
+    logged = [event for event in events if event["event"] == "improvement"]
+    assert [event["fitness"] for event in logged] == [better.fitness for better in improvements]
+    assert all({"time", "seconds", "generation", "cell"} <= event.keys() for event in logged)
+    assert events[0]["event"] == "start"
+    assert (events[-1]["event"], events[-1]["status"]) == ("end", "solved")
+
+
+@pytest.mark.parametrize("shape", ["1x1", "1x2", "2x2", "1x3"])
+def test_small_shapes_where_neighbours_coincide(own_problem, shape):
+    file = supernode.load(own_problem())
+    topology = f"torus {shape}"
+    with supernode.LocalCluster(topology=topology) as cluster:
+        result = cluster.submit(file, generations=20, target=-1.0, deme=4).result()
+    assert result.history_sha256 == history(replay(file, topology=topology, generations=20, target=-1.0, deme=4))
+
+
+def test_a_closed_cluster_says_so(own_problem):
+    cluster = supernode.LocalCluster(torus=(1, 1))
+    cluster.close()
+    cluster.close()
+    with pytest.raises(supernode.ClusterFailed, match="closed"):
+        cluster.submit(supernode.load(own_problem()))
+
+
+def test_closing_fails_the_job_that_runs(own_problem):
+    cluster = supernode.LocalCluster(torus=(1, 2))
+    job = cluster.submit(supernode.load(own_problem("size = 4000")), stall=10**6)
+    next(job.improvements())
+    cluster.close()
+    assert job.result(timeout=10).message == "the cluster was closed"
