@@ -28,15 +28,16 @@ _PIXELS = 361  # of the configuration space, each way
 
 def draw(problem: ArmIk, figure: Figure, solution: Solution | None, populations: Populations) -> None:
     """Fill an empty figure; see `problems.problem.Problem.draw`."""
+    figure.set_layout_engine("constrained")
     if len(problem.arm.links) == 2:
-        figure.set_size_inches(11.5, 5.6)
+        figure.set_size_inches(11.5, 6.4)
         world, space = figure.subplots(1, 2)
-        _draw_space(problem, space, solution, populations)
+        handles = _draw_space(problem, space, solution, populations)
+        figure.legend(handles=handles, loc="outside lower right", ncols=4, frameon=False)
     else:
         figure.set_size_inches(6.5, 6.5)
         world = figure.subplots()
     _draw_world(problem, world, solution)
-    figure.tight_layout()
 
 
 def _draw_world(problem: ArmIk, axes: Axes, solution: Solution | None) -> None:
@@ -88,8 +89,11 @@ def _joints(problem: ArmIk, configuration: NDArray[np.float64]) -> NDArray[np.fl
     return joints
 
 
-def _draw_space(problem: ArmIk, axes: Axes, solution: Solution | None, populations: Populations) -> None:
-    """Joint angle 1 to the right, 2 upwards: collisions shaded, solutions as circles, individuals as dots."""
+def _draw_space(problem: ArmIk, axes: Axes, solution: Solution | None, populations: Populations) -> list[Line2D]:
+    """Joint angle 1 to the right, 2 upwards: collisions shaded, solutions as circles, individuals as dots.
+
+    Returns what the legend is to explain.
+    """
     lowest, ranges = problem.joint_ranges
     _draw_collisions(problem, axes)
     handles = [_mark(axes, _exact_solutions(problem), "exact solution", "o", TARGET, 12, hollow=True)]
@@ -108,8 +112,8 @@ def _draw_space(problem: ArmIk, axes: Axes, solution: Solution | None, populatio
     axes.set_box_aspect(1)
     axes.set_xlabel("joint 1 / rad")
     axes.set_ylabel("joint 2 / rad")
-    axes.set_title("configuration space, collisions shaded", pad=28)
-    axes.legend(handles=handles, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=4, frameon=False, fontsize=9)
+    axes.set_title("configuration space, collisions shaded")
+    return handles
 
 
 def _draw_collisions(problem: ArmIk, axes: Axes) -> None:

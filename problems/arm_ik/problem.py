@@ -169,7 +169,7 @@ seed = 1
 
     def angles(self, genomes: Genomes) -> Configurations:
         """The joint angles that genomes code, (n, links)."""
-        return self.configurations(self.coding.integers(np.array(genomes)))  # a copy: kernels refuse read-only bytes
+        return self.configurations(self.coding.integers(genomes))
 
     def distances(self, configurations: Configurations) -> Fitness:
         """The tip's distance to the target, +inf in collision: (n, links) to (n,)."""
@@ -191,6 +191,12 @@ seed = 1
             "tip": tip.tolist(),
             "distance": float(np.hypot(*(tip - self.target))),
         }
+
+    def describe(self, solution: Solution) -> str:
+        """Where the tip is, and the joint angles."""
+        x, y = solution["tip"]
+        angles = ", ".join(f"{angle:.4f}" for angle in solution["configuration"])
+        return f"tip at ({x:.4f}, {y:.4f}) m, {solution['distance']:.4g} m from the target\njoints at {angles} rad"
 
     def check(self, solution: Solution) -> Verdict:
         """See `problems.arm_ik.checker`, which shares no code with `evaluate`."""
