@@ -17,7 +17,8 @@ class Recipe:
         mutation: the probability that one bit (or real gene) of an offspring changes; or ``"one-bit"``, the rule of
             Ahuactzin et al. 1992, §3.1 step 5: one random bit of one random individual a generation.
         replacement: ``"offspring"``, the paper's rule (§6: the best of the offspring replaces the local individual; in
-            an island, §3.1 step 4: the best of parents and offspring); ``"elitist"`` also never loses the best.
+            an island, §3.1 step 4: the best of parents and offspring); ``"elitist"`` also never loses the best to worse
+            offspring (on an island the one-bit mutation may still hit it).
     """
 
     crossover: Crossover = "one-point"

@@ -1,0 +1,265 @@
+"""Who mates, who leaves and who stays."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from genetics import randomness, selection
+
+INF = math.inf
+compiled = settings(deadline=None)
+# Few values, so that ties are common; infeasible individuals too.
+fitnesses = st.sampled_from([0.0, 1.0, 2.0, 3.0, INF])
+
+
+def demes(rows, deme):
+    row = st.lists(fitnesses, min_size=deme, max_size=deme)
+    return st.lists(row, min_size=rows, max_size=rows).map(np.array)
+
+
+def tagged(count, start=0, rows=1):
+    """Genomes of one byte that tell who is who."""
+    return np.tile(np.arange(start, start + count, dtype=np.uint8)[None, :, None], (rows, 1, 1)).copy()
+
+
+def couples_by_rank(fitness, seed=1, generation=1, cells=None):
+    cells = np.arange(len(fitness)) if cells is None else np.array(cells)
+    return selection.couples_by_rank(np.array(fitness, dtype=float), np.uint64(seed), cells, generation)
+
+
+# The best ---------------------------------------------------------------------------------------------------------
+@compiled
+@given(st.data(), st.integers(1, 3), st.integers(1, 8))
+def test_the_best_come_first_and_of_equals_the_earlier_born(data, rows, deme):
+    fitness = data.draw(demes(rows, deme))
+    count = data.draw(st.integers(1, deme))
+    expected = [sorted(range(deme), key=lambda i: (row[i], i))[:count] for row in fitness]
+    np.testing.assert_array_equal(selection.best(fitness, count), expected)
+
+
+# Immigrants -------------------------------------------------------------------------------------------------------
+def admit(fitness, immigrant_fitness):
+    """The (tag, fitness) of each place afterwards; immigrants are tagged from 100 on."""
+    genomes, fitness = tagged(len(fitness)), np.array([fitness], dtype=float)
+    immigrants = tagged(len(immigrant_fitness), start=100)
+    selection.admit(genomes, fitness, immigrants, np.array([immigrant_fitness], dtype=float))
+    return list(zip(genomes[0, :, 0].tolist(), fitness[0].tolist(), strict=True))
+
+
+def test_an_immigrant_replaces_the_worst():
+    assert admit([1, 5, 3], [2]) == [(0, 1), (100, 2), (2, 3)]
+
+
+def test_immigrants_come_in_order_each_for_the_worst_of_its_time():
+    assert admit([1, 5, 3], [2, 0, 1.5]) == [(0, 1), (102, 1.5), (101, 0)]
+
+
+def test_an_immigrant_that_is_no_better_stays_out():
+    assert admit([1, 5, 3], [5, 6, INF]) == [(0, 1), (1, 5), (2, 3)]
+
+
+def test_of_equal_worst_the_latest_born_leaves():
+    assert admit([4, 4, 4], [1]) == [(0, 4), (1, 4), (100, 1)]
+    assert admit([INF, 2, INF], [7]) == [(0, INF), (1, 2), (100, 7)]
+
+
+def test_an_immigrant_may_be_replaced_by_the_next():
+    assert admit([1, 5], [4, 3]) == [(0, 1), (101, 3)]
+
+
+@compiled
+@given(st.data(), st.integers(1, 3), st.integers(1, 6), st.integers(0, 5))
+def test_after_admission_the_fitness_is_never_worse_and_individuals_stay_whole(data, rows, deme, slots):
+    before, immigrants = data.draw(demes(rows, deme)), data.draw(demes(rows, slots)).reshape(rows, slots)
+    genomes, fitness = tagged(deme, rows=rows), before.copy()
+    strangers = tagged(slots, start=100, rows=rows)
+    selection.admit(genomes, fitness, strangers, immigrants)
+    for row in range(rows):
+        known = {(tag, value) for tag, value in enumerate(before[row])}
+        known |= {(100 + tag, value) for tag, value in enumerate(immigrants[row])}
+        now = set(zip(genomes[row, :, 0].tolist(), fitness[row], strict=True))
+        assert len(now) == deme, "nobody is there twice"
+        assert now <= known
+        assert sorted(fitness[row]) == sorted([*before[row], *immigrants[row]])[:deme]
+
+
+# Couples ----------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("deme", [2, 3, 5, 10, 33])
+def test_individuals_mate_in_proportion_to_their_rank(deme):
+    fitness = np.random.default_rng(deme).permutation(deme).astype(float)
+    rows = 40_000 // deme
+    chosen = couples_by_rank(np.tile(fitness, (rows, 1)))
+    assert chosen.shape == (rows, deme, 2)
+    counts = np.bincount(chosen.ravel(), minlength=deme)
+    weight = deme - fitness  # deme for the best, 1 for the worst
+    expected = counts.sum() * weight / weight.sum()
+    chi_square = np.sum((counts - expected) ** 2 / expected)
+    assert abs(chi_square - (deme - 1)) < 5 * math.sqrt(2 * (deme - 1))
+
+
+def test_the_two_of_a_couple_are_drawn_independently():
+    chosen = couples_by_rank(np.tile([0.0, 1.0, 2.0], (10_000, 1))).reshape(-1, 2)
+    counts = np.bincount(3 * chosen[:, 0] + chosen[:, 1], minlength=9).reshape(3, 3)
+    weight = np.array([3, 2, 1]) / 6
+    expected = len(chosen) * np.outer(weight, weight)
+    assert np.sum((counts - expected) ** 2 / expected) < 8 + 5 * math.sqrt(16)
+
+
+def test_equals_are_ranked_by_birth_and_the_infeasible_last():
+    chosen = couples_by_rank(np.tile([INF, 1.0, 1.0, INF], (10_000, 1)))
+    shares = np.bincount(chosen.ravel(), minlength=4) / chosen.size
+    np.testing.assert_allclose(shares, [0.2, 0.4, 0.3, 0.1], atol=0.01)
+
+
+def test_an_individual_alone_mates_with_itself():
+    assert couples_by_rank([[3.0]]).tolist() == [[[0, 0]]]
+
+
+def test_couples_are_keyed_by_cell_generation_and_seed():
+    fitness = np.tile(np.arange(20.0), (4, 1))
+    couples = couples_by_rank(fitness)
+    for cell in range(4):
+        np.testing.assert_array_equal(couples_by_rank(fitness[:1], cells=[cell])[0], couples[cell])
+    others = [couples[1], couples_by_rank(fitness, generation=2)[0], couples_by_rank(fitness, seed=2)[0]]
+    assert all((couples[0] != other).any() for other in others)
+
+
+@pytest.mark.parametrize("deme", [1, 2, 3, 7, 100, 1000, 1 << 16])
+def test_every_ticket_belongs_to_one_individual(deme):
+    # The ticket is computed back from a square root, which must be right for the largest deme too.
+    order = np.arange(deme)
+    tickets = deme * (deme + 1) // 2
+    weights = np.unique(np.linspace(1, deme, 50).astype(int))
+    for weight in weights.tolist():
+        for ticket in {weight * (weight - 1) // 2, weight * (weight + 1) // 2 - 1}:
+            # Bits of which `below` makes exactly this ticket.
+            bits = np.uint64(-(-(ticket << 32) // tickets) << 32)
+            assert randomness.below(bits, tickets) == ticket
+            assert selection._by_rank(order, bits) == deme - weight
+
+
+# Replacement of an individual alone -------------------------------------------------------------------------------
+def replace_local(fitness, offspring_fitness, *, elitist):
+    genomes, local = tagged(1), np.array([[fitness]], dtype=float)
+    offspring = tagged(len(offspring_fitness), start=100)
+    selection.replace_local(genomes, local, offspring, np.array([offspring_fitness], dtype=float), elitist)
+    return genomes[0, 0, 0], local[0, 0]
+
+
+@pytest.mark.parametrize(
+    ("local", "offspring", "by_offspring", "by_elitist"),
+    [
+        (1, [3, 2, 4], (101, 2), (0, 1)),
+        (5, [3, 2, 4], (101, 2), (101, 2)),
+        (2, [3, 2, 2], (101, 2), (101, 2)),  # the local individual stays only if it is better
+        (9, [3, 3, 3], (100, 3), (100, 3)),  # of equal offspring the first
+        (INF, [INF, INF], (100, INF), (100, INF)),
+        (1, [INF, INF], (100, INF), (0, 1)),
+        (INF, [INF, 4], (101, 4), (101, 4)),
+    ],
+)
+def test_the_best_offspring_takes_the_place_of_the_local_individual(local, offspring, by_offspring, by_elitist):
+    assert replace_local(local, offspring, elitist=False) == by_offspring
+    assert replace_local(local, offspring, elitist=True) == by_elitist
+
+
+def test_rows_are_replaced_each_by_its_own():
+    genomes, fitness = tagged(1, rows=3), np.array([[1.0], [5.0], [3.0]])
+    offspring = tagged(2, start=100, rows=3)
+    selection.replace_local(genomes, fitness, offspring, np.array([[2.0, 4.0], [6.0, 4.0], [3.0, INF]]), True)
+    assert genomes[:, 0, 0].tolist() == [0, 101, 100]
+    assert fitness[:, 0].tolist() == [1.0, 4.0, 3.0]
+
+
+# Replacement by families ------------------------------------------------------------------------------------------
+def replace_families(fitness, couples, offspring_fitness, *, elitist=False):
+    genomes, deme = tagged(len(fitness)), np.array([fitness], dtype=float)
+    offspring = tagged(len(offspring_fitness), start=100)
+    children = np.array([offspring_fitness], dtype=float)
+    selection.replace_families(genomes, deme, np.array([couples]), offspring, children, elitist)
+    return list(zip(genomes[0, :, 0].tolist(), deme[0].tolist(), strict=True))
+
+
+def test_each_couple_leaves_the_best_of_its_family():
+    couples = [[0, 1], [1, 2], [2, 2]]
+    after = replace_families([4, 5, 6], couples, [9, 3, 9, 9, 5, 6])
+    assert after == [(101, 3), (1, 5), (104, 5)]
+
+
+@pytest.mark.parametrize(
+    ("couple", "offspring", "stays"),
+    [
+        ((0, 1), [7, 7], (0, 7)),  # a parent before an offspring, the first drawn parent before the second
+        ((1, 0), [7, 7], (1, 7)),
+        ((0, 1), [6, 6], (100, 6)),  # the first offspring before the second
+        ((0, 1), [8, 7], (0, 7)),
+        ((0, 1), [INF, INF], (0, 7)),
+    ],
+)
+def test_of_an_equal_family_the_earlier_born_stays(couple, offspring, stays):
+    after = replace_families([7, 7], [couple, couple], offspring * 2)
+    assert after[0] == stays
+
+
+def test_families_are_formed_of_the_old_deme_not_of_places_already_taken():
+    after = replace_families([1, 5], [[1, 1], [0, 0]], [9, 9, 9, 9])
+    assert after == [(1, 5), (0, 1)]
+
+
+def test_without_elitism_the_best_may_be_lost():
+    assert replace_families([1, 5, 6], [[1, 2], [1, 1], [2, 2]], [9] * 6) == [(1, 5), (1, 5), (2, 6)]
+
+
+def test_with_elitism_the_best_takes_the_worst_place():
+    after = replace_families([1, 5, 6], [[1, 2], [1, 1], [2, 2]], [9] * 6, elitist=True)
+    assert after == [(1, 5), (1, 5), (0, 1)]
+
+
+def test_with_elitism_nobody_is_replaced_if_somebody_as_good_was_left():
+    couples = [[1, 2], [1, 1], [2, 2]]
+    assert replace_families([1, 5, 6], couples, [1, 9, 9, 9, 9, 9], elitist=True) == [(100, 1), (1, 5), (2, 6)]
+
+
+def test_infeasible_families_leave_somebody_infeasible():
+    after = replace_families([INF, INF, 2], [[0, 1], [1, 0], [0, 0]], [INF] * 6, elitist=True)
+    assert after == [(2, 2), (1, INF), (0, INF)]
+    after = replace_families([INF, INF], [[0, 1], [1, 0]], [INF, INF, INF, 3], elitist=True)
+    assert after == [(0, INF), (103, 3)]
+
+
+@compiled
+@given(st.data(), st.integers(1, 3), st.integers(2, 7), st.booleans())
+def test_families_leave_their_best_and_elitism_never_loses_the_best(data, rows, deme, elitist):
+    before = data.draw(demes(rows, deme))
+    children = data.draw(demes(rows, 2 * deme))
+    couples = couples_by_rank(before, seed=data.draw(st.integers(0, 1000)))
+    genomes, fitness = tagged(deme, rows=rows), before.copy()
+    selection.replace_families(genomes, fitness, couples, tagged(2 * deme, 100, rows), children, elitist)
+    for row in range(rows):
+        of_families = [
+            min(*before[row, couples[row, couple]], *children[row, 2 * couple : 2 * couple + 2])
+            for couple in range(deme)
+        ]
+        if elitist:
+            assert fitness[row].min() == min(before[row].min(), children[row].min())
+            assert np.sum(fitness[row] != of_families) <= 1
+        else:
+            assert fitness[row].tolist() == of_families
+        fitness_of = {**dict(enumerate(before[row])), **{100 + tag: value for tag, value in enumerate(children[row])}}
+        assert [fitness_of[tag] for tag in genomes[row, :, 0].tolist()] == fitness[row].tolist()
+
+
+# Compiled and in Python -------------------------------------------------------------------------------------------
+def test_couples_are_the_same_compiled_and_in_python(monkeypatch):
+    fitness = np.random.default_rng(3).choice([0.0, 1.0, 2.0, INF], (6, 17))
+    expected = couples_by_rank(fitness, seed=(1 << 64) - 1, generation=(1 << 31) - 1)
+    for module in (randomness, selection):
+        for name, value in list(vars(module).items()):
+            if hasattr(value, "py_func"):
+                monkeypatch.setattr(module, name, value.py_func)
+    # Python's argsort is stable by another name.
+    couples = couples_by_rank(fitness, seed=(1 << 64) - 1, generation=(1 << 31) - 1)
+    np.testing.assert_array_equal(couples, expected)

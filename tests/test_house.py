@@ -1,0 +1,145 @@
+"""The house stands: floors, packages, docstrings, and purity where it is promised."""
+
+import ast
+import tomllib
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+FLOORS = {
+    "topologies": 0,
+    "genetics": 0,
+    "problems": 1,
+    "wire": 1,
+    "node": 2,
+    "spy": 3,
+    "coordinator": 4,
+    "supernode": 5,
+}
+MODULES = sorted(path for package in FLOORS for path in (ROOT / package).rglob("*.py"))
+
+# What a module without input, output or clock may import beside this project's own: a list of the harmless, so that
+# whatever else somebody imports there is a question first.
+HARMLESS = {
+    "__future__",
+    "abc",
+    "bisect",
+    "collections",
+    "dataclasses",
+    "enum",
+    "functools",
+    "hashlib",
+    "heapq",
+    "itertools",
+    "math",
+    "numba",
+    "numpy",
+    "operator",
+    "re",
+    "types",
+    "typing",
+}
+PURE = [
+    *(path for path in MODULES if path.relative_to(ROOT).parts[0] in ("topologies", "genetics")),
+    *(ROOT / "node" / name for name in ("cell.py", "rows.py", "kernels.py", "plan.py")),
+]
+STATED_EXCEPTIONS = {"genetics/compiled.py": {"os", "shutil", "pathlib"}}  # it looks after the folder of its cache
+
+
+def name_of(path):
+    return str(path.relative_to(ROOT))
+
+
+def tree_of(path):
+    return ast.parse(path.read_text(encoding="utf-8"), str(path))
+
+
+def imports_of(path):
+    """Every module that a file imports: at the top, within functions, for type checkers only, or by import_module."""
+    package = path.relative_to(ROOT).parent.parts
+    for node in ast.walk(tree_of(path)):
+        match node:
+            case ast.Import(names=names):
+                yield from (alias.name for alias in names)
+            case ast.ImportFrom(module=module, names=names, level=0):
+                yield module
+                yield from (f"{module}.{alias.name}" for alias in names)
+            case ast.ImportFrom(module=module, level=level):
+                yield ".".join([*package[: len(package) + 1 - level], *([module] if module else [])])
+            case ast.Call(func=ast.Attribute(attr="import_module"), args=[ast.Constant(value=str(name)), *_]):
+                yield name
+
+
+@pytest.mark.parametrize("path", MODULES, ids=name_of)
+def test_a_package_imports_only_from_floors_below_its_own(path):
+    own = path.relative_to(ROOT).parts[0]
+    used = {name.split(".")[0] for name in imports_of(path)} & FLOORS.keys() - {own}
+    assert {name for name in used if FLOORS[name] >= FLOORS[own]} == set()
+
+
+def test_the_search_for_imports_finds_every_way_to_import(tmp_path, monkeypatch):
+    monkeypatch.setitem(imports_of.__globals__, "ROOT", tmp_path)
+    (tmp_path / "wire").mkdir()
+    path = tmp_path / "wire" / "module.py"
+    path.write_text(
+        "import one.part\nfrom two import part\nfrom . import three\nfrom .four import part\n"
+        "def f():\n    import five\n    importlib.import_module('six')\n"
+        "if TYPE_CHECKING:\n    from seven import part\n"
+    )
+    expected = {"one.part", "two", "two.part", "wire", "wire.four", "five", "six", "seven", "seven.part"}
+    assert set(imports_of(path)) == expected
+
+
+def test_pyproject_lists_the_packages_that_are_on_disk():
+    listed = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["packages"]
+    on_disk = {".".join(path.parent.relative_to(ROOT).parts) for path in MODULES}
+    assert sorted(listed) == sorted(on_disk)
+
+
+def test_the_top_level_packages_are_the_floors():
+    on_disk = {path.parent.name for path in ROOT.glob("*/__init__.py")}
+    assert on_disk == FLOORS.keys()
+
+
+def test_every_folder_of_modules_is_a_package():
+    assert {name_of(path.parent) for path in MODULES if not (path.parent / "__init__.py").exists()} == set()
+
+
+@pytest.mark.parametrize("package", FLOORS)
+def test_every_package_is_typed(package):
+    assert (ROOT / package / "py.typed").is_file()
+
+
+@pytest.mark.parametrize("path", MODULES, ids=name_of)
+def test_every_module_opens_with_a_docstring(path):
+    docstring = ast.get_docstring(tree_of(path))
+    assert docstring is not None
+    assert docstring.strip()
+
+
+@pytest.mark.parametrize("path", PURE, ids=name_of)
+def test_pure_modules_import_neither_input_nor_output_nor_clock(path):
+    foreign = {name.split(".")[0] for name in imports_of(path)} - FLOORS.keys()
+    assert foreign - HARMLESS - STATED_EXCEPTIONS.get(name_of(path), set()) == set()
+
+
+@pytest.mark.parametrize("path", PURE, ids=name_of)
+def test_pure_modules_open_no_session_and_no_file_and_draw_no_stateful_numbers(path):
+    assert "wire.sessions" not in set(imports_of(path))
+    named = {node.id for node in ast.walk(tree_of(path)) if isinstance(node, ast.Name)}
+    assert named & {"open", "input", "print", "breakpoint", "__import__", "exec", "eval"} == set()
+    of_numpy = {
+        node.attr
+        for node in ast.walk(tree_of(path))
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id in ("np", "numpy")
+    }
+    assert of_numpy & {"random", "load", "save", "fromfile", "memmap", "loadtxt", "savetxt", "datetime64"} == set()
+
+
+def test_tests_are_no_packages_and_their_names_are_unique():
+    files = list((ROOT / "tests").rglob("*.py"))
+    assert [name_of(path) for path in files if path.name == "__init__.py"] == []
+    counts = Counter(path.name for path in files if path.name != "conftest.py")
+    assert [name for name, count in counts.items() if count > 1] == []
