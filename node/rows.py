@@ -83,7 +83,7 @@ class Rows:
         keys = Keys(self.cells, plan.run.seed, 0)
         self.genomes = plan.coding.random(keys, plan.run.deme)
         flat = self.genomes.reshape(-1, plan.coding.genome_bytes)
-        self.fitness = plan.evaluate(flat).reshape(len(self.cells), plan.run.deme)
+        self.fitness = self._evaluate(flat).reshape(len(self.cells), plan.run.deme)
         self._note_births()
         self._propose()
 
@@ -118,7 +118,7 @@ class Rows:
             self._immigrants if alone or received is not None else None,
             plan.coding,
             plan.recipe,
-            plan.evaluate,
+            self._evaluate,
             Keys(self.cells, plan.run.seed, self.generation),
         )
         self._note_births()
@@ -130,6 +130,13 @@ class Rows:
         if stop_at < self.stop_at[row]:
             self.stop_at[row] = stop_at
             self.proposals.append(Proposal(stop_at, reason, int(self.cells[row]), self.generation))
+
+    def _evaluate(self, genomes: Genomes) -> Fitness:
+        """All rows at once only where that cannot change a bit: a row alone is what a node evaluates."""
+        rows = len(self.cells)
+        if rows == 1 or self.plan.problem.batches_alike:
+            return self.plan.evaluate(genomes)
+        return np.concatenate([self.plan.evaluate(part) for part in np.split(genomes, rows)])
 
     def _hear(self, received: Packets) -> None:
         rows, slots, emigrants = received.emigrant_fitness.shape

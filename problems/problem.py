@@ -73,7 +73,7 @@ class Problem(Table):
                 return supernode.BitString(parameters=len(self.weights), bits=1)
 
             def evaluate(self, genomes):
-                load = self.coding.integers(genomes) @ np.array(self.weights)
+                load = (self.coding.integers(genomes) * self.weights).sum(axis=1)
                 return np.where(load <= self.capacity, self.capacity - load, np.inf)
     """
 
@@ -81,6 +81,9 @@ class Problem(Table):
     """One line for `supernode problems`."""
     template: ClassVar[str] = ""
     """A commented problem file, for `supernode init`."""
+
+    batches_alike: ClassVar[bool] = False
+    """Whether `evaluate` gives the same bits however genomes are batched (matrix products do not)."""
 
     kind: str = Field(description="the kind of problem")
 

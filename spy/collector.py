@@ -9,6 +9,9 @@ from wire.exchange import Champion
 from wire.news import Improvement
 
 
+_ROUNDING = 1e-9
+
+
 class Collector:
     """Keeps the best verified champion of one job. No input or output."""
 
@@ -34,7 +37,8 @@ class Collector:
     def _true(self, champion: Champion) -> bool:
         genome = np.frombuffer(bytearray(champion.genome), np.uint8)
         fitness = float(self.plan.evaluate(genome[None])[0])
-        if math.isfinite(fitness) and fitness == champion.fitness:
+        # A user's evaluation may round differently for a batch of another size.
+        if math.isfinite(fitness) and math.isclose(fitness, champion.fitness, rel_tol=_ROUNDING, abs_tol=_ROUNDING):
             return True
         self.disagreement = f"cell {champion.cell} claims a fitness of {champion.fitness!r}, the spy finds {fitness!r}"
         return False

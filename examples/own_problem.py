@@ -1,0 +1,51 @@
+"""A problem of one's own: pack a rucksack as full as possible, on sixteen processes.
+
+A problem is a subclass of `supernode.Problem`: its fields are those of the problem file, `coding` says how an individual
+is coded, and `evaluate` gives the fitness of a batch of them (lower is better, infinity is infeasible). Run this file, or
+
+    supernode solve examples/own_problem.toml
+"""
+
+from pathlib import Path
+
+import numpy as np
+
+import supernode
+
+
+class Rucksack(supernode.Problem):
+    """Which things to take, so that as little capacity as possible is left over."""
+
+    weights: list[float]
+    capacity: float
+
+    @property
+    def coding(self) -> supernode.BitString:
+        """One bit for each thing: take it, or leave it."""
+        return supernode.BitString(parameters=len(self.weights), bits=1)
+
+    @property
+    def solved_at(self) -> float:
+        """Full to ten grams."""
+        return 0.01
+
+    def evaluate(self, genomes: np.ndarray) -> np.ndarray:
+        """What is left of the capacity, kg; infinity if it is exceeded."""
+        load = (self.coding.integers(genomes) * self.weights).sum(axis=1)
+        return np.where(load <= self.capacity, self.capacity - load, np.inf)
+
+
+def main() -> None:
+    """Solve it, and print each improvement as it comes."""
+    file = supernode.load(Path(__file__).with_suffix(".toml"))
+    with supernode.LocalCluster(torus=(4, 4)) as cluster:
+        job = cluster.submit(file, seed=1)
+        for best in job.improvements():
+            print(f"{best.fitness:.4f} kg left, found in generation {best.generation}")
+        result = job.result()
+    assert result.solved
+    print(f"{result.status} after {result.evaluations} evaluations")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,264 @@
+"""The command line as a person types it: output, exit codes, errors of one line."""
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+import supernode
+from supernode.__main__ import main
+
+COMMANDS = ("solve", "simulate", "check", "problems", "init")
+
+
+def run(*arguments, **options):
+    return subprocess.run(
+        [sys.executable, "-m", "supernode", *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+        **options,
+    )
+
+
+def in_process(capsys, *arguments):
+    """Exit code, stdout and stderr of a command, without a new process."""
+    try:
+        code = main([str(argument) for argument in arguments])
+    except SystemExit as error:
+        code = error.code
+    captured = capsys.readouterr()
+    return code, captured.out, captured.err
+
+
+def test_help_names_every_command_and_each_has_an_example(capsys):
+    code, out, _ = in_process(capsys, "--help")
+    assert code == 0
+    assert all(command in out for command in COMMANDS)
+    for command in COMMANDS:
+        code, out, _ = in_process(capsys, command, "--help")
+        assert code == 0
+        assert f"supernode {command} " in out.split("example:")[1]
+
+
+def test_help_imports_nothing_heavy():
+    script = (
+        "import sys; from supernode.__main__ import main\n"
+        "try: main(['solve', '--help'])\n"
+        "except SystemExit: pass\n"
+        "heavy = {'numpy', 'numba', 'zenoh', 'pydantic', 'matplotlib', 'shapely', 'rich'} & set(sys.modules)\n"
+        "assert not heavy, heavy\n"
+    )
+    assert subprocess.run([sys.executable, "-c", script], capture_output=True, check=False).returncode == 0
+
+
+def test_version(capsys):
+    code, out, _ = in_process(capsys, "--version")
+    assert (code, out.split()[0]) == (0, "supernode")
+
+
+def test_solve_prints_words_and_simulate_agrees(own_problem, capsys):
+    path = own_problem()
+    solved = run("solve", path, "--seed", 4)
+    assert solved.returncode == 0
+    assert solved.stdout.startswith("solved: fitness 0, found by cell (")
+    assert "on 16 nodes (torus 4x4, deme 1, lockstep, seed 4)" in solved.stdout
+    assert "generation" in solved.stderr
+    code, out, _ = in_process(capsys, "simulate", path, "--seed", 4)
+    assert code == 0
+    assert out.splitlines()[0] == solved.stdout.splitlines()[0]
+
+
+def test_json_is_one_object_and_nothing_else(own_problem, capsys):
+    path = own_problem()
+    results = []
+    for command in ("solve", "simulate"):
+        done = run(command, path, "--json", "--quiet", "--torus", "2x2", "--deme", 3)
+        assert done.returncode == 0
+        assert done.stderr == ""
+        results.append(json.loads(done.stdout))
+    solve, simulate = results
+    same = ("history_sha256", "fitness", "found_at", "generations", "evaluations", "messages", "run", "problem_sha256")
+    assert {name: solve[name] for name in same} == {name: simulate[name] for name in same}
+    assert solve["cpu_seconds"] > solve["seconds"] / 10
+
+
+def test_exit_codes_of_runs(own_problem, capsys):
+    path = own_problem()
+    assert in_process(capsys, "simulate", path, "--generations", 1)[0] == 3
+    assert in_process(capsys, "simulate", path, "--target", 39)[0] == 0
+    code, out, _ = in_process(capsys, "simulate", path, "--target", -1, "--stall", 3)
+    assert (code, out.split(":")[0]) == (3, "stalled")
+    broken = own_problem('trouble = "raises"', name="broken.toml")
+    code, _, err = in_process(capsys, "simulate", broken)
+    assert (code, err) == (1, "error: own_module:OneMax: evaluate raised RuntimeError: out of paper\n") or (
+        code,
+        err.splitlines()[-1],
+    ) == (1, "error: own_module:OneMax: evaluate raised RuntimeError: out of paper")
+    solved = run("solve", broken, "--torus", "2x2")
+    assert solved.returncode == 1
+    assert "evaluate raised RuntimeError: out of paper" in solved.stdout
+
+
+def test_a_deadline_ends_a_simulation_and_can_be_replayed(own_problem, capsys):
+    path = own_problem("size = 4000")
+    code, out, _ = in_process(capsys, "simulate", path, "--seconds", 0.2, "--json", "--quiet")
+    result = json.loads(out)
+    assert (code, result["status"]) == (3, "deadline")
+    _, out, _ = in_process(capsys, "simulate", path, "--generations", result["generations"], "--json", "--quiet")
+    assert json.loads(out)["history_sha256"] == result["history_sha256"]
+
+
+@pytest.mark.parametrize("command", ["solve", "simulate"])
+def test_ctrl_c_prints_the_best_so_far(own_problem, command):
+    path = own_problem("size = 4000")
+    process = subprocess.Popen(
+        [sys.executable, "-m", "supernode", command, str(path), "--stall", "1000000", "--json"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    while "fitness" not in process.stderr.readline():
+        pass
+    began = time.monotonic()
+    process.send_signal(signal.SIGINT)
+    out, _ = process.communicate(timeout=10)
+    assert time.monotonic() - began < 5
+    assert process.returncode == 130
+    result = json.loads(out)
+    assert result["status"] == "cancelled"
+    assert 0 < result["fitness"] < 4000
+
+
+def test_check_accepts_rejects_and_cannot_read(own_problem, tmp_path, capsys):
+    path, result = own_problem(), tmp_path / "result.json"
+    _, out, _ = in_process(capsys, "simulate", path, "--json", "--quiet")
+    whole = json.loads(out)
+    cases = [
+        (whole, 0, "accepted: fitness 0"),
+        (whole["solution"], 0, "accepted: fitness 0"),
+        (whole | {"fitness": 3.0}, 3, "rejected: the result claims a fitness of 3.0, the check finds 0"),
+        (whole | {"problem_sha256": "0" * 64}, 3, "rejected: the result is of another problem"),
+        (whole | {"solution": None, "fitness": None, "solved": False}, 3, "rejected: there is no solution"),
+        (whole | {"solution": {"genome": "0000000000"}}, 3, "rejected: the result claims a fitness of 0.0"),
+    ]
+    for claim, code, said in cases:
+        result.write_text(json.dumps(claim))
+        found, out, _ = in_process(capsys, "check", path, result)
+        assert (found, out[: len(said)]) == (code, said)
+    for text in ("", "[1]", "{", '{"solution": {"nonsense": 1}}', '{"solution": {"genome": "zz"}}'):
+        result.write_text(text)
+        code, out, err = in_process(capsys, "check", path, result)
+        assert (code, out) == (2, "")
+        assert err.startswith(f"error: {result}: ")
+        assert len(err.splitlines()) == 1
+    assert in_process(capsys, "check", path, tmp_path / "none.json")[0] == 2
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--deme", "x"], "error: --deme: expected a whole number, found 'x'"),
+        (["--deme", "0"], "run: deme: expected greater than or equal to 1, found 0"),
+        (["--torus", "0x4"], "run: topology: expected a torus of at least 1 row and 1 column, found 0 x 4"),
+        (["--torus", "four"], 'expected a topology such as "torus 4x4", found'),
+        (["--seconds", "nan"], "found NaN"),
+        (["--seconds", "-1"], "found -1"),
+        (["--target", "inf"], "target"),
+        (["--mutation", "2"], "mutation"),
+        (["--mutation", "some"], 'expected a probability or "one-bit"'),
+        (["--mode", "sometimes"], "--mode"),
+        (["--emigrants", "2"], "expected at most the deme, 1, found 2"),
+        (["--log", "/no/such/folder/x.jsonl"], "--log: expected a file in a folder that exists"),
+        (["--plot", "picture.xyz"], "--plot: expected a name that ends in .png, .svg or .pdf, found picture.xyz"),
+        (["--nonsense"], "--nonsense"),
+    ],
+)
+def test_bad_options_get_one_line_and_exit_code_2(own_problem, capsys, arguments, said):
+    for command in ("solve", "simulate"):
+        code, out, err = in_process(capsys, command, own_problem(), *arguments)
+        assert (code, out, len(err.splitlines())) == (2, "", 1), err
+        assert err.startswith("error: ")
+        assert said in err
+
+
+def test_bad_files_get_one_line_and_exit_code_2(tmp_path, capsys):
+    cases = {
+        "missing.toml": (None, "found no such file"),
+        "not.toml": ("kind = ", "expected TOML"),
+        "unknown.toml": ('kind = "arm-ki"', "did you mean 'arm-ik'?"),
+        "module.toml": ('kind = "no_such_module:Thing"', "cannot import 'no_such_module:Thing'"),
+        "kindless.toml": ("size = 3", "kind: expected a kind of problem"),
+    }
+    for name, (text, said) in cases.items():
+        path = tmp_path / name
+        if text is not None:
+            path.write_text(text)
+        for command in ("solve", "simulate"):
+            code, out, err = in_process(capsys, command, path)
+            assert (code, out) == (2, "")
+            (error,) = [line for line in err.splitlines() if "error" in line]
+            assert error.startswith(f"error: {path}: ")
+            assert said in error
+
+
+def test_problems_lists_kinds_and_fields(capsys):
+    code, out, _ = in_process(capsys, "problems")
+    assert code == 0
+    kinds = [line.split()[0] for line in out.splitlines()]
+    assert kinds == ["arm-ik", "function", "mobile-robot"]
+    for kind in kinds:
+        code, out, _ = in_process(capsys, "problems", kind)
+        assert (code, "required" in out) == (0, True)
+        code, out, _ = in_process(capsys, "problems", kind, "--json")
+        assert "properties" in json.loads(out)
+    code, _, err = in_process(capsys, "problems", "arm-iq")
+    assert code == 2
+    assert "did you mean 'arm-ik'" in err
+
+
+@pytest.mark.parametrize("kind", ["arm-ik", "function", "mobile-robot"])
+def test_init_writes_a_file_that_can_be_solved_and_overwrites_nothing(kind, tmp_path, capsys):
+    path = tmp_path / "new.toml"
+    code, out, _ = in_process(capsys, "init", kind, path)
+    assert code == 0
+    assert str(path) in out
+    assert supernode.load(path).kind == kind
+    assert in_process(capsys, "simulate", path, "--quiet")[0] == 0
+    before = path.read_text()
+    code, _, err = in_process(capsys, "init", kind, path)
+    assert code == 2
+    assert "expected a new file" in err
+    assert path.read_text() == before
+
+
+def test_output_that_nobody_reads_is_no_traceback(own_problem):
+    process = subprocess.run(
+        f"{sys.executable} -m supernode problems function --json | true",
+        shell=True,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert "Traceback" not in process.stderr
+
+
+def test_names_of_the_python_face():
+    assert set(supernode.__all__) <= set(dir(supernode))
+    for name in supernode.__all__:
+        assert getattr(supernode, name).__doc__
+    with pytest.raises(AttributeError, match="no attribute 'Nonsense'"):
+        _ = supernode.Nonsense
+
+
+def test_pictures_are_refused_where_there_are_none(own_problem, tmp_path, capsys):
+    picture = tmp_path / "x.png"
+    code, _, err = in_process(capsys, "simulate", own_problem(), "--quiet", "--plot", picture)
+    assert code == 2
+    assert "have no picture" in err
+    assert not Path(picture).exists()
