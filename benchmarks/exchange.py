@@ -41,10 +41,8 @@ def row(spec: str, generations: int) -> str:
         result = cluster.submit(file, target=-1.0, generations=generations).result()
     cpu = result.cpu_seconds / topology.cells / generations * 1e6
     assert result.messages["lost"] == 0, result.messages
-    return (
-        f"| {spec} | {ready:.2f} | {memory / topology.cells / 1e6:.1f} | {generations / result.seconds:.0f} | {cpu:.0f} "
-        f"| {floor_rate:.0f} | {floor_cpu:.0f} | {cpu / floor_cpu:.1f} |"
-    )
+    cluster_columns = f"{memory / topology.cells / 1e6:.1f} | {generations / result.seconds:.0f} | {cpu:.0f}"
+    return f"| {spec} | {ready:.2f} | {cluster_columns} | {floor_rate:.0f} | {floor_cpu:.0f} | {cpu / floor_cpu:.1f} |"
 
 
 def _problem() -> supernode.ProblemFile:

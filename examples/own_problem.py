@@ -1,7 +1,8 @@
 """A problem of one's own: pack a rucksack as full as possible, on sixteen processes.
 
-A problem is a subclass of `supernode.Problem`: its fields are those of the problem file, `coding` says how an individual
-is coded, and `evaluate` gives the fitness of a batch of them (lower is better, infinity is infeasible). Run this file, or
+A problem is a subclass of `supernode.Problem`: its fields are those of the problem file, `coding` says how an
+individual is coded, and `evaluate` gives the fitness of a batch (lower is better, infinity is infeasible). Run this
+file, or
 
     supernode solve examples/own_problem.toml
 """
