@@ -1,0 +1,168 @@
+"""One contract for every planner: what any problem must do, held for each example and each template."""
+
+import copy
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import supernode
+from node import Plan, simulate
+from problems import registry
+from problems.file import parse
+from spy.collector import Collector
+from spy.judge import judge
+from spy.result import best_known, stop_reasons, stopped_after
+
+EXAMPLES = sorted((Path(__file__).parent.parent.parent / "examples").glob("*.toml"))
+FILES = {path.name: lambda path=path: supernode.load(path) for path in EXAMPLES} | {
+    f"init {kind}": lambda kind=kind: parse(registry.find(kind).template, kind, Path()) for kind in registry.kinds()
+}
+
+
+@pytest.fixture(params=FILES)
+def file(request):
+    return FILES[request.param]()
+
+
+@pytest.fixture
+def plan(file):
+    return Plan.of(file)
+
+
+def outcome(plan):
+    reports = simulate(plan)
+    collector = Collector(plan, job=1)
+    collector.hear(best_known(reports, plan.run.spy), 0.0)
+    return reports, judge(collector, stopped_after(reports), stop_reasons(reports, plan.run.mode))
+
+
+def some_genomes(plan, deme=50):
+    from genetics import Keys
+
+    return plan.coding.random(Keys(np.arange(4), 7, 0), deme).reshape(-1, plan.coding.genome_bytes)
+
+
+def test_every_kind_has_an_example():
+    assert {supernode.load(path).kind for path in EXAMPLES} >= set(registry.kinds())
+
+
+def test_it_is_solved_and_its_check_accepts(plan):
+    _, judgement = outcome(plan)
+    assert (judgement.status, judgement.feasible, judgement.message) == ("solved", True, None)
+    assert judgement.best.fitness <= plan.target
+    verdict = plan.problem.check(json.loads(json.dumps(judgement.best.solution)))
+    assert verdict.feasible
+    assert verdict.fitness == pytest.approx(judgement.best.fitness, abs=1e-6)
+    assert plan.problem.describe(judgement.best.solution)
+
+
+def test_a_corrupted_solution_is_rejected_or_unreadable(plan):
+    _, judgement = outcome(plan)
+    solution = judgement.best.solution
+    for name in solution:
+        lacking = {other: value for other, value in solution.items() if other != name}
+        with pytest.raises(supernode.BadInput) as error:
+            plan.problem.check(lacking)
+        assert len(str(error.value).splitlines()) == 1
+        for nonsense in (None, "nonsense", [[]], {"a": 1}):
+            with pytest.raises(supernode.BadInput):
+                plan.problem.check(solution | {name: nonsense})
+    for broken in _shifted(solution):
+        try:
+            verdict = plan.problem.check(broken)
+        except supernode.BadInput:
+            continue
+        true = math.isclose(verdict.fitness, judgement.best.fitness, rel_tol=1e-6, abs_tol=1e-6)
+        assert verdict.objections or not true
+
+
+def _shifted(value):
+    """Copies of a solution in each of which one number is another."""
+    if isinstance(value, dict | list):
+        items = value.items() if isinstance(value, dict) else enumerate(value)
+        for name, part in items:
+            for shifted in _shifted(part):
+                broken = copy.deepcopy(value)
+                broken[name] = shifted
+                yield broken
+    elif isinstance(value, float):
+        yield value + 0.37
+
+
+def test_the_same_seed_gives_the_same_run(plan):
+    again = Plan(plan.problem.model_copy(), plan.run)
+    assert simulate(plan) == simulate(again)
+
+
+def test_fitness_does_not_depend_on_the_batch(plan):
+    genomes = some_genomes(plan)
+    together = plan.evaluate(genomes)
+    alone = np.concatenate([plan.evaluate(genome[None]) for genome in genomes])
+    if plan.problem.batches_alike:
+        np.testing.assert_array_equal(together, alone)
+    else:
+        np.testing.assert_allclose(together, alone, rtol=1e-9)
+    assert together.shape == (len(genomes),)
+    assert not np.isnan(together).any()
+
+
+def test_built_in_kinds_are_evaluated_all_at_once():
+    assert all(registry.find(kind).batches_alike for kind in registry.kinds())
+
+
+def test_every_solution_that_decodes_can_be_checked_and_agrees(plan):
+    for genome, fitness in zip(some_genomes(plan, 15), plan.evaluate(some_genomes(plan, 15)), strict=True):
+        if np.isfinite(fitness):
+            solution = json.loads(json.dumps(plan.problem.decode(genome)))
+            assert plan.problem.check(solution).fitness == pytest.approx(fitness, rel=1e-6, abs=1e-6)
+
+
+def test_its_own_coding_accepts_what_it_makes(plan):
+    assert all(plan.coding.accepts(genome.tobytes()) for genome in some_genomes(plan))
+    assert not plan.coding.accepts(b"")
+
+
+def test_the_schema_round_trips(file):
+    problem = file.problem()
+    model = type(problem)
+    again = model.model_validate_json(problem.model_dump_json(exclude_unset=True), strict=True)
+    assert again == problem
+    schema = model.model_json_schema()
+    assert json.loads(json.dumps(schema)) == schema
+
+
+def test_every_field_of_a_built_in_kind_is_described():
+    for kind in registry.kinds():
+        schema = registry.find(kind).model_json_schema()
+        tables = [schema, *schema.get("$defs", {}).values()]
+        for table in tables:
+            for name, field in table.get("properties", {}).items():
+                described = "description" in field or name == "shape" or "const" in field
+                assert described, f"{kind}: {name}"
+
+
+def test_the_picture_renders(plan, tmp_path):
+    from matplotlib.figure import Figure
+
+    _, judgement = outcome(plan)
+    genomes = some_genomes(plan)
+    for solution in (judgement.best.solution, None):
+        figure = Figure(figsize=(6, 4))
+        if ":" in plan.problem.kind:  # a user's own, which has no picture unless it brings one
+            with pytest.raises(supernode.BadInput, match="have no picture"):
+                plan.problem.draw(figure, solution, {})
+            continue
+        plan.problem.draw(figure, solution, {0: genomes, 9: genomes[:20]})
+        for suffix in ("png", "svg", "pdf"):
+            target = tmp_path / f"picture.{suffix}"
+            figure.savefig(target)
+            assert target.stat().st_size > 2000
+
+
+def test_what_cannot_be_solved_ends_as_stalled_with_the_best_found(plan):
+    hopeless = Plan(plan.problem, plan.run.model_copy(update={"target": -1.0, "stall": 5, "generations": None}))
+    _, judgement = outcome(hopeless)
+    assert (judgement.status, judgement.best is not None) == ("stalled", True)

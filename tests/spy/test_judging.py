@@ -1,0 +1,153 @@
+"""The spy believes only what it has evaluated itself, and judges a run by an independent check."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+from one_max import OneMax, plan_of
+
+from node import Plan
+from problems import BadInput, ProblemFile, Run, Verdict
+from spy.collector import Collector
+from spy.judge import Judgement, judge
+from spy.result import Clocks, best_known, result_of, stop_reasons, stopped_after
+from spy.run_log import RunLog
+from wire.exchange import Champion
+from wire.news import Improvement
+from wire.report import Proposal, Report
+
+FULL, HALF, EMPTY = b"\xff" * 5, b"\xff\xff\xf0\x00\x00", b"\x00" * 5
+
+
+def collected(plan, *champions):
+    collector = Collector(plan, job=1)
+    for champion in champions:
+        collector.hear(champion, 0.5)
+    return collector
+
+
+def test_improvements_are_told_once_and_only_if_better():
+    collector = Collector(plan_of(), job=7)
+    first = collector.hear(Champion(20.0, 3, 5, HALF), 0.25)
+    assert first == Improvement(7, 0.25, 3, 5, 20.0, {"genome": HALF.hex()})
+    assert collector.hear(Champion(20.0, 3, 5, HALF), 0.3) is None
+    assert collector.hear(Champion(40.0, 1, 0, EMPTY), 0.3) is None
+    assert collector.hear(None, 0.3) is None
+    assert collector.hear(Champion(0.0, 9, 1, FULL), 0.5).fitness == 0.0
+
+
+def test_an_earlier_birth_of_the_same_fitness_is_the_champion_but_no_improvement():
+    collector = collected(plan_of(), Champion(20.0, 3, 5, HALF))
+    assert collector.hear(Champion(20.0, 2, 9, HALF), 0.6) is None
+    assert (collector.best.generation, collector.best.cell) == (2, 9)
+
+
+def test_a_lie_is_not_believed_and_fails_the_run():
+    collector = collected(plan_of(), Champion(20.0, 3, 5, HALF), Champion(0.0, 4, 6, EMPTY))
+    assert collector.best.fitness == 20.0
+    judgement = judge(collector, 10, ["target"])
+    assert judgement.status == "failed"
+    assert judgement.message == "cell 6 claims a fitness of 0.0, the spy finds 40.0"
+    assert judgement.best.fitness == 20.0
+
+
+@pytest.mark.parametrize(
+    ("settings", "generation", "reasons", "status"),
+    [
+        ({}, 8, ["target"], "solved"),
+        ({"target": -1.0, "generations": 8}, 8, [], "exhausted"),
+        ({"target": -1.0, "generations": 8}, 7, ["stall"], "stalled"),
+        ({"target": -1.0}, 7, ["stall"], "stalled"),
+        ({"target": -1.0}, 7, ["deadline"], "deadline"),
+        ({"target": -1.0}, 7, ["cancel"], "cancelled"),
+        ({"target": 0.0, "generations": 8}, 8, ["target"], "solved"),
+    ],
+)
+def test_status(settings, generation, reasons, status):
+    collector = collected(plan_of(**settings), Champion(0.0, 3, 5, FULL))
+    assert judge(collector, generation, reasons) == Judgement(status, True, None, collector.best)
+
+
+def test_nothing_feasible():
+    assert judge(collected(plan_of()), 200, ["stall"]) == Judgement("stalled", False, None, None)
+
+
+class Checked(OneMax):
+    """A problem whose check says what it is told to."""
+
+    verdict: str
+
+    def check(self, solution):
+        if self.verdict == "raises":
+            raise ZeroDivisionError("oh")
+        if self.verdict == "unreadable":
+            raise BadInput("solution: expected another")
+        return Verdict(5.0 if self.verdict == "other" else 0.0, ("it hits a wall",) if self.verdict == "wall" else ())
+
+
+@pytest.mark.parametrize(
+    ("verdict", "said"),
+    [
+        ("raises", "the check raised ZeroDivisionError: oh"),
+        ("unreadable", "the check cannot read the solution: solution: expected another"),
+        ("other", "the check finds a fitness of 5, the run claims 0"),
+        ("wall", "the check refuses the solution: it hits a wall"),
+    ],
+)
+def test_a_check_that_disagrees_fails_the_run_and_says_why(verdict, said):
+    plan = Plan(Checked(kind="checked", verdict=verdict), Run())
+    judgement = judge(collected(plan, Champion(0.0, 3, 5, FULL)), 8, ["target"])
+    assert (judgement.status, judgement.message, judgement.feasible) == ("failed", said, False)
+
+
+def test_what_is_not_claimed_to_be_solved_may_be_infeasible():
+    plan = Plan(Checked(kind="checked", verdict="wall"), Run(target=-1.0))
+    judgement = judge(collected(plan, Champion(0.0, 3, 5, FULL)), 8, ["stall"])
+    assert (judgement.status, judgement.feasible, judgement.message) == ("stalled", False, "it hits a wall")
+
+
+def report(cell, generation=8, champion=None, proposals=()):
+    return Report(cell, generation, bytes([cell]) * 32, 9, 8, 32, 0, 0, champion, tuple(proposals), b"", None)
+
+
+def test_the_best_known_is_the_least_champion_or_the_roots():
+    reports = [
+        report(0, champion=Champion(3.0, 1, 2, b"a")),
+        report(1, champion=Champion(1.0, 5, 1, b"b")),
+        report(2, champion=Champion(1.0, 4, 9, b"c")),
+        report(3),
+    ]
+    assert best_known(reports, "champion").genome == b"c"
+    assert best_known(reports, "root").genome == b"a"
+    assert best_known([report(0)], "champion") is None
+
+
+def test_reasons_are_those_of_the_stop():
+    reports = [report(0, proposals=[Proposal(8, "stall", 0, 3)]), report(1, proposals=[Proposal(9, "target", 1, 4)])]
+    assert stop_reasons(reports, "lockstep") == ("stall",)
+    assert stop_reasons(reports, "async") == ("stall", "target")
+    assert stopped_after([report(0, 4), report(1, 6), report(2, 9)]) == 6
+
+
+def test_infinity_is_null_in_json(tmp_path):
+    file = ProblemFile("x", {"kind": "x:Y"}, Run(topology="torus 1x2"), tmp_path)
+    judgement = Judgement("stalled", False, None, None)
+    result = result_of("1", file, [report(0), report(1)], judgement, {}, Clocks(1.0, 2.0, 3.0))
+    assert math.isinf(result.fitness)
+    plain = json.loads(json.dumps(result.to_json(), allow_nan=False))
+    assert (plain["fitness"], plain["solution"], plain["found_at"]) == (None, None, None)
+    assert plain["messages"] == {"sent": 16, "received": 64, "lost": 0, "rejected": 0}
+
+
+def test_the_run_log_is_json_lines(tmp_path):
+    path = tmp_path / "log.jsonl"
+    log = RunLog(path)
+    log.write("one", number=1.5, infinite=np.inf)
+    log.end(Judgement("stalled", False, None, None), 9)
+    log.write("late")
+    events = [json.loads(line) for line in path.read_text().splitlines()]
+    assert [event["event"] for event in events] == ["one", "end"]
+    assert events[0]["infinite"] is None
+    with pytest.raises(BadInput, match="--log: expected a file that can be written"):
+        RunLog(tmp_path)

@@ -1,0 +1,56 @@
+"""Every example, on real processes and in the simulator: the same run, bit for bit."""
+
+import hashlib
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import supernode
+from node import Plan, simulate
+
+EXAMPLES = Path(__file__).parent.parent.parent / "examples"
+PROBLEMS = sorted(path.name for path in EXAMPLES.glob("*.toml"))
+
+
+@pytest.fixture(scope="module", params=["torus 4x4", "torus 3x5"])
+def cluster(request):
+    with supernode.LocalCluster(topology=request.param) as cluster:
+        yield cluster
+
+
+def simulated(file):
+    digests = [report.digest for report in simulate(Plan.of(file))]
+    return hashlib.sha256(b"".join(digests)).hexdigest()
+
+
+@pytest.mark.parametrize("deme", [1, 8])
+@pytest.mark.parametrize("name", PROBLEMS)
+def test_solve_and_simulate_have_the_same_history(cluster, name, deme):
+    file = supernode.load(EXAMPLES / name)
+    for seed in (1, 2):
+        run = {"seed": seed, "deme": deme, "stall": 20, "generations": 60, "topology": cluster.topology.spec}
+        result = cluster.submit(file, **run).result()
+        assert result.status in ("solved", "stalled", "exhausted")
+        assert result.history_sha256 == simulated(file.with_run(**run))
+        assert result.history_sha256 == cluster.submit(file, **run).result().history_sha256
+        assert result.messages["lost"] == result.messages["rejected"] == 0
+
+
+@pytest.mark.parametrize("name", PROBLEMS)
+def test_as_it_stands_it_is_solved_and_accepted_in_lockstep_and_async(cluster, name):
+    file = supernode.load(EXAMPLES / name)
+    for mode in ("lockstep", "async"):
+        result = cluster.submit(file, mode=mode, topology=cluster.topology.spec).result()
+        if mode == "lockstep" and cluster.topology.spec == "torus 4x4":
+            assert (result.status, result.feasible) == ("solved", True)
+        assert result.status in ("solved", "stalled"), result.message
+
+
+def test_own_problem_runs_as_a_script():
+    done = subprocess.run(
+        [sys.executable, str(EXAMPLES / "own_problem.py")], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[-1].startswith("solved after ")
