@@ -1,0 +1,125 @@
+"""The judge of points, bit strings and partitions: the formulas once more, in plain numpy, as the literature has them.
+
+Nothing here is used by the evaluation.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, ValidationError
+
+from problems.errors import BadInput, first_line
+from problems.problem import Solution, Table, Verdict
+
+if TYPE_CHECKING:
+    from problems.function.graph import Graph
+    from problems.function.problem import Function
+
+Points = NDArray[np.float64]
+Model = TypeVar("Model", bound="Claim")
+
+_ROUNDING = 1e-9
+
+
+class Claim(Table):
+    """What all solutions say."""
+
+    value: float
+
+
+class PointClaim(Claim):
+    """A point, and the function's value there."""
+
+    x: list[float]
+
+
+class BitsClaim(Claim):
+    """Bits as a text of 0 and 1."""
+
+    bits: Annotated[str, Field(pattern=r"^[01]*$")]
+
+
+class PartitionClaim(Claim):
+    """The part of each vertex, and the edges between parts."""
+
+    parts: list[Annotated[int, Field(ge=0)]]
+    cut: int
+    planted_cut: int
+
+
+def judge(problem: Function, solution: Solution) -> Verdict:
+    """The value, computed anew, and what is wrong with the solution."""
+    if problem.graph is not None:
+        return _judge_partition(problem.graph, solution)
+    if problem.bounds is None:
+        return _judge_bits(problem, solution)
+    claim = _parsed(PointClaim, solution, "x", problem.dimension, "numbers")
+    x = np.array(claim.x)
+    low, high = problem.bounds
+    outside = np.flatnonzero((x < low - _ROUNDING) | (x > high + _ROUNDING))
+    objections = [f"x[{number}] is {x[number]:g}, outside [{low}, {high}]" for number in outside]
+    return _verdict(value(problem.name, x), claim, objections)
+
+
+def value(name: str, x: Points) -> float:
+    """The real function ``name`` at points (..., dimension); the sum runs over the last axis."""
+    values: dict[str, Any] = {
+        "sphere": lambda: np.sum(x**2, axis=-1),
+        "rastrigin": lambda: 10 * x.shape[-1] + np.sum(x**2 - 10 * np.cos(2 * np.pi * x), axis=-1),
+        "ackley": lambda: (
+            -20 * np.exp(-0.2 * np.sqrt(np.mean(x**2, axis=-1)))
+            - np.exp(np.mean(np.cos(2 * np.pi * x), axis=-1))
+            + 20
+            + np.e
+        ),
+        "rosenbrock": lambda: np.sum(100 * (x[..., 1:] - x[..., :-1] ** 2) ** 2 + (1 - x[..., :-1]) ** 2, axis=-1),
+    }
+    return values[name]()  # type: ignore[no-any-return]
+
+
+def _judge_bits(problem: Function, solution: Solution) -> Verdict:
+    claim = _parsed(BitsClaim, solution, "bits", problem.dimension, "digits")
+    if problem.name == "onemax":
+        return _verdict(claim.bits.count("0"), claim, [])
+    blocks = np.array([int(bit) for bit in claim.bits]).reshape(-1, problem.block)
+    ones = blocks.sum(axis=1)
+    return _verdict(float(np.sum(np.where(ones == problem.block, 0, 1 + ones))), claim, [])
+
+
+def _judge_partition(graph: Graph, solution: Solution) -> Verdict:
+    claim = _parsed(PartitionClaim, solution, "parts", graph.vertices, "numbers")
+    if max(claim.parts) >= graph.parts:
+        raise BadInput(f"solution: parts: expected numbers below {graph.parts}, found {max(claim.parts)}")
+    parts = np.array(claim.parts)
+    cut = sum(parts[one] != parts[other] for one, other in graph.edges)
+    sizes = np.bincount(parts, minlength=graph.parts)
+    even = np.bincount(np.arange(graph.vertices) % graph.parts)
+    objections = []
+    if (claim.cut, claim.planted_cut) != (cut, graph.planted_cut):
+        objections.append(
+            f"{cut} edges are cut and {graph.planted_cut} by the planted partition, "
+            f"not {claim.cut} and {claim.planted_cut}"
+        )
+    return _verdict(float(cut - graph.planted_cut + sizes @ sizes - even @ even), claim, objections)
+
+
+def _parsed(model: type[Model], solution: Solution, field: str, length: int, what: str) -> Model:
+    try:
+        claim = model.model_validate_json(json.dumps(solution), strict=True)
+    except ValidationError as error:
+        raise first_line(error, model, "solution") from error
+    found = len(getattr(claim, field))
+    if found != length:
+        raise BadInput(f"solution: {field}: expected {length} {what}, found {found}")
+    return claim
+
+
+def _verdict(computed: float, claim: Claim, objections: list[str]) -> Verdict:
+    computed = float(computed)
+    if abs(computed - claim.value) > _ROUNDING * max(1.0, abs(computed)):
+        objections = [*objections, f"the value is {computed:.12g}, not {claim.value:.12g}"]
+    return Verdict(computed, tuple(objections))

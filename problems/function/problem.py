@@ -1,0 +1,220 @@
+"""The planner of known functions: schema and behaviour."""
+
+from __future__ import annotations
+
+import time
+from functools import cached_property
+from typing import TYPE_CHECKING, ClassVar, Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import model_validator
+
+from genetics.arrays import Fitness, Genomes
+from genetics.recipe import Recipe
+from problems.function import checker
+from problems.function.graph import Graph
+from problems.problem import Populations, Problem, RecipeName, Solution, Verdict, quantity
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from genetics.bit_string import BitString
+    from genetics.real_vector import RealVector
+
+Name = Literal["rastrigin", "sphere", "ackley", "rosenbrock", "onemax", "trap", "graph-partition"]
+
+_BOUNDS = {  # of each parameter; the optimum is 0, at x = 0 but for Rosenbrock's, at x = 1
+    "rastrigin": (-5.12, 5.12),
+    "sphere": (-5.12, 5.12),
+    "ackley": (-32.768, 32.768),
+    "rosenbrock": (-2.048, 2.048),
+}
+_REAL_TARGET = 1e-2
+_ROUNDING = 1e-9
+_TRAP = 5  # bits in a block of the trap function
+_FLIPS = 2.4  # bits changed in an offspring, on average, by the tuned recipe
+
+
+class Function(Problem):
+    """A function whose optimum is known.
+
+    Functions of numbers are minimised within the bounds of the literature. Bit strings are to become all ones. In
+    graph-partition the fitness is the number of edges cut beyond the planted cut, plus the sum of the squared sizes of
+    the parts beyond its least: 0 for the planted partition, and an unbalanced one must cut ever fewer edges to be as
+    good (with two parts, m vertices too many cost 2 m²).
+    """
+
+    about: ClassVar[str] = "known functions: for tests, comparisons and load"
+    template: ClassVar[str] = """\
+kind = "function"
+name = "rastrigin"      # or sphere, ackley, rosenbrock, onemax, trap, graph-partition
+dimension = 10          # parameters, or bits of onemax and trap; graph-partition has its vertices instead
+bits = 0                # of each parameter; 0: real numbers
+# code = "gray"         # or "binary"; if not given, the recipe's
+# cost_us = 500         # microseconds of processor time that each evaluation takes longer
+
+# [graph]               # for graph-partition
+# vertices = 64
+# parts = 2
+# p_in = 0.3            # probability of an edge within a part
+# p_out = 0.05          # and between two parts
+# seed = 1
+
+[run]                   # what the command line does not say
+topology = "torus 4x4"
+seed = 1
+"""
+
+    name: Name = quantity("", "the function")
+    dimension: int = quantity(
+        "", "parameters, or bits of onemax and trap; not for graph-partition", default=10, ge=1, le=10_000
+    )
+    bits: int = quantity("bit", "bits of each parameter; 0 for real numbers", default=0, ge=0, le=62)
+    code: Literal["binary", "gray"] | None = quantity(
+        "", 'how an integer is written in bits; if not given, the recipe\'s: tuned "gray", paper "binary"', default=None
+    )
+    cost_us: float = quantity("µs", "thread processor time that each evaluation takes longer", default=0, ge=0, le=1e7)
+    graph: Graph | None = quantity("", "for graph-partition: the graph", default=None)
+
+    @model_validator(mode="after")
+    def _fields_are_those_of_the_function(self) -> Self:
+        complaint = self._graph_complaint() or self._size_complaint()
+        if complaint is not None:
+            raise ValueError(complaint)
+        return self
+
+    def _graph_complaint(self) -> str | None:
+        if (self.name == "graph-partition") == (self.graph is None):
+            found = "nothing" if self.graph is None else "one"
+            return f"graph: expected a table [graph] for graph-partition only, found {found} for {self.name}"
+        return None
+
+    def _size_complaint(self) -> str | None:
+        if self.graph is not None and "dimension" in self.model_fields_set:
+            return f"dimension: expected none, the graph says it, found {self.dimension}"
+        if self.bounds is None and self.bits:
+            return f"bits: expected none, the parameters of {self.name} are not numbers, found {self.bits}"
+        if self.name == "trap" and self.dimension % self.block:
+            return f"dimension: expected a multiple of {self.block}, the bits of a trap, found {self.dimension}"
+        if self.name == "rosenbrock" and self.dimension < 2:
+            return f"dimension: expected at least 2 for rosenbrock, found {self.dimension}"
+        return None
+
+    @property
+    def bounds(self) -> tuple[float, float] | None:
+        """The bounds of each parameter; None where parameters are not numbers."""
+        return _BOUNDS.get(self.name)
+
+    @property
+    def block(self) -> int:
+        """The bits of a trap."""
+        return _TRAP
+
+    @cached_property
+    def coding(self) -> BitString | RealVector:
+        """Real numbers, coded numbers, bits, or the vertices' parts."""
+        from genetics.bit_string import BitString
+        from genetics.real_vector import RealVector
+
+        if self.graph is not None:
+            return BitString(self.graph.vertices, (self.graph.parts - 1).bit_length())
+        if self.bounds is None:
+            return BitString(self.dimension, 1)
+        if self.bits == 0:
+            return RealVector(self.dimension, *self.bounds)
+        return BitString(self.dimension, self.bits, gray=self.code != "binary")
+
+    @cached_property
+    def solved_at(self) -> float:
+        """0; of real numbers 0.01; of coded numbers the value at the code nearest to the optimum.
+
+        The optimum itself has no code: an odd number of steps does not divide at 0.
+        """
+        if self.bounds is None:
+            return 0.0
+        if self.bits == 0:
+            return _REAL_TARGET
+        low, high = self.bounds
+        best = 1.0 if self.name == "rosenbrock" else 0.0
+        steps = (1 << self.bits) - 1
+        nearest = low + (high - low) * round((best - low) / (high - low) * steps) / steps
+        return float(checker.value(self.name, np.full(self.dimension, nearest))) + _ROUNDING
+
+    def for_recipe(self, name: RecipeName, deme: int) -> Self:
+        """The paper's binary code, or the tuned recipe's Gray code, unless the file chooses."""
+        if self.code is not None:
+            return self
+        code = "gray" if name == "tuned" else "binary"
+        return self.model_validate(self.model_dump(exclude_unset=True) | {"code": code})
+
+    def recipe(self, name: RecipeName, deme: int) -> Recipe:
+        """Tuned bit strings: uniform crossover (but for the trap, whose blocks it would tear) and more mutation."""
+        if name == "paper" or (self.bounds is not None and self.bits == 0):
+            return super().recipe(name, deme)
+        crossover: Literal["one-point", "uniform"] = "one-point" if self.name == "trap" else "uniform"
+        return Recipe(crossover, min(0.5, _FLIPS / self._bit_string.length), "elitist")
+
+    def evaluate(self, genomes: Genomes) -> Fitness:
+        """The function's values, after as much processor time as asked for."""
+        values = self._values(genomes)
+        if self.cost_us > 0:
+            _burn(self.cost_us * len(genomes))
+        return values
+
+    def _values(self, genomes: Genomes) -> Fitness:
+        from problems.function import kernels
+
+        if self.bounds is not None:
+            values: Fitness = getattr(kernels, self.name)(self.points(genomes))
+            return values
+        integers = self._bit_string.integers(genomes)
+        if self.graph is not None:
+            offset = self.graph.planted_cut + self.graph.least_squares
+            return kernels.partition(integers, self.graph.edges, self.graph.parts, offset)
+        return kernels.onemax(integers) if self.name == "onemax" else kernels.trap(integers, self.block)
+
+    def points(self, genomes: Genomes) -> NDArray[np.float64]:
+        """The numbers that genomes code, (n, dimension)."""
+        if self.bounds is None:
+            raise TypeError(f"the parameters of {self.name} are not numbers")
+        if self.bits == 0:
+            return np.require(genomes, np.uint8, ["C", "W"]).view(np.float64)
+        low, high = self.bounds
+        return low + (high - low) * self._bit_string.integers(genomes) / ((1 << self.bits) - 1)
+
+    @property
+    def _bit_string(self) -> BitString:
+        from genetics.bit_string import BitString
+
+        assert isinstance(self.coding, BitString), "real numbers have no bits"
+        return self.coding
+
+    def decode(self, genome: Genomes) -> Solution:
+        """``{"value": f}`` and ``"x": [..]``, ``"bits": "01.."`` or ``"parts": [..], "cut": c, "planted_cut": p``."""
+        value = float(self._values(genome[None])[0])
+        if self.bounds is not None:
+            return {"x": self.points(genome[None])[0].tolist(), "value": value}
+        integers = self._bit_string.integers(genome[None])[0]
+        if self.graph is None:
+            return {"bits": "".join(map(str, integers)), "value": value}
+        parts = integers % self.graph.parts
+        cut = int(np.count_nonzero(parts[self.graph.edges[:, 0]] != parts[self.graph.edges[:, 1]]))
+        return {"parts": parts.tolist(), "cut": cut, "planted_cut": self.graph.planted_cut, "value": value}
+
+    def check(self, solution: Solution) -> Verdict:
+        """See `problems.function.checker`, which shares no code with `evaluate`."""
+        return checker.judge(self, solution)
+
+    def draw(self, figure: Figure, solution: Solution | None, populations: Populations) -> None:
+        """A map of the first two parameters; the bits; or the graph's edges, sorted by parts."""
+        from problems.function import drawing
+
+        drawing.draw(self, figure, solution, populations)
+
+
+def _burn(microseconds: float) -> None:
+    """Keep this thread's processor busy."""
+    end = time.thread_time_ns() + round(1000 * microseconds)
+    while time.thread_time_ns() < end:
+        pass
