@@ -9,6 +9,7 @@ from typing import Any, Literal, get_args, get_origin
 from pydantic import BaseModel, ValidationError
 
 _LONGEST_FOUND = 80
+_TYPES = ("bool", "float", "int", "str")  # as pydantic names them where a field may be of several
 
 
 class BadInput(ValueError):  # noqa: N818 - it is the user's input that is bad, and people read the name
@@ -44,7 +45,9 @@ def first_line(error: ValidationError, model: type[BaseModel], where: str) -> Ba
     by_field: dict[str, list[Any]] = {}  # a field of several types has a complaint from each of them
     for complaint in error.errors(include_url=False):
         by_field.setdefault(_field(complaint), []).append(complaint)
-    field, complaints = next(iter(by_field.items()))
+    # An unknown field comes first: written right, it may be the one that is missing.
+    unknown = (item for item in by_field.items() if item[1][0]["type"] == "extra_forbidden")
+    field, complaints = next(unknown, None) or next(iter(by_field.items()))
     first = complaints[0]
     if first["type"] == "extra_forbidden":
         text = f"unknown field, expected {_siblings(model, first['loc'])}"
@@ -83,7 +86,7 @@ def _field(complaint: Any) -> str:
     for place, part in enumerate(location):
         if isinstance(part, int):
             text += f"[{part}]"
-        elif place == 0 or part.isidentifier() or (named and place == last):
+        elif place == 0 or (named and place == last) or (part.isidentifier() and part not in _TYPES):
             text += f".{part}" if text else part
         # else it is no field but the name of one of a field's types, such as "constrained-float"
     if complaint["type"].startswith("union_tag"):

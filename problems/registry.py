@@ -14,6 +14,7 @@ _BUILT_IN = {
     "function": "problems.function:Function",
     "mobile-robot": "problems.mobile_robot:MobileRobot",
 }
+_read: set[str] = set()  # the names of modules that were read from beside problem files
 
 
 def kinds() -> tuple[str, ...]:
@@ -51,7 +52,7 @@ def find(kind: str, folder: Path | None = None) -> type[Problem]:
     module_name, _, class_name = _BUILT_IN.get(kind, kind).partition(":")
     try:
         found = getattr(_module(module_name, None if is_built_in(kind) else folder), class_name)
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise BadInput(f"kind: cannot import {kind!r}: {type(error).__name__}: {error}") from error
     if not (isinstance(found, type) and issubclass(found, Problem)):
         raise BadInput(f"kind: expected a subclass of supernode.Problem, found {kind!r}, which is {found!r}")
@@ -60,17 +61,31 @@ def find(kind: str, folder: Path | None = None) -> type[Problem]:
 
 def _module(name: str, folder: Path | None) -> ModuleType:
     """The module, read anew if it lies in ``folder``: there may be others of that name, or it may have been edited."""
-    beside = None if folder is None else folder / f"{name}.py"
-    if beside is None or not beside.is_file():
+    if folder is None:
         return importlib.import_module(name)
     if str(folder) not in sys.path:
         sys.path.insert(0, str(folder))
+    beside = folder / f"{name}.py"
+    if not beside.is_file():
+        return importlib.import_module(name)
+    old = sys.modules.get(name)
+    if (
+        old is not None
+        and name not in _read
+        and Path(str(getattr(old, "__file__", None))).resolve() != beside.resolve()
+    ):
+        raise ImportError(f"there is another module {name!r} already; rename {beside}")
     spec = importlib.util.spec_from_file_location(name, beside)
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    sys.modules[name] = module
+    sys.modules[name] = module  # before it runs: its classes look up their annotations there
+    try:
+        spec.loader.exec_module(module)
+    except BaseException:
+        del sys.modules[name]
+        raise
+    _read.add(name)
     return module
 
 
