@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 from wire.strict import Rejected, count, fields, fitness, of, pack, unpack
 
 VERSION = 1
+_FIELDS = 8
 _OVERHEAD = 256  # bytes of a message beside its genomes, more than enough
 _EACH = 24  # bytes of an emigrant beside its genome
 
@@ -96,7 +97,7 @@ def decode(payload: bytes, limits: Limits) -> Exchange:
         Rejected: whatever is wrong with it; nothing else is ever raised.
     """
     version, job, world, generation, stop_at, emigrants, champion, counters = fields(
-        unpack(payload, limits.most_bytes), 8
+        unpack(payload, limits.most_bytes, max(_FIELDS, limits.emigrants)), _FIELDS
     )
     if version != VERSION or type(version) is not int:
         raise Rejected("other version")

@@ -24,8 +24,8 @@ def pack(value: Any) -> bytes:
     return packed
 
 
-def unpack(payload: bytes, most_bytes: int = MOST_BYTES) -> list[Any]:
-    """The array in ``payload``.
+def unpack(payload: bytes, most_bytes: int = MOST_BYTES, most_elements: int = MOST_ELEMENTS) -> list[Any]:
+    """The array in ``payload``, of which no array has more than ``most_elements``.
 
     Raises:
         Rejected: "too long", "not msgpack" or "not an array".
@@ -38,7 +38,7 @@ def unpack(payload: bytes, most_bytes: int = MOST_BYTES) -> list[Any]:
             strict_map_key=True,
             max_str_len=len(payload),
             max_bin_len=len(payload),
-            max_array_len=min(len(payload), MOST_ELEMENTS),
+            max_array_len=min(len(payload), most_elements),
             max_map_len=0,
             max_ext_len=0,
         )

@@ -1,0 +1,432 @@
+"""The exchange message: there and back, and everything that is refused on the way."""
+
+import dataclasses
+import math
+import struct
+import tracemalloc
+from collections import Counter
+
+import msgpack
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from genetics import BitString, RealVector
+from wire.exchange import VERSION, Champion, Emigrant, Exchange, Limits, decode
+from wire.strict import Rejected
+
+BITS = BitString(3, 5)
+REALS = RealVector(2, -1.0, 1.0)
+MOST = (1 << 62) - 1
+REASONS = {
+    "too long",
+    "not msgpack",
+    "not an array",
+    "wrong shape",
+    "wrong type",
+    "out of bounds",
+    "not finite",
+    "other version",
+    "genome too long",
+    "no such genome",
+}
+
+
+def limits_of(coding, emigrants=2, cells=16):
+    return Limits(coding.genome_bytes, emigrants, cells, coding.accepts)
+
+
+LIMITS = limits_of(BITS)
+
+counts = st.integers(0, MOST)
+fitnesses = st.floats(allow_nan=False).filter(lambda value: value != -math.inf)
+bit_genomes = st.lists(st.integers(0, 31), min_size=3, max_size=3).map(lambda row: BITS.encode([row])[0].tobytes())
+real_genomes = st.lists(st.floats(-1, 1), min_size=2, max_size=2).map(lambda genes: struct.pack("2d", *genes))
+
+
+def exchanges(genomes, emigrants, cells):
+    return st.builds(
+        Exchange,
+        job=counts,
+        world=counts,
+        generation=counts,
+        stop_at=st.none() | counts,
+        emigrants=st.tuples(*[st.builds(Emigrant, genomes, fitnesses)] * emigrants),
+        champion=st.none() | st.builds(Champion, fitnesses, counts, st.integers(0, cells - 1), genomes),
+        sent=counts,
+        evaluations=counts,
+    )
+
+
+MESSAGE = Exchange(
+    job=3,
+    world=1,
+    generation=300,
+    stop_at=70_000,
+    emigrants=(Emigrant(bytes([0x12, 0x34]), 1.5), Emigrant(bytes([0xFF, 0xFE]), math.inf)),
+    champion=Champion(0.25, 17, 15, bytes([0x80, 0x02])),
+    sent=301,
+    evaluations=2408,
+)
+
+
+def fields_of(message=MESSAGE):
+    """The message as lists that can be spoilt."""
+    return msgpack.unpackb(message.encode())
+
+
+def spoilt(place, value):
+    """The message with another value at a place, such as (5, 0, 1)."""
+    fields = fields_of()
+    inner = fields
+    for index in place[:-1]:
+        inner = inner[index]
+    inner[place[-1]] = value
+    return msgpack.packb(fields)
+
+
+def reason(payload, limits=LIMITS):
+    with pytest.raises(Rejected) as caught:
+        decode(payload, limits)
+    assert str(caught.value) == caught.value.reason
+    return caught.value.reason
+
+
+# There and back -------------------------------------------------------------------------------------------------------
+@given(st.integers(1, 3).flatmap(lambda emigrants: exchanges(bit_genomes, emigrants, 16)))
+def test_a_message_of_bits_comes_back_as_it_was(message):
+    limits = limits_of(BITS, len(message.emigrants))
+    payload = message.encode()
+    assert len(payload) <= limits.most_bytes
+    assert decode(payload, limits) == message
+
+
+@given(exchanges(real_genomes, 2, 1))
+def test_a_message_of_numbers_comes_back_as_it_was(message):
+    assert decode(message.encode(), limits_of(REALS, 2, cells=1)) == message
+
+
+def test_the_parts_of_a_message_have_their_types():
+    message = decode(MESSAGE.encode(), LIMITS)
+    assert message == MESSAGE
+    assert isinstance(message.emigrants, tuple)
+    assert [type(each) for each in message.emigrants] == [Emigrant, Emigrant]
+    assert type(message.champion) is Champion
+
+
+def test_the_layout_is_that_of_the_protocol():
+    assert fields_of() == [
+        VERSION,
+        3,
+        1,
+        300,
+        70_000,
+        [[b"\x12\x34", 1.5], [b"\xff\xfe", math.inf]],
+        [0.25, 17, 15, b"\x80\x02"],
+        [301, 2408],
+    ]
+
+
+@pytest.mark.parametrize("genome_bytes", [1, 8, 300, 70_000])
+@pytest.mark.parametrize("emigrants", [1, 20, 300])
+def test_the_longest_message_is_no_longer_than_the_limit(genome_bytes, emigrants):
+    limits = Limits(genome_bytes, emigrants, 1 << 20, lambda genome: True)
+    genome = bytes(genome_bytes)
+    emigrant = Emigrant(genome, 1e300)
+    champion = Champion(1e300, MOST, (1 << 20) - 1, genome)
+    message = Exchange(MOST, MOST, MOST, MOST, (emigrant,) * emigrants, champion, MOST, MOST)
+    assert len(message.encode()) <= limits.most_bytes
+    assert decode(message.encode(), limits) == message
+
+
+# What is refused ------------------------------------------------------------------------------------------------------
+SCALARS = [
+    ((1,), "job"),
+    ((2,), "world"),
+    ((3,), "generation"),
+    ((4,), "stop_at"),
+    ((7, 0), "sent"),
+    ((7, 1), "evaluations"),
+]
+COUNTS = [*SCALARS, ((6, 1), "champion's generation"), ((6, 2), "champion's cell")]
+FITNESSES = [((5, 0, 1), "emigrant's fitness"), ((6, 0), "champion's fitness")]
+GENOMES = [((5, 1, 0), "emigrant's genome"), ((6, 3), "champion's genome")]
+
+
+def named(place):
+    return place if isinstance(place, str) else None
+
+
+@pytest.mark.parametrize("version", [0, 2, -1, VERSION + 0.0, True, "1", None, [1], b"\x01"])
+def test_another_version_is_refused(version):
+    assert reason(spoilt((0,), version)) == "other version"
+
+
+@pytest.mark.parametrize("value", [True, False, 1.0, "1", b"1", [], [1], math.nan])
+@pytest.mark.parametrize(("place", "name"), COUNTS, ids=named)
+def test_what_is_no_integer_is_no_count(place, name, value):
+    assert reason(spoilt(place, value)) == "wrong type"
+
+
+@pytest.mark.parametrize("value", [-1, 1 << 62, (1 << 64) - 1, -(1 << 63)])
+@pytest.mark.parametrize(("place", "name"), COUNTS, ids=named)
+def test_counts_have_bounds(place, name, value):
+    assert reason(spoilt(place, value)) == "out of bounds"
+
+
+@pytest.mark.parametrize(("place", "name"), [pair for pair in COUNTS if pair[1] != "stop_at"], ids=named)
+def test_nothing_is_no_count(place, name):
+    assert reason(spoilt(place, None)) == "wrong type"
+
+
+def test_nobody_need_have_proposed_a_stop_and_there_need_be_no_champion():
+    message = dataclasses.replace(MESSAGE, stop_at=None, champion=None)
+    assert decode(message.encode(), LIMITS) == message
+
+
+@pytest.mark.parametrize(("cell", "right"), [(0, True), (15, True), (16, False), (1 << 20, False)])
+def test_a_champion_comes_from_a_cell_that_there_is(cell, right):
+    if right:
+        assert decode(spoilt((6, 2), cell), LIMITS).champion.cell == cell
+    else:
+        assert reason(spoilt((6, 2), cell)) == "out of bounds"
+
+
+@pytest.mark.parametrize("value", [1, 0, True, "1.0", None, [1.0], b""])
+@pytest.mark.parametrize(("place", "name"), FITNESSES, ids=named)
+def test_what_is_no_float_is_no_fitness(place, name, value):
+    assert reason(spoilt(place, value)) == "wrong type"
+
+
+@pytest.mark.parametrize("value", [math.nan, -math.nan, -math.inf])
+@pytest.mark.parametrize(("place", "name"), FITNESSES, ids=named)
+def test_a_fitness_is_finite_or_infeasible(place, name, value):
+    assert reason(spoilt(place, value)) == "not finite"
+
+
+@pytest.mark.parametrize("value", ["ab", 3, None, [], True, [0x12, 0x34]])
+@pytest.mark.parametrize(("place", "name"), GENOMES, ids=named)
+def test_a_genome_is_bytes(place, name, value):
+    assert reason(spoilt(place, value)) == "wrong type"
+
+
+@pytest.mark.parametrize(
+    ("genome", "why"),
+    [
+        (b"", "no such genome"),
+        (b"\x00", "no such genome"),
+        (b"\x00\x01", "no such genome"),  # a bit beyond the length
+        (b"\x00\x00\x00", "genome too long"),
+        (bytes(200), "genome too long"),
+    ],
+)
+@pytest.mark.parametrize(("place", "name"), GENOMES, ids=named)
+def test_a_genome_is_one_of_the_coding(place, name, genome, why):
+    assert reason(spoilt(place, genome)) == why
+
+
+@pytest.mark.parametrize("genes", [(math.nan, 0.0), (0.0, math.inf), (1.5, 0.0)])
+def test_genes_are_finite_and_within_their_bounds(genes):
+    message = dataclasses.replace(MESSAGE, emigrants=(Emigrant(struct.pack("2d", *genes), 1.0),), champion=None)
+    assert reason(message.encode(), limits_of(REALS, 1)) == "no such genome"
+
+
+@pytest.mark.parametrize("emigrants", [0, 1, 3, 8])
+def test_the_number_of_emigrants_is_exact(emigrants):
+    message = dataclasses.replace(MESSAGE, emigrants=MESSAGE.emigrants[:1] * emigrants)
+    assert reason(message.encode()) == "wrong shape"
+
+
+@pytest.mark.parametrize(
+    ("place", "value"),
+    [
+        ((5,), None),
+        ((5,), 2),
+        ((5,), "ab"),
+        ((5,), {}),
+        ((5, 0), None),
+        ((5, 0), [b"\x12\x34"]),
+        ((5, 0), [b"\x12\x34", 1.0, 1.0]),
+        ((6,), []),
+        ((6,), 0),
+        ((6,), [0.25, 17, 15]),
+        ((6,), [0.25, 17, 15, b"\x80\x02", 0]),
+        ((7,), []),
+        ((7,), [1]),
+        ((7,), [1, 2, 3]),
+        ((7,), None),
+    ],
+)
+def test_the_shape_of_a_message_is_exact(place, value):
+    assert reason(spoilt(place, value)) == "wrong shape"
+
+
+@pytest.mark.parametrize("fields", [[], [VERSION], fields_of()[:-1]])
+def test_a_message_has_no_fewer_than_eight_fields(fields):
+    assert reason(msgpack.packb(fields)) == "wrong shape"
+
+
+def test_a_message_has_no_more_than_eight_fields():
+    assert reason(msgpack.packb([*fields_of(), 0])) == "not msgpack"  # longer than any array of a right message
+    assert reason(msgpack.packb([*fields_of(), 0]), limits_of(BITS, emigrants=9)) == "wrong shape"
+
+
+@pytest.mark.parametrize("value", [None, 3, "abc", b"abc", 1.5, True, {}])
+def test_a_message_is_an_array(value):
+    assert reason(msgpack.packb(value)) == "not an array"
+
+
+@pytest.mark.parametrize(
+    "payload",
+    [
+        b"",
+        b"\xc1",  # never used by msgpack
+        MESSAGE.encode()[:-1],
+        MESSAGE.encode() + b"\x00",
+        MESSAGE.encode() * 2,
+        msgpack.packb([{"a": 1}]),
+        msgpack.packb([msgpack.ExtType(5, b"abc")]),
+        msgpack.packb([msgpack.Timestamp(0, 1)]),
+        b"\x92\xa2\xff\xfe\x00",  # text that is not UTF-8
+        b"\x91" * 300 + b"\x00",
+        b"\x91" * 310,
+        b"\xdd\xff\xff\xff\xff",  # four billion elements
+        b"\xdc\xff\xff",
+        b"\xc6\xff\xff\xff\xff",  # four gigabytes
+        b"\xdb\xff\xff\xff\xff",
+        b"\xdf\xff\xff\xff\xff",
+        b"\xc9\xff\xff\xff\xff\x00",
+    ],
+    ids=lambda payload: payload[:8].hex(),
+)
+def test_what_is_not_msgpack_or_beyond_its_limits_is_refused(payload):
+    assert reason(payload) in ("not msgpack", "wrong shape")
+
+
+def test_a_message_too_long_is_refused_before_it_is_unpacked(monkeypatch):
+    monkeypatch.setattr(msgpack, "unpackb", lambda *args, **kwargs: pytest.fail("unpacked"))
+    assert reason(bytes(LIMITS.most_bytes + 1)) == "too long"
+
+
+def test_an_announced_array_is_not_made_room_for():
+    payload = b"\xdd\x00\x00\xff\xff" * 1000 + bytes(100_000)  # each announces 65535 elements
+    limits = Limits(1_000_000, 1, 16, lambda genome: True)
+    tracemalloc.start()
+    try:
+        assert reason(payload, limits) == "not msgpack"
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert peak < 1 << 20
+
+
+# Fuzzing --------------------------------------------------------------------------------------------------------------
+def some_value(rng, depth=0):
+    """Any value that msgpack can hold, nested here and there."""
+    flat = [
+        lambda: rng.choice((0, 1, -1, 15, 16, 1 << 62, (1 << 64) - 1, -(1 << 63), rng.getrandbits(20))),
+        lambda: rng.choice((0.0, -1.5, math.nan, math.inf, -math.inf, 5e-324)),
+        lambda: rng.choice((True, False, None)),
+        lambda: rng.choice(("", "abc", "\0", "é" * 5)),
+        lambda: rng.randbytes(rng.choice((0, 1, 2, 2, 2, 3, 16))),
+        lambda: msgpack.ExtType(rng.randrange(128), rng.randbytes(rng.randrange(5))),
+    ]
+    nested = [
+        lambda: [some_value(rng, depth + 1) for _ in range(rng.choice((0, 1, 2, 2, 4, 8)))],
+        lambda: {rng.choice("abc"): some_value(rng, depth + 1) for _ in range(rng.randrange(3))},
+    ]
+    return rng.choice(flat + nested if depth < 4 else flat)()
+
+
+def cut(rng, message, _):
+    return message[: rng.randrange(len(message))]
+
+
+def flipped(rng, message, _):
+    bits = bytearray(message)
+    for _ in range(rng.choice((1, 1, 2, 8))):
+        bits[rng.randrange(len(bits))] ^= 1 << rng.randrange(8)
+    return bytes(bits)
+
+
+def spliced(rng, message, other):
+    return message[: rng.randrange(len(message))] + other[rng.randrange(len(other)) :]
+
+
+def stuffed(rng, message, _):
+    place = rng.randrange(len(message) + 1)
+    return message[:place] + rng.randbytes(rng.choice((1, 2, 400))) + message[place:]
+
+
+def refilled(rng, message, _):
+    fields = msgpack.unpackb(message)
+    inner = rng.choice([fields, fields, *(field for field in fields if isinstance(field, list) and field)])
+    inner[rng.randrange(len(inner))] = some_value(rng)
+    if rng.random() < 0.1:
+        del inner[rng.randrange(len(inner))]
+    return msgpack.packb(fields)
+
+
+def made_up(rng, *_):
+    return msgpack.packb(some_value(rng))
+
+
+def noise(rng, *_):
+    return rng.randbytes(rng.randrange(80))
+
+
+SPOILERS = (cut, flipped, flipped, spliced, stuffed, refilled, refilled, made_up, noise)
+
+
+def valid_messages(rng, count=50):
+    def genome():
+        return BITS.encode([[rng.randrange(32) for _ in range(3)]])[0].tobytes()
+
+    for _ in range(count):
+        champion = Champion(rng.random(), rng.randrange(300), rng.randrange(16), genome())
+        yield Exchange(
+            job=rng.randrange(3),
+            world=0,
+            generation=rng.choice((0, 5, 200, 70_000, 1 << 40)),
+            stop_at=rng.choice((None, 100)),
+            emigrants=(Emigrant(genome(), rng.random()), Emigrant(genome(), math.inf)),
+            champion=rng.choice((None, champion)),
+            sent=rng.randrange(1000),
+            evaluations=rng.randrange(100_000),
+        ).encode()
+
+
+def test_a_hundred_thousand_bad_messages_are_refused_or_make_sense_and_leave_nothing_behind(random_source):
+    rng = random_source
+    valid = list(valid_messages(rng))
+    seen = Counter()
+
+    def play(rounds):
+        for _ in range(rounds):
+            payload = rng.choice(SPOILERS)(rng, rng.choice(valid), rng.choice(valid))
+            try:
+                message = decode(payload, LIMITS)
+            except Rejected as error:
+                seen[error.reason] += 1
+            else:
+                seen["accepted"] += 1
+                again = message.encode()
+                assert decode(again, LIMITS) == message
+                assert len(again) <= LIMITS.most_bytes
+
+    play(5_000)
+    tracemalloc.start()
+    try:
+        play(5_000)
+        before, _ = tracemalloc.get_traced_memory()
+        tracemalloc.reset_peak()
+        play(5_000)
+        after, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    play(85_000)
+    assert seen.total() == 100_000
+    assert seen.keys() == REASONS | {"accepted"}, "every reason occurs, and no other"
+    assert min(seen.values()) >= 10
+    assert after - before < 10_000
+    assert peak - before < 400_000, "more than the 256 kB that packing takes"

@@ -1,0 +1,60 @@
+"""Key expressions: every thing has its own, and none is another cluster's."""
+
+import zenoh
+
+from wire.keys import ROOT, Keys
+
+
+def all_keys(cluster="c1", nodes=(0, 1, 12)):
+    """Every key of a cluster that is no pattern, by name."""
+    keys = Keys(cluster)
+    found = {}
+    for name in dir(Keys):
+        if name.startswith(("_", "any_", "every_")) or name == "cluster":
+            continue
+        value = getattr(keys, name)
+        if callable(value):
+            found |= {(name, node): value(node) for node in nodes}
+        else:
+            found[name] = value
+    return found
+
+
+def test_every_key_is_another():
+    keys = all_keys()
+    assert len(keys) >= 12
+    assert len(set(keys.values())) == len(keys)
+
+
+def test_clusters_share_no_key():
+    assert not set(all_keys("one").values()) & set(all_keys("other").values())
+
+
+def test_all_keys_lie_below_the_root_and_the_cluster():
+    assert all(key.startswith(f"{ROOT}/c1/") for key in all_keys().values())
+
+
+def test_zenoh_takes_them_as_they_are():
+    for key in all_keys().values():
+        assert str(zenoh.KeyExpr(key)) == key
+
+
+def matching(pattern):
+    return {name for name, key in all_keys().items() if zenoh.KeyExpr(pattern).intersects(zenoh.KeyExpr(key))}
+
+
+def test_patterns_match_what_they_are_for_and_nothing_else():
+    keys = Keys("c1")
+    assert matching(keys.any_node) == {("node", 0), ("node", 1), ("node", 12)}
+    assert matching(keys.any_stats) == {("stats", 0), ("stats", 1), ("stats", 12)}
+    assert matching(keys.every_control) == {("control", 0), ("control", 1), ("control", 12)}
+
+
+def test_the_keys_of_the_protocol():
+    keys = Keys("c1")
+    assert keys.node(7) == "supernode/c1/node/7"
+    assert keys.out(7) == "supernode/c1/node/7/out"
+    assert keys.control(7) == "supernode/c1/node/7/control"
+    assert keys.stats(7) == "supernode/c1/node/7/stats"
+    assert keys.best == "supernode/c1/best"
+    assert keys.log == "supernode/c1/log"

@@ -1,0 +1,358 @@
+"""Commands, reports and news: there and back, what is refused, and that nothing but a rejection comes of noise."""
+
+import json
+import math
+from collections import Counter
+from typing import get_args
+
+import msgpack
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from wire import control
+from wire.control import Begin, Command, Done, Drop, Finish, Missed, Prepare, ProposeStop, Refused
+from wire.exchange import VERSION, Champion
+from wire.news import Counters, Improvement, LogRecord, Statistics
+from wire.report import Proposal, Reason, Report
+from wire.strict import Rejected
+
+counts = st.integers(0, (1 << 62) - 1)
+fitnesses = st.floats(allow_nan=False).filter(lambda value: value != -math.inf)
+reasons = st.sampled_from(get_args(Reason))
+champions = st.builds(Champion, fitnesses, counts, counts, st.binary(max_size=40))
+plain = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False, allow_infinity=False) | st.text(),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(), inner, max_size=3),
+    max_leaves=8,
+)
+
+COMMANDS = st.one_of(
+    st.builds(Prepare, counts, st.text(), st.none() | st.text()),
+    st.builds(Begin, counts),
+    st.builds(ProposeStop, counts, reasons),
+    st.builds(Drop, counts),
+    st.builds(Missed, counts, counts),
+    st.builds(
+        Finish, counts, st.none() | champions, counts, st.lists(reasons, max_size=3).map(tuple), st.none() | st.text()
+    ),
+)
+REPORTS = st.builds(
+    Report,
+    cell=counts,
+    generation=counts,
+    digest=st.binary(max_size=32),
+    evaluations=counts,
+    sent=counts,
+    received=counts,
+    lost=counts,
+    rejected=counts,
+    champion=st.none() | champions,
+    proposals=st.lists(st.builds(Proposal, counts, reasons, counts, counts), max_size=3).map(tuple),
+    deme=st.binary(max_size=100),
+    error=st.none() | st.text(),
+)
+IMPROVEMENTS = st.builds(
+    Improvement, counts, fitnesses, counts, counts, fitnesses, st.dictionaries(st.text(), plain, max_size=4)
+)
+
+PREPARE = Prepare(3, '["x.toml"]', "/tmp/log")
+FINISH = Finish(3, Champion(0.5, 7, 2, b"\x12"), 20, ("target", "stall"))
+REPORT = Report(
+    2, 20, bytes(32), 160, 20, 80, 1, 0, FINISH.champion, (Proposal(20, "target", 2, 13),), b"\x12\x34", None
+)
+IMPROVEMENT = Improvement(3, 0.25, 7, 2, 0.5, {"angles": [0.1, 0.2], "tip": {"x": 1}})
+
+# How each kind of message is read, and one that is right.
+READERS = {
+    "command": (control.decode, control.encode(PREPARE)),
+    "finish": (control.decode, control.encode(FINISH)),
+    "stop": (control.decode, control.encode(ProposeStop(3, "cancel"))),
+    "missed": (control.decode, control.encode(Missed(3, 9))),
+    "answer": (control.decode_answer, control.encode_answer(Done('{"a": 1}'))),
+    "refusal": (control.decode_answer, control.encode_answer(Refused("no", "input"))),
+    "report": (Report.decode, REPORT.encode()),
+    "improvement": (Improvement.decode, IMPROVEMENT.encode()),
+    "counters": (Counters.decode, Counters(1, 2, 3, 4, 5, 6, 7, 8).encode()),
+    "statistics": (Statistics.decode, Statistics(1, 2, 3, 4, 5, 6, 7, 8.5).encode()),
+    "log": (LogRecord.decode, LogRecord("warning", 3, "bad message").encode()),
+}
+KNOWN_REASONS = {
+    "not msgpack",
+    "not an array",
+    "wrong shape",
+    "wrong type",
+    "out of bounds",
+    "not finite",
+    "other version",
+    "no such command",
+    "no such answer",
+    "no such reason",
+    "not JSON",
+}
+
+
+def reason(read, payload):
+    with pytest.raises(Rejected) as caught:
+        read(payload)
+    return caught.value.reason
+
+
+def with_field(kind, index, value):
+    """A right message of some kind with one field replaced."""
+    read, payload = READERS[kind]
+    fields = msgpack.unpackb(payload)
+    fields[index] = value
+    return read, msgpack.packb(fields)
+
+
+# There and back -------------------------------------------------------------------------------------------------------
+@given(COMMANDS)
+def test_a_command_comes_back_as_it_was(command):
+    again = control.decode(control.encode(command))
+    assert again == command
+    assert type(again) is type(command)
+
+
+def test_commands_have_names_of_their_own():
+    kinds = get_args(Command)
+    assert len({kind.name for kind in kinds}) == len(kinds)
+
+
+@given(st.one_of(st.builds(Done, st.text()), st.builds(Refused, st.text(), st.sampled_from(["input", "failure"]))))
+def test_an_answer_comes_back_as_it_was(answer):
+    assert control.decode_answer(control.encode_answer(answer)) == answer
+
+
+@given(REPORTS)
+def test_a_report_comes_back_as_it_was(report):
+    again = Report.decode(report.encode())
+    assert again == report
+    assert all(type(proposal) is Proposal for proposal in again.proposals)
+
+
+@given(IMPROVEMENTS)
+def test_an_improvement_comes_back_as_it_was(improvement):
+    assert Improvement.decode(improvement.encode()) == improvement
+
+
+@given(st.builds(Counters, *[counts] * 8))
+def test_counters_come_back_as_they_were(counters):
+    again = Counters.decode(counters.encode())
+    assert again == counters
+    assert type(again) is Counters
+
+
+@given(st.builds(Statistics, *[counts] * 7, fitnesses))
+def test_statistics_come_back_as_they_were(statistics):
+    again = Statistics.decode(statistics.encode())
+    assert again == statistics
+    assert type(again) is Statistics
+
+
+@given(st.builds(LogRecord, st.text(), counts, st.text()))
+def test_a_log_record_comes_back_as_it_was(record):
+    assert LogRecord.decode(record.encode()) == record
+
+
+def test_numbers_that_json_has_not_are_null_in_a_solution():
+    solution = {"gap": math.inf, "deep": [{"x": (-math.inf, math.nan, 1.5)}], "text": "Infinity"}
+    payload = Improvement(1, 0.0, 0, 0, 0.0, solution).encode()
+    assert Improvement.decode(payload).solution == {"gap": None, "deep": [{"x": [None, None, 1.5]}], "text": "Infinity"}
+    json.loads(msgpack.unpackb(payload)[-1], parse_constant=pytest.fail)
+
+
+# What is refused ------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("version", [0, 2, True, 1.0, "1", None, []])
+@pytest.mark.parametrize("kind", ["command", "finish", "stop", "missed"])
+def test_commands_of_another_version_are_refused(kind, version):
+    assert VERSION == 1
+    assert reason(*with_field(kind, 0, version)) == "other version"
+
+
+@pytest.mark.parametrize("fields", [[], [VERSION], ["prepare"]])
+def test_a_command_has_a_version_and_a_name(fields):
+    assert reason(control.decode, msgpack.packb(fields)) == "wrong shape"
+
+
+@pytest.mark.parametrize(
+    "rest",
+    [
+        ["nonsense", 1],
+        ["begin"],
+        ["begin", 1, 2],
+        ["prepare", 1, "file"],
+        ["prepare", 1, "file", None, None],
+        ["finish", 1, None, 2, []],
+        ["Begin", 1],
+        [b"begin", 1],
+        [None, 1],
+        [["begin"], 1],
+        [1, 1],
+    ],
+)
+def test_unknown_commands_are_refused(rest):
+    assert reason(control.decode, msgpack.packb([VERSION, *rest])) == "no such command"
+
+
+@pytest.mark.parametrize(
+    ("kind", "index", "value", "why"),
+    [
+        ("command", 2, -1, "out of bounds"),
+        ("command", 2, True, "wrong type"),
+        ("command", 2, 1.0, "wrong type"),
+        ("command", 3, b"bytes", "wrong type"),
+        ("command", 3, None, "wrong type"),
+        ("command", 4, 3, "wrong type"),
+        ("stop", 3, "boredom", "no such reason"),
+        ("stop", 3, None, "no such reason"),
+        ("stop", 3, ["stall"], "no such reason"),
+        ("stop", 3, b"stall", "no such reason"),
+        ("missed", 3, -1, "out of bounds"),
+        ("missed", 3, 1 << 62, "out of bounds"),
+        ("finish", 3, [0.5, 7, 2], "wrong shape"),
+        ("finish", 3, [math.nan, 7, 2, b""], "not finite"),
+        ("finish", 3, [1, 7, 2, b""], "wrong type"),
+        ("finish", 3, [0.5, 7, 2, "text"], "wrong type"),
+        ("finish", 4, None, "wrong type"),
+        ("finish", 5, "stall", "wrong type"),
+        ("finish", 5, ["stall", "boredom"], "no such reason"),
+        ("finish", 6, 3, "wrong type"),
+        ("answer", 0, "perhaps", "no such answer"),
+        ("answer", 1, None, "no such answer"),
+        ("answer", 1, b"bytes", "no such answer"),
+        ("refusal", 1, 3, "no such answer"),
+        ("refusal", 2, None, "no such answer"),
+        ("report", 0, True, "wrong type"),
+        ("report", 1, -1, "out of bounds"),
+        ("report", 2, "text", "wrong type"),
+        *(("report", index, "1", "wrong type") for index in range(3, 8)),
+        ("report", 8, [], "wrong shape"),
+        ("report", 8, [-math.inf, 7, 2, b""], "not finite"),
+        ("report", 9, None, "wrong type"),
+        ("report", 9, [[20, "target", 2]], "wrong shape"),
+        ("report", 9, [[20, "boredom", 2, 13]], "no such reason"),
+        ("report", 9, [[20.0, "target", 2, 13]], "wrong type"),
+        ("report", 10, "text", "wrong type"),
+        ("report", 11, b"bytes", "wrong type"),
+        ("improvement", 0, 1.0, "wrong type"),
+        ("improvement", 1, 1, "wrong type"),
+        ("improvement", 1, math.nan, "not finite"),
+        ("improvement", 4, math.nan, "not finite"),
+        ("improvement", 4, -math.inf, "not finite"),
+        ("improvement", 5, {}, "wrong type"),
+        ("improvement", 5, b"{}", "wrong type"),
+        ("improvement", 5, None, "wrong type"),
+        ("improvement", 5, "", "not JSON"),
+        ("improvement", 5, "{", "not JSON"),
+        ("improvement", 5, "{} {}", "not JSON"),
+        ("improvement", 5, '{"a": NaN}', "not JSON"),
+        ("improvement", 5, '{"a": -Infinity}', "not JSON"),
+        ("improvement", 5, '{"a": ' + "1" * 5000 + "}", "not JSON"),
+        ("improvement", 5, "[" * 100_000, "not JSON"),
+        ("improvement", 5, '{"a":' * 100_000, "not JSON"),
+        ("improvement", 5, "[1]", "wrong type"),
+        ("improvement", 5, "null", "wrong type"),
+        ("improvement", 5, '"text"', "wrong type"),
+        ("counters", 3, True, "wrong type"),
+        ("counters", 7, -1, "out of bounds"),
+        ("statistics", 7, 8, "wrong type"),
+        ("statistics", 7, math.nan, "not finite"),
+        ("statistics", 0, 8.0, "wrong type"),
+        ("log", 0, 3, "wrong type"),
+        ("log", 1, "3", "wrong type"),
+        ("log", 2, b"bytes", "wrong type"),
+    ],
+)
+def test_a_wrong_field_is_refused(kind, index, value, why):
+    if kind == "improvement" and value == {}:
+        value = [[]]  # maps do not travel at all
+    assert reason(*with_field(kind, index, value)) == why
+
+
+@pytest.mark.parametrize("kind", ["report", "improvement", "counters", "statistics", "log"])
+def test_the_number_of_fields_is_exact(kind):
+    read, payload = READERS[kind]
+    fields = msgpack.unpackb(payload)
+    assert reason(read, msgpack.packb(fields[:-1])) == "wrong shape"
+    assert reason(read, msgpack.packb([*fields, 0])) == "wrong shape"
+    assert reason(read, msgpack.packb([])) == "wrong shape"
+
+
+@pytest.mark.parametrize("kind", READERS)
+def test_what_is_no_array_is_refused(kind):
+    read, payload = READERS[kind]
+    assert reason(read, b"") == "not msgpack"
+    assert reason(read, payload + b"\x00") == "not msgpack"
+    assert reason(read, msgpack.packb("text")) == "not an array"
+
+
+# Fuzzing --------------------------------------------------------------------------------------------------------------
+VALUES = (
+    0,
+    -1,
+    1 << 63,
+    True,
+    None,
+    1.5,
+    math.nan,
+    -math.inf,
+    "",
+    "target",
+    "{}",
+    '{"a": [1, {"b": NaN}]}',
+    "[" * 3000,
+    b"",
+    b"\xff" * 20,
+    [],
+    [[]],
+    [1, "target", 2, 3],
+    [0.5, 1, 2, b"x"],
+    [["target"]],
+    msgpack.ExtType(3, b"abc"),
+)
+
+
+def spoil(rng, payload):
+    """A message cut, flipped, filled with other values or with other text."""
+    way = rng.randrange(5)
+    if way == 0:
+        return payload[: rng.randrange(len(payload))]
+    if way == 1:
+        return rng.randbytes(rng.randrange(60))
+    if way == 2:
+        flipped = bytearray(payload)
+        for _ in range(rng.choice((1, 1, 2, 6))):
+            flipped[rng.randrange(len(flipped))] ^= 1 << rng.randrange(8)
+        return bytes(flipped)
+    fields = msgpack.unpackb(payload)
+    for _ in range(rng.choice((1, 1, 2))):
+        fields[rng.randrange(len(fields))] = rng.choice(VALUES)
+    if way == 4:
+        fields = fields[: rng.randrange(len(fields) + 1)]
+    return msgpack.packb(fields)
+
+
+@pytest.mark.parametrize("kind", READERS)
+def test_noise_is_refused_or_makes_sense_and_nothing_else_is_raised(kind, random_source):
+    rng = random_source
+    read, payload = READERS[kind]
+    seen = Counter()
+    for _ in range(4_000):
+        spoilt = spoil(rng, payload)
+        try:
+            message = read(spoilt)
+        except Rejected as error:
+            seen[error.reason] += 1
+        else:
+            seen["accepted"] += 1
+            if read is control.decode:
+                again = control.encode(message)
+            elif read is control.decode_answer:
+                again = control.encode_answer(message)
+            else:
+                again = message.encode()
+            assert read(again) == message
+    assert seen.total() == 4_000
+    assert seen.keys() <= KNOWN_REASONS | {"accepted"}
+    assert len(seen) >= 4
