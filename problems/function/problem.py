@@ -65,6 +65,7 @@ bits = 0                # of each parameter; 0: real numbers
 topology = "torus 4x4"
 seed = 1
 """
+    batches_alike: ClassVar[bool] = True
 
     name: Name = quantity("", "the function")
     dimension: int = quantity(
