@@ -133,6 +133,38 @@ def test_the_judge_agrees_for_bare_links():
     assert 0 < np.isinf(fitness).sum() < 500
 
 
+def lattice_world(generator):
+    """Whole numbers and eighths of a turn, so that shapes often just touch."""
+    links = generator.choice([1.0, 2.0, 3.0, np.sqrt(2)], generator.integers(1, 5)).tolist()
+    radius = float(generator.choice([0.0, 0.0, 0.25, 0.5, 1.0]))
+    centers = generator.integers(-4, 5, (3, 2)).tolist()
+    corners = generator.integers(-4, 5, (3, 2)).tolist()
+    obstacles = [
+        {"shape": "circle", "center": centers[0], "radius": float(generator.choice([0.5, 1.0, np.sqrt(2)]))},
+        {"shape": "box", "center": centers[1], "size": generator.integers(1, 4, 2).tolist(), "angle": np.pi / 4},
+        {"shape": "box", "center": centers[2], "size": generator.integers(1, 4, 2).tolist()},
+        {"shape": "polygon", "vertices": corners},
+    ]
+    try:
+        return arm_ik(*links, arm={"radius": radius}, obstacles=obstacles)
+    except ValueError:  # the base stands in an obstacle, or the corners are in a line
+        return lattice_world(generator)
+
+
+def test_the_judge_agrees_with_the_evaluation_on_what_only_touches():
+    generator = np.random.default_rng(8)
+    hit = 0
+    for _ in range(150):
+        problem = lattice_world(generator)
+        eighths = generator.integers(0, 8, (20, len(problem.arm.links)))
+        genomes = problem.coding.encode(eighths << (problem.bits - 3))
+        for genome, fitness in zip(genomes, problem.evaluate(genomes), strict=True):
+            verdict = problem.check(problem.decode(genome))
+            assert np.isinf(fitness) == np.isinf(verdict.fitness), (problem, problem.decode(genome), verdict)
+            hit += np.isinf(fitness)
+    assert 500 < hit < 2500
+
+
 def test_the_judge_lets_contact_pass():
     table = {"shape": "box", "center": [0, -0.6], "size": [9, 1]}  # its upper side on y = -0.1
     lying = {"configuration": [0.0, 0.0], "tip": [1.8, 0.0], "distance": 0.0}
