@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from genetics import Cells, Fitness, Genomes, Keys, breed
 from genetics.selection import best
@@ -66,6 +67,7 @@ class Rows:
         self.champion_generation = np.full(rows, NEVER)
         self.champion_cell = self.cells.copy()
         self._immigrants: tuple[Genomes, Fitness] | None = None
+        self._homing = self._find_homing()
 
     @property
     def evaluations(self) -> int:
@@ -138,11 +140,25 @@ class Rows:
             return self.plan.evaluate(genomes)
         return np.concatenate([self.plan.evaluate(part) for part in np.split(genomes, rows)])
 
+    def _find_homing(self) -> NDArray[np.bool_] | None:
+        """Which slots, (rows, slots, 1), name the cell itself: an island must not be flooded with its own best.
+
+        An individual alone does breed with itself there; it has nobody else.
+        """
+        if self.plan.run.deme == 1:
+            return None
+        slots = np.array([self.plan.topology.neighbours(int(cell)) for cell in self.cells])
+        homing = slots == self.cells[:, None]
+        return homing[:, :, None] if homing.any() else None
+
     def _hear(self, received: Packets) -> None:
         rows, slots, emigrants = received.emigrant_fitness.shape
+        fitness = received.emigrant_fitness
+        if self._homing is not None:
+            fitness = np.where(self._homing, np.inf, fitness)
         self._immigrants = (
             received.emigrants.reshape(rows, slots * emigrants, -1),
-            received.emigrant_fitness.reshape(rows, slots * emigrants),
+            fitness.reshape(rows, slots * emigrants),
         )
         believe(
             self.champion,

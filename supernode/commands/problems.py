@@ -39,7 +39,7 @@ def _fields(schema: dict[str, Any], whole: dict[str, Any], prefix: str) -> Itera
     """Name, type and unit, default, description of each field, tables after their own name."""
     required = schema.get("required", ())
     for name, field in schema.get("properties", {}).items():
-        unit = f" ({field['unit']})" if "unit" in field else ""
+        unit = f" ({field['unit']})" if field.get("unit") else ""
         yield prefix + name, _type(field) + unit, _default(name in required, field), field.get("description", "")
         for table, label in _tables(field, whole):
             yield from _fields(table, whole, f"{prefix}{name}{label}.")

@@ -1,8 +1,10 @@
 """The simulator itself."""
 
+import numpy as np
 from one_max import plan_of
 
 from node import simulate
+from node.rows import Rows
 
 
 def digests(**run):
@@ -38,3 +40,12 @@ def test_an_evaluation_limit_is_never_exceeded():
         reports = simulate(plan_of(target=-1.0, evaluations=limit))
         spent = sum(report.evaluations for report in reports)
         assert spent == max(16, 16 + (limit - 16) // 128 * 128)
+
+
+def test_an_island_alone_is_not_flooded_with_its_own_best():
+    plan = plan_of(size=200, topology="torus 1x1", deme=30, target=-1.0, generations=1, mutation=0.0)
+    (report,) = simulate(plan)
+    rows = Rows(plan, np.array([0]))
+    rows.begin()
+    rows.advance(None)
+    assert report.deme == rows.genomes.tobytes(), "an exchange with itself changes nothing"

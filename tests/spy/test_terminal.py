@@ -11,7 +11,9 @@ def test_a_line_for_each_improvement_where_stderr_is_no_terminal(capsys):
     with Terminal(topologies.parse("torus 4x4")) as terminal:
         terminal.improvement(BETTER)
         terminal.statistics(Statistics(1, 5, 100, 80, 0, 0, 16, 160.0))
-    assert capsys.readouterr().err.split() == "1.250 s generation 17 cell (1, 2) fitness 0.125".split()
+    assert capsys.readouterr().err.split() == [
+        *("1.250", "s", "generation", "17", "cell", "(1,", "2)", "fitness", "0.125")
+    ]
 
 
 def test_quiet_says_nothing(capsys):
