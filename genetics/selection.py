@@ -43,12 +43,8 @@ def _by_rank(order: Any, bits: Any) -> Any:
     """An individual with probability proportional to its rank: n for the best of n, 1 for the worst."""
     count = order.size
     ticket = below(bits, count * (count + 1) // 2)
-    # The individual of weight w holds the tickets from w(w - 1)/2 to w(w + 1)/2 - 1.
+    # The individual of weight w holds the tickets from w(w - 1)/2 to w(w + 1)/2 - 1; floats tell them apart exactly.
     weight = np.int64((1.0 + np.sqrt(1.0 + 8.0 * ticket)) / 2.0)
-    if weight * (weight - 1) // 2 > ticket:
-        weight -= 1
-    elif weight * (weight + 1) // 2 <= ticket:
-        weight += 1
     return order[count - weight]
 
 

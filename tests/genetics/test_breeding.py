@@ -1,13 +1,25 @@
 """The breeding rule: one row at a time or many, a deme of one and an island."""
 
 import itertools
+from collections import Counter
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from genetics import BitString, Keys, RealVector, Recipe, breed, evaluations_per_generation
+from genetics import (
+    BitString,
+    Keys,
+    RealVector,
+    Recipe,
+    bit_kernels,
+    breed,
+    evaluations_per_generation,
+    randomness,
+    real_kernels,
+    selection,
+)
 
 SLOTS = 4
 compiled = settings(deadline=None)
@@ -212,6 +224,43 @@ def test_generations_and_seeds_breed_differently():
         for generation in (1, 2, 3)
     }
     assert len(results) == 6
+
+
+@pytest.mark.parametrize("deme", [1, 3])
+@pytest.mark.parametrize(
+    ("coding", "recipe", "uses"),
+    [
+        (BitString(3, 30), Recipe("one-point", 0.3), 1),
+        (BitString(3, 30), Recipe("uniform", 0.3), 1),
+        (BitString(3, 30), Recipe("uniform", "one-bit"), 1),
+        (RealVector(3, 0.0, 1.0), Recipe("blend", 1.0), 1),
+        (RealVector(3, 0.0, 1.0), Recipe("uniform", 1.0), 2),  # by the two offspring, who share out the genes
+    ],
+)
+def test_no_draw_is_used_for_two_things(coding, recipe, uses, deme, monkeypatch):
+    used = Counter()
+    modules = (randomness, bit_kernels, real_kernels, selection)
+    for module in modules:
+        for name, value in list(vars(module).items()):
+            if hasattr(value, "py_func"):
+                monkeypatch.setattr(module, name, value.py_func)
+    draw = randomness.draw
+
+    def watched(seed, *coordinates):
+        used[tuple(map(int, coordinates))] += 1
+        return draw(seed, *coordinates)
+
+    for module in modules:
+        monkeypatch.setattr(module, "draw", watched)
+    bred(coding, recipe, deme, cells=(0, 1))
+    bred(coding, recipe, deme, cells=(0, 1), generation=2)
+    first = 0  # the draws of the first demes, which both calls made
+    bred_by = Counter({coordinates: count for coordinates, count in used.items() if coordinates[1] != first})
+    assert {coordinates[1] for coordinates in bred_by} == {1, 2}
+    assert {coordinates[0] for coordinates in bred_by} == {0, 1}
+    assert len(bred_by) > 10
+    assert max(bred_by.values()) == uses
+    assert len({count for coordinates, count in used.items() if coordinates[1] == first}) == 1
 
 
 def test_breeding_again_gives_the_same():
