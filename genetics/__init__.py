@@ -1,11 +1,13 @@
-"""Codings, crossover, mutation, selection and replacement: pure, compiled, without any input or output."""
+"""Codings, crossover, mutation, selection and replacement: pure, compiled, without any input or output.
+
+Importing this package loads no compiled code: codings import their kernels when they first use them.
+"""
 
 from genetics.arrays import Cells, Fitness, Genomes
 from genetics.bit_string import BitString
-from genetics.breeding import breed, evaluations_per_generation
 from genetics.coding import Coding, Keys
 from genetics.real_vector import RealVector
-from genetics.recipe import ONE_BIT, Crossover, Recipe, Replacement
+from genetics.recipe import ONE_BIT, Crossover, Recipe, Replacement, evaluations_per_generation
 
 __all__ = [
     "ONE_BIT",
@@ -19,6 +21,5 @@ __all__ = [
     "RealVector",
     "Recipe",
     "Replacement",
-    "breed",
     "evaluations_per_generation",
 ]

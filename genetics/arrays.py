@@ -1,8 +1,11 @@
 """The array types of the whole program, named once."""
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
 Genomes = NDArray[np.uint8]  # (..., genome_bytes)
 Fitness = NDArray[np.float64]  # (...), lower is better, +inf infeasible, never NaN
 Cells = NDArray[np.int64]  # (rows,), the cell that each row stands for
+Evaluate = Callable[[Genomes], Fitness]  # (n, genome_bytes) to (n,)

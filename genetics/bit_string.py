@@ -6,7 +6,6 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from genetics import bit_kernels
 from genetics.arrays import Cells, Genomes
 from genetics.coding import Keys
 from genetics.recipe import ONE_BIT, Recipe
@@ -46,10 +45,14 @@ class BitString:
 
     def random(self, keys: Keys, deme: int) -> Genomes:
         """Uniformly random bits."""
+        from genetics import bit_kernels
+
         return bit_kernels.random(keys.key, keys.cells, deme, self.length)
 
     def recombine(self, couples: Genomes, recipe: Recipe, keys: Keys) -> Genomes:
         """One-point (§3.1 step 4) or uniform crossover, then bit mutation."""
+        from genetics import bit_kernels
+
         if recipe.crossover not in ("one-point", "uniform"):
             raise ValueError(f"bit strings cross by 'one-point' or 'uniform', found {recipe.crossover!r}")
         return bit_kernels.recombine(
@@ -64,6 +67,8 @@ class BitString:
 
     def mutate_one(self, individuals: Genomes, keys: Keys) -> Cells:
         """Flip one random bit of one random individual of each row (§3.1 step 5)."""
+        from genetics import bit_kernels
+
         return bit_kernels.mutate_one(individuals, keys.key, keys.cells, keys.generation, self.length)
 
     def accepts(self, genome: bytes) -> bool:
@@ -73,6 +78,8 @@ class BitString:
 
     def integers(self, genomes: Genomes) -> NDArray[np.int64]:
         """The coded integers: (n, genome_bytes) to (n, parameters)."""
+        from genetics import bit_kernels
+
         writable = np.require(genomes, np.uint8, ["C", "W"])  # compiled signatures refuse read-only arrays
         return bit_kernels.integers(writable, self.parameters, self.bits, self.gray)
 

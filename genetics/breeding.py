@@ -4,23 +4,12 @@ A node calls it with the single row of its own cell, the simulator with all rows
 row's cell, so both get the same bits.
 """
 
-from collections.abc import Callable
-
 import numpy as np
 
 from genetics import selection
-from genetics.arrays import Fitness, Genomes
+from genetics.arrays import Evaluate, Fitness, Genomes
 from genetics.coding import Coding, Keys
 from genetics.recipe import ONE_BIT, Recipe
-
-Evaluate = Callable[[Genomes], Fitness]  # (n, genome_bytes) to (n,)
-
-
-def evaluations_per_generation(deme: int, slots: int, recipe: Recipe) -> int:
-    """The number of fitness calls that one cell makes in one generation."""
-    if deme == 1:
-        return 2 * slots
-    return 2 * deme + (1 if recipe.mutation == ONE_BIT else 0)
 
 
 def breed(

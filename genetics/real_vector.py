@@ -7,7 +7,6 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from genetics import real_kernels
 from genetics.arrays import Cells, Genomes
 from genetics.coding import Keys
 from genetics.recipe import ONE_BIT, Recipe
@@ -38,11 +37,15 @@ class RealVector:
 
     def random(self, keys: Keys, deme: int) -> Genomes:
         """Uniform within the bounds."""
+        from genetics import real_kernels
+
         genes = real_kernels.random(keys.key, keys.cells, deme, self.dimension, self.low, self.high)
         return genes.view(np.uint8)
 
     def recombine(self, couples: Genomes, recipe: Recipe, keys: Keys) -> Genomes:
         """Blend (BLX-0.5) or uniform crossover, then Gaussian mutation."""
+        from genetics import real_kernels
+
         if recipe.crossover not in ("blend", "uniform"):
             raise ValueError(f"real vectors cross by 'blend' or 'uniform', found {recipe.crossover!r}")
         if recipe.mutation == ONE_BIT:

@@ -24,3 +24,10 @@ class Recipe:
     crossover: Crossover = "one-point"
     mutation: float | Literal["one-bit"] = 0.0
     replacement: Replacement = "offspring"
+
+
+def evaluations_per_generation(deme: int, slots: int, recipe: Recipe) -> int:
+    """The number of fitness calls that one cell makes in one generation."""
+    if deme == 1:
+        return 2 * slots
+    return 2 * deme + (1 if recipe.mutation == ONE_BIT else 0)

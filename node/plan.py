@@ -4,9 +4,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import topologies
-from genetics.breeding import Evaluate, evaluations_per_generation
+from genetics.arrays import Evaluate
 from genetics.coding import Coding
-from genetics.recipe import Recipe
+from genetics.recipe import Recipe, evaluations_per_generation
 from problems import Problem, ProblemFile, Run, guarded
 from topologies import Topology
 

@@ -10,7 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from genetics import Cells, Fitness, Genomes, Keys, breed
+from genetics import Cells, Fitness, Genomes, Keys
+from genetics.breeding import breed
 from genetics.selection import best
 from node.kernels import believe, greet
 from node.plan import Plan

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from genetics.arrays import Fitness, Genomes
-from genetics.breeding import Evaluate
+from genetics.arrays import Evaluate, Fitness, Genomes
 from problems.errors import EvaluationFailed
 from problems.problem import Problem
 

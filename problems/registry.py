@@ -94,4 +94,5 @@ def warm_up() -> None:
     for target in _BUILT_IN.values():
         module = importlib.import_module(target.partition(":")[0])
         importlib.import_module(f"{module.__name__}.kernels")
-    importlib.import_module("genetics.selection")
+    for kernels in ("bit_kernels", "real_kernels", "selection"):
+        importlib.import_module(f"genetics.{kernels}")

@@ -5,8 +5,7 @@ from typing import Annotated, Literal
 from pydantic import Field, field_validator, model_validator
 
 import topologies
-from genetics.breeding import evaluations_per_generation
-from genetics.recipe import Recipe, Replacement
+from genetics.recipe import Recipe, Replacement, evaluations_per_generation
 from problems.problem import Problem, RecipeName, Table
 
 DEFAULT_STALL = 200

@@ -14,12 +14,12 @@ from genetics import (
     RealVector,
     Recipe,
     bit_kernels,
-    breed,
     evaluations_per_generation,
     randomness,
     real_kernels,
     selection,
 )
+from genetics.breeding import breed
 
 SLOTS = 4
 compiled = settings(deadline=None)
