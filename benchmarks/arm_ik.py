@@ -17,7 +17,7 @@ import numpy as np
 
 from benchmarks.arm_worlds import arm_world
 from genetics import Fitness, Genomes
-from genetics.breeding import Evaluate
+from genetics.arrays import Evaluate
 from node import Plan, simulate
 from problems import Run
 from problems.arm_ik.oracle import enumerate_best
