@@ -43,6 +43,11 @@ class BitString:
         """The bits, rounded up to whole bytes; bits beyond the length are 0."""
         return (self.length + 7) // 8
 
+    def check(self, recipe: Recipe) -> None:
+        """Refuse a recipe that is not for bit strings."""
+        if recipe.crossover not in ("one-point", "uniform"):
+            raise ValueError(f"bit strings cross by 'one-point' or 'uniform', found {recipe.crossover!r}")
+
     def random(self, keys: Keys, deme: int) -> Genomes:
         """Uniformly random bits."""
         from genetics import bit_kernels
@@ -53,8 +58,7 @@ class BitString:
         """One-point (§3.1 step 4) or uniform crossover, then bit mutation."""
         from genetics import bit_kernels
 
-        if recipe.crossover not in ("one-point", "uniform"):
-            raise ValueError(f"bit strings cross by 'one-point' or 'uniform', found {recipe.crossover!r}")
+        self.check(recipe)
         return bit_kernels.recombine(
             couples,
             keys.key,

@@ -34,6 +34,14 @@ class Coding(Protocol):
         """The size of one genome."""
         ...
 
+    def check(self, recipe: Recipe) -> None:
+        """Refuse a recipe that is not for this coding.
+
+        Raises:
+            ValueError: says what was expected and what was found.
+        """
+        ...
+
     def random(self, keys: Keys, deme: int) -> Genomes:
         """First demes, shape (rows, deme, genome_bytes)."""
         ...

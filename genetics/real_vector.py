@@ -35,6 +35,13 @@ class RealVector:
         """Eight bytes for each gene."""
         return 8 * self.dimension
 
+    def check(self, recipe: Recipe) -> None:
+        """Refuse a recipe that is not for real vectors."""
+        if recipe.crossover not in ("blend", "uniform"):
+            raise ValueError(f"real vectors cross by 'blend' or 'uniform', found {recipe.crossover!r}")
+        if recipe.mutation == ONE_BIT:
+            raise ValueError("real vectors have no bits: 'mutation' is a probability, found 'one-bit'")
+
     def random(self, keys: Keys, deme: int) -> Genomes:
         """Uniform within the bounds."""
         from genetics import real_kernels
@@ -46,10 +53,8 @@ class RealVector:
         """Blend (BLX-0.5) or uniform crossover, then Gaussian mutation."""
         from genetics import real_kernels
 
-        if recipe.crossover not in ("blend", "uniform"):
-            raise ValueError(f"real vectors cross by 'blend' or 'uniform', found {recipe.crossover!r}")
-        if recipe.mutation == ONE_BIT:
-            raise ValueError("real vectors have no bits: 'mutation' is a probability, found 'one-bit'")
+        self.check(recipe)
+        assert recipe.mutation != ONE_BIT
         offspring = real_kernels.recombine(
             couples.view(np.float64),
             keys.key,
@@ -63,7 +68,7 @@ class RealVector:
         return offspring.view(np.uint8)
 
     def mutate_one(self, individuals: Genomes, keys: Keys) -> Cells:
-        """Not for real vectors: `recombine` has refused the recipe that asks for it."""
+        """Not for real vectors: `check` has refused the recipe that asks for it."""
         raise ValueError("real vectors have no bits to flip")
 
     def accepts(self, genome: bytes) -> bool:

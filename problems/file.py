@@ -7,10 +7,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from pydantic import ValidationError
 
-from genetics.coding import Keys
 from problems import registry
 from problems.errors import BadInput, first_line, shorten
 from problems.problem import Problem
@@ -74,9 +72,8 @@ class ProblemFile:
     def _with_recipe(self, problem: Problem) -> Problem:
         try:
             ready = problem.for_recipe(self.run.recipe, self.run.deme)
-            # Crossing nobody, for the coding to refuse a recipe that is not for it.
-            nobody = np.empty((1, 0, 2, ready.coding.genome_bytes), np.uint8)
-            ready.coding.recombine(nobody, self.run.breeding(ready), Keys(np.zeros(1, np.int64), self.run.seed, 0))
+            _ = ready.coding.genome_bytes
+            ready.coding.check(self.run.breeding(ready))
         except Exception as error:
             raise BadInput(f"{self.name}: {_said(error)}") from error
         return ready

@@ -3,6 +3,8 @@
 import dataclasses
 import json
 import re
+import subprocess
+import sys
 
 import pytest
 from hypothesis import example, given
@@ -370,6 +372,13 @@ def test_a_right_file(tmp_path):
     assert file.run == Run(topology="torus 2x3", seed=7, mutation="one-bit")
     assert file.fields == {"kind": "arm-ik", "target": [1.2, 0.9], "arm": {"links": [1.0, 0.8]}}
     assert file.problem().coding.length == 16
+
+
+def test_loading_a_file_loads_no_compiled_code(tmp_path):
+    path = tmp_path / "arm.toml"
+    path.write_text(ARM)
+    code = f"import sys, problems; problems.load({str(path)!r}); print('numba' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, check=True, text=True).stdout == "False\n"
 
 
 def test_integers_are_taken_for_numbers_and_comments_for_nothing(folder, monkeypatch):

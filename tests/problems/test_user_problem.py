@@ -260,7 +260,7 @@ def test_a_class_that_is_no_use(write, source, complaint):
         (
             "from types import SimpleNamespace\n        return SimpleNamespace(genome_bytes=4)",
             [],
-            "AttributeError: 'types.SimpleNamespace' object has no attribute 'recombine'",
+            "AttributeError: 'types.SimpleNamespace' object has no attribute 'check'",
         ),
     ],
 )
