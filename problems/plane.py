@@ -133,11 +133,13 @@ class Shapes:
 
 
 def simple_polygon(vertices: list[Point]) -> list[Point]:
-    """``vertices`` if they bound an area and do not cross.
+    """``vertices`` if they bound an area and do not cross; a last one that repeats the first is left out.
 
     Raises:
         ValueError: says what was found instead.
     """
+    if len(vertices) > 3 and vertices[0] == vertices[-1]:
+        vertices = vertices[:-1]
     if len(vertices) < 3:
         raise ValueError(f"expected at least 3 vertices, found {len(vertices)}")
     polygon = shapely.Polygon(vertices)

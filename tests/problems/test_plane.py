@@ -189,3 +189,7 @@ def test_every_obstacle_is_drawn():
     assert isinstance(disc, Disc)
     assert (disc.center, disc.radius) == ((1.0, 2.0), 0.5)
     assert [len(solid.get_xy()) for solid in solids] == [5, 5]  # closed
+
+
+def test_a_last_vertex_that_repeats_the_first_is_left_out():
+    assert polygon([*SQUARE, SQUARE[0]]).vertices == SQUARE
