@@ -14,6 +14,7 @@ from coordinator.job import Job
 from coordinator.launcher import Launcher
 from problems import BadInput, ProblemFile
 from wire import sessions
+from wire.callbacks import direct
 from wire.keys import Keys
 
 _READY_WITHIN = 120.0  # seconds; a thousand nodes on two cores take less than ten
@@ -130,9 +131,8 @@ class LocalCluster:
                 awaited.discard(str(sample.key_expr))
                 self._changed.notify_all()
 
-        direct = zenoh.handlers.Callback(see, indirect=False)
         watchers = [
-            self._session.liveliness().declare_subscriber(key, direct, history=True)
+            self._session.liveliness().declare_subscriber(key, direct(see), history=True)
             for key in (self.keys.any_node, self.keys.spy)
         ]
         with self._changed:

@@ -17,6 +17,7 @@ from problems import BadInput, ProblemFile
 from spy.judge import Judgement
 from spy.result import Clocks, Result, best_known, result_of, stop_reasons, stopped_after
 from wire import control
+from wire.callbacks import direct
 from wire.control import Begin, Command, Done, Drop, Finish, Prepare, ProposeStop, Refused
 from wire.keys import Keys
 from wire.news import Improvement, Statistics
@@ -144,8 +145,8 @@ class _Conductor:
         self.seconds = 0.0
         self.versions: dict[str, str] = {}
         self._subscribers = [
-            session.declare_subscriber(keys.best, _direct(self._hear_best)),
-            session.declare_subscriber(keys.spy_stats, _direct(self._hear_statistics)),
+            session.declare_subscriber(keys.best, direct(self._hear_best)),
+            session.declare_subscriber(keys.spy_stats, direct(self._hear_statistics)),
         ]
 
     def close(self) -> None:
@@ -165,7 +166,7 @@ class _Conductor:
         began = time.monotonic()
         self.session.get(
             self.keys.every_control,
-            _direct(self._hear_report),
+            direct(self._hear_report),
             payload=control.encode(Begin(job.number)),
             target=zenoh.QueryTarget.ALL,
             consolidation=zenoh.ConsolidationMode.NONE,
@@ -246,7 +247,7 @@ class _Conductor:
         """Send a command without waiting for the answers."""
         self.session.get(
             key,
-            _direct(lambda _: None),
+            direct(lambda _: None),
             payload=control.encode(command),
             target=zenoh.QueryTarget.ALL,
             timeout=_ANSWER_WITHIN,
@@ -280,7 +281,3 @@ class _Conductor:
         statistics = Statistics.decode(sample.payload.to_bytes())
         if statistics.job == self.job.number:
             self.job._news.put(statistics)
-
-
-def _direct(function: Callable[[Any], None]) -> Any:
-    return zenoh.handlers.Callback(function, indirect=False)

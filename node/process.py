@@ -26,6 +26,7 @@ from node.fingerprint import fingerprint
 from node.plan import Plan
 from problems import BadInput, ProblemFile
 from wire import control, sessions
+from wire.callbacks import direct, frequent
 from wire.control import Begin, Done, Drop, Missed, Prepare, ProposeStop, Refused
 from wire.exchange import Limits, decode
 from wire.keys import Keys
@@ -124,7 +125,7 @@ class NodeProcess:
         self.data = sessions.peer(berth.data_endpoint(node), [berth.data_endpoint(other) for other in sorted(links)])
         self.out = self.data.declare_publisher(self.keys.out(node))
         self._subscribers = [
-            self.data.declare_subscriber(self.keys.out(other), _direct(self._hearer(other)))
+            self.data.declare_subscriber(self.keys.out(other), frequent(self._hearer(other)))
             for other in self.neighbours
         ]
         seen: set[str] = set()
@@ -137,8 +138,7 @@ class NodeProcess:
 
         liveliness = self.data.liveliness()
         watchers = [
-            liveliness.declare_subscriber(self.keys.node(other), _direct(see), history=True)
-            for other in self.neighbours
+            liveliness.declare_subscriber(self.keys.node(other), direct(see), history=True) for other in self.neighbours
         ]
         self._data_token = liveliness.declare_token(self.keys.node(node))
         if self.neighbours:
@@ -157,7 +157,7 @@ class NodeProcess:
         node = self.berth.node
         self.control = sessions.client(self.berth.router)
         self.stats = self.control.declare_publisher(self.keys.stats(node))
-        self._queryable = self.control.declare_queryable(self.keys.control(node), _direct(self.mail.put))
+        self._queryable = self.control.declare_queryable(self.keys.control(node), direct(self.mail.put))
         self._token = self.control.liveliness().declare_token(self.keys.node(node))
 
     def run(self) -> None:
@@ -272,7 +272,7 @@ class NodeProcess:
 
         self.control.get(
             self.keys.control(action.neighbour),
-            _direct(hear),
+            direct(hear),
             payload=control.encode(Missed(job, action.generation)),
             timeout=PATIENCE,
         )
@@ -305,8 +305,3 @@ class NodeProcess:
 def _answer(query: zenoh.Query, answer: Done | Refused) -> None:
     with query:
         query.reply(query.key_expr, control.encode_answer(answer))
-
-
-def _direct(function: Any) -> Any:
-    """A callback on Zenoh's own thread, without a thread of Python's in between."""
-    return zenoh.handlers.Callback(function, indirect=False)

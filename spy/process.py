@@ -22,6 +22,7 @@ from spy.collector import Collector
 from spy.judge import judge
 from spy.run_log import RunLog
 from wire import control, sessions
+from wire.callbacks import direct, frequent
 from wire.control import Begin, Done, Drop, Finish, Prepare, Refused
 from wire.exchange import Champion, Exchange, Limits, decode
 from wire.news import Counters, LogRecord, Statistics
@@ -81,11 +82,11 @@ class SpyProcess:
         """Link to the root and wait until it is there."""
         self.data = sessions.peer(None, [self.berth.data_endpoint(ROOT)])
         self._root = self.data.declare_subscriber(
-            self.keys.out(ROOT), _direct(lambda sample: self.mail.put(_News(sample.payload.to_bytes())))
+            self.keys.out(ROOT), frequent(lambda sample: self.mail.put(_News(sample.payload.to_bytes())))
         )
         linked = threading.Event()
         watcher = self.data.liveliness().declare_subscriber(
-            self.keys.node(ROOT), _direct(lambda _: linked.set()), history=True
+            self.keys.node(ROOT), direct(lambda _: linked.set()), history=True
         )
         linked.wait()
         watcher.undeclare()  # type: ignore[no-untyped-call]
@@ -94,11 +95,11 @@ class SpyProcess:
         self.control = sessions.client(self.berth.router)
         liveliness = self.control.liveliness()
         self._subscribers = [
-            self.control.declare_subscriber(self.keys.any_stats, _direct(self._reader(Counters))),
-            self.control.declare_subscriber(self.keys.log, _direct(self._reader(LogRecord))),
-            liveliness.declare_subscriber(self.keys.any_node, _direct(self._see), history=True),
+            self.control.declare_subscriber(self.keys.any_stats, direct(self._reader(Counters))),
+            self.control.declare_subscriber(self.keys.log, direct(self._reader(LogRecord))),
+            liveliness.declare_subscriber(self.keys.any_node, direct(self._see), history=True),
         ]
-        self._queryable = self.control.declare_queryable(self.keys.spy_control, _direct(self.mail.put))
+        self._queryable = self.control.declare_queryable(self.keys.spy_control, direct(self.mail.put))
         self._token = liveliness.declare_token(self.keys.spy)
 
     def _reader(self, kind: type[Counters] | type[LogRecord]) -> Any:
@@ -236,7 +237,3 @@ class SpyProcess:
         )
         self.control.put(self.keys.spy_stats, statistics.encode())
         assignment.log.write("statistics", **statistics._asdict())
-
-
-def _direct(function: Any) -> Any:
-    return zenoh.handlers.Callback(function, indirect=False)
