@@ -8,7 +8,6 @@ from node.plan import Plan
 from wire.exchange import Champion
 from wire.news import Improvement
 
-
 _ROUNDING = 1e-9
 
 
