@@ -1,0 +1,139 @@
+"""Random floors for mobile robots: instances that nobody tuned to, the same for the same number."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from problems import ProblemFile, Run
+from problems.mobile_robot import MobileRobot
+from problems.plane import Circle
+
+Fields = dict[str, Any]
+
+WALL = 0.15  # m, thick
+CELL = 0.05  # m, of the grid on which solvability is shown
+MOST_TRIES = 1000
+
+
+def robot_world(number: int, run: Run | None = None) -> ProblemFile:
+    """World ``number``: even ones are rooms with doors, odd ones clutter; every fourth robot is a disc.
+
+    The goal is not visible from the start, and a disc around the robot can surely get there.
+    """
+    generator = np.random.default_rng([1992, 5, number])
+    for _ in range(MOST_TRIES):
+        fields = _world(generator, number)
+        try:
+            problem = MobileRobot.model_validate(fields)
+        except ValueError:  # the robot would stand in something
+            continue
+        if is_surely_solvable(problem) and not _is_trivial(problem):
+            return ProblemFile(f"world {number}", fields, run or Run(), Path())
+    raise RuntimeError(f"no solvable world {number} in {MOST_TRIES} tries")
+
+
+def _is_trivial(problem: MobileRobot) -> bool:
+    coding = problem.coding
+    standing_still = coding.encode(np.zeros((1, coding.parameters), np.int64))
+    path = problem.decode(standing_still[0])["path"]
+    return len(path) <= 4 and bool(problem.evaluate(standing_still)[0] == 0.0)
+
+
+def is_surely_solvable(problem: MobileRobot) -> bool:
+    """Whether a disc that encloses the robot and its way through a grid cell gets from the start to the goal."""
+    free = _free_cells(problem)
+    regions, _ = ndimage.label(free)
+    start, goal = (_cell(problem, pose) for pose in (problem.start, problem.goal))
+    return bool(free[start] and regions[start] == regions[goal])
+
+
+def _cell(problem: MobileRobot, pose: tuple[float, float, float]) -> tuple[int, int]:
+    return int((pose[0] - problem.bounds[0]) / CELL), int((pose[1] - problem.bounds[1]) / CELL)
+
+
+def _free_cells(problem: MobileRobot) -> NDArray[np.bool_]:
+    """Cells all over which an enclosing disc stands free; (columns, rows)."""
+    x0, y0, x1, y1 = problem.bounds
+    needed = (problem.robot.radius or problem.robot.circumscribed_radius) + CELL
+    columns, rows = np.arange(x0 + CELL / 2, x1 + CELL, CELL), np.arange(y0 + CELL / 2, y1 + CELL, CELL)
+    x, y = np.meshgrid(columns, rows, indexing="ij")
+    solids = [
+        shapely.Point(each.center).buffer(each.radius) if isinstance(each, Circle) else each.polygon
+        for each in problem.obstacles
+    ]
+    clearance = shapely.distance(shapely.points(x, y), shapely.union_all(solids))
+    walls = np.minimum(np.minimum(x - x0, x1 - x), np.minimum(y - y0, y1 - y))
+    free: NDArray[np.bool_] = np.minimum(clearance, walls) >= needed
+    return free
+
+
+def _world(generator: np.random.Generator, number: int) -> Fields:
+    width, height = (round(float(side), 2) for side in generator.uniform([8.0, 6.0], [14.0, 10.0]))
+    obstacles = _rooms(generator, width, height) if number % 2 == 0 else _clutter(generator, width, height)
+    poses = generator.uniform([0.0, 0.0, -np.pi], [width, height, np.pi], (2, 3))
+    return {
+        "kind": "mobile-robot",
+        "start": poses[0].tolist(),
+        "goal": poses[1].tolist(),
+        "bounds": [0.0, 0.0, width, height],
+        "robot": _robot(generator, is_disc=number % 4 == 3),
+        "obstacles": obstacles,
+    }
+
+
+def _robot(generator: np.random.Generator, is_disc: bool) -> Fields:
+    size = float(generator.uniform(0.2, 0.4))
+    if is_disc:
+        return {"radius": size}
+    long, wide = size * generator.uniform([0.9, 0.5], [1.2, 0.9])
+    front = wide * generator.uniform(0.3, 1.0)
+    return {"vertices": [[-long, -wide], [long, -front], [long, front], [-long, wide]]}
+
+
+def _rooms(generator: np.random.Generator, width: float, height: float) -> list[Fields]:
+    """Rooms by repeated halving of the largest; each new wall has a door."""
+    rooms = [(0.0, 0.0, width, height)]
+    obstacles: list[Fields] = []
+    for _ in range(generator.integers(1, 5)):
+        rooms.sort(key=lambda room: (room[2] - room[0]) * (room[3] - room[1]))
+        x0, y0, x1, y1 = rooms.pop()
+        upright = x1 - x0 > y1 - y0
+        low, high, near, far = (x0, x1, y0, y1) if upright else (y0, y1, x0, x1)
+        at = float(generator.uniform(low + 0.35 * (high - low), high - 0.35 * (high - low)))
+        door = float(generator.uniform(1.0, 1.5))
+        begin = float(generator.uniform(near + WALL, far - WALL - door))
+        for a, b in ((near, begin), (begin + door, far)):
+            center, size = [at, (a + b) / 2], [WALL, b - a]
+            obstacles.append(_box(center if upright else center[::-1], size if upright else size[::-1]))
+        rooms += [(x0, y0, at, y1), (at, y0, x1, y1)] if upright else [(x0, y0, x1, at), (x0, at, x1, y1)]
+    return obstacles
+
+
+def _box(center: list[float], size: list[float], angle: float = 0.0) -> Fields:
+    return {"shape": "box", "center": center, "size": size, "angle": angle}
+
+
+def _clutter(generator: np.random.Generator, width: float, height: float) -> list[Fields]:
+    return [_thing(generator, width, height) for _ in range(generator.integers(10, 30))]
+
+
+def _thing(generator: np.random.Generator, width: float, height: float) -> Fields:
+    center = generator.uniform([0.0, 0.0], [width, height])
+    match generator.integers(3):
+        case 0:
+            return {"shape": "circle", "center": center.tolist(), "radius": float(generator.uniform(0.15, 0.6))}
+        case 1:
+            size = generator.uniform(0.2, 2.5, 2).tolist()
+            return _box(center.tolist(), size, float(generator.uniform(0.0, np.pi)))
+        case _:
+            count = int(generator.integers(3, 8))
+            bearings = (np.arange(count) + generator.uniform(0.1, 0.9, count)) * 2.0 * np.pi / count
+            radii = generator.uniform(0.2, 1.0, count)
+            corners = center + (radii * np.array([np.cos(bearings), np.sin(bearings)])).T
+            return {"shape": "polygon", "vertices": corners.tolist()}

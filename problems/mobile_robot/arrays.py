@@ -1,0 +1,62 @@
+"""Robots and floors as the arrays that the compiled scan takes."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from problems.plane import CONTACT, Obstacle, Point, Shapes, anticlockwise
+
+Floats = NDArray[np.float64]
+
+SLIMMEST = 1e-6
+"""The least width of a robot (m), far more than `CONTACT`."""
+
+_MARGIN = 1e-9  # m, by which what encloses a shape is larger than it
+
+
+def _offset(vertices: Sequence[Point], by: float) -> Floats:
+    """The outline of a simple polygon, anticlockwise, with each edge moved inwards; shape (corners, 2)."""
+    corners = _without_repeats(anticlockwise(vertices))
+    along = np.roll(corners, -1, axis=0) - corners
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    outwards = np.column_stack([along[:, 1], -along[:, 0]])
+    before = np.roll(outwards, 1, axis=0)
+    bend = 1.0 + np.sum(outwards * before, axis=1, keepdims=True)
+    return np.ascontiguousarray(corners - by * (outwards + before) / bend)
+
+
+def is_wide(vertices: Sequence[Point]) -> bool:
+    """Whether a simple polygon stays one when each edge moves inwards by half of `SLIMMEST`."""
+    outline = _offset(vertices, SLIMMEST / 2.0)
+    inner = shapely.Polygon(outline)
+    return bool(inner.is_valid and inner.exterior.is_ccw)
+
+
+def _without_repeats(corners: Floats) -> Floats:
+    steps = np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1)
+    kept: Floats = corners[steps > 0.0]
+    return kept
+
+
+def robot_arrays(vertices: Sequence[Point] | None, radius: float | None) -> tuple[Floats, float]:
+    """The outline and thickness of `problems.mobile_robot.contact.Robot`."""
+    if vertices is not None:
+        return _offset(vertices, CONTACT), 0.0
+    assert radius is not None, "a robot is a polygon or a disc"
+    return np.zeros((1, 2)), radius - CONTACT
+
+
+def floor_arrays(bounds: Sequence[float], obstacles: Sequence[Obstacle]) -> tuple[NDArray[np.generic], ...]:
+    """The fields of `problems.mobile_robot.contact.Floor`."""
+    shapes = Shapes.of(obstacles)
+    parts = np.split(shapes.corners, shapes.starts[1:-1]) if obstacles else []
+    boxes, middles = np.empty((len(parts), 4)), np.empty((len(parts), 3))
+    for shape, (corners, thickness) in enumerate(zip(parts, shapes.thickness, strict=True)):
+        low, high = corners.min(axis=0), corners.max(axis=0)
+        middle = (low + high) / 2.0
+        farthest = np.linalg.norm(corners - middle, axis=1).max()
+        boxes[shape] = [*(low - thickness - _MARGIN), *(high + thickness + _MARGIN)]
+        middles[shape] = [*middle, farthest + thickness + _MARGIN]
+    return np.array(bounds), shapes.corners, shapes.starts, shapes.thickness, boxes, middles

@@ -1,0 +1,195 @@
+"""The judge of mobile-robot solutions: shapely, along the whole path; nothing that `evaluate` uses.
+
+A straight move sweeps the hulls of the robot's edges, which shapely intersects exactly. A turn is sampled so finely
+that no point of the robot moves farther than 1/250 of its circumscribed radius from one sample to the next; something
+sharp that only grazes the robot between two samples can go unseen. Overlaps up to a micrometre are allowed.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from itertools import pairwise
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from pydantic import Field, ValidationError
+
+from problems.errors import BadInput, first_line
+from problems.plane import CONTACT, Circle, Obstacle
+from problems.problem import Solution, Table, Verdict
+
+if TYPE_CHECKING:
+    from problems.mobile_robot.problem import Body, MobileRobot
+
+Pose = tuple[float, float, float]
+Pieces = NDArray[Any]  # shapely geometries
+
+TOLERANCE = 1e-6  # m and rad
+_SAMPLES_A_RADIAN = 250
+_FULL_TURN = 2.0 * np.pi
+
+
+class RobotSolution(Table):
+    """What a solution of mobile-robot is made of."""
+
+    commands: list[tuple[Literal["rotate", "move"], float]]
+    path: Annotated[list[Pose], Field(min_length=1)]
+    length: Annotated[float, Field(ge=0)]
+
+
+def judge(problem: MobileRobot, solution: Solution) -> Verdict:
+    """What the last pose is worth, and all that is wrong with the way there."""
+    claimed = _parsed(solution)
+    away, off = _short_of(problem, claimed.path[-1])
+    arrived = away <= TOLERANCE and off <= TOLERANCE
+    objections = [
+        *_wrong_start(problem, claimed.path[0]),
+        *_wrong_claims(claimed),
+        *_collisions(problem, claimed.path),
+        *_wrong_end(away, off),
+    ]
+    return Verdict(0.0 if arrived else away + problem.robot.circumscribed_radius * off, tuple(objections))
+
+
+def objection_to(problem: MobileRobot, pose: Pose) -> str | None:
+    """Why the robot cannot stand there, if it cannot."""
+    standing = _swept(problem.robot, pose, pose)
+    thickness = problem.robot.radius or 0.0
+    if _beyond(problem, standing, thickness) > CONTACT:
+        return "outside the bounds"
+    for index, obstacle in enumerate(problem.obstacles):
+        if _overlaps(standing, thickness, obstacle, CONTACT).any():
+            return f"in obstacles[{index}]"
+    return None
+
+
+def _parsed(solution: Solution) -> RobotSolution:
+    try:
+        claimed = RobotSolution.model_validate_json(json.dumps(solution), strict=True)
+    except ValidationError as error:
+        raise first_line(error, RobotSolution, "solution") from error
+    if len(claimed.path) != len(claimed.commands) + 1:
+        raise BadInput(
+            f"solution: path: expected {len(claimed.commands) + 1} poses, one more than commands, "
+            f"found {len(claimed.path)}"
+        )
+    return claimed
+
+
+def _angle(difference: float) -> float:
+    """The size of the difference of two headings, in [0, π]."""
+    return abs((difference + np.pi) % _FULL_TURN - np.pi)
+
+
+def _short_of(problem: MobileRobot, pose: Pose) -> tuple[float, float]:
+    """How far a pose is from the goal, m and rad."""
+    x, y, heading = problem.goal
+    return float(np.hypot(pose[0] - x, pose[1] - y)), _angle(pose[2] - heading)
+
+
+def _wrong_start(problem: MobileRobot, pose: Pose) -> Iterator[str]:
+    if np.abs(np.subtract(pose, problem.start)).max() > TOLERANCE:
+        yield f"the path starts at {list(pose)}, not at {list(problem.start)}"
+
+
+def _wrong_end(away: float, off: float) -> Iterator[str]:
+    if away > TOLERANCE:
+        yield f"the path ends {away:.3g} m from the goal"
+    elif off > TOLERANCE:
+        yield f"the path ends {off:.3g} rad from the goal's heading"
+
+
+def _wrong_claims(claimed: RobotSolution) -> Iterator[str]:
+    for number, ((name, value), (pose, following)) in enumerate(
+        zip(claimed.commands, pairwise(claimed.path), strict=True), start=1
+    ):
+        x, y, heading = pose
+        if name == "rotate":
+            expected = (x, y, heading + value)
+        else:
+            expected = (x + value * np.cos(heading), y + value * np.sin(heading), heading)
+        if name == "move" and value < 0.0:
+            yield f"command {number} moves backwards, by {value:g} m"
+        if np.abs(np.subtract(following, expected)).max() > TOLERANCE:
+            yield f"segment {number} of the path does not do what command {number} says"
+    length = sum(value for name, value in claimed.commands if name == "move")
+    if abs(length - claimed.length) > TOLERANCE:
+        yield f"the path is {length:g} m long, not {claimed.length:g}"
+
+
+def _collisions(problem: MobileRobot, path: list[Pose]) -> Iterator[str]:
+    thickness = problem.robot.radius or 0.0
+    for number, (pose, following) in enumerate(pairwise(path), start=1):
+        pieces = _swept(problem.robot, pose, following)
+        beyond = _beyond(problem, pieces, thickness)
+        if beyond > TOLERANCE:
+            yield f"segment {number} of the path leaves the bounds by {beyond:.2g} m"
+        for index, obstacle in enumerate(problem.obstacles):
+            hit = _overlaps(pieces, thickness, obstacle, _allowed(obstacle))
+            if hit.any():
+                depth = _depth(pieces[hit], thickness, obstacle)
+                yield f"segment {number} of the path hits obstacles[{index}] by {depth:.2g} m"
+
+
+def _allowed(obstacle: Obstacle) -> float:
+    """How deep an overlap may be, m; less in obstacles so slim that nothing of them would be left."""
+    if isinstance(obstacle, Circle):
+        return min(TOLERANCE, obstacle.radius / 2.0)
+    return float(min(TOLERANCE, obstacle.polygon.area / obstacle.polygon.length / 2.0))
+
+
+def _swept(body: Body, pose: Pose, following: Pose) -> Pieces:
+    """Shapes that cover a motion, but for the robot's thickness if it is a disc."""
+    if body.vertices is None:
+        return np.array([shapely.LineString([pose[:2], following[:2]])])
+    turn = float(np.clip(following[2] - pose[2], -_FULL_TURN, _FULL_TURN))  # more than that covers nothing new
+    samples = 2 + int(_SAMPLES_A_RADIAN * abs(turn))
+    last = np.array([*following[:2], pose[2] + turn])
+    outlines = _placed(body.vertices, np.linspace(np.array(pose), last, samples))
+    solids: Pieces = shapely.polygons(outlines)
+    if pose[:2] == following[:2]:
+        return solids
+    corners = np.stack([outlines, np.roll(outlines, -1, axis=1)], axis=2)  # (poses, edges, 2, 2)
+    hulls = shapely.convex_hull(shapely.multipoints(np.concatenate([corners[:-1], corners[1:]], axis=2)))
+    return np.concatenate([solids, hulls.ravel()])
+
+
+def _placed(vertices: list[tuple[float, float]], poses: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The robot's outline at each pose, shape (poses, corners, 2)."""
+    places = poses[:, 0] + 1j * poses[:, 1]
+    local = np.array(vertices) @ np.array([1.0, 1j])
+    corners = places[:, None] + np.exp(1j * poses[:, 2])[:, None] * local
+    return np.stack([corners.real, corners.imag], axis=-1)
+
+
+def _beyond(problem: MobileRobot, pieces: Pieces, thickness: float) -> float:
+    """By how much some pieces, thickened, reach beyond the bounds, m; negative if they keep within."""
+    west, south, east, north = shapely.total_bounds(pieces)
+    x0, y0, x1, y1 = problem.bounds
+    return float(max(x0 - west, y0 - south, east - x1, north - y1) + thickness)
+
+
+def _overlaps(pieces: Pieces, thickness: float, obstacle: Obstacle, depth: float) -> NDArray[np.bool_]:
+    """Which pieces, thickened, are deeper in an obstacle than ``depth``."""
+    if isinstance(obstacle, Circle):
+        core, reach = shapely.Point(obstacle.center), obstacle.radius + thickness - depth
+    else:
+        core, reach = obstacle.polygon.buffer(-depth, join_style="mitre"), thickness
+    overlapping: NDArray[np.bool_] = shapely.dwithin(pieces, core, reach)
+    return overlapping
+
+
+def _depth(pieces: Pieces, thickness: float, obstacle: Obstacle) -> float:
+    """How deep some pieces, thickened, are in an obstacle, m; by halving."""
+    size = obstacle.radius if isinstance(obstacle, Circle) else np.sqrt(obstacle.polygon.area)
+    low, high = 0.0, thickness + float(size)
+    for _ in range(30):
+        middle = (low + high) / 2.0
+        if _overlaps(pieces, thickness, obstacle, middle).any():
+            low = middle
+        else:
+            high = middle
+    return low

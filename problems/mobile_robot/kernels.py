@@ -1,0 +1,153 @@
+"""The compiled scan of rotate and move commands (Ahuactzin et al. 1992, §5; the scan is that of §4).
+
+Poses are x (m), y (m) and heading (rad), unwrapped: straight interpolation between two poses is the motion.
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from genetics.arrays import Fitness
+from genetics.compiled import kernel, subroutine
+from problems.mobile_robot.contact import Floor, Robot, can_turn, drive
+from problems.plane import CONTACT
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+_FULL_TURN = 2.0 * np.pi
+
+
+@subroutine
+def _reach(outline: Any) -> Any:
+    squared = 0.0
+    for corner in range(outline.shape[0]):
+        squared = max(squared, outline[corner, 0] ** 2 + outline[corner, 1] ** 2)
+    return np.sqrt(squared)
+
+
+@subroutine
+def _shorter(angle: Any) -> Any:
+    """The same angle in (-π, π]."""
+    return angle - _FULL_TURN * np.ceil((angle - np.pi) / _FULL_TURN)
+
+
+@subroutine
+def _turn(robot: Any, floor: Any, pose: Any, heading: Any, turned: Any) -> Any:
+    """Turn to ``heading`` by the shorter sense, else by the other; whether one was free. Fills the pose ``turned``."""
+    x, y, now = pose
+    turned[0], turned[1] = x, y
+    short = _shorter(heading - now)
+    if can_turn(robot, floor, x, y, now, short):
+        turned[2] = now + short
+        return True
+    long = short - _FULL_TURN if short > 0.0 else short + _FULL_TURN
+    turned[2] = now + long
+    return can_turn(robot, floor, x, y, now, long)
+
+
+@subroutine
+def _move(robot: Any, floor: Any, pose: Any, share: Any, moved: Any) -> Any:
+    """Drive a share of the free length ahead. Fills the pose ``moved``."""
+    x, y, heading = pose
+    length = share * max(0.0, drive(robot, floor, x, y, heading, np.inf)[1])
+    moved[0], moved[1], moved[2] = x + length * np.cos(heading), y + length * np.sin(heading), heading
+
+
+@subroutine
+def _way_is_free(robot: Any, floor: Any, pose: Any, goal: Any, spare: Any) -> Any:
+    """Whether the robot, once it faces the goal, can drive there and turn to the goal's heading.
+
+    Fills the last three poses of the visible path, ``spare``, but for the heading's full turns.
+    """
+    x, y = pose[0], pose[1]
+    away = np.hypot(goal[0] - x, goal[1] - y)
+    if away <= CONTACT:
+        return True
+    facing = np.arctan2(goal[1] - y, goal[0] - x)
+    spare[0, 0], spare[0, 1], spare[0, 2] = x, y, facing
+    spare[1, 0], spare[1, 1], spare[1, 2] = goal[0], goal[1], facing
+    if drive(robot, floor, x, y, facing, away)[0] < away:
+        return False
+    return _turn(robot, floor, spare[1], goal[2], spare[2])
+
+
+@subroutine
+def _approach(robot: Any, floor: Any, path: Any, row: Any, goal: Any, spare: Any) -> Any:
+    """The commands that lead from a pose with a free way to the goal: turn, drive, turn; or -1 if it cannot face it.
+
+    Appends their poses to the path.
+    """
+    if np.hypot(goal[0] - path[row, 0], goal[1] - path[row, 1]) <= CONTACT:
+        return 1 if _turn(robot, floor, path[row], goal[2], path[row + 1]) else -1
+    if not _turn(robot, floor, path[row], spare[0, 2], path[row + 1]):
+        return -1
+    full_turns = path[row + 1, 2] - spare[0, 2]
+    path[row + 2], path[row + 3] = spare[1], spare[2]
+    path[row + 2, 2] = path[row + 1, 2]
+    path[row + 3, 2] += full_turns
+    return 3
+
+
+@subroutine
+def _scan(codes: Any, levels: Any, goal: Any, radius: Any, robot: Any, floor: Any, path: Any, spare: Any) -> Any:
+    """Carry out the commands from the pose ``path[0]`` until the goal is visible or a rotation is blocked both ways.
+
+    Appends the poses to the path. Returns the fitness, the number of commands carried out, and of those that then
+    lead to the goal.
+    """
+    row = 0
+    way_is_free = _way_is_free(robot, floor, path[0], goal, spare)
+    while True:
+        if way_is_free:
+            last = _approach(robot, floor, path, row, goal, spare)
+            if last >= 0:
+                return 0.0, row, last
+        if row == codes.size:
+            break
+        share = codes[row] / levels
+        if row % 2 == 0:
+            if not _turn(robot, floor, path[row], _FULL_TURN * share, path[row + 1]):
+                break
+        else:
+            _move(robot, floor, path[row], share + 1.0 / levels, path[row + 1])
+            way_is_free = _way_is_free(robot, floor, path[row + 1], goal, spare)
+        row += 1
+    away = np.hypot(goal[0] - path[row, 0], goal[1] - path[row, 1])
+    return away + radius * abs(_shorter(goal[2] - path[row, 2])), row, 0
+
+
+@kernel(
+    "Tuple((float64[::1], float64[:,::1], int64))(int64[:,::1], float64, float64[::1], float64[::1], float64,"
+    "float64[:,::1], float64, float64[::1], float64[:,::1], int64[::1], float64[::1], float64[:,::1], float64[:,::1])"
+)
+def scan(
+    codes: Integers,
+    levels: float,
+    start: Floats,
+    goal: Floats,
+    radius: float,
+    outline: Floats,
+    robot_thickness: float,
+    bounds: Floats,
+    corners: Floats,
+    starts: Integers,
+    thickness: Floats,
+    boxes: Floats,
+    middles: Floats,
+) -> tuple[Fitness, Floats, int]:
+    """Carry out lists of coded commands, shape (n, 2 × pairs); ``levels`` is 2^q, ``radius`` the circumscribed one.
+
+    Returns the fitness, shape (n,), and of the last list the poses, shape (poses, 3), and how many of its commands
+    were carried out; what leads from there to the goal follows in the poses.
+    """
+    robot = Robot(outline, robot_thickness, _reach(outline))
+    floor = Floor(bounds, corners, starts, thickness, boxes, middles)
+    path, spare = np.empty((codes.shape[1] + 4, 3)), np.empty((3, 3))
+    path[0] = start
+    fitness = np.empty(codes.shape[0])
+    scanned, last = 0, 0
+    for row in range(codes.shape[0]):
+        fitness[row], scanned, last = _scan(codes[row], levels, goal, radius, robot, floor, path, spare)
+    return fitness, path[: 1 + scanned + last].copy(), scanned

@@ -1,0 +1,205 @@
+"""A holonomic mobile robot among obstacles, driven by rotate and move commands: schema and behaviour (§5)."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
+
+import numpy as np
+from pydantic import Field, field_validator, model_validator
+
+from genetics.arrays import Fitness, Genomes
+from genetics.recipe import Recipe
+from problems.mobile_robot import checker
+from problems.mobile_robot.arrays import SLIMMEST, floor_arrays, is_wide, robot_arrays
+from problems.plane import Obstacle, Point, simple_polygon
+from problems.problem import Populations, Problem, RecipeName, Solution, Table, Verdict, quantity
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from genetics.bit_string import BitString
+
+Metres = Annotated[float, Field(ge=-1e4, le=1e4)]
+Heading = Annotated[float, Field(ge=-1e3, le=1e3)]
+Pose = tuple[Metres, Metres, Heading]
+
+_FLIPS = 12.0  # bits changed in an offspring, on average, by the tuned recipe
+_FLIPS_ON_ISLANDS = 16.0
+
+
+class Body(Table):
+    """The robot's outline, in its own frame: the reference point, about which it turns, is the origin; ahead is +x."""
+
+    vertices: list[tuple[Metres, Metres]] | None = quantity(
+        "m", "corners of a polygon, convex or not, in order, either way round", default=None
+    )
+    radius: float | None = quantity("m", "radius of a disc, instead of vertices", default=None, ge=1e-6, le=1e4)
+
+    @field_validator("vertices")
+    @classmethod
+    def _simple(cls, vertices: list[Point] | None) -> list[Point] | None:
+        if vertices is None:
+            return None
+        vertices = simple_polygon(vertices)
+        if not is_wide(vertices):
+            raise ValueError(f"expected a polygon at least {SLIMMEST:g} m wide everywhere, found {vertices}")
+        return vertices
+
+    @model_validator(mode="after")
+    def _polygon_or_disc(self) -> Self:
+        if (self.vertices is None) == (self.radius is None):
+            found = "neither" if self.radius is None else "both"
+            raise ValueError(f"expected either vertices or radius, found {found}")
+        return self
+
+    @property
+    def circumscribed_radius(self) -> float:
+        """The farthest corner's distance from the reference point, m; 0 for a disc, whose heading cannot be seen."""
+        return 0.0 if self.vertices is None else float(np.linalg.norm(self.vertices, axis=1).max())
+
+
+class MobileRobot(Problem):
+    """Find a list of (rotate, move) commands from whose end, or from an earlier place, the goal is visible (§5)."""
+
+    about: ClassVar[str] = "a path of rotate and move commands for a mobile robot among obstacles"
+    template: ClassVar[str] = """\
+kind = "mobile-robot"
+start = [1.0, 1.0, 0.0]         # m, m, rad: x, y, heading (anticlockwise from +x)
+goal = [6.8, 1.2, 1.57]         # m, m, rad
+commands = 8                    # pairs of a rotate and a move command
+bits = 8                        # of each command
+# code = "gray"                 # or "binary"; if not given, the recipe's
+bounds = [0.0, 0.0, 8.0, 6.0]   # m, the walls around the floor: x0, y0, x1, y1
+
+[robot]                         # in its own frame: it turns about the origin, ahead is +x
+vertices = [[-0.35, -0.25], [0.25, -0.25], [0.4, 0.0], [0.25, 0.25], [-0.35, 0.25]]   # m
+# radius = 0.3                  # m, of a disc, instead of vertices
+
+[[obstacles]]                   # a wall with a gap above it
+shape = "box"
+center = [3.0, 2.0]             # m
+size = [0.2, 4.0]               # m
+
+[[obstacles]]                   # a wall with a gap below it
+shape = "box"
+center = [5.2, 3.8]             # m
+size = [0.2, 4.4]               # m
+angle = 0.0                     # rad
+
+[[obstacles]]
+shape = "circle"
+center = [4.1, 2.6]             # m
+radius = 0.3                    # m
+
+[[obstacles]]
+shape = "polygon"
+vertices = [[6.4, 3.2], [7.4, 3.0], [7.0, 3.9]]   # m
+
+[run]                           # what the command line does not say
+topology = "torus 4x4"
+seed = 1
+"""
+    batches_alike: ClassVar[bool] = True
+
+    start: Pose = quantity("m, m, rad", "where the robot stands: [x, y, heading]")
+    goal: Pose = quantity("m, m, rad", "where it shall go: [x, y, heading]")
+    commands: int = quantity("", "pairs of a rotate and a move command", default=8, ge=1, le=1000)
+    bits: int = quantity("bit", "bits of each command", default=8, ge=1, le=62)
+    code: Literal["binary", "gray"] | None = quantity(
+        "", 'how an integer is written in bits; if not given, the recipe\'s: tuned "gray", paper "binary"', default=None
+    )
+    bounds: tuple[Metres, Metres, Metres, Metres] = quantity("m", "the walls around the floor: [x0, y0, x1, y1]")
+    robot: Body = quantity("", "the robot")
+    obstacles: list[Obstacle] = quantity(
+        "", "solid shapes that the robot may touch, but not enter", default_factory=list
+    )
+
+    @field_validator("bounds")
+    @classmethod
+    def _in_order(cls, bounds: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
+        x0, y0, x1, y1 = bounds
+        if not (x0 < x1 and y0 < y1):
+            raise ValueError(f"expected x0 < x1 and y0 < y1, found {list(bounds)}")
+        return bounds
+
+    @model_validator(mode="after")
+    def _stands_free(self) -> Self:
+        for name, pose in (("start", self.start), ("goal", self.goal)):
+            objection = checker.objection_to(self, pose)
+            if objection is not None:
+                raise ValueError(
+                    f"{name}: expected a place where the robot stands free, found {list(pose)} {objection}"
+                )
+        return self
+
+    @property
+    def solved_at(self) -> float:
+        """The goal is reached."""
+        return 0.0
+
+    @cached_property
+    def coding(self) -> BitString:
+        """One integer a command: rotate, move, rotate, .. (§5)."""
+        from genetics.bit_string import BitString
+
+        return BitString(2 * self.commands, self.bits, gray=self.code != "binary")
+
+    def for_recipe(self, name: RecipeName, deme: int) -> Self:
+        """The paper's binary code, or the tuned recipe's Gray code, unless the file chooses."""
+        if self.code is not None:
+            return self
+        code = "gray" if name == "tuned" else "binary"
+        return self.model_validate(self.model_dump(exclude_unset=True) | {"code": code})
+
+    def recipe(self, name: RecipeName, deme: int) -> Recipe:
+        """§6 to the letter where it is stated, or an elitist replacement with far more mutation."""
+        if name == "paper":
+            return Recipe("one-point", 1.0 / self.coding.length, "offspring")
+        if deme == 1:
+            return Recipe("one-point", min(0.5, _FLIPS / self.coding.length), "elitist")
+        return Recipe("uniform", min(0.5, _FLIPS_ON_ISLANDS / self.coding.length), "elitist")
+
+    def evaluate(self, genomes: Genomes) -> Fitness:
+        """0 if the goal is visible, else how far the scan ends from it: (n, genome_bytes) to (n,)."""
+        fitness: Fitness = self._scan(genomes)[0]
+        return fitness
+
+    def decode(self, genome: Genomes) -> Solution:
+        """``{"commands": [["rotate", rad], ["move", m], ..], "path": [[x, y, heading], ..], "length": m}``."""
+        _, path, scanned = self._scan(genome[None])
+        last = ["rotate", "move", "rotate"] if len(path) - 1 - scanned > 1 else ["rotate"]
+        names = [["rotate", "move"][number % 2] for number in range(scanned)] + last
+        steps = np.diff(path, axis=0)
+        lengths = np.hypot(steps[:, 0], steps[:, 1])
+        commands = [
+            [name, float(turn if name == "rotate" else length)]
+            for name, turn, length in zip(names, steps[:, 2], lengths, strict=False)
+        ]
+        return {"commands": commands, "path": path.tolist(), "length": float(lengths.sum())}
+
+    def check(self, solution: Solution) -> Verdict:
+        """See `problems.mobile_robot.checker`, which shares no code with `evaluate`."""
+        return checker.judge(self, solution)
+
+    def draw(self, figure: Figure, solution: Solution | None, populations: Populations) -> None:
+        """The floor and the swept robot (figure 6 of the paper)."""
+        from problems.mobile_robot import drawing
+
+        drawing.draw(self, figure, solution, populations)
+
+    def _scan(self, genomes: Genomes) -> tuple[Any, ...]:
+        from problems.mobile_robot import kernels
+
+        return kernels.scan(self.coding.integers(genomes), *self._kernel_arguments)
+
+    @cached_property
+    def _kernel_arguments(self) -> tuple[Any, ...]:
+        return (
+            float(1 << self.bits),
+            np.array(self.start),
+            np.array(self.goal),
+            self.robot.circumscribed_radius,
+            *robot_arrays(self.robot.vertices, self.robot.radius),
+            *floor_arrays(self.bounds, self.obstacles),
+        )
