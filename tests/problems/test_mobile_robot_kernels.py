@@ -10,7 +10,7 @@ from problems.mobile_robot.contact import Floor, Robot, can_turn, drive
 from problems.plane import CONTACT, Box, Circle, Polygon
 
 WORLDS = 2000
-POSES = 3  # in each world
+POSES = 2  # in each world
 SIZE = 4.0  # m, of a square floor
 BOUNDS = (0.0, 0.0, SIZE, SIZE)
 DEPTH = 1e-6  # m, deeper than which shapes are surely in each other
