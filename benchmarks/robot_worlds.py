@@ -22,7 +22,7 @@ MOST_TRIES = 1000
 
 
 def robot_world(number: int, run: Run | None = None) -> ProblemFile:
-    """World ``number``: even ones are rooms with doors, odd ones clutter; every fourth robot is a disc.
+    """World ``number``: even ones are rooms with doors, odd ones clutter; half of the robots are discs.
 
     The goal is not visible from the start, and a disc around the robot can surely get there.
     """
@@ -74,7 +74,7 @@ def _free_cells(problem: MobileRobot) -> NDArray[np.bool_]:
 
 
 def _world(generator: np.random.Generator, number: int) -> Fields:
-    width, height = (round(float(side), 2) for side in generator.uniform([8.0, 6.0], [14.0, 10.0]))
+    width, height = (round(float(side), 2) for side in generator.uniform([10.0, 8.0], [18.0, 14.0]))
     obstacles = _rooms(generator, width, height) if number % 2 == 0 else _clutter(generator, width, height)
     poses = generator.uniform([0.0, 0.0, -np.pi], [width, height, np.pi], (2, 3))
     return {
@@ -82,7 +82,7 @@ def _world(generator: np.random.Generator, number: int) -> Fields:
         "start": poses[0].tolist(),
         "goal": poses[1].tolist(),
         "bounds": [0.0, 0.0, width, height],
-        "robot": _robot(generator, is_disc=number % 4 == 3),
+        "robot": _robot(generator, is_disc=number % 4 >= 2),
         "obstacles": obstacles,
     }
 
@@ -100,7 +100,7 @@ def _rooms(generator: np.random.Generator, width: float, height: float) -> list[
     """Rooms by repeated halving of the largest; each new wall has a door."""
     rooms = [(0.0, 0.0, width, height)]
     obstacles: list[Fields] = []
-    for _ in range(generator.integers(1, 5)):
+    for _ in range(generator.integers(3, 8)):
         rooms.sort(key=lambda room: (room[2] - room[0]) * (room[3] - room[1]))
         x0, y0, x1, y1 = rooms.pop()
         upright = x1 - x0 > y1 - y0
@@ -120,7 +120,7 @@ def _box(center: list[float], size: list[float], angle: float = 0.0) -> Fields:
 
 
 def _clutter(generator: np.random.Generator, width: float, height: float) -> list[Fields]:
-    return [_thing(generator, width, height) for _ in range(generator.integers(10, 30))]
+    return [_thing(generator, width, height) for _ in range(generator.integers(30, 60))]
 
 
 def _thing(generator: np.random.Generator, width: float, height: float) -> Fields:
