@@ -203,6 +203,12 @@ seed = 1
         cut = int(np.count_nonzero(parts[self.graph.edges[:, 0]] != parts[self.graph.edges[:, 1]]))
         return {"parts": parts.tolist(), "cut": cut, "planted_cut": self.graph.planted_cut, "value": value}
 
+    def describe(self, solution: Solution) -> str:
+        """The numbers to six digits, or the bits or parts as they are."""
+        if "x" in solution:
+            return "x = " + ", ".join(f"{x:.6g}" for x in solution["x"])
+        return super().describe(solution)
+
     def check(self, solution: Solution) -> Verdict:
         """See `problems.function.checker`, which shares no code with `evaluate`."""
         return checker.judge(self, solution)

@@ -178,6 +178,11 @@ seed = 1
         ]
         return {"commands": commands, "path": path.tolist(), "length": float(lengths.sum())}
 
+    def describe(self, solution: Solution) -> str:
+        """The commands, as one would call them out to the robot."""
+        calls = [_called_out(name, value) for name, value in solution["commands"]]
+        return "\n".join([f"a way of {solution['length']:.2f} m by {len(calls)} commands:", *calls])
+
     def check(self, solution: Solution) -> Verdict:
         """See `problems.mobile_robot.checker`, which shares no code with `evaluate`."""
         return checker.judge(self, solution)
@@ -203,3 +208,9 @@ seed = 1
             *robot_arrays(self.robot.vertices, self.robot.radius),
             *floor_arrays(self.bounds, self.obstacles),
         )
+
+
+def _called_out(name: str, value: float) -> str:
+    if name == "move":
+        return f"move {value:7.3f} m"
+    return f"turn {abs(np.degrees(value)):7.2f}° {'left' if value >= 0.0 else 'right'}"

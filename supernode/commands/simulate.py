@@ -67,6 +67,9 @@ class _Outside:
 
 
 def _simulate(file: "ProblemFile", terminal: "Terminal", log: "RunLog", outside: _Outside) -> "Result":
+    import numpy as np
+
+    from genetics import Keys
     from node import Plan, simulate
     from node.fingerprint import fingerprint
     from spy.collector import Collector
@@ -75,6 +78,7 @@ def _simulate(file: "ProblemFile", terminal: "Terminal", log: "RunLog", outside:
 
     plan = Plan.of(file)
     collector = Collector(plan, job=1)
+    plan.evaluate(plan.coding.random(Keys(np.arange(1), 0, 0), 1)[0])  # loads compiled code, off the clock
     outside.began = time.monotonic()
     log.write("start", job=1, run=file.run.model_dump())
 
