@@ -166,7 +166,11 @@ seed = 1
         return fitness
 
     def decode(self, genome: Genomes) -> Solution:
-        """``{"commands": [["rotate", rad], ["move", m], ..], "path": [[x, y, heading], ..], "length": m}``."""
+        """``{"commands": [["rotate", rad], ["move", m], ..], "path": [[x, y, heading], ..], "length": m}``.
+
+        A rotate command's number is the turn to make, anticlockwise if positive, so that it also says which sense is
+        free; headings are in the path, which has a pose more than there are commands. A goal that is visible ends both.
+        """
         _, path, scanned = self._scan(genome[None])
         last = ["rotate", "move", "rotate"] if len(path) - 1 - scanned > 1 else ["rotate"]
         names = [["rotate", "move"][number % 2] for number in range(scanned)] + last
