@@ -26,6 +26,8 @@ clean:
 $(VENV)/core: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/pip install --quiet --disable-pip-version-check --editable .
+	@echo compiling the kernels, once
+	$(BIN)/python -c 'from problems.registry import warm_up; warm_up()'
 	touch $@
 
 $(VENV)/test: $(VENV)/core

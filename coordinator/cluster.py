@@ -9,8 +9,9 @@ from typing import Any, Self
 import zenoh
 
 import topologies
+from coordinator.conductor import Conductor
 from coordinator.errors import ClusterFailed
-from coordinator.job import Job
+from coordinator.job import Failure, Job, JobEntry, Order
 from coordinator.launcher import Launcher
 from problems import BadInput, ProblemFile
 from wire import sessions
@@ -44,10 +45,10 @@ class LocalCluster:
         self.keys = Keys(secrets.token_hex(4))
         self._failure: str | None = None
         self._changed = threading.Condition()
-        self._jobs: queue.SimpleQueue[Job | None] = queue.SimpleQueue()
-        self._current: Job | None = None
+        self._jobs: queue.SimpleQueue[JobEntry | None] = queue.SimpleQueue()
+        self._current: JobEntry | None = None
         self._submitted = 0
-        self._session: zenoh.Session | None = None
+        self._closed = False
         self._launcher = Launcher(self.keys.cluster, self.topology.spec, self._on_death)
         try:
             self._connect()
@@ -69,18 +70,12 @@ class LocalCluster:
         """Process ids by name: "router", "spy", "node 0" and so on."""
         return dict(self._launcher.processes)
 
-    @property
-    def session(self) -> zenoh.Session:
-        """The control session of this process."""
-        if self._session is None:
-            raise ClusterFailed("the cluster is closed")
-        return self._session
-
-    def submit(self, file: ProblemFile, **run: Any) -> Job:
-        """Hand in a job; it runs when those before it have ended.
+    def submit(self, file: ProblemFile, *, log: str | None = None, **run: Any) -> Job:
+        """Hand in a job; it runs when those before it have ended (its ``seconds`` run from now on).
 
         Args:
             file: from `supernode.load`.
+            log: a file to write a run log to, JSON Lines.
             run: settings that replace those of the file's ``[run]`` table, such as ``seed=1``, ``seconds=5``.
 
         Raises:
@@ -89,13 +84,9 @@ class LocalCluster:
         """
         if run.get("topology", self.topology.spec) != self.topology.spec:
             raise BadInput(f"topology: this cluster is a {self.topology.spec}, found {run['topology']!r}")
-        if self._session is None:
-            raise ClusterFailed("the cluster is closed")
-        if self._failure is not None:
-            raise ClusterFailed(self._failure)
-        log = run.pop("log", None)
+        self._raise_failure()
         self._submitted += 1
-        job = Job(self._submitted, file.with_run(**run | {"topology": self.topology.spec}), log)
+        job = JobEntry(Order(self._submitted, file.with_run(**run | {"topology": self.topology.spec}), log))
         self._jobs.put(job)
         return job
 
@@ -106,16 +97,16 @@ class LocalCluster:
     def close(self) -> None:
         """End every process; a job that still runs fails. Idempotent."""
         with self._changed:
-            session, self._session = self._session, None
+            if self._closed:
+                return
+            self._closed = True
             self._failure = self._failure or "the cluster was closed"
             current = self._current
-        if session is None:
-            return
         if current is not None:
-            current.fail(self._failure)
+            current.mail.put(Failure(self._failure, closing=True))
         self._jobs.put(None)
         self._worker.join()
-        session.close()  # type: ignore[no-untyped-call]
+        self._session.close()  # type: ignore[no-untyped-call]
         self._launcher.close()
 
     def _connect(self) -> None:
@@ -154,7 +145,7 @@ class LocalCluster:
             current = self._current
             self._changed.notify_all()
         if current is not None:
-            current.fail(self._failure)
+            current.mail.put(Failure(self._failure))
 
     def _naming_the_cell(self, text: str) -> str:
         kind, _, rest = text.partition(" ")
@@ -164,13 +155,16 @@ class LocalCluster:
         return text
 
     def _work(self) -> None:
+        """The coordinator's thread: one job after another."""
         while (job := self._jobs.get()) is not None:
             with self._changed:
-                session, failure = self._session, self._failure
                 self._current = job
-            if failure is not None or session is None:
-                job.fail(failure or "the cluster was closed")
-            else:
-                job.conduct(session, self.keys, self.seconds_to_ready, self.cpu_seconds)
+                if self._failure is not None:
+                    job.mail.put(Failure(self._failure))
+            try:
+                conductor = Conductor(job, self._session, self.keys)
+                job.end(conductor.conduct(self.seconds_to_ready, self.cpu_seconds))
+            except Exception as error:  # a mistake in the problem, or else; whoever waits must hear of it
+                job.end(error)
             with self._changed:
                 self._current = None

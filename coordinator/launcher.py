@@ -17,6 +17,7 @@ from coordinator.errors import ClusterFailed
 
 _PREFIX = "supernode-"
 _END_WITHIN = 5.0  # seconds
+_LONGEST_HOME = 60  # bytes
 _ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
 
@@ -30,7 +31,7 @@ class Launcher:
 
     def __init__(self, cluster: str, topology: str, on_death: Callable[[str], None]) -> None:
         _remove_stale_folders()
-        self.folder = Path(tempfile.mkdtemp(prefix=_PREFIX))
+        self.folder = Path(tempfile.mkdtemp(prefix=_PREFIX, dir=_home()))
         self._lock = _lock(self.folder)
         assert self._lock is not None
         self.processes: dict[str, int] = {}
@@ -39,7 +40,7 @@ class Launcher:
         self._closing = False
         config = {"cluster": cluster, "topology": topology, "folder": str(self.folder)}
         self._zygote = subprocess.Popen(
-            [sys.executable, "-m", "coordinator.zygote", json.dumps(config)],
+            [sys.executable, "-P", "-m", "coordinator.zygote", json.dumps(config)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             env=os.environ | _ONE_THREAD,
@@ -93,6 +94,12 @@ class Launcher:
                 self._lock = None
 
 
+def _home() -> Path:
+    """Where folders of sockets lie: the path of a Unix socket has at most 107 bytes."""
+    usual = Path(tempfile.gettempdir())
+    return usual if len(os.fsencode(usual)) <= _LONGEST_HOME else Path("/tmp")
+
+
 def _cpu_clock(process: int) -> int:
     """The clock id of another process's CPU time, as Linux makes it (clock_getcpuclockid(3))."""
     return (~process << 3) | 2
@@ -111,7 +118,7 @@ def _lock(folder: Path) -> int | None:
 
 def _remove_stale_folders() -> None:
     """Folders of clusters whose processes were all killed at once, so that nobody could clean up."""
-    for folder in Path(tempfile.gettempdir()).glob(f"{_PREFIX}*"):
+    for folder in _home().glob(f"{_PREFIX}*"):
         try:
             if folder.stat().st_uid != os.getuid() or time.time() - folder.stat().st_mtime < _END_WITHIN:
                 continue  # another's, or so young that its owner may not have locked it yet

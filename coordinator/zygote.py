@@ -75,14 +75,17 @@ class Zygote:
 
         self._warm_up()
         signal.pthread_sigmask(signal.SIG_BLOCK, _WAKING)
-        self._fork_router()
+        if not self._fork_router():
+            signal.sigwait({signal.SIGCHLD})
+            self._one_died()
+            return self._kill_all()
         self._fork("spy", self._spy)
         for node in range(topologies.parse(self.topology).cells):
             self._fork(f"node {node}", partial(self._node, node))
         _tell({"processes": {name: process for process, name in self.children.items()}})
         while not (_at_end(sys.stdin.fileno()) or self._one_died()):
             signal.sigwait(_WAKING)
-        self._kill_all()
+        return self._kill_all()
 
     def _warm_up(self) -> None:
         """Import all that a child will need, and no more garbage collection of it: children share its pages."""
@@ -95,8 +98,8 @@ class Zygote:
         gc.collect()
         gc.freeze()
 
-    def _fork_router(self) -> None:
-        """The router first: when it listens, the others need not try twice."""
+    def _fork_router(self) -> bool:
+        """The router first: when it listens, the others need not try twice. Whether it does."""
         ready, tell = os.pipe()
 
         def route() -> None:
@@ -107,8 +110,9 @@ class Zygote:
 
         self._fork("router", route)
         os.close(tell)
-        os.read(ready, 1)  # a byte when it listens, the end of the pipe if it died
+        listens = os.read(ready, 1) != b""  # else it has died
         os.close(ready)
+        return listens
 
     def _spy(self) -> None:
         self._spy_watch(self._berth(self.cluster, 0, self.topology, self.folder))

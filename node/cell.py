@@ -21,11 +21,9 @@ import numpy as np
 from node.plan import Plan
 from node.rows import NEVER, Packets, Rows
 from problems import EvaluationFailed
+from topologies import ROOT
 from wire.exchange import Champion, Emigrant, Exchange
 from wire.report import Reason, Report
-
-ROOT = 0
-"""The cell at which the spy sits."""
 
 State = Literal["prepared", "running", "stopped", "failed"]
 

@@ -7,8 +7,10 @@ import topologies
 from genetics.arrays import Evaluate
 from genetics.coding import Coding
 from genetics.recipe import Recipe, evaluations_per_generation
-from problems import Problem, ProblemFile, Run, guarded
+from problems import Problem, ProblemFile, Run
+from problems.guard import guarded, solved_at
 from topologies import Topology
+from wire.exchange import Limits
 
 
 @dataclass(frozen=True)
@@ -25,7 +27,9 @@ class Plan:
     @staticmethod
     def of(file: ProblemFile) -> "Plan":
         """The plan of a problem file; this imports a user's module."""
-        return Plan(file.problem(), file.run)
+        plan = Plan(file.problem(), file.run)
+        _ = plan.target  # asks a user's problem, so that a wrong answer is found now
+        return plan
 
     @cached_property
     def topology(self) -> Topology:
@@ -55,7 +59,7 @@ class Plan:
     @cached_property
     def target(self) -> float | None:
         """A fitness that ends the run."""
-        return self.problem.solved_at if self.run.target is None else self.run.target
+        return solved_at(self.problem) if self.run.target is None else self.run.target
 
     @cached_property
     def last_generation(self) -> int | None:
@@ -69,6 +73,12 @@ class Plan:
         A proposal leaves with the next exchange, at most one interval away, and crosses a link at each exchange.
         """
         return (self.topology.diameter + 1) * self.run.interval
+
+    @cached_property
+    def limits(self) -> Limits:
+        """What a message of this job may hold."""
+        coding = self.coding
+        return Limits(coding.genome_bytes, self.run.emigrants, self.topology.cells, coding.accepts)
 
     @property
     def evaluations_per_generation(self) -> int:

@@ -102,7 +102,6 @@ class NodeProcess:
         self.berth = berth
         self.keys = berth.keys
         topology = topologies.parse(berth.topology)
-        self.cells = topology.cells
         slots = topology.neighbours(berth.node)
         self.neighbours = tuple(dict.fromkeys(other for other in slots if other != berth.node))
         self.mail: queue.SimpleQueue[_News | zenoh.Query] = queue.SimpleQueue()
@@ -247,9 +246,7 @@ class NodeProcess:
             return Refused(str(error), "input")
         except Exception as error:
             return Refused(f"node {self.berth.node}: {type(error).__name__}: {error}")
-        coding = plan.coding
-        limits = Limits(coding.genome_bytes, plan.run.emigrants, self.cells, coding.accepts)
-        self.assignment = _Assignment(cell, limits)
+        self.assignment = _Assignment(cell, plan.limits)
         return Done(json.dumps(fingerprint()))
 
     def _carry_out(self, assignment: _Assignment, action: Action) -> None:

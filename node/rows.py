@@ -15,6 +15,7 @@ from genetics.breeding import breed
 from genetics.selection import best
 from node.kernels import believe, greet
 from node.plan import Plan
+from topologies import ROOT
 from wire.report import Proposal, Reason
 
 NEVER = 1 << 62
@@ -195,11 +196,11 @@ class Rows:
         if target is not None:
             reached = self.champion_fitness <= target
             if run.spy == "root":
-                reached &= self.cells == 0
+                reached &= self.cells == ROOT
             else:
                 reached &= (self.champion_generation == self.generation) & (self.champion_cell == self.cells)
             for row in np.flatnonzero(reached):
                 self.propose(int(row), "target")
         stall = run.stall_limit()
-        if stall is not None and self.cells[0] == 0 and self.generation - self.better_at[0] >= stall:
+        if stall is not None and self.cells[0] == ROOT and self.generation - self.better_at[0] >= stall:
             self.propose(0, "stall")

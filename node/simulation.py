@@ -15,6 +15,7 @@ from node.cell import Action, Cell, Event, Heard, Propose, Publish, Start, champ
 from node.kernels import delay
 from node.plan import Plan
 from node.rows import Rows
+from topologies import ROOT
 from wire.exchange import Champion
 from wire.report import Reason, Report
 
@@ -60,13 +61,13 @@ def _lockstep(plan: Plan, watch: Watch, snapshot: Snapshot, outside: Outside) ->
     while True:
         _note(rows, digests)
         snapshot(rows.generation, rows.genomes, rows.fitness)
-        champion = champion_of(rows, 0)
-        if champion is not None and rows.better_at[0] == rows.generation:
+        champion = champion_of(rows, ROOT)
+        if champion is not None and rows.better_at[ROOT] == rows.generation:
             watch(rows.generation, champion)
-        if rows.generation >= rows.stop_at[0]:
+        if rows.generation >= rows.stop_at[ROOT]:
             break
         if (reason := outside()) is not None:
-            rows.propose(0, reason)
+            rows.propose(ROOT, reason)
         published += rows.exchanging
         rows.advance(rows.packets().gather(slots) if rows.exchanging else None)
     return [_report(rows, cell, digests[cell].digest(), published) for cell in range(len(cells))]
@@ -127,7 +128,7 @@ class _Delays:
         events, self.mail[cell.cell] = self.mail[cell.cell], []
         for action in cell.step(events):
             self._carry_out(now, cell, action)
-        if cell.cell == 0:
+        if cell.cell == ROOT:
             self._look(now, cell)
         if not cell.ended:
             self._later(now + self._delay(cell.cell, 0), cell.cell, None)
@@ -142,7 +143,7 @@ class _Delays:
 
     def _look(self, now: float, root: Cell) -> None:
         if (reason := self.outside()) is not None:
-            self._later(now, 0, Propose(reason))
+            self._later(now, ROOT, Propose(reason))
         champion = root.champion
         if champion is not None and (self.best is None or champion < self.best):
             self.best = champion

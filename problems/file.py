@@ -49,7 +49,7 @@ class ProblemFile:
         """
         given = {name: value for name, value in settings.items() if value is not None}
         merged = self.run.model_dump(exclude_unset=True) | given
-        return replace(self, run=_run(merged, self.name))
+        return replace(self, run=_run(merged, self.name, frozenset(given)))
 
     def problem(self) -> Problem:
         """The problem itself, for the recipe and deme of the run.
@@ -146,8 +146,11 @@ def _said(error: Exception) -> str:
     return str(error) if type(error) in (BadInput, ValueError) else f"{type(error).__name__}: {error}"
 
 
-def _run(settings: dict[str, Any], name: str) -> Run:
+def _run(settings: dict[str, Any], name: str, given: frozenset[str] = frozenset()) -> Run:
+    """The settings; a complaint names the file, but not for what was ``given`` beside it."""
     try:
         return Run.model_validate_json(json.dumps(settings, default=str), strict=True)
     except ValidationError as error:
-        raise first_line(error, Run, f"{name}: run") from error
+        location = error.errors()[0]["loc"]
+        where = "options" if location and location[0] in given else f"{name}: run"
+        raise first_line(error, Run, where) from error

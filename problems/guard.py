@@ -1,10 +1,16 @@
-"""A fence around a problem's evaluation: whatever it does, the node gets fitness values or one clear error."""
+"""A fence around a problem's own code: whatever it does, the caller gets what it asked for or one clear error."""
+
+import json
+import math
+from typing import Any
 
 import numpy as np
 
 from genetics.arrays import Evaluate, Fitness, Genomes
-from problems.errors import EvaluationFailed
-from problems.problem import Problem
+from problems.errors import BadInput, EvaluationFailed, shorten
+from problems.problem import Problem, Solution, Verdict
+
+_ANYTHING = (Exception, SystemExit)
 
 
 def guarded(problem: Problem) -> Evaluate:
@@ -14,8 +20,8 @@ def guarded(problem: Problem) -> Evaluate:
         try:
             # A copy: what the problem returned may be read-only, or an array that it will use again.
             fitness = np.array(problem.evaluate(genomes), dtype=np.float64, order="C")
-        except Exception as error:
-            raise EvaluationFailed(f"{problem.kind}: evaluate raised {type(error).__name__}: {error}") from error
+        except _ANYTHING as error:
+            raise _raised(problem, "evaluate", error) from error
         if fitness.shape != (len(genomes),):
             raise EvaluationFailed(
                 f"{problem.kind}: evaluate must return an array of shape ({len(genomes)},), got {fitness.shape}"
@@ -29,3 +35,73 @@ def guarded(problem: Problem) -> Evaluate:
         return fitness
 
     return evaluate
+
+
+def decoded(problem: Problem, genome: Genomes) -> Solution:
+    """What ``problem.decode`` returns, if it is a table of plain JSON values.
+
+    Raises:
+        EvaluationFailed: if it raises, or returns something else.
+    """
+    try:
+        solution = problem.decode(genome)
+    except _ANYTHING as error:
+        raise _raised(problem, "decode", error) from error
+    try:
+        plain: Any = json.loads(json.dumps(solution, allow_nan=False))
+    except (TypeError, ValueError, RecursionError) as error:
+        raise EvaluationFailed(f"{problem.kind}: decode must return plain JSON values: {error}") from error
+    if not isinstance(plain, dict):
+        raise EvaluationFailed(f"{problem.kind}: decode must return a table of named values, got {shorten(plain)}")
+    return plain
+
+
+def checked(problem: Problem, solution: Solution) -> Verdict:
+    """What ``problem.check`` returns.
+
+    Raises:
+        BadInput: if it says that this is no solution of such a problem.
+        EvaluationFailed: if it raises anything else, or returns no verdict.
+    """
+    try:
+        verdict = problem.check(solution)
+    except BadInput:
+        raise
+    except _ANYTHING as error:
+        raise _raised(problem, "check", error) from error
+    good = isinstance(verdict, Verdict) and isinstance(verdict.fitness, float | int) and not math.isnan(verdict.fitness)
+    if not good or not all(isinstance(each, str) for each in verdict.objections):
+        raise EvaluationFailed(
+            f"{problem.kind}: check must return a supernode.Verdict of a fitness and objections, got {verdict!r}"
+        )
+    return verdict
+
+
+def described(problem: Problem, solution: Solution) -> str:
+    """What ``problem.describe`` returns, or the solution as it is if that is no text."""
+    try:
+        words = problem.describe(solution)
+    except _ANYTHING:
+        words = ""
+    return words if isinstance(words, str) and words else Problem.describe(problem, solution)
+
+
+def solved_at(problem: Problem) -> float | None:
+    """What ``problem.solved_at`` is.
+
+    Raises:
+        BadInput: if it raises, or is neither a number nor None.
+    """
+    try:
+        fitness = problem.solved_at
+    except _ANYTHING as error:
+        raise BadInput(f"{problem.kind}: solved_at raised {type(error).__name__}: {error}") from error
+    if fitness is None:
+        return None
+    if isinstance(fitness, bool) or not isinstance(fitness, float | int | np.floating) or math.isnan(fitness):
+        raise BadInput(f"{problem.kind}: solved_at must be a number or None, got {fitness!r}")
+    return float(fitness)
+
+
+def _raised(problem: Problem, what: str, error: BaseException) -> EvaluationFailed:
+    return EvaluationFailed(f"{problem.kind}: {what} raised {type(error).__name__}: {error}")

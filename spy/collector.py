@@ -4,7 +4,10 @@ import math
 
 import numpy as np
 
+from genetics import Genomes
 from node.plan import Plan
+from problems import EvaluationFailed
+from problems.guard import decoded
 from wire.exchange import Champion
 from wire.news import Improvement
 
@@ -25,16 +28,20 @@ class Collector:
         """A better champion than any before, if this is one and its fitness is true."""
         if champion is None or (self._best is not None and champion >= self._best):
             return None
-        if not self._true(champion):
+        genome = np.frombuffer(bytearray(champion.genome), np.uint8)
+        try:
+            if not self._true(champion, genome):
+                return None
+            solution = decoded(self.plan.problem, genome)
+        except EvaluationFailed as error:
+            self.disagreement = str(error)
             return None
         improves = self._best is None or champion.fitness < self._best.fitness
         self._best = champion
-        solution = self.plan.problem.decode(np.frombuffer(champion.genome, np.uint8))
         self.best = Improvement(self.job, seconds, champion.generation, champion.cell, champion.fitness, solution)
         return self.best if improves else None
 
-    def _true(self, champion: Champion) -> bool:
-        genome = np.frombuffer(bytearray(champion.genome), np.uint8)
+    def _true(self, champion: Champion, genome: Genomes) -> bool:
         fitness = float(self.plan.evaluate(genome[None])[0])
         # A user's evaluation may round differently for a batch of another size.
         if math.isfinite(fitness) and math.isclose(fitness, champion.fitness, rel_tol=_ROUNDING, abs_tol=_ROUNDING):

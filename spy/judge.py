@@ -3,13 +3,16 @@
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 from node.plan import Plan
-from problems import BadInput
+from problems import BadInput, EvaluationFailed
+from problems.guard import checked, described, solved_at
 from spy.collector import Collector
+from wire.control import Judged
 from wire.news import Improvement
 from wire.report import Reason
+from wire.strict import Rejected
 
 Status = Literal["solved", "stalled", "exhausted", "deadline", "cancelled", "failed"]
 
@@ -30,12 +33,34 @@ class Judgement:
         feasible: whether the planner's check accepts the solution.
         message: why the run failed, or what the check has against the solution.
         best: the best verified answer, if there is one.
+        words: the solution in words.
+        target: the fitness that counts as solved, if there is one.
     """
 
     status: Status
     feasible: bool
     message: str | None
     best: Improvement | None
+    words: str | None = None
+    target: float | None = None
+
+    def answer(self) -> Judged:
+        """As it travels."""
+        best = None if self.best is None else self.best.encode()
+        return Judged(self.status, self.feasible, self.message, best, self.words, self.target)
+
+    @staticmethod
+    def of(answer: Judged) -> "Judgement":
+        """The inverse of `answer`.
+
+        Raises:
+            Rejected: if there is no such status, or the improvement is not readable.
+        """
+        for status in get_args(Status):
+            if answer.status == status:
+                best = None if answer.best is None else Improvement.decode(answer.best)
+                return Judgement(status, answer.feasible, answer.message, best, answer.words, answer.target)
+        raise Rejected("no such status")
 
 
 def judge(collector: Collector, generation: int, reasons: Iterable[Reason], error: str | None = None) -> Judgement:
@@ -45,10 +70,12 @@ def judge(collector: Collector, generation: int, reasons: Iterable[Reason], erro
         return Judgement("failed", False, error, best)
     if collector.disagreement is not None:
         return Judgement("failed", False, collector.disagreement, best)
-    status = _status(collector.plan, best, generation, set(reasons))
+    plan = collector.plan
+    status = _status(plan, best, generation, set(reasons))
     if best is None:
-        return Judgement(status, False, None, None)
-    return _checked(collector.plan, status, best)
+        return Judgement(status, False, None, None, None, plan.target)
+    status, feasible, message = _checked(plan, status, best)
+    return Judgement(status, feasible, message, best, described(plan.problem, best.solution), plan.target)
 
 
 def _status(plan: Plan, best: Improvement | None, generation: int, reasons: set[Reason]) -> Status:
@@ -62,23 +89,28 @@ def _status(plan: Plan, best: Improvement | None, generation: int, reasons: set[
     return "failed"
 
 
-def _checked(plan: Plan, status: Status, best: Improvement) -> Judgement:
+def _checked(plan: Plan, status: Status, best: Improvement) -> tuple[Status, bool, str | None]:
+    """The status, whether the solution is feasible, and the message, once the planner's check has spoken."""
     try:
-        verdict = plan.problem.check(best.solution)
+        verdict = checked(plan.problem, best.solution)
     except BadInput as error:
-        return Judgement("failed", False, f"the check cannot read the solution: {error}", best)
-    except Exception as error:
-        return Judgement("failed", False, f"the check raised {type(error).__name__}: {error}", best)
+        return "failed", False, f"the check cannot read the solution: {error}"
+    except EvaluationFailed as error:
+        return "failed", False, str(error)
     objections = "; ".join(verdict.objections) or None
-    if not math.isclose(verdict.fitness, best.fitness, rel_tol=_TOLERANCE, abs_tol=_TOLERANCE):
-        message = f"the check finds a fitness of {verdict.fitness:.9g}, the run claims {best.fitness:.9g}"
-        return Judgement("failed", False, message, best)
+    if not same_fitness(verdict.fitness, best.fitness):
+        return "failed", False, f"the check finds a fitness of {verdict.fitness:.9g}, the run claims {best.fitness:.9g}"
     if status == "solved" and not verdict.feasible and _is_claim(plan, best):
-        return Judgement("failed", False, f"the check refuses the solution: {objections}", best)
-    return Judgement(status, verdict.feasible, objections, best)
+        return "failed", False, f"the check refuses the solution: {objections}"
+    return status, verdict.feasible, objections
+
+
+def same_fitness(one: float, other: float) -> bool:
+    """Whether two fitness values, computed in different ways, agree."""
+    return math.isclose(one, other, rel_tol=_TOLERANCE, abs_tol=_TOLERANCE)
 
 
 def _is_claim(plan: Plan, best: Improvement) -> bool:
     """Whether the problem itself calls this fitness solved (a looser --target may accept less)."""
-    solved_at = plan.problem.solved_at
-    return solved_at is None or best.fitness <= solved_at
+    claimed = solved_at(plan.problem)
+    return claimed is None or best.fitness <= claimed

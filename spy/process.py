@@ -5,7 +5,6 @@ also gathers the nodes' counters and log records, and adds them up twice a secon
 """
 
 import contextlib
-import json
 import queue
 import threading
 import time
@@ -14,16 +13,16 @@ from typing import Any
 
 import zenoh
 
-from node.cell import ROOT
 from node.plan import Plan
 from node.process import Berth
-from problems import BadInput, EvaluationFailed, ProblemFile
+from problems import BadInput, ProblemFile
 from spy.collector import Collector
 from spy.judge import judge
 from spy.run_log import RunLog
+from topologies import ROOT
 from wire import control, sessions
 from wire.callbacks import direct, frequent
-from wire.control import Begin, Done, Drop, Finish, Prepare, Refused
+from wire.control import Answer, Begin, Done, Drop, Finish, Judged, Prepare, Refused
 from wire.exchange import Champion, Exchange, Limits, decode
 from wire.news import Counters, LogRecord, Statistics
 from wire.strict import Rejected
@@ -57,6 +56,8 @@ class _Assignment:
     last: Exchange | None = None  # the root's latest message
     counters: dict[int, Counters] = field(default_factory=dict)  # the latest of each node
     rejected: int = 0
+    messages: int = 0  # when they were last added up,
+    added_up: float = 0.0  # at this time
 
     @property
     def seconds(self) -> float:
@@ -73,7 +74,6 @@ class SpyProcess:
         self.mail: queue.SimpleQueue[_News | Counters | LogRecord | zenoh.Query] = queue.SimpleQueue()
         self.alive: set[str] = set()
         self.assignment: _Assignment | None = None
-        self._messages = (time.monotonic(), 0)  # when they were last added up, and how many there were
         self._due = 0.0
         self._link()
         self._register()
@@ -158,24 +158,22 @@ class SpyProcess:
 
     def _open_command(self, query: zenoh.Query) -> None:
         payload = query.payload.to_bytes() if query.payload is not None else b""
-        answer: Done | Refused
+        answer: Answer
         try:
             answer = self._obey(control.decode(payload))
         except Rejected as error:
             answer = Refused(f"spy: bad command: {error.reason}")
-        except EvaluationFailed as error:
-            answer = Refused(str(error))
         with query:
             query.reply(query.key_expr, control.encode_answer(answer))
 
-    def _obey(self, command: control.Command) -> Done | Refused:
+    def _obey(self, command: control.Command) -> Answer:
         if isinstance(command, Prepare):
             return self._prepare(command)
         assignment = self.assignment
         if assignment is None or command.job != assignment.job:
             return Refused(f"the spy is not at job {command.job}")
         if isinstance(command, Begin):
-            assignment.began = time.monotonic()
+            assignment.began = assignment.added_up = time.monotonic()
             assignment.log.write("start", job=command.job, run=assignment.plan.run.model_dump())
             return Done()
         if isinstance(command, Finish):
@@ -194,27 +192,15 @@ class SpyProcess:
             return Refused(str(error), "input")
         except Exception as error:
             return Refused(f"spy: {type(error).__name__}: {error}")
-        coding = plan.coding
-        limits = Limits(coding.genome_bytes, plan.run.emigrants, plan.topology.cells, coding.accepts)
-        self.assignment = _Assignment(command.job, plan, Collector(plan, command.job), limits, log)
+        self.assignment = _Assignment(command.job, plan, Collector(plan, command.job), plan.limits, log)
         return Done()
 
-    def _finish(self, assignment: _Assignment, command: Finish) -> Done:
+    def _finish(self, assignment: _Assignment, command: Finish) -> Judged:
         self._hear(assignment, command.champion)
         judgement = judge(assignment.collector, command.generation, command.reasons, command.error)
-        best = judgement.best
         assignment.log.end(judgement, command.generation)
         self.assignment = None
-        return Done(
-            json.dumps(
-                {
-                    "status": judgement.status,
-                    "feasible": judgement.feasible,
-                    "message": judgement.message,
-                    "best": None if best is None else best.encode().hex(),
-                }
-            )
-        )
+        return judgement.answer()
 
     def _tell_statistics(self) -> None:
         now = time.monotonic()
@@ -223,8 +209,8 @@ class SpyProcess:
         assert assignment is not None
         counters = list(assignment.counters.values())
         messages = sum(each.sent for each in counters)
-        before, had = self._messages
-        self._messages = (now, messages)
+        rate = (messages - assignment.messages) / max(now - assignment.added_up, STATISTICS_PERIOD / 2)
+        assignment.messages, assignment.added_up = messages, now
         statistics = Statistics(
             assignment.job,
             assignment.last.generation if assignment.last else 0,
@@ -233,7 +219,7 @@ class SpyProcess:
             sum(each.lost for each in counters),
             assignment.rejected + sum(each.rejected for each in counters),
             len(self.alive),
-            max(0.0, (messages - had) / (now - before)),
+            max(0.0, rate),
         )
         self.control.put(self.keys.spy_stats, statistics.encode())
         assignment.log.write("statistics", **statistics._asdict())

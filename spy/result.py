@@ -10,6 +10,7 @@ from typing import Any
 import topologies
 from problems import ProblemFile
 from spy.judge import Judgement, Status
+from topologies import ROOT
 from wire.exchange import Champion
 from wire.report import Proposal, Reason, Report
 
@@ -32,6 +33,7 @@ class Result:
         cpu_seconds: of all processes.
         history_sha256: equal for equal lockstep runs; None if the run failed.
         message: why it failed, or what the check has against the solution.
+        target: the fitness that counts as solved, if there is one.
     """
 
     job: str
@@ -59,12 +61,14 @@ class Result:
     messages: dict[str, int]
     history_sha256: str | None
     message: str | None = None
+    target: float | None = None
+    words: str | None = field(default=None, repr=False)  # the solution in words
     demes: list[bytes] = field(default_factory=list, repr=False)  # the last individuals of each cell, for pictures
 
     def to_json(self) -> dict[str, Any]:
         """Plain JSON values; +inf becomes null."""
         values = asdict(self)
-        del values["demes"]
+        del values["demes"], values["words"]
         if not math.isfinite(self.fitness):
             values["fitness"] = None
         return values
@@ -81,7 +85,7 @@ class Clocks:
 
 def best_known(reports: Sequence[Report], spy: str) -> Champion | None:
     """The best champion that the cells know at the end; under the paper's spy only what the root knows counts."""
-    known = [report.champion for report in reports if spy == "champion" or report.cell == 0]
+    known = [report.champion for report in reports if spy == "champion" or report.cell == ROOT]
     return min((champion for champion in known if champion is not None), default=None)
 
 
@@ -92,6 +96,8 @@ def stopped_after(reports: Sequence[Report]) -> int:
 
 def stop_reasons(reports: Sequence[Report], mode: str) -> tuple[Reason, ...]:
     """Why the cells stopped: the reasons proposed for the generation of the stop (in async mode, all)."""
+    if not reports:
+        return ()
     stop = stopped_after(reports)
     proposals = [each for report in reports for each in report.proposals]
     return tuple(dict.fromkeys(each.reason for each in proposals if mode == "async" or each.stop_at == stop))
@@ -137,6 +143,8 @@ def result_of(
         },
         history_sha256=_history(reports) if judgement.status != "failed" else None,
         message=judgement.message,
+        target=judgement.target,
+        words=judgement.words,
         demes=[report.deme for report in reports],
     )
 

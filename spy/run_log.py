@@ -1,7 +1,9 @@
 """The run log: one JSON object a line, for people who plot runs afterwards."""
 
+import contextlib
 import json
 import math
+import sys
 import time
 from pathlib import Path
 from typing import Any, TextIO
@@ -34,7 +36,11 @@ class RunLog:
                 name: None if isinstance(value, float) and not math.isfinite(value) else value
                 for name, value in values.items()
             }
-            self._file.write(json.dumps({"time": round(time.time(), 6), "event": event, **plain}) + "\n")
+            try:
+                self._file.write(json.dumps({"time": round(time.time(), 6), "event": event, **plain}) + "\n")
+            except OSError as error:  # an answer matters more than its log
+                sys.stderr.write(f"warning: the run log ends here: {error.strerror}\n")
+                self.close()
 
     def improvement(self, topology: Topology, better: Improvement) -> None:
         """A verified champion."""
@@ -62,5 +68,6 @@ class RunLog:
     def close(self) -> None:
         """Close the file."""
         if self._file is not None:
-            self._file.close()
+            with contextlib.suppress(OSError):
+                self._file.close()
             self._file = None

@@ -1,10 +1,12 @@
 """How the result of a run is shown: in words or as JSON, with a picture if one is wanted, and as an exit code."""
 
 import argparse
+import contextlib
 import json
 import math
+import sys
 
-from problems import ProblemFile
+from problems import BadInput, ProblemFile
 from spy.result import Result
 from supernode import exits
 
@@ -14,27 +16,37 @@ def present(result: Result, file: ProblemFile, options: argparse.Namespace, inte
     if options.json:
         print(json.dumps(result.to_json()))
     else:
-        print(_words(result, file))
-    if options.plot is not None and result.status != "failed":
-        from supernode.picture import save_picture
-
-        save_picture(result, file, options.plot)
-        if not options.json:
-            print(f"picture: {options.plot}")
-    return exits.INTERRUPTED if interrupted else exit_code(result, file)
+        print(_words(result))
+    if result.status == "failed":
+        print(f"error: {result.message}", file=sys.stderr)
+    elif options.plot is not None:
+        _draw(result, file, options.plot)
+    return exits.INTERRUPTED if interrupted else exit_code(result)
 
 
-def exit_code(result: Result, file: ProblemFile) -> int:
+def _draw(result: Result, file: ProblemFile, name: str) -> None:
+    """The picture is an extra: if there is none, the result still counts."""
+    from supernode.picture import save_picture
+
+    try:
+        with contextlib.redirect_stdout(sys.stderr):  # a user's module may print
+            save_picture(result, file, name)
+    except BadInput as error:
+        print(f"warning: no picture: {error}", file=sys.stderr)
+    else:
+        print(f"picture: {name}", file=sys.stderr)
+
+
+def exit_code(result: Result) -> int:
     """0 if the target was reached, or there is none and the result is feasible."""
     if result.status == "failed":
         return exits.FAILED
     if result.solved:
         return exits.OK
-    wanted = file.run.target is not None or file.problem().solved_at is not None
-    return exits.NOT_REACHED if wanted or not result.feasible else exits.OK
+    return exits.NOT_REACHED if result.target is not None or not result.feasible else exits.OK
 
 
-def _words(result: Result, file: ProblemFile) -> str:
+def _words(result: Result) -> str:
     lines = [_headline(result)]
     if result.message is not None:
         lines.append(f"  {result.message}")
@@ -42,8 +54,8 @@ def _words(result: Result, file: ProblemFile) -> str:
         f"  {result.generations:,} generations and {result.evaluations:,} evaluations in {result.seconds:.3f} s "
         f"on {result.nodes} nodes ({result.topology}, deme {result.deme}, {result.mode}, seed {result.seed})"
     )
-    if result.solution is not None and result.status != "failed":
-        lines += [f"  {line}" for line in file.problem().describe(result.solution).splitlines()]
+    if result.words is not None:
+        lines += [f"  {line}" for line in result.words.splitlines()]
     return "\n".join(lines)
 
 

@@ -1,6 +1,7 @@
 """The house stands: floors, packages, docstrings, and purity where it is promised."""
 
 import ast
+import re
 import tomllib
 from collections import Counter
 from pathlib import Path
@@ -143,3 +144,9 @@ def test_tests_are_no_packages_and_their_names_are_unique():
     assert [name_of(path) for path in files if path.name == "__init__.py"] == []
     counts = Counter(path.name for path in files if path.name != "conftest.py")
     assert [name for name, count in counts.items() if count > 1] == []
+
+
+def test_links_between_pages_lead_somewhere():
+    for page in [ROOT / "README.md", *(ROOT / "docs").glob("*.md")]:
+        for target in re.findall(r"\]\((?!https?:)([^)#]+)\)", page.read_text()):
+            assert (page.parent / target).exists(), f"{page.name}: {target}"

@@ -2,6 +2,9 @@
 
 from typing import Protocol
 
+ROOT = 0
+"""The root cell, at which the spy sits."""
+
 
 class Topology(Protocol):
     """A graph of cells, numbered from 0 (the root) in a fixed order."""

@@ -10,9 +10,12 @@ import zenoh
 _thread = threading.local()
 
 
-def direct(function: Callable[[Any], None]) -> Any:
-    """A handler that calls ``function`` on the thread that received the message; it must not block."""
-    return zenoh.handlers.Callback(function, indirect=False)
+def direct(function: Callable[[Any], None], end: Callable[[], None] | None = None) -> Any:
+    """A handler that calls ``function`` on the thread that received the message; it must not block.
+
+    ``end`` is called once there will be no more messages.
+    """
+    return zenoh.handlers.Callback(function, end, indirect=False)
 
 
 def frequent(function: Callable[[Any], None]) -> Any:

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 
 from wire.exchange import VERSION, Champion
 from wire.report import Reason, reason_of
-from wire.strict import Rejected, count, fields, fitness, of, pack, unpack
+from wire.strict import Kind, Rejected, count, of, pack, unpack
 
 
 @dataclass(frozen=True)
@@ -93,6 +93,27 @@ class Refused:
     blame: str = "failure"
 
 
+@dataclass(frozen=True)
+class Judged:
+    """The spy's answer to `Finish`: what the run came to.
+
+    Attributes:
+        best: the best verified answer, an encoded `wire.news.Improvement`.
+        words: the solution in words.
+        target: the fitness that counts as solved.
+    """
+
+    status: str
+    feasible: bool
+    message: str | None
+    best: bytes | None
+    words: str | None
+    target: float | None
+
+
+Answer = Done | Judged | Refused
+
+
 def encode(command: Command) -> bytes:
     """As msgpack."""
     values = [getattr(command, field.name) for field in dataclasses.fields(command)]
@@ -122,7 +143,7 @@ def decode(payload: bytes) -> Command:
         case "finish", [job, champion, generation, reasons, error]:
             return Finish(
                 count(job),
-                None if champion is None else _champion(champion),
+                None if champion is None else Champion.of(champion),
                 count(generation),
                 tuple(reason_of(reason) for reason in of(list, reasons)),
                 None if error is None else of(str, error),
@@ -130,14 +151,13 @@ def decode(payload: bytes) -> Command:
     raise Rejected("no such command")
 
 
-def encode_answer(answer: Done | Refused) -> bytes:
+def encode_answer(answer: Answer) -> bytes:
     """As msgpack."""
-    if isinstance(answer, Done):
-        return pack(["done", answer.note])
-    return pack(["refused", answer.message, answer.blame])
+    values = [getattr(answer, field.name) for field in dataclasses.fields(answer)]
+    return pack([type(answer).__name__.lower(), *values])
 
 
-def decode_answer(payload: bytes) -> Done | Refused:
+def decode_answer(payload: bytes) -> Answer:
     """The inverse of `encode_answer`.
 
     Raises:
@@ -148,15 +168,18 @@ def decode_answer(payload: bytes) -> Done | Refused:
             return Done(note)
         case ["refused", str(message), str(blame)]:
             return Refused(message, blame)
+        case ["judged", str(status), bool(feasible), message, best, words, target]:
+            return Judged(
+                status, feasible, _maybe(str, message), _maybe(bytes, best), _maybe(str, words), _maybe(float, target)
+            )
     raise Rejected("no such answer")
+
+
+def _maybe(kind: type[Kind], value: object) -> Kind | None:
+    return None if value is None else of(kind, value)
 
 
 def _at_least_two(value: list[Any]) -> list[Any]:
     if len(value) < 2:
         raise Rejected("wrong shape")
     return value
-
-
-def _champion(value: object) -> Champion:
-    its_fitness, generation, cell, genome = fields(value, 4)
-    return Champion(fitness(its_fitness), count(generation), count(cell), of(bytes, genome))

@@ -27,6 +27,16 @@ class Champion(NamedTuple):
     cell: int
     genome: bytes
 
+    @staticmethod
+    def of(value: object) -> "Champion":
+        """The champion in an unpacked message; whether its genome is one is for the receiver to ask.
+
+        Raises:
+            Rejected: whatever is wrong with it.
+        """
+        its_fitness, generation, cell, genome = fields(value, 4)
+        return Champion(fitness(its_fitness), count(generation), count(cell), of(bytes, genome))
+
 
 @dataclass(frozen=True, slots=True)
 class Exchange:
@@ -120,8 +130,10 @@ def _emigrant(value: Any, limits: Limits) -> Emigrant:
 
 
 def _champion(value: Any, limits: Limits) -> Champion:
-    its_fitness, generation, cell, genome = fields(value, 4)
-    return Champion(fitness(its_fitness), count(generation), count(cell, limits.cells), _genome(genome, limits))
+    champion = Champion.of(value)
+    count(champion.cell, limits.cells)
+    _genome(champion.genome, limits)
+    return champion
 
 
 def _genome(value: Any, limits: Limits) -> bytes:

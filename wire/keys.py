@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-ROOT = "supernode"
+PREFIX = "supernode"
 
 
 @dataclass(frozen=True)
@@ -69,4 +69,4 @@ class Keys:
 
     @property
     def _base(self) -> str:
-        return f"{ROOT}/{self.cluster}"
+        return f"{PREFIX}/{self.cluster}"

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple, get_args
 
 from wire.exchange import Champion
-from wire.strict import Rejected, count, fields, fitness, of, pack, unpack
+from wire.strict import Rejected, count, fields, of, pack, unpack
 
 Reason = Literal["target", "stall", "deadline", "cancel"]
 
@@ -67,16 +67,11 @@ class Report:
             received,
             lost,
             rejected,
-            None if champion is None else _champion(champion),
+            None if champion is None else Champion.of(champion),
             tuple(_proposal(each) for each in of(list, proposals)),
             of(bytes, deme),
             None if error is None else of(str, error),
         )
-
-
-def _champion(value: object) -> Champion:
-    its_fitness, generation, cell, genome = fields(value, 4)
-    return Champion(fitness(its_fitness), count(generation), count(cell), of(bytes, genome))
 
 
 def _proposal(value: object) -> Proposal:

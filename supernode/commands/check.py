@@ -1,8 +1,10 @@
 """Verify a result, or its solution alone, independently of the code that found it."""
 
 import argparse
+import contextlib
 import json
 import math
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,8 +14,6 @@ if TYPE_CHECKING:
     from problems import ProblemFile, Verdict
 
 EXAMPLE = "supernode check examples/mobile-robot.toml result.json"
-
-_TOLERANCE = 1e-6
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -28,20 +28,27 @@ def run(options: argparse.Namespace) -> int:
     from problems import BadInput, load
 
     claim = _read(options.result)
+    file = load(options.problem)
     try:
-        file = _as_it_was_run(load(options.problem), claim)
-        solution = claim.get("solution", claim)
-        if solution is None:
-            objections, fitness = ["there is no solution"], math.inf
-        else:
-            verdict = file.problem().check(solution)
-            objections, fitness = [*verdict.objections, *_false_claims(claim, verdict, file)], verdict.fitness
+        with contextlib.redirect_stdout(sys.stderr):  # a user's module may print
+            fitness, objections = _judge(_as_it_was_run(file, claim), claim)
     except BadInput as error:
         if str(error).startswith(options.problem):
             raise
         raise BadInput(f"{options.result}: {error}") from error
     _print(options.json, objections, fitness)
     return exits.NOT_REACHED if objections else exits.OK
+
+
+def _judge(file: "ProblemFile", claim: dict[str, Any]) -> tuple[float, list[str]]:
+    """The fitness that the check finds, and all objections."""
+    from problems.guard import checked
+
+    solution = claim.get("solution", claim)
+    if solution is None:
+        return math.inf, ["there is no solution"]
+    verdict = checked(file.problem(), solution)
+    return verdict.fitness, [*verdict.objections, *_false_claims(claim, verdict, file)]
 
 
 def _read(name: str) -> dict[str, Any]:
@@ -69,18 +76,20 @@ def _as_it_was_run(file: "ProblemFile", claim: dict[str, Any]) -> "ProblemFile":
 
 def _false_claims(claim: dict[str, Any], verdict: "Verdict", file: "ProblemFile") -> list[str]:
     """What a whole result says beside its solution, and is not so."""
+    from problems.guard import solved_at
+    from spy.judge import same_fitness
+
     false = []
     claimed = claim.get("fitness", verdict.fitness)
     claimed = math.inf if claimed is None else claimed
-    if not isinstance(claimed, float | int) or not math.isclose(
-        claimed, verdict.fitness, rel_tol=_TOLERANCE, abs_tol=_TOLERANCE
-    ):
+    if not isinstance(claimed, float | int) or not same_fitness(claimed, verdict.fitness):
         false.append(f"the result claims a fitness of {claimed}, the check finds {verdict.fitness:.9g}")
     if claim.get("problem_sha256", file.sha256) != file.sha256:
         false.append("the result is of another problem: problem_sha256 differs")
-    target = file.run.target if file.run.target is not None else file.problem().solved_at
-    if claim.get("solved") is True and target is not None and verdict.fitness > target + _TOLERANCE:
-        false.append(f"the result claims to be solved, the target is {target:.9g}")
+    target = file.run.target if file.run.target is not None else solved_at(file.problem())
+    solved = target is None or verdict.fitness <= target or same_fitness(verdict.fitness, target)
+    if claim.get("solved") is True and not solved:
+        false.append(f"the result claims to be solved, the target is {target}")
     return false
 
 

@@ -19,7 +19,10 @@ def run(options: argparse.Namespace) -> int:
     from problems import BadInput
     from problems.registry import find_built_in
 
-    template = find_built_in(options.kind).template
+    try:
+        template = find_built_in(options.kind).template
+    except BadInput as error:
+        raise BadInput(f"KIND: {error}") from error
     path = Path(options.file or f"{options.kind}.toml")
     try:
         with path.open("x", encoding="utf-8") as file:

@@ -1,7 +1,9 @@
 """Run the same job in this process, without messages: bit-identical to `solve` in lockstep."""
 
 import argparse
+import contextlib
 import signal
+import sys
 import time
 from typing import TYPE_CHECKING
 
@@ -32,7 +34,11 @@ def run(options: argparse.Namespace) -> int:
 
     file = chosen_file(options)
     log = RunLog(options.log)
-    with Terminal(topologies.parse(file.run.topology), options.quiet) as terminal, _Outside(file) as outside:
+    with (
+        Terminal(topologies.parse(file.run.topology), options.quiet) as terminal,
+        _Outside(file) as outside,
+        contextlib.redirect_stdout(sys.stderr),  # a user's module may print
+    ):
         result = _simulate(file, terminal, log, outside)
     return present(result, file, options, outside.interrupted)
 
@@ -72,13 +78,15 @@ def _simulate(file: "ProblemFile", terminal: "Terminal", log: "RunLog", outside:
     from genetics import Keys
     from node import Plan, simulate
     from node.fingerprint import fingerprint
+    from problems import EvaluationFailed
     from spy.collector import Collector
     from spy.judge import judge
     from spy.result import Clocks, best_known, result_of, stop_reasons, stopped_after
 
     plan = Plan.of(file)
     collector = Collector(plan, job=1)
-    plan.evaluate(plan.coding.random(Keys(np.arange(1), 0, 0), 1)[0])  # loads compiled code, off the clock
+    with contextlib.suppress(EvaluationFailed):  # loads compiled code, off the clock
+        plan.evaluate(plan.coding.random(Keys(np.arange(1), 0, 0), 1)[0])
     outside.began = time.monotonic()
     log.write("start", job=1, run=file.run.model_dump())
 
@@ -88,11 +96,15 @@ def _simulate(file: "ProblemFile", terminal: "Terminal", log: "RunLog", outside:
             terminal.improvement(better)
             log.improvement(plan.topology, better)
 
-    reports = simulate(plan, watch=lambda _, champion: hear(champion), outside=outside.wish)
+    reports, error = [], None
+    try:
+        reports = simulate(plan, watch=lambda _, champion: hear(champion), outside=outside.wish)
+    except EvaluationFailed as failure:
+        error = str(failure)
     seconds = time.monotonic() - outside.began
     hear(best_known(reports, file.run.spy))
-    generation = stopped_after(reports)
-    judgement = judge(collector, generation, stop_reasons(reports, file.run.mode))
+    generation = stopped_after(reports) if reports else 0
+    judgement = judge(collector, generation, stop_reasons(reports, file.run.mode), error)
     log.end(judgement, generation)
     clocks = Clocks(seconds, 0.0, time.process_time())
     return result_of("1", file, reports, judgement, fingerprint(), clocks)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from supernode.commands.run_options import add_run_options, chosen_file
 
 if TYPE_CHECKING:
-    from coordinator import Job
+    from coordinator import Job, LocalCluster
     from spy.result import Result
     from spy.terminal import Terminal
 
@@ -34,14 +34,14 @@ def run(options: argparse.Namespace) -> int:
     log = None if options.log is None else os.path.abspath(options.log)  # noqa: PTH100 - no links resolved
     topology = topologies.parse(file.run.topology)
     with Terminal(topology, options.quiet) as terminal:
-        terminal.say(f"starting {topology.cells} nodes ({topology.spec})")
+        terminal.say(f"starting nodes: {topology.cells} ({topology.spec})")
         with LocalCluster(topology=topology.spec) as cluster:
             terminal.say(f"ready after {cluster.seconds_to_ready:.2f} s")
-            result, interrupted = _follow(cluster.submit(file, log=log), terminal)
+            result, interrupted = _follow(cluster, cluster.submit(file, log=log), terminal)
     return present(replace(result, cpu_seconds=_cpu_seconds()), file, options, interrupted)
 
 
-def _follow(job: "Job", terminal: "Terminal") -> tuple["Result", bool]:
+def _follow(cluster: "LocalCluster", job: "Job", terminal: "Terminal") -> tuple["Result", bool]:
     """Show what happens until the end; Ctrl-C asks the cells to stop, and the best so far is the result."""
     try:
         _show(job, terminal)
@@ -51,7 +51,7 @@ def _follow(job: "Job", terminal: "Terminal") -> tuple["Result", bool]:
     try:
         return job.result(_DRAIN_SECONDS), True
     except TimeoutError:
-        job.fail("interrupted; the cells did not stop in time")
+        cluster.close()
         return job.result(), True
 
 

@@ -128,6 +128,36 @@ def test_a_problem_that_breaks_while_it_runs_fails_the_job_and_not_the_cluster(c
     assert cluster.submit(supernode.load(own_problem(name="sound.toml"))).result().solved
 
 
+FENCED = [
+    ("decode(self, genome)", "raise KeyError('x')", "decode raised KeyError: 'x'"),
+    ("decode(self, genome)", "return [1, 2]", "decode must return a table of named values, got [1, 2]"),
+    ("decode(self, genome)", "return {'x': np.ones(2)}", "decode must return plain JSON values"),
+    ("check(self, solution)", "return None", "check must return a supernode.Verdict"),
+    ("check(self, solution)", "raise OSError('y')", "check raised OSError: y"),
+    ("evaluate(self, genomes)", "raise SystemExit(5)", "evaluate raised SystemExit: 5"),
+]
+
+
+@pytest.mark.parametrize(("method", "body", "said"), FENCED)
+def test_whatever_a_users_code_does_instead_is_one_message(cluster, own_problem, tmp_path, method, body, said):
+    path = own_problem()
+    module = tmp_path / "own_module.py"
+    module.write_text(module.read_text() + f"\n    def {method}:\n        {body}\n")
+    result = cluster.submit(supernode.load(path)).result(timeout=30)
+    assert result.status == "failed"
+    assert said in result.message
+    assert len(result.message.splitlines()) == 1
+    assert cluster.submit(supernode.load(own_problem(name="sound.toml"))).result().solved
+
+
+def test_a_target_that_is_no_number_is_bad_input(cluster, own_problem, tmp_path):
+    path = own_problem()
+    module = tmp_path / "own_module.py"
+    module.write_text(module.read_text().replace("return 0.0", "return 'abc'"))
+    with pytest.raises(supernode.BadInput, match="solved_at must be a number or None, got 'abc'"):
+        cluster.submit(supernode.load(path)).result()
+
+
 def test_a_module_that_cannot_be_imported_is_bad_input(cluster, own_problem, tmp_path):
     path = own_problem()
     path.write_text('kind = "no_such_module:Thing"\n')

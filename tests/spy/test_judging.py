@@ -13,6 +13,7 @@ from spy.collector import Collector
 from spy.judge import Judgement, judge
 from spy.result import Clocks, best_known, result_of, stop_reasons, stopped_after
 from spy.run_log import RunLog
+from wire.control import decode_answer, encode_answer
 from wire.exchange import Champion
 from wire.news import Improvement
 from wire.report import Proposal, Report
@@ -66,11 +67,18 @@ def test_a_lie_is_not_believed_and_fails_the_run():
 )
 def test_status(settings, generation, reasons, status):
     collector = collected(plan_of(**settings), Champion(0.0, 3, 5, FULL))
-    assert judge(collector, generation, reasons) == Judgement(status, True, None, collector.best)
+    target = settings.get("target", 0.0)
+    words = f'genome: "{FULL.hex()}"'
+    assert judge(collector, generation, reasons) == Judgement(status, True, None, collector.best, words, target)
 
 
 def test_nothing_feasible():
-    assert judge(collected(plan_of()), 200, ["stall"]) == Judgement("stalled", False, None, None)
+    assert judge(collected(plan_of()), 200, ["stall"]) == Judgement("stalled", False, None, None, None, 0.0)
+
+
+def test_a_judgement_travels():
+    judgement = judge(collected(plan_of(), Champion(0.0, 3, 5, FULL)), 8, ["target"])
+    assert Judgement.of(decode_answer(encode_answer(judgement.answer()))) == judgement
 
 
 class Checked(OneMax):
@@ -89,7 +97,7 @@ class Checked(OneMax):
 @pytest.mark.parametrize(
     ("verdict", "said"),
     [
-        ("raises", "the check raised ZeroDivisionError: oh"),
+        ("raises", "checked: check raised ZeroDivisionError: oh"),
         ("unreadable", "the check cannot read the solution: solution: expected another"),
         ("other", "the check finds a fitness of 5, the run claims 0"),
         ("wall", "the check refuses the solution: it hits a wall"),

@@ -1,6 +1,7 @@
 """The command line as a person types it: output, exit codes, errors of one line."""
 
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -94,15 +95,17 @@ def test_exit_codes_of_runs(own_problem, capsys):
     assert in_process(capsys, "simulate", path, "--target", 39)[0] == 0
     code, out, _ = in_process(capsys, "simulate", path, "--target", -1, "--stall", 3)
     assert (code, out.split(":")[0]) == (3, "stalled")
+
+
+def test_a_broken_problem_is_a_failed_result_and_an_error_line(own_problem, capsys):
     broken = own_problem('trouble = "raises"', name="broken.toml")
-    code, _, err = in_process(capsys, "simulate", broken)
-    assert (code, err) == (1, "error: own_module:OneMax: evaluate raised RuntimeError: out of paper\n") or (
-        code,
-        err.splitlines()[-1],
-    ) == (1, "error: own_module:OneMax: evaluate raised RuntimeError: out of paper")
-    solved = run("solve", broken, "--torus", "2x2")
-    assert solved.returncode == 1
-    assert "evaluate raised RuntimeError: out of paper" in solved.stdout
+    for command in ("solve", "simulate"):
+        code, out, err = in_process(capsys, command, broken, "--torus", "2x2", "--json", "--quiet")
+        assert code == 1
+        result = json.loads(out)
+        assert (result["status"], result["history_sha256"]) == ("failed", None)
+        assert result["message"] == "own_module:OneMax: evaluate raised RuntimeError: out of paper"
+        assert err == f"error: {result['message']}\n"
 
 
 def test_a_deadline_ends_a_simulation_and_can_be_replayed(own_problem, capsys):
@@ -164,8 +167,8 @@ def test_check_accepts_rejects_and_cannot_read(own_problem, tmp_path, capsys):
     ("arguments", "said"),
     [
         (["--deme", "x"], "error: --deme: expected a whole number, found 'x'"),
-        (["--deme", "0"], "run: deme: expected greater than or equal to 1, found 0"),
-        (["--torus", "0x4"], "run: topology: expected a torus of at least 1 row and 1 column, found 0 x 4"),
+        (["--deme", "0"], "options: deme: expected greater than or equal to 1, found 0"),
+        (["--torus", "0x4"], "options: topology: expected a torus of at least 1 row and 1 column, found 0 x 4"),
         (["--torus", "four"], 'expected a topology such as "torus 4x4", found'),
         (["--seconds", "nan"], "found NaN"),
         (["--seconds", "-1"], "found -1"),
@@ -256,9 +259,73 @@ def test_names_of_the_python_face():
         _ = supernode.Nonsense
 
 
-def test_pictures_are_refused_where_there_are_none(own_problem, tmp_path, capsys):
+def test_where_there_is_no_picture_the_result_still_counts(own_problem, tmp_path, capsys):
     picture = tmp_path / "x.png"
-    code, _, err = in_process(capsys, "simulate", own_problem(), "--quiet", "--plot", picture)
-    assert code == 2
-    assert "have no picture" in err
+    code, out, err = in_process(capsys, "simulate", own_problem(), "--quiet", "--plot", picture)
+    assert (code, out.split(":")[0]) == (0, "solved")
+    assert "warning: no picture: " in err
     assert not Path(picture).exists()
+
+
+def test_what_a_users_module_prints_is_no_part_of_the_result(own_problem, tmp_path):
+    path = own_problem()
+    module = tmp_path / "own_module.py"
+    module.write_text("print('hello')\n" + module.read_text())
+    for command in ("solve", "simulate"):
+        done = run(command, path, "--json", "--quiet", "--torus", "1x2")
+        assert json.loads(done.stdout)["status"] == "solved"
+    (tmp_path / "result.json").write_text(done.stdout)
+    assert run("check", path, tmp_path / "result.json").stdout == "accepted: fitness 0\n"
+
+
+def test_files_named_as_our_packages_do_not_get_in_the_way(own_problem, tmp_path):
+    path = own_problem()
+    for name in ("topologies", "genetics", "problems", "wire", "node", "spy", "coordinator"):
+        (tmp_path / f"{name}.py").write_text("raise RuntimeError('shadowed')\n")
+    supernode_command = Path(sys.executable).with_name("supernode")
+    done = subprocess.run(
+        [supernode_command, "solve", str(path), "--torus", "1x2", "--quiet"],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        timeout=60,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_a_temporary_folder_with_a_long_path_does_not_get_in_the_way(own_problem, tmp_path):
+    long = tmp_path / ("long" * 25)
+    long.mkdir()
+    done = run("solve", own_problem(), "--torus", "1x2", "--quiet", env=os.environ | {"TMPDIR": str(long)})
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("command", ["solve", "simulate"])
+def test_a_log_on_a_full_disk_costs_the_log_and_not_the_answer(own_problem, command):
+    done = run(command, own_problem(), "--torus", "1x2", "--quiet", "--log", "/dev/full")
+    assert done.returncode == 0
+    assert done.stdout.startswith("solved")
+    assert "warning: the run log ends here: No space left on device" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_ctrl_c_while_a_problem_is_being_prepared(own_problem, tmp_path):
+    path = own_problem()
+    module = tmp_path / "own_module.py"
+    reached = tmp_path / "reached"
+    os.mkfifo(reached)
+    # The spy's import tells when it is reached, and then takes far longer than anyone wants to wait.
+    module.write_text(f"open({str(reached)!r}, 'w').close()\nimport time; time.sleep(60)\n" + module.read_text())
+    process = subprocess.Popen(
+        [sys.executable, "-m", "supernode", "solve", str(path), "--torus", "1x2", "--json"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    reached.read_text()
+    began = time.monotonic()
+    process.send_signal(signal.SIGINT)
+    out, _ = process.communicate(timeout=20)
+    assert time.monotonic() - began < 5
+    assert (process.returncode, json.loads(out)["status"]) == (130, "cancelled")

@@ -5,10 +5,13 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import supernode
 from node import Plan, simulate
+from problems import Verdict
+from spy.result import best_known
 
 EXAMPLES = Path(__file__).parent.parent.parent / "examples"
 PROBLEMS = sorted(path.name for path in EXAMPLES.glob("*.toml"))
@@ -46,6 +49,20 @@ def test_as_it_stands_it_is_solved_and_accepted_in_lockstep_and_async(cluster, n
         if mode == "lockstep" and cluster.topology.spec == "torus 4x4":
             assert (result.status, result.feasible) == ("solved", True)
         assert result.status in ("solved", "stalled"), result.message
+
+
+def test_the_office_is_crossed_in_19_of_20_seeds_and_check_accepts():
+    file = supernode.load(EXAMPLES / "mobile-robot.toml")
+    problem = file.problem()
+    solved = 0
+    for seed in range(1, 21):
+        reports = simulate(Plan.of(file.with_run(seed=seed)))
+        best = best_known(reports, "champion")
+        if best.fitness == 0.0:
+            verdict = problem.check(problem.decode(np.frombuffer(best.genome, np.uint8)))
+            assert verdict == Verdict(0.0)
+            solved += 1
+    assert solved >= 19
 
 
 def test_own_problem_runs_as_a_script():

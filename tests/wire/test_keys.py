@@ -2,7 +2,7 @@
 
 import zenoh
 
-from wire.keys import ROOT, Keys
+from wire.keys import PREFIX, Keys
 
 
 def all_keys(cluster="c1", nodes=(0, 1, 12)):
@@ -31,7 +31,7 @@ def test_clusters_share_no_key():
 
 
 def test_all_keys_lie_below_the_root_and_the_cluster():
-    assert all(key.startswith(f"{ROOT}/c1/") for key in all_keys().values())
+    assert all(key.startswith(f"{PREFIX}/c1/") for key in all_keys().values())
 
 
 def test_zenoh_takes_them_as_they_are():
