@@ -27,7 +27,7 @@ $(VENV)/core: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/pip install --quiet --disable-pip-version-check --editable .
 	@echo compiling the kernels, once
-	$(BIN)/python -c 'from problems.registry import warm_up; warm_up()'
+	$(BIN)/python -c 'from coordinator.zygote import import_all; import_all()'
 	touch $@
 
 $(VENV)/test: $(VENV)/core

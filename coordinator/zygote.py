@@ -89,11 +89,10 @@ class Zygote:
 
     def _warm_up(self) -> None:
         """Import all that a child will need, and no more garbage collection of it: children share its pages."""
+        import_all()
         import node.process
-        import problems.registry
         import spy.process
 
-        problems.registry.warm_up()
         self._spy_watch, self._node_live, self._berth = spy.process.watch, node.process.live, node.process.Berth
         gc.collect()
         gc.freeze()
@@ -162,6 +161,14 @@ def _be_a_child(parent: int) -> None:
     os.dup2(nothing, 0)
     os.dup2(nothing, 1)
     os.close(nothing)
+
+
+def import_all() -> None:
+    """Everything that router, spy and nodes need, with all compiled kernels."""
+    import problems.registry
+    import spy.process  # noqa: F401
+
+    problems.registry.warm_up()
 
 
 def _how(status: int) -> str:
