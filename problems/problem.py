@@ -149,3 +149,18 @@ class Problem(Table):
             BadInput: if this kind of problem has no picture.
         """
         raise BadInput(f"problems of kind {self.kind!r} have no picture")
+
+
+class CodedProblem(Problem):
+    """A problem whose individuals are integers written in bits, by a code that the file or the recipe chooses."""
+
+    code: Literal["binary", "gray"] | None = quantity(
+        "", 'how an integer is written in bits; if not given, the recipe\'s: tuned "gray", paper "binary"', default=None
+    )
+
+    def for_recipe(self, name: RecipeName, deme: int) -> Self:
+        """The paper's binary code, or the tuned recipe's Gray code, unless the file chooses."""
+        if self.code is not None:
+            return self
+        code = "gray" if name == "tuned" else "binary"
+        return self.model_validate(self.model_dump(exclude_unset=True) | {"code": code})

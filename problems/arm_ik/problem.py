@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,7 @@ from genetics.arrays import Fitness, Genomes
 from genetics.recipe import ONE_BIT, Recipe
 from problems.arm_ik import checker
 from problems.plane import Obstacle, Shapes
-from problems.problem import Populations, Problem, RecipeName, Solution, Table, Verdict, quantity
+from problems.problem import CodedProblem, Populations, RecipeName, Solution, Table, Verdict, quantity
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -54,7 +54,7 @@ class Arm(Table):
         return limits
 
 
-class ArmIk(Problem):
+class ArmIk(CodedProblem):
     """Minimise f(θ) = ‖d(θ) − X‖, +∞ in collision (Ahuactzin et al. 1992, §3.1).
 
     Each joint angle is one integer of ``bits`` bits; a genome is their concatenation.
@@ -97,9 +97,6 @@ seed = 1
 
     target: Place = quantity("m", "where the tip shall be, [x, y]")
     bits: int = quantity("bit", "bits of each joint angle", default=8, ge=1, le=62)
-    code: Literal["binary", "gray"] | None = quantity(
-        "", 'how an integer is written in bits; if not given, the recipe\'s: tuned "gray", paper "binary"', default=None
-    )
     self_collision: bool = quantity("", "whether links that are not neighbours must not touch each other", default=True)
     arm: Arm = quantity("", "the arm")
     obstacles: list[Obstacle] = quantity("", "solid shapes that no link may touch", default_factory=list)
@@ -146,13 +143,6 @@ seed = 1
         """
         stretch_beyond = np.cumsum(self.arm.links[::-1])[::-1]
         return float(np.sum(stretch_beyond * self.joint_ranges[1]) / self.steps / 2)
-
-    def for_recipe(self, name: RecipeName, deme: int) -> Self:
-        """The paper's binary code, or the tuned recipe's Gray code, unless the file chooses."""
-        if self.code is not None:
-            return self
-        code = "gray" if name == "tuned" else "binary"
-        return self.model_validate(self.model_dump(exclude_unset=True) | {"code": code})
 
     def recipe(self, name: RecipeName, deme: int) -> Recipe:
         """The paper's: §3.1 and §6 to the letter. Tuned: elitist, uniform crossover and more mutation.

@@ -14,7 +14,7 @@ from genetics.arrays import Fitness, Genomes
 from genetics.recipe import Recipe
 from problems.function import checker
 from problems.function.graph import Graph
-from problems.problem import Populations, Problem, RecipeName, Solution, Verdict, quantity
+from problems.problem import CodedProblem, Populations, RecipeName, Solution, Verdict, quantity
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -36,7 +36,7 @@ _TRAP = 5  # bits in a block of the trap function
 _FLIPS = 2.4  # bits changed in an offspring, on average, by the tuned recipe
 
 
-class Function(Problem):
+class Function(CodedProblem):
     """A function whose optimum is known.
 
     Functions of numbers are minimised within the bounds of the literature. Bit strings are to become all ones. In
@@ -72,9 +72,6 @@ seed = 1
         "", "parameters, or bits of onemax and trap; not for graph-partition", default=10, ge=1, le=10_000
     )
     bits: int = quantity("bit", "bits of each parameter; 0 for real numbers", default=0, ge=0, le=62)
-    code: Literal["binary", "gray"] | None = quantity(
-        "", 'how an integer is written in bits; if not given, the recipe\'s: tuned "gray", paper "binary"', default=None
-    )
     cost_us: float = quantity("µs", "thread processor time that each evaluation takes longer", default=0, ge=0, le=1e7)
     graph: Graph | None = quantity("", "for graph-partition: the graph", default=None)
 
@@ -141,13 +138,6 @@ seed = 1
         steps = (1 << self.bits) - 1
         nearest = low + (high - low) * round((best - low) / (high - low) * steps) / steps
         return float(checker.value(self.name, np.full(self.dimension, nearest))) + _ROUNDING
-
-    def for_recipe(self, name: RecipeName, deme: int) -> Self:
-        """The paper's binary code, or the tuned recipe's Gray code, unless the file chooses."""
-        if self.code is not None:
-            return self
-        code = "gray" if name == "tuned" else "binary"
-        return self.model_validate(self.model_dump(exclude_unset=True) | {"code": code})
 
     def recipe(self, name: RecipeName, deme: int) -> Recipe:
         """Tuned bit strings: uniform crossover (but for the trap, whose blocks it would tear) and more mutation."""

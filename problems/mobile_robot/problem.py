@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
 
 import numpy as np
 from pydantic import Field, field_validator, model_validator
@@ -13,7 +13,7 @@ from genetics.recipe import Recipe
 from problems.mobile_robot import checker
 from problems.mobile_robot.arrays import SLIMMEST, floor_arrays, is_wide, robot_arrays
 from problems.plane import Obstacle, Point, simple_polygon
-from problems.problem import Populations, Problem, RecipeName, Solution, Table, Verdict, quantity
+from problems.problem import CodedProblem, Populations, RecipeName, Solution, Table, Verdict, quantity
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -59,7 +59,7 @@ class Body(Table):
         return 0.0 if self.vertices is None else float(np.linalg.norm(self.vertices, axis=1).max())
 
 
-class MobileRobot(Problem):
+class MobileRobot(CodedProblem):
     """Find a list of (rotate, move) commands from whose end, or from an earlier place, the goal is visible (§5)."""
 
     about: ClassVar[str] = "a path of rotate and move commands for a mobile robot among obstacles"
@@ -106,9 +106,6 @@ seed = 1
     goal: Pose = quantity("m, m, rad", "where it shall go: [x, y, heading]")
     commands: int = quantity("", "pairs of a rotate and a move command", default=8, ge=1, le=1000)
     bits: int = quantity("bit", "bits of each command", default=8, ge=1, le=62)
-    code: Literal["binary", "gray"] | None = quantity(
-        "", 'how an integer is written in bits; if not given, the recipe\'s: tuned "gray", paper "binary"', default=None
-    )
     bounds: tuple[Metres, Metres, Metres, Metres] = quantity("m", "the walls around the floor: [x0, y0, x1, y1]")
     robot: Body = quantity("", "the robot")
     obstacles: list[Obstacle] = quantity(
@@ -144,13 +141,6 @@ seed = 1
         from genetics.bit_string import BitString
 
         return BitString(2 * self.commands, self.bits, gray=self.code != "binary")
-
-    def for_recipe(self, name: RecipeName, deme: int) -> Self:
-        """The paper's binary code, or the tuned recipe's Gray code, unless the file chooses."""
-        if self.code is not None:
-            return self
-        code = "gray" if name == "tuned" else "binary"
-        return self.model_validate(self.model_dump(exclude_unset=True) | {"code": code})
 
     def recipe(self, name: RecipeName, deme: int) -> Recipe:
         """§6 to the letter where it is stated, or an elitist replacement with far more mutation."""

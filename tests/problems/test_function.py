@@ -212,7 +212,7 @@ BAD_FILES = [
     (HEAD + '"sphere"\nbits = -1', "bits: expected greater than or equal to 0, found -1"),
     (HEAD + '"sphere"\ncost_us = -1', "cost_us: expected greater than or equal to 0, found -1"),
     (HEAD + '"sphere"\ncost_us = nan', "cost_us: expected a finite number, found NaN"),
-    (HEAD + '"sphere"\nsize = 3', "size: unknown field, expected one of kind, name, dimension"),
+    (HEAD + '"sphere"\nsize = 3', "size: unknown field, expected one of kind, code, name, dimension"),
     (HEAD + '"sphere"\n[graph]\nvertices = 8', "graph: expected a table [graph] for graph-partition only, found one"),
     (HEAD + '"graph-partition"', "graph: expected a table [graph] for graph-partition only, found nothing"),
     (HEAD + '"graph-partition"\ndimension = 9\n[graph]\nvertices = 8', "dimension: expected none, the graph says it"),
