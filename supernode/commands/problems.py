@@ -30,8 +30,11 @@ def run(options: argparse.Namespace) -> int:
         print(json.dumps(schema))
         return exits.OK
     print(f"{options.kind}: {model.about}\n")
-    for name, kind, default, description in _fields(schema, schema, ""):
-        print(f"  {name:26} {kind:24} {default:14} {description}")
+    rows = list(_fields(schema, schema, ""))
+    widths = [max(len(row[column]) for row in rows) for column in range(3)]
+    for row in rows:
+        cells = [text.ljust(width) for text, width in zip(row, widths, strict=False)]
+        print("  " + "  ".join([*cells, row[3]]))
     return exits.OK
 
 
