@@ -18,7 +18,7 @@ import topologies
 from coordinator.errors import ClusterFailed
 from coordinator.job import Failure, JobEntry, Wish
 from problems import BadInput
-from spy.judge import Judgement, Status
+from spy.judge import STATUS_OF, Judgement
 from spy.result import Clocks, Result, best_known, result_of, stop_reasons, stopped_after
 from topologies import ROOT
 from wire import control
@@ -32,8 +32,6 @@ from wire.strict import Rejected
 _ANSWER_WITHIN = 600.0  # seconds; a problem may have much to prepare, and a dead process is heard of otherwise
 _FOR_EVER = 30 * 24 * 3600.0  # seconds; a run may take long
 _DEATH_NOTICE = 1.0  # seconds: an answer that never comes may be explained this much later
-
-_STATUS_OF_WISH: dict[str, Status] = {"cancel": "cancelled", "deadline": "deadline"}
 
 
 @dataclass(frozen=True)
@@ -49,7 +47,7 @@ class _GivenUpError(Exception):
 
     def __init__(self, wish: Wish) -> None:
         super().__init__(wish.reason)
-        self.status = _STATUS_OF_WISH[wish.reason]
+        self.status = STATUS_OF[wish.reason]
 
 
 class Conductor:

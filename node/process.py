@@ -28,7 +28,7 @@ from problems import BadInput, ProblemFile
 from wire import control, sessions
 from wire.callbacks import direct, frequent
 from wire.control import Begin, Done, Drop, Missed, Prepare, ProposeStop, Refused
-from wire.exchange import Limits, decode
+from wire.exchange import decode
 from wire.keys import Keys
 from wire.news import Counters, LogRecord
 from wire.report import Report
@@ -90,7 +90,6 @@ class _Assignment:
     """The job that this node is at."""
 
     cell: Cell
-    limits: Limits
     begun: zenoh.Query | None = None  # to be answered with the report
     rejected: int = 0
 
@@ -199,7 +198,7 @@ class NodeProcess:
         if assignment is None:
             return
         try:
-            events.append(Heard(news.sender, decode(news.payload, assignment.limits)))
+            events.append(Heard(news.sender, decode(news.payload, assignment.cell.plan.limits)))
         except Rejected as error:
             assignment.rejected += 1
             self._complain(news.sender, error.reason)
@@ -246,7 +245,7 @@ class NodeProcess:
             return Refused(str(error), "input")
         except Exception as error:
             return Refused(f"node {self.berth.node}: {type(error).__name__}: {error}")
-        self.assignment = _Assignment(cell, plan.limits)
+        self.assignment = _Assignment(cell)
         return Done(json.dumps(fingerprint()))
 
     def _carry_out(self, assignment: _Assignment, action: Action) -> None:

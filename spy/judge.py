@@ -16,12 +16,9 @@ from wire.strict import Rejected
 
 Status = Literal["solved", "stalled", "exhausted", "deadline", "cancelled", "failed"]
 
-_STATUS_OF: dict[Reason, Status] = {
-    "target": "solved",
-    "stall": "stalled",
-    "deadline": "deadline",
-    "cancel": "cancelled",
-}
+STATUS_OF: dict[Reason, Status] = {"stall": "stalled", "deadline": "deadline", "cancel": "cancelled"}
+"""How a run ends that was stopped for a reason other than its target."""
+
 _TOLERANCE = 1e-6
 
 
@@ -83,9 +80,9 @@ def _status(plan: Plan, best: Improvement | None, generation: int, reasons: set[
         return "solved"
     if generation == plan.last_generation:
         return "exhausted"
-    for reason in ("stall", "deadline", "cancel"):
+    for reason, status in STATUS_OF.items():
         if reason in reasons:
-            return _STATUS_OF[reason]
+            return status
     return "failed"
 
 

@@ -23,7 +23,7 @@ from topologies import ROOT
 from wire import control, sessions
 from wire.callbacks import direct, frequent
 from wire.control import Answer, Begin, Done, Drop, Finish, Judged, Prepare, Refused
-from wire.exchange import Champion, Exchange, Limits, decode
+from wire.exchange import Champion, Exchange, decode
 from wire.news import Counters, LogRecord, Statistics
 from wire.strict import Rejected
 
@@ -50,7 +50,6 @@ class _Assignment:
     job: int
     plan: Plan
     collector: Collector
-    limits: Limits
     log: RunLog
     began: float | None = None  # on the monotonic clock
     last: Exchange | None = None  # the root's latest message
@@ -142,7 +141,7 @@ class SpyProcess:
 
     def _open_news(self, assignment: _Assignment, news: _News) -> None:
         try:
-            message = decode(news.payload, assignment.limits)
+            message = decode(news.payload, assignment.plan.limits)
         except Rejected:
             assignment.rejected += 1
             return
@@ -192,7 +191,7 @@ class SpyProcess:
             return Refused(str(error), "input")
         except Exception as error:
             return Refused(f"spy: {type(error).__name__}: {error}")
-        self.assignment = _Assignment(command.job, plan, Collector(plan, command.job), plan.limits, log)
+        self.assignment = _Assignment(command.job, plan, Collector(plan, command.job), log)
         return Done()
 
     def _finish(self, assignment: _Assignment, command: Finish) -> Judged:
