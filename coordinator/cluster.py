@@ -94,6 +94,10 @@ class LocalCluster:
         """CPU time that all processes have used so far, this one included."""
         return self._launcher.cpu_seconds()
 
+    def cpu_seconds_by_process(self) -> dict[str, float]:
+        """The same by name: as in `processes`, "zygote", and "coordinator", which is this process."""
+        return self._launcher.cpu_seconds_by_process()
+
     def close(self) -> None:
         """End every process; a job that still runs fails. Idempotent."""
         with self._changed:

@@ -65,11 +65,15 @@ class Launcher:
 
     def cpu_seconds(self) -> float:
         """CPU time that the living processes have used so far, this one included."""
-        total = time.process_time()
-        for process in [*self.processes.values(), self._zygote.pid]:
+        return sum(self.cpu_seconds_by_process().values())
+
+    def cpu_seconds_by_process(self) -> dict[str, float]:
+        """The same by name: that of each in ``processes``, "zygote", and "coordinator", which is this one."""
+        used = {"coordinator": time.process_time()}
+        for name, process in [*self.processes.items(), ("zygote", self._zygote.pid)]:
             with contextlib.suppress(OSError):  # it has ended
-                total += time.clock_gettime(_cpu_clock(process))
-        return total
+                used[name] = time.clock_gettime(_cpu_clock(process))
+        return used
 
     def close(self) -> None:
         """End every process and wait until they are gone. Idempotent.

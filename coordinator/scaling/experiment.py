@@ -1,0 +1,282 @@
+"""What a scaling experiment is: its parameters, and the runs that they make.
+
+Three series ask three questions, and a run that two of them need is made once:
+
+- *weak*: the deme on a node is fixed, so that the population grows with the nodes; run to the target;
+- *strong*: the whole population is fixed and divided among the nodes; run to the target;
+- *budget*: the deme on a node is fixed and so are the evaluations of all nodes together; how good is the answer then?
+
+Two references belong to them: the *sequential* algorithm, one deme in one process without neighbours; and the *twin* of
+a lockstep run, the same run of the same cells, bit for bit, on one processor without messages.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any, Literal
+
+from node import Plan
+from problems import BadInput, ProblemFile, Run
+
+Mode = Literal["lockstep", "async"]
+Series = Literal["strong", "weak", "budget"]
+Goal = Literal["target", "budget"]
+Role = Literal["nodes", "twin", "sequential"]
+
+MODES: tuple[Mode, ...] = ("lockstep", "async")
+SERIES: tuple[Series, ...] = ("strong", "weak", "budget")
+MOST_NODES = 4096  # each is a process
+
+_OWN = ("topology", "deme", "mode", "seed", "evaluations")  # settings that the experiment itself decides
+_OF_NODES_ONLY = (
+    "generations",
+    "stall",
+    "interval",
+    "emigrants",
+)  # they mean nothing, or another thing, to one deme alone
+_BUDGET_PER_INDIVIDUAL = 128
+_LIMIT_PER_INDIVIDUAL = 1024
+_LEAST_BUDGET_GENERATIONS = 8
+
+
+def torus_of(nodes: int) -> str:
+    """The most square torus of so many nodes: 128 is ``"torus 8x16"``."""
+    rows = next(rows for rows in range(math.isqrt(nodes), 0, -1) if nodes % rows == 0)
+    return f"torus {rows}x{nodes // rows}"
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """All that decides which runs there are; `design` makes them.
+
+    Attributes:
+        nodes: the sizes, ascending.
+        repeats: runs of each kind, with seeds 1, 2, ...
+        demes: on a node, in the weak and budget series.
+        population: of the strong series.
+        budget: evaluations of a run of the budget series, of all nodes together.
+        evaluations: the limit of a run to the target.
+        sequential: demes of the sequential algorithm, the best of which counts.
+        launches: of a cluster of each size, for the time that it takes.
+        run: settings of every run.
+    """
+
+    nodes: tuple[int, ...]
+    repeats: int
+    modes: tuple[Mode, ...]
+    demes: tuple[int, ...]
+    series: tuple[Series, ...]
+    population: int
+    budget: int
+    evaluations: int
+    sequential: tuple[int, ...]
+    launches: int
+    run: dict[str, Any]
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain JSON values."""
+        return {name: list(value) if isinstance(value, tuple) else value for name, value in asdict(self).items()}
+
+    @property
+    def goals(self) -> tuple[Goal, ...]:
+        """What the series run to."""
+        return tuple(dict.fromkeys(goal_of(series) for series in self.series))
+
+    def limit(self, goal: Goal) -> int:
+        """Evaluations, of all nodes together, at which a run ends."""
+        return self.budget if goal == "budget" else self.evaluations
+
+
+@dataclass(frozen=True)
+class Case:
+    """One run: who computes it, how large, how, until when, with which seed."""
+
+    role: Role
+    nodes: int
+    mode: Mode
+    deme: int
+    goal: Goal
+    seed: int
+
+    @property
+    def key(self) -> str:
+        """Its name in the journal."""
+        return f"{self.role} {self.nodes} {self.mode} deme {self.deme} to {self.goal} seed {self.seed}"
+
+    def settings(self, parameters: Parameters) -> dict[str, Any]:
+        """Of the run, as a problem file's ``[run]`` table has them."""
+        left_out = _OF_NODES_ONLY if self.role == "sequential" else ()
+        return {name: value for name, value in parameters.run.items() if name not in left_out} | {
+            "topology": torus_of(self.nodes),
+            "deme": self.deme,
+            "mode": self.mode,
+            "seed": self.seed,
+            "evaluations": parameters.limit(self.goal),
+        }
+
+    def file(self, file: ProblemFile, parameters: Parameters) -> ProblemFile:
+        """The problem file of this run; nothing of its own ``[run]`` table is left.
+
+        Raises:
+            BadInput: if the settings do not fit each other.
+        """
+        return replace(file, run=Run.model_validate({})).with_run(**self.settings(parameters))
+
+
+@dataclass(frozen=True)
+class Point:
+    """A place on a curve: runs that differ only in their seed."""
+
+    series: Series
+    mode: Mode
+    nodes: int
+    deme: int
+
+    @property
+    def goal(self) -> Goal:
+        """What its runs end at."""
+        return goal_of(self.series)
+
+    @property
+    def has_twin(self) -> bool:
+        """Whether the same run, bit for bit, can be made on one processor, and is of interest."""
+        return self.mode == "lockstep" and self.goal == "target"
+
+    def case(self, seed: int, role: Role = "nodes") -> Case:
+        """Its run of that seed."""
+        return Case(role, self.nodes, self.mode, self.deme, self.goal, seed)
+
+
+def goal_of(series: Series) -> Goal:
+    """What the runs of a series end at."""
+    return "budget" if series == "budget" else "target"
+
+
+def points(parameters: Parameters) -> list[Point]:
+    """Every point of every curve, curve by curve."""
+    return [
+        Point(series, mode, nodes, parameters.population // nodes if series == "strong" else deme)
+        for series in parameters.series
+        for mode in parameters.modes
+        for deme in (parameters.demes if series != "strong" else (0,))
+        for nodes in parameters.nodes
+    ]
+
+
+def cases_on(parameters: Parameters, nodes: int, role: Role = "nodes") -> list[Case]:
+    """The runs of one size: seed by seed, so that what an interruption leaves is of all kinds."""
+    wanted = [point for point in points(parameters) if point.nodes == nodes and (role == "nodes" or point.has_twin)]
+    return list(dict.fromkeys(point.case(seed, role) for seed in _seeds(parameters) for point in wanted))
+
+
+def sequential_cases(parameters: Parameters) -> list[Case]:
+    """The runs of the sequential algorithm."""
+    return [
+        Case("sequential", 1, "lockstep", deme, goal, seed)
+        for seed in _seeds(parameters)
+        for deme in parameters.sequential
+        for goal in parameters.goals
+    ]
+
+
+def all_cases(parameters: Parameters) -> Iterator[Case]:
+    """In the order in which they are run."""
+    yield from sequential_cases(parameters)
+    for nodes in parameters.nodes:
+        yield from cases_on(parameters, nodes)
+        yield from cases_on(parameters, nodes, "twin")
+
+
+def _seeds(parameters: Parameters) -> range:
+    return range(1, parameters.repeats + 1)
+
+
+def design(
+    file: ProblemFile,
+    *,
+    nodes: Sequence[int] = (16, 64),
+    repeats: int = 5,
+    modes: Sequence[Mode] = MODES,
+    demes: Sequence[int] | None = None,
+    series: Sequence[Series] = SERIES,
+    population: int | None = None,
+    budget: int | None = None,
+    evaluations: int | None = None,
+    sequential: Sequence[int] = (16, 64, 256),
+    launches: int = 1,
+    **run: Any,
+) -> Parameters:
+    """The parameters of an experiment, checked; what is None gets a value that suits the others.
+
+    Raises:
+        BadInput: says which is wrong.
+    """
+    settings = _settings(file, run)
+    _check_range("nodes", nodes, MOST_NODES)
+    _check_range("demes", demes or (1,))
+    _check_range("sequential", sequential)
+    for name, value in {"repeats": repeats, "launches": launches, "population": population}.items():
+        _check_range(name, () if value is None else (value,))
+    own_demes = tuple(sorted(set(demes or (file.run.deme,))))
+    whole = population or math.lcm(*nodes) * own_demes[0]
+    parameters = Parameters(
+        nodes=tuple(sorted(set(nodes))),
+        repeats=repeats,
+        modes=tuple(dict.fromkeys(modes)),
+        demes=own_demes,
+        series=tuple(dict.fromkeys(series)),
+        population=whole,
+        budget=budget or _default_budget(whole, max(nodes) * own_demes[-1]),
+        evaluations=evaluations or file.run.evaluations or _LIMIT_PER_INDIVIDUAL * whole,
+        sequential=tuple(sorted(set(sequential))),
+        launches=launches,
+        run=settings,
+    )
+    _check(file, parameters)
+    return parameters
+
+
+def _settings(file: ProblemFile, run: dict[str, Any]) -> dict[str, Any]:
+    """The file's own settings, and over them those given; not what the experiment decides."""
+    given = {name: value for name, value in run.items() if value is not None}
+    own = file.run.model_dump(exclude_unset=True, exclude_none=True)
+    return {name: value for name, value in (own | given).items() if name not in _OWN}
+
+
+def _default_budget(population: int, largest: int) -> int:
+    return max(_BUDGET_PER_INDIVIDUAL * population, _LEAST_BUDGET_GENERATIONS * largest)
+
+
+def _check_range(name: str, values: Sequence[int], most: int | None = None) -> None:
+    for value in values:
+        if value < 1 or (most is not None and value > most):
+            upper = "" if most is None else f" to {most}"
+            raise BadInput(f"--{name}: expected whole numbers from 1{upper}, found {value}")
+
+
+def _check(file: ProblemFile, parameters: Parameters) -> None:
+    """Everything that can be wrong before the first process is launched."""
+    if "strong" in parameters.series:
+        _check_division(parameters)
+    for case in all_cases(parameters):
+        if case.seed == 1:
+            _check_limit(case, parameters)
+            _check_target(case, case.file(file, parameters))
+
+
+def _check_division(parameters: Parameters) -> None:
+    for nodes in parameters.nodes:
+        if parameters.population % nodes:
+            raise BadInput(f"--population: expected a multiple of {nodes} nodes, found {parameters.population}")
+
+
+def _check_target(case: Case, file: ProblemFile) -> None:
+    if Plan.of(file).target is None and case.goal == "target":
+        raise BadInput(f"{file.name}: expected a problem with a target, found none; give --target, or --series budget")
+
+
+def _check_limit(case: Case, parameters: Parameters) -> None:
+    limit, first = parameters.limit(case.goal), case.nodes * case.deme
+    if limit < first:
+        option = "budget" if case.goal == "budget" else "evaluations"
+        raise BadInput(f"--{option}: expected at least the first generation of {case.key}, {first}, found {limit}")

@@ -1,0 +1,182 @@
+"""The folder of an experiment: what it is, and a line for each run that has ended.
+
+``experiment.json`` is written once, before the first run. ``runs.jsonl`` grows by one line, forced to disk, for each
+thing that has happened; it alone is the truth from which an interrupted experiment goes on. All else is derived.
+"""
+
+import contextlib
+import fcntl
+import json
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Self
+
+from coordinator.scaling.experiment import Case
+from problems import BadInput
+
+Record = dict[str, Any]
+
+_MUST_AGREE = ("parameters", "problem.sha256", "versions", "machine.cpu", "machine.cores")
+
+
+class Journal:
+    """An open experiment's folder; a context manager, since only one process may write to it.
+
+    Attributes:
+        folder: where everything lies.
+        experiment: the content of ``experiment.json``.
+        records: those of ``runs.jsonl``, in order.
+        runs: the last record of each run by its key.
+
+    Raises:
+        BadInput: if the folder cannot be used, or holds another experiment.
+    """
+
+    def __init__(self, folder: Path, experiment: Record) -> None:
+        self.folder = folder
+        with _complaints(folder):
+            folder.mkdir(parents=True, exist_ok=True)
+            self._lines = _locked(folder)
+            self.experiment = self._begun(experiment)
+            self.records = _read(folder / "runs.jsonl", self._lines)
+        self.runs: dict[str, Record] = {record["key"]: record for record in self.of_type("run")}
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        os.close(self._lines)
+
+    def append(self, record: Record) -> None:
+        """Keep one record, surely."""
+        line = json.dumps(record, allow_nan=False) + "\n"
+        with _complaints(self.folder):
+            _write(self._lines, line.encode())
+            os.fsync(self._lines)
+        self.records.append(record)
+        if record["type"] == "run":
+            self.runs[record["key"]] = record
+
+    def of_type(self, kind: str) -> list[Record]:
+        """The records of one type: "run", "launch", "memory" or "failure"."""
+        return [record for record in self.records if record["type"] == kind]
+
+    def lacks(self, case: Case) -> bool:
+        """Whether this run has still to be made; one that failed is made again."""
+        record = self.runs.get(case.key)
+        return record is None or record["status"] == "failed"
+
+    def _begun(self, experiment: Record) -> Record:
+        """The experiment in the folder, which is this one; without any, this one is begun."""
+        path = self.folder / "experiment.json"
+        if not path.exists():
+            if os.fstat(self._lines).st_size:
+                raise BadInput(f"{self.folder}: expected an experiment, found runs.jsonl without experiment.json")
+            _write_whole(path, json.dumps(experiment, indent=2) + "\n")
+            return experiment
+        found = _object(path)
+        differing = list(_differences(found, experiment))
+        if differing:
+            raise BadInput(
+                f"{self.folder}: expected the experiment that was begun there, found another "
+                f"(there / here): {'; '.join(differing)}"
+            )
+        return found
+
+
+@contextlib.contextmanager
+def _complaints(folder: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise BadInput(f"{folder}: expected a folder that can be written, found {error.strerror}") from error
+
+
+def _locked(folder: Path) -> int:
+    """An open descriptor of ``runs.jsonl`` that no other process holds."""
+    descriptor = os.open(folder / "runs.jsonl", os.O_RDWR | os.O_APPEND | os.O_CREAT, 0o644)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError as error:
+        os.close(descriptor)
+        raise BadInput(f"{folder}: expected a folder of one experiment, found one that is still running") from error
+    return descriptor
+
+
+def _write(descriptor: int, data: bytes) -> None:
+    while data:
+        data = data[os.write(descriptor, data) :]
+
+
+def _write_whole(path: Path, text: str) -> None:
+    """Either all of it or nothing."""
+    beside = path.with_suffix(".new")
+    with beside.open("w", encoding="utf-8") as file:
+        file.write(text)
+        file.flush()
+        os.fsync(file.fileno())
+    beside.replace(path)
+
+
+def _read(path: Path, descriptor: int) -> list[Record]:
+    """All records; a last line that was torn is cut off."""
+    data = path.read_bytes()
+    records, end = [], 0
+    lines = data.splitlines(keepends=True)
+    for number, line in enumerate(lines, 1):
+        record = _parsed(line)
+        if record is None:
+            if number < len(lines):
+                raise BadInput(f"{path}: expected one JSON object in line {number}, found something else")
+            break
+        records.append(record)
+        end += len(line)
+    os.ftruncate(descriptor, end)
+    return records
+
+
+def _parsed(line: bytes) -> Record | None:
+    """None unless it is a whole line."""
+    try:
+        record = json.loads(line)
+    except ValueError:
+        return None
+    whole = isinstance(record, dict) and isinstance(record.get("type"), str) and line.endswith(b"\n")
+    return record if whole else None
+
+
+def _object(path: Path) -> Record:
+    try:
+        value = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise BadInput(f"{path}: expected JSON, found {error}") from error
+    if not isinstance(value, dict):
+        raise BadInput(f"{path}: expected a JSON object, found {type(value).__name__}")
+    return value
+
+
+def _differences(found: Record, wanted: Record) -> Iterator[str]:
+    """What must agree and does not, by name."""
+    there, here = dict(_flat(found)), dict(_flat(wanted))
+    for name in sorted(there.keys() | here.keys()):
+        matters = any(name == each or name.startswith(f"{each}.") for each in _MUST_AGREE)
+        if matters and there.get(name) != here.get(name):
+            yield f"{name.removeprefix('parameters.')} {_shown(there.get(name))} / {_shown(here.get(name))}"
+
+
+def _flat(value: Record, prefix: str = "") -> Iterator[tuple[str, Any]]:
+    for name, each in value.items():
+        if isinstance(each, dict):
+            yield from _flat(each, f"{prefix}{name}.")
+        else:
+            yield prefix + name, each
+
+
+def _shown(value: Any) -> str:
+    if value is None:
+        return "not given"
+    if isinstance(value, list):
+        return ",".join(map(str, value))
+    text = str(value)
+    return text if len(text) <= 40 else text[:12] + "…"

@@ -1,0 +1,147 @@
+"""What is written down of a run, and of the processes that made it."""
+
+import contextlib
+import math
+import statistics
+import time
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from coordinator.cluster import LocalCluster
+from coordinator.job import Job
+from coordinator.scaling.experiment import Case
+from coordinator.scaling.journal import Record
+from node import Plan, simulate
+from node.fingerprint import fingerprint
+from problems import ProblemFile
+from spy.collector import Collector
+from spy.judge import judge
+from spy.result import Clocks, Result, best_known, result_of, stop_reasons, stopped_after
+from wire.exchange import Champion
+
+_CPU_IN_ONE_PROCESS = ("cpu_seconds", "node_cpu_seconds", "critical_cpu_seconds")
+_LEAST_CPU = 1e-6  # seconds; a quotient needs something to divide by
+
+
+def memory_of_nodes(cluster: LocalCluster) -> float:
+    """Bytes of memory a node: its own pages, and its share of those that it shares (PSS). Slow: 1 ms a node."""
+    sizes = [_pss(process) for name, process in cluster.processes.items() if _is_node(name)]
+    return sum(sizes) / len(sizes)
+
+
+def run_on_nodes(
+    cluster: LocalCluster, file: ProblemFile, case: Case, preparation: dict[str, float]
+) -> tuple[Record, dict[str, float]]:
+    """One run: what to write down of it, and the CPU seconds of each process, less those of preparing a job."""
+    before = cluster.cpu_seconds_by_process()
+    job = cluster.submit(file)
+    seconds = _last_improvement(job)
+    result = job.result()
+    after = cluster.cpu_seconds_by_process()
+    used = {name: after[name] - before[name] - preparation.get(name, 0.0) for name in before.keys() & after.keys()}
+    nodes = [max(each, _LEAST_CPU) for name, each in used.items() if _is_node(name)] or [math.nan]
+    cpu = {
+        "cpu_seconds": result.cpu_seconds,
+        "node_cpu_seconds": sum(nodes),
+        "critical_cpu_seconds": max(nodes),
+        "median_node_cpu_seconds": statistics.median(nodes),
+        "spy_cpu_seconds": used.get("spy"),
+        "router_cpu_seconds": used.get("router"),
+    }
+    return _record(case, result, seconds, cpu), used
+
+
+def run_in_process(file: ProblemFile, case: Case) -> Record:
+    """One run by the simulator, in this process and without messages; its CPU time is that of this process.
+
+    Raises:
+        EvaluationFailed: if the problem breaks.
+    """
+    plan = Plan.of(file)
+    collector = Collector(plan, job=1)
+    began, used = time.monotonic(), time.process_time()
+
+    def hear(champion: Champion | None) -> None:
+        collector.hear(champion, time.monotonic() - began)
+
+    reports = simulate(plan, watch=lambda _, champion: hear(champion), outside=_Clock(file.run.seconds))
+    cpu = max(time.process_time() - used, _LEAST_CPU)
+    seconds = time.monotonic() - began
+    hear(best_known(reports, file.run.spy))
+    judgement = judge(collector, stopped_after(reports), stop_reasons(reports, file.run.mode))
+    result = result_of("1", file, reports, judgement, fingerprint(), Clocks(seconds, 0.0, cpu))
+    found = None if judgement.best is None else judgement.best.seconds
+    return _record(case, result, found, dict.fromkeys(_CPU_IN_ONE_PROCESS, cpu))
+
+
+class _Clock:
+    """The deadline of a simulated run."""
+
+    def __init__(self, seconds: float | None) -> None:
+        self.deadline = None if seconds is None else time.monotonic() + seconds
+
+    def __call__(self) -> Any:
+        return "deadline" if self.deadline is not None and time.monotonic() >= self.deadline else None
+
+
+def _record(case: Case, result: Result, seconds_to_best: float | None, cpu: dict[str, float | None]) -> Record:
+    """Flat, so that it is a row of a table."""
+    staleness = getattr(result, "staleness", None) or {}
+    return {
+        "type": "run",
+        "key": case.key,
+        "role": case.role,
+        "nodes": case.nodes,
+        "topology": result.topology,
+        "mode": case.mode,
+        "deme": case.deme,
+        "population": case.nodes * case.deme,
+        "goal": case.goal,
+        "seed": case.seed,
+        "status": result.status,
+        "solved": result.solved,
+        "feasible": result.feasible,
+        "fitness": result.fitness if math.isfinite(result.fitness) else None,
+        "generations": result.generations,
+        "evaluations": result.evaluations,
+        "evaluations_to_target": _evaluations_to_target(result),
+        "seconds": result.seconds,
+        "seconds_to_target": seconds_to_best if result.solved else None,
+        **{name: None if value is None or math.isnan(value) else round(value, 9) for name, value in cpu.items()},
+        **{f"messages_{name}": result.messages[name] for name in ("sent", "received", "lost", "rejected")},
+        "staleness_mean": staleness.get("mean"),
+        "staleness_max": staleness.get("max"),
+        "history_sha256": result.history_sha256,
+        "message": result.message,
+        "ended": datetime.now(UTC).isoformat(timespec="seconds"),
+    }
+
+
+def _evaluations_to_target(result: Result) -> int | None:
+    """By all nodes, up to the end of the generation in which the answer was born."""
+    if not result.solved or result.found_at is None:
+        return None
+    first = result.nodes * result.deme
+    share: float = result.found_at["generation"] / max(1, result.generations)
+    return min(result.evaluations, first + round((result.evaluations - first) * share))
+
+
+def _last_improvement(job: Job) -> float | None:
+    """Seconds from the start of the job to the best answer that was verified; waits for the end."""
+    seconds = None
+    for better in job.improvements():
+        seconds = better.seconds
+    return seconds
+
+
+def _is_node(name: str) -> bool:
+    return name.startswith("node ")
+
+
+def _pss(process: int) -> float:
+    with contextlib.suppress(OSError):  # it has ended
+        for line in Path(f"/proc/{process}/smaps_rollup").read_text().splitlines():
+            if line.startswith("Pss:"):
+                return float(line.split()[1]) * 1024
+    return 0.0

@@ -1,0 +1,100 @@
+"""Everything that is derived from the journal, and what the command prints."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+from coordinator.scaling import tables
+from coordinator.scaling.journal import Journal
+from coordinator.scaling.plots import draw_all
+from coordinator.scaling.report import write_report
+from coordinator.scaling.statistics import Estimate
+from coordinator.scaling.summary import FITNESS, PER_GENERATION, SPEEDUPS, SUCCESS, TO_TARGET, Metric, Summary
+from coordinator.scaling.words import number, verdict
+from problems import BadInput
+
+_COLUMNS: tuple[tuple[str, Metric], ...] = (
+    ("success", SUCCESS),
+    ("s to target", TO_TARGET[0]),
+    ("evaluations", TO_TARGET[1]),
+    ("fitness", FITNESS),
+    ("µs CPU/node/gen.", PER_GENERATION[2]),
+    ("strong ×, eval.", SPEEDUPS[0]),
+    ("strong ×, CPU", SPEEDUPS[1]),
+    ("weak ×, twin", SPEEDUPS[2]),
+)
+
+
+def write_all(summary: Summary, journal: Journal) -> None:
+    """Tables, pictures and the report.
+
+    Raises:
+        BadInput: if they cannot be written.
+    """
+    folder = journal.folder
+    try:
+        tables.write_runs(summary, folder)
+        tables.write_summary(summary, folder)
+        pictures = draw_all(summary, folder)
+        write_report(summary, journal.experiment, pictures, folder / "report.html")
+    except OSError as error:
+        raise BadInput(f"{folder}: expected a folder that can be written, found {error.strerror}") from error
+
+
+def as_json(summary: Summary, folder: Path) -> str:
+    """One JSON object."""
+    return json.dumps(
+        {
+            "directory": str(folder),
+            "report": str(folder / "report.html"),
+            "runs": len(summary.runs),
+            "failed": len(summary.failed),
+            "parameters": summary.parameters.to_json(),
+            "replayed": {"identical": summary.replayed[0], "of": summary.replayed[1]},
+            "sequential": [
+                {
+                    "deme": each.deme,
+                    "success_rate": each.success.value,
+                    "evaluations": _value(each.evaluations),
+                    "cpu_seconds": _value(each.cpu_seconds),
+                    "best_for": list(each.best_for),
+                }
+                for each in summary.sequential
+            ],
+            "summary": [tables.as_record(row) for row in summary.rows],
+            "verdict": verdict(summary),
+        },
+        allow_nan=False,
+    )
+
+
+def _value(estimate: Estimate | None) -> float | None:
+    return None if estimate is None else tables.plain(estimate.value)
+
+
+def as_words(summary: Summary, folder: Path) -> str:
+    """A table of points, the verdict, and where the rest is."""
+    header = ["", "nodes", "deme", *(title for title, _ in _COLUMNS)]
+    lines = [header, *_lines(summary)]
+    return "\n".join([*_aligned(lines), "", *verdict(summary), f"report: {folder / 'report.html'}"])
+
+
+def _lines(summary: Summary) -> list[list[str]]:
+    lines = []
+    for curve in summary.curves():
+        for row in summary.find(SUCCESS, curve):
+            found = [summary.find(metric, curve, row.nodes) for _, metric in _COLUMNS]
+            texts = [number(each[0].estimate.value) if each else "–" for each in found]
+            lines.append([curve.name, str(row.nodes), str(row.deme), *texts])
+    return lines
+
+
+def _aligned(lines: Sequence[Sequence[str]]) -> list[str]:
+    widths = [max(len(line[column]) for line in lines) for column in range(len(lines[0]))]
+    return [
+        "  ".join(
+            text.ljust(width) if column == 0 else text.rjust(width)
+            for column, (text, width) in enumerate(zip(line, widths, strict=True))
+        )
+        for line in lines
+    ]

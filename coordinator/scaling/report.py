@@ -1,0 +1,195 @@
+"""The report: one HTML file with everything in it, so that it can be sent to somebody and read without a network."""
+
+import base64
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from coordinator.scaling import words
+from coordinator.scaling.plots import Picture
+from coordinator.scaling.summary import (
+    FITNESS,
+    LAUNCH,
+    MEMORY,
+    PER_GENERATION,
+    SPEEDUPS,
+    SUCCESS,
+    TO_TARGET,
+    Metric,
+    Summary,
+)
+
+_SECTIONS: tuple[tuple[str, tuple[str, ...], tuple[Metric, ...], tuple[str, ...]], ...] = (
+    ("To the target", ("strong", "weak"), (SUCCESS, *TO_TARGET), ("to-target.png", "success.png")),
+    ("With a fixed budget", ("budget",), (FITNESS, SUCCESS), ("budget.png",)),
+    (
+        "What a generation costs",
+        ("strong", "weak", "budget"),
+        PER_GENERATION,
+        ("throughput.png", "cost-of-a-generation.png"),
+    ),
+)
+
+
+@dataclass(frozen=True)
+class _Cell:
+    """A number of a table, its interval, and whether it stands out."""
+
+    text: str
+    interval: str = ""
+    marked: bool = False
+
+
+@dataclass(frozen=True)
+class _Table:
+    """Header and rows; the first columns are names."""
+
+    header: list[str]
+    rows: list[list[_Cell]]
+    names: int
+
+
+@dataclass(frozen=True)
+class _Section:
+    title: str
+    tables: list[_Table]
+    pictures: list[tuple[str, str]]  # data URL and caption
+
+
+def write_report(
+    summary: Summary, experiment: dict[str, Any], pictures: Sequence[tuple[Path, Picture]], path: Path
+) -> None:
+    """Fill in the template."""
+    environment = Environment(
+        loader=PackageLoader("coordinator.scaling", "."),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    inlined = {picture.name: (_data_url(file), picture.caption) for file, picture in pictures}
+    page = environment.get_template("report.html.j2").render(
+        experiment=experiment,
+        verdict=words.verdict(summary),
+        critical_path=words.CRITICAL_PATH.format(cores=_cores(experiment["machine"]["cores"])),
+        notions=[(metric.label, text) for metric, text in words.NOTIONS.items()],
+        series=[_series(summary, name) for name in summary.parameters.series],
+        sections=_sections(summary, inlined),
+        runs=len(summary.runs),
+        settings=json.dumps(experiment["parameters"], indent=2),
+    )
+    path.write_text(page, encoding="utf-8")
+
+
+def _data_url(path: Path) -> str:
+    return "data:image/png;base64," + base64.b64encode(path.read_bytes()).decode()
+
+
+def _cores(count: int) -> str:
+    return "one core" if count == 1 else f"{count} cores"
+
+
+def _series(summary: Summary, name: str) -> str:
+    parameters = summary.parameters
+    return words.SERIES[name].format(population=f"{parameters.population:,}", budget=f"{parameters.budget:,}")
+
+
+def _sections(summary: Summary, pictures: dict[str, tuple[str, str]]) -> list[_Section]:
+    """Those that have anything to show."""
+    speed_ups = _Section("Speed-up", _speed_ups(summary), _chosen(pictures, "strong-speedup.png", "weak-speedup.png"))
+    reference = _Section("The sequential algorithm", [_sequential(summary)], [])
+    others = [
+        _Section(title, [_points(summary, series, metrics)], _chosen(pictures, *names))
+        for title, series, metrics, names in _SECTIONS
+    ]
+    sizes = _Section("What a size costs", [_sizes(summary)], _chosen(pictures, "size.png"))
+    return [
+        section for section in (speed_ups, *others, sizes, reference) if any(table.rows for table in section.tables)
+    ]
+
+
+def _chosen(pictures: dict[str, tuple[str, str]], *names: str) -> list[tuple[str, str]]:
+    return [pictures[name] for name in names if name in pictures]
+
+
+def _points(summary: Summary, series: Sequence[str], metrics: Sequence[Metric]) -> _Table:
+    """A row for each point, a column for each metric that any point has."""
+    curves = summary.curves(*series)
+    shown = [metric for metric in metrics if any(summary.find(metric, curve) for curve in curves)]
+    rows = [
+        [_Cell(curve.name), _Cell(str(base.nodes)), _Cell(str(base.deme))]
+        + [_value(summary, metric, curve, base.nodes) for metric in shown]
+        for curve in curves
+        for base in summary.find(SUCCESS, curve)
+    ]
+    return _Table(["series", "nodes", "deme", *map(_title, shown)], rows, 3)
+
+
+def _value(summary: Summary, metric: Metric, curve: Any, nodes: int) -> _Cell:
+    found = summary.find(metric, curve, nodes)
+    if not found:
+        return _Cell("–")
+    row = found[0]
+    return _Cell(words.number(row.estimate.value), words.interval(row.estimate), row.is_super_linear)
+
+
+def _title(metric: Metric) -> str:
+    unit = f", {metric.unit}" if metric.unit not in ("", "×") else ""
+    return f"{metric.label}{unit} ({metric.statistic})" if metric is not SUCCESS else metric.label
+
+
+def _speed_ups(summary: Summary) -> list[_Table]:
+    """One table for each notion: speed-up and efficiency."""
+    found = []
+    for metric in SPEEDUPS:
+        rows = [
+            [
+                _Cell(curve.name),
+                _Cell(str(row.nodes)),
+                _Cell(str(row.deme)),
+                _Cell(words.number(row.estimate.value), words.interval(row.estimate), row.is_super_linear),
+                _Cell(words.number(row.efficiency.value), words.interval(row.efficiency), row.is_super_linear),
+            ]
+            for curve in summary.curves("strong", "weak")
+            for row in summary.find(metric, curve)
+        ]
+        if rows:
+            found.append(_Table(["series", "nodes", "deme", metric.label, "efficiency"], rows, 3))
+    return found
+
+
+def _sizes(summary: Summary) -> _Table:
+    metrics = [metric for metric in (LAUNCH, MEMORY) if summary.find(metric)]
+    rows = [
+        [_Cell(str(nodes)), *(_value(summary, metric, None, nodes) for metric in metrics)]
+        for nodes in summary.parameters.nodes
+        if any(summary.find(metric, None, nodes) for metric in metrics)
+    ]
+    return _Table(["nodes", *map(_title, metrics)], rows, 1)
+
+
+def _sequential(summary: Summary) -> _Table:
+    header = [
+        "deme",
+        "reached the target",
+        "evaluations (median)",
+        "CPU time, s (median)",
+        "fitness with the budget",
+        "best in",
+    ]
+    rows = [
+        [
+            _Cell(str(each.deme)),
+            *(
+                _Cell("–") if estimate is None else _Cell(words.number(estimate.value), words.interval(estimate))
+                for estimate in (each.success, each.evaluations, each.cpu_seconds, each.fitness)
+            ),
+            _Cell(" and ".join(each.best_for) or "–", "", bool(each.best_for)),
+        ]
+        for each in summary.sequential
+    ]
+    return _Table(header, rows, 1)

@@ -1,0 +1,328 @@
+"""From runs to numbers with intervals: what each point costs, and which speed-up that is.
+
+Speed-ups are named after Alba's taxonomy. *Strong*: the best sequential algorithm known here, divided by n nodes.
+*Weak*: an algorithm of n cells on one processor, divided by the same on n nodes. A cost is in evaluations (those on the
+critical path: evaluations divided by nodes) or in CPU seconds (those on the critical path: of the node that used most).
+In a strong speed-up a run that did not reach the target counts as dearer than any that did.
+"""
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from statistics import median as middle
+from typing import Any
+
+from coordinator.scaling import statistics
+from coordinator.scaling.experiment import Case, Parameters, Point, Series, points, sequential_cases
+from coordinator.scaling.journal import Journal, Record
+from coordinator.scaling.statistics import Estimate
+
+
+@dataclass(frozen=True)
+class Metric:
+    """A number that is told of each point.
+
+    Attributes:
+        statistic: "median", "mean", "rate of success", "sum" or "ratio of medians".
+        of: a run's value; None if the run has none.
+    """
+
+    name: str
+    label: str
+    unit: str
+    statistic: str
+    of: Callable[[Record], float | None] = lambda _: None
+
+
+def _per_node_and_generation(name: str, scale: float = 1.0) -> Callable[[Record], float | None]:
+    return lambda run: _quotient(scale * run[name], run["nodes"] * run["generations"])
+
+
+def _per_second(name: str) -> Callable[[Record], float | None]:
+    return lambda run: _quotient(run[name], run["seconds"])
+
+
+def _if_solved(name: str) -> Callable[[Record], float | None]:
+    return lambda run: run[name] if run["solved"] else None
+
+
+def _quotient(value: float, divisor: float) -> float | None:
+    return value / divisor if divisor else None
+
+
+SUCCESS = Metric("success_rate", "runs that reached the target", "", "rate of success")
+TO_TARGET = (
+    Metric("seconds_to_target", "time to target", "s", "median", _if_solved("seconds_to_target")),
+    Metric(
+        "evaluations_to_target", "evaluations to target, all nodes", "", "median", _if_solved("evaluations_to_target")
+    ),
+    Metric("evaluations_to_stop", "evaluations to the agreed stop, all nodes", "", "median", _if_solved("evaluations")),
+    Metric(
+        "critical_cpu_seconds", "critical-path CPU time to the stop", "s", "median", _if_solved("critical_cpu_seconds")
+    ),
+)
+PER_GENERATION = (
+    Metric("generations_per_second", "generations/s", "", "mean", _per_second("generations")),
+    Metric("evaluations_per_second", "evaluations/s", "", "mean", _per_second("evaluations")),
+    Metric(
+        "cpu_per_node_and_generation",
+        "CPU per node and generation",
+        "µs",
+        "mean",
+        _per_node_and_generation("node_cpu_seconds", 1e6),
+    ),
+    Metric(
+        "messages_sent_per_node_and_generation",
+        "messages sent per node and generation",
+        "",
+        "mean",
+        _per_node_and_generation("messages_sent"),
+    ),
+    Metric(
+        "messages_received_per_node_and_generation",
+        "messages received per node and generation",
+        "",
+        "mean",
+        _per_node_and_generation("messages_received"),
+    ),
+    Metric("messages_lost", "messages lost, all runs", "", "sum", lambda run: run["messages_lost"]),
+    Metric("staleness", "staleness of immigrants", "generations", "mean", lambda run: run["staleness_mean"]),
+)
+FITNESS = Metric(
+    "fitness", "best fitness", "", "median", lambda run: math.inf if run["fitness"] is None else run["fitness"]
+)
+LAUNCH = Metric("launch_seconds", "launch time", "s", "mean")
+MEMORY = Metric("memory_per_node", "memory per node, PSS", "MB", "mean")
+
+STRONG_EVALUATIONS = Metric("strong_speedup_evaluations", "strong speed-up, in evaluations", "×", "ratio of medians")
+STRONG_CPU = Metric("strong_speedup_cpu", "strong speed-up, in CPU time", "×", "ratio of medians")
+WEAK_TWIN = Metric("weak_speedup_twin", "weak speed-up, against the simulator", "×", "median")
+WEAK_BALANCE = Metric("weak_speedup_balance", "weak speed-up, against its own CPU time", "×", "median")
+SPEEDUPS = (STRONG_EVALUATIONS, STRONG_CPU, WEAK_TWIN, WEAK_BALANCE)
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Points that differ only in their number of nodes."""
+
+    series: Series
+    mode: str
+    deme: int | None  # None if it is what the population leaves for a node
+
+    @property
+    def name(self) -> str:
+        """For tables and legends."""
+        return f"{self.series}, {self.mode}" if self.deme is None else f"{self.series}, {self.mode}, deme {self.deme}"
+
+
+@dataclass(frozen=True)
+class Row:
+    """One number of one point; without a point's names, of a size."""
+
+    curve: Curve | None
+    nodes: int
+    deme: int | None
+    metric: Metric
+    estimate: Estimate
+
+    @property
+    def efficiency(self) -> Estimate:
+        """Of a speed-up: a node's share of it."""
+        return self.estimate.divided_by(self.nodes)
+
+    @property
+    def is_super_linear(self) -> bool:
+        """Of a speed-up: whether the whole interval of its efficiency is above 1."""
+        return self.metric in SPEEDUPS and self.efficiency.is_above(1.0)
+
+
+@dataclass(frozen=True)
+class Sequential:
+    """The sequential algorithm with one size of deme."""
+
+    deme: int
+    success: Estimate
+    evaluations: Estimate | None  # to the target; failures cost more than anything
+    cpu_seconds: Estimate | None
+    fitness: Estimate | None  # with the budget
+    best_for: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Summary:
+    """All that tables, plots and the report tell.
+
+    Attributes:
+        failed: runs that the cluster or the problem broke; they count nowhere.
+        replayed: how many lockstep runs had the same history as their twin, and how many have a twin.
+    """
+
+    parameters: Parameters
+    rows: list[Row]
+    sequential: list[Sequential]
+    runs: list[Record]
+    failed: list[Record]
+    replayed: tuple[int, int]
+
+    def curves(self, *series: str) -> list[Curve]:
+        """Those of some series, in order."""
+        found = dict.fromkeys(row.curve for row in self.rows if row.curve is not None)
+        return [curve for curve in found if not series or curve.series in series]
+
+    def find(self, metric: Metric, curve: Curve | None = None, nodes: int | None = None) -> list[Row]:
+        """The rows of a metric, of one curve (or of sizes), by nodes."""
+        return [
+            row
+            for row in self.rows
+            if row.metric == metric and row.curve == curve and (nodes is None or row.nodes == nodes)
+        ]
+
+    def super_linear(self) -> list[Row]:
+        """Every speed-up that surely exceeds the number of nodes."""
+        return [row for row in self.rows if row.is_super_linear]
+
+
+def summarise(parameters: Parameters, journal: Journal) -> Summary:
+    """The numbers of all runs in the journal."""
+    runs = _Runs(journal.runs)
+    return Summary(
+        parameters=parameters,
+        rows=[*_sizes(parameters, journal), *_rows(parameters, runs)],
+        sequential=list(_sequential(parameters, runs)),
+        runs=list(journal.runs.values()),
+        failed=[run for run in journal.runs.values() if run["status"] == "failed"],
+        replayed=_replayed(parameters, runs),
+    )
+
+
+class _Runs:
+    """The runs that count, by case."""
+
+    def __init__(self, runs: dict[str, Record]) -> None:
+        self._runs = {key: run for key, run in runs.items() if run["status"] != "failed"}
+
+    def of(self, cases: Iterable[Case]) -> list[Record]:
+        return [self._runs[case.key] for case in cases if case.key in self._runs]
+
+    def at(self, point: Point, repeats: int) -> list[Record]:
+        return self.of(point.case(seed) for seed in range(1, repeats + 1))
+
+    def pairs(self, point: Point, repeats: int) -> list[tuple[Record, Record]]:
+        """Each run of a point with its twin."""
+        keys = [(point.case(seed).key, point.case(seed, "twin").key) for seed in range(1, repeats + 1)]
+        return [(self._runs[one], self._runs[two]) for one, two in keys if one in self._runs and two in self._runs]
+
+
+# Sizes and points -----------------------------------------------------------------------------------------------------
+def _sizes(parameters: Parameters, journal: Journal) -> Iterator[Row]:
+    """What a size costs, whatever runs on it."""
+    for nodes in parameters.nodes:
+        seconds = [record["seconds"] for record in journal.of_type("launch") if record["nodes"] == nodes]
+        memory = [record["bytes"] / 1e6 for record in journal.of_type("memory") if record["nodes"] == nodes]
+        for metric, values in ((LAUNCH, seconds), (MEMORY, memory)):
+            estimate = statistics.mean(values)
+            if estimate is not None:
+                yield Row(None, nodes, None, metric, estimate)
+
+
+def _rows(parameters: Parameters, runs: _Runs) -> Iterator[Row]:
+    for point in points(parameters):
+        curve = Curve(point.series, point.mode, None if point.series == "strong" else point.deme)
+        for metric, estimate in _estimates(parameters, point, runs):
+            if estimate is not None:
+                yield Row(curve, point.nodes, point.deme, metric, estimate)
+
+
+def _estimates(parameters: Parameters, point: Point, runs: _Runs) -> Iterator[tuple[Metric, Estimate | None]]:
+    """Every metric of a point."""
+    its_runs = runs.at(point, parameters.repeats)
+    yield SUCCESS, statistics.proportion(sum(run["solved"] for run in its_runs), len(its_runs))
+    to_target = TO_TARGET if point.goal == "target" else ()
+    for metric in (*to_target, FITNESS, *PER_GENERATION):
+        yield metric, _estimate(metric, its_runs)
+    if point.goal == "target":
+        yield from _strong(parameters, its_runs, runs)
+        yield from _weak(parameters, point, its_runs, runs)
+
+
+def _estimate(metric: Metric, runs: Sequence[Record]) -> Estimate | None:
+    values = [value for value in map(metric.of, runs) if value is not None]
+    if metric.statistic == "median":
+        return statistics.median(values)
+    if metric.statistic == "mean":
+        return statistics.mean(values)
+    return Estimate(sum(values), None, None, len(values)) if values else None
+
+
+def _strong(
+    parameters: Parameters, its_runs: Sequence[Record], runs: _Runs
+) -> Iterator[tuple[Metric, Estimate | None]]:
+    """The best sequential algorithm over these nodes."""
+    for metric, cost in ((STRONG_EVALUATIONS, evaluations_on_path), (STRONG_CPU, cpu_on_path)):
+        best = _best_sequential(parameters, runs, cost)
+        yield metric, statistics.ratio_of_medians([cost(run) for run in best], [cost(run) for run in its_runs])
+
+
+def _weak(
+    parameters: Parameters, point: Point, its_runs: Sequence[Record], runs: _Runs
+) -> Iterator[tuple[Metric, Estimate | None]]:
+    """The same algorithm on one processor over these nodes, run by run."""
+    if point.has_twin:
+        pairs = runs.pairs(point, parameters.repeats)
+        ratios = [twin["cpu_seconds"] / run["critical_cpu_seconds"] for run, twin in pairs]
+        yield WEAK_TWIN, statistics.median(ratios)
+    balance = [run["node_cpu_seconds"] / run["critical_cpu_seconds"] for run in its_runs]
+    yield WEAK_BALANCE, statistics.median(balance)
+
+
+def evaluations_on_path(run: Record) -> float:
+    """Of each node, to the stop; infinite if the target was not reached."""
+    return float(run["evaluations"]) / run["nodes"] if run["solved"] else math.inf
+
+
+def cpu_on_path(run: Record) -> float:
+    """Of the node that used most, to the stop; infinite if the target was not reached."""
+    return float(run["critical_cpu_seconds"]) if run["solved"] else math.inf
+
+
+# The sequential algorithm ---------------------------------------------------------------------------------------------
+def _sequential_runs(parameters: Parameters, runs: _Runs, deme: int, goal: str) -> list[Record]:
+    return runs.of(case for case in sequential_cases(parameters) if (case.deme, case.goal) == (deme, goal))
+
+
+def _best_sequential(parameters: Parameters, runs: _Runs, cost: Callable[[Record], float]) -> list[Record]:
+    """The runs of the deme that reached the target most often; among equals, of the least median cost."""
+
+    def merit(those: list[Record]) -> tuple[int, float]:
+        return -sum(run["solved"] for run in those), middle([cost(run) for run in those]) if those else math.inf
+
+    return min((_sequential_runs(parameters, runs, deme, "target") for deme in parameters.sequential), key=merit)
+
+
+def _sequential(parameters: Parameters, runs: _Runs) -> Iterator[Sequential]:
+    costs = {"evaluations": evaluations_on_path, "CPU time": cpu_on_path}
+    best = {name: _best_sequential(parameters, runs, cost) for name, cost in costs.items()}
+    for deme in parameters.sequential:
+        its_runs = _sequential_runs(parameters, runs, deme, "target")
+        with_budget = _sequential_runs(parameters, runs, deme, "budget")
+        success = statistics.proportion(
+            sum(run["solved"] for run in its_runs or with_budget), len(its_runs or with_budget)
+        )
+        if success is not None:
+            yield Sequential(
+                deme,
+                success,
+                statistics.median([evaluations_on_path(run) for run in its_runs]),
+                statistics.median([cpu_on_path(run) for run in its_runs]),
+                _estimate(FITNESS, with_budget),
+                tuple(name for name, those in best.items() if its_runs and those == its_runs),
+            )
+
+
+def _replayed(parameters: Parameters, runs: _Runs) -> tuple[int, int]:
+    pairs: dict[str, tuple[Any, Any]] = {}
+    for point in points(parameters):
+        if point.has_twin:
+            for run, twin in runs.pairs(point, parameters.repeats):
+                pairs[run["key"]] = (run["history_sha256"], twin["history_sha256"])
+    return sum(one == two for one, two in pairs.values()), len(pairs)

@@ -1,0 +1,162 @@
+"""Measure how a problem scales: the same runs on tori of several sizes; a table, plots and a report.
+
+An interrupted experiment goes on where it was when the same command is given again.
+"""
+
+import argparse
+import contextlib
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from supernode import exits
+
+if TYPE_CHECKING:
+    from coordinator.scaling.experiment import Parameters
+    from problems import ProblemFile
+
+EXAMPLE = "supernode scale examples/mobile-robot.toml --nodes 16,64 --repeats 5 -o office-scaling"
+
+_LIBRARIES = ("pyarrow", "scipy", "jinja2")
+_SERIES = ("strong", "weak", "budget")
+_MODES = ("lockstep", "async")
+_OF_THE_EXPERIMENT = (
+    "nodes",
+    "repeats",
+    "modes",
+    "demes",
+    "series",
+    "population",
+    "budget",
+    "evaluations",
+    "sequential",
+    "launches",
+)
+_OF_A_RUN = (
+    "interval",
+    "emigrants",
+    "recipe",
+    "replacement",
+    "mutation",
+    "spy",
+    "generations",
+    "seconds",
+    "target",
+    "stall",
+)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """What to run, how, and where to write."""
+    parser.add_argument("problem", metavar="PROBLEM.toml", help="the problem file")
+    parser.add_argument("-o", "--output", metavar="DIR", required=True, help="the folder of the experiment")
+    _add_grid(parser.add_argument_group("what to compare (lists are separated by commas)"))
+    _add_run(parser.add_argument_group("how to run (each wins over the file's [run] table)"))
+    out = parser.add_argument_group("what to tell")
+    out.add_argument("--json", action="store_true", help="print the summary as one JSON object")
+    out.add_argument("--quiet", action="store_true", help="no progress on stderr")
+
+
+def _add_grid(grid: argparse._ArgumentGroup) -> None:
+    from supernode.commands.run_options import _whole
+
+    grid.add_argument("--nodes", metavar="N,N", type=_wholes, help="sizes: each the most square torus (16,64)")
+    grid.add_argument("--repeats", metavar="R", type=_whole, help="runs of each kind, seeds 1 to R (5)")
+    grid.add_argument("--modes", metavar="M,M", type=_among(_MODES), help="lockstep, async (both)")
+    grid.add_argument(
+        "--demes", metavar="N,N", type=_wholes, help="individuals on a node, weak and budget (the file's)"
+    )
+    grid.add_argument("--series", metavar="S,S", type=_among(_SERIES), help="strong, weak, budget (all)")
+    grid.add_argument("--population", metavar="N", type=_whole, help="strong: of all nodes (largest size × least deme)")
+    grid.add_argument("--budget", metavar="N", type=_whole, help="budget: evaluations of all nodes (128 × population)")
+    grid.add_argument("--sequential", metavar="N,N", type=_wholes, help="demes of the sequential reference (16,64,256)")
+    grid.add_argument("--launches", metavar="N", type=_whole, help="launches of each size, for an interval (1)")
+
+
+def _add_run(run: argparse._ArgumentGroup) -> None:
+    from supernode.commands.run_options import _mutation, _number, _whole
+
+    run.add_argument("--interval", metavar="N", type=_whole, help="generations between exchanges (1)")
+    run.add_argument("--emigrants", metavar="N", type=_whole, help="individuals sent in an exchange (1)")
+    run.add_argument("--recipe", choices=("tuned", "paper"), help="the best known operators, or the paper's (tuned)")
+    run.add_argument("--replacement", choices=("offspring", "elitist"), help="instead of the recipe's")
+    run.add_argument("--mutation", metavar="P", type=_mutation, help='probability a bit changes, or "one-bit"')
+    run.add_argument("--spy", choices=("champion", "root"), help="what news reaches the root (champion)")
+    run.add_argument("--target", metavar="F", type=_number, help="the fitness to reach, instead of the problem's own")
+    run.add_argument("--evaluations", metavar="N", type=_whole, help="limit of a run to target (1024 × population)")
+    run.add_argument("--generations", metavar="N", type=_whole, help="limit of a run on nodes (none)")
+    run.add_argument(
+        "--stall", metavar="N", type=_whole, help="limit of a run on nodes without a better champion (none)"
+    )
+    run.add_argument(
+        "--seconds", metavar="S", type=_number, help="limit of any run; makes results depend on the machine"
+    )
+
+
+def run(options: argparse.Namespace) -> int:
+    """Make the missing runs, write everything that is derived from all, and print the summary."""
+    _check_libraries()
+    from coordinator.scaling.experiment import design
+    from problems import load
+
+    file = load(options.problem)
+    with contextlib.redirect_stdout(sys.stderr):  # a user's module may print
+        parameters = design(file, **_given(options))
+        text = _experiment(file, parameters, options)
+    print(text)
+    return exits.OK
+
+
+def _check_libraries() -> None:
+    from importlib.util import find_spec
+
+    from problems import BadInput
+
+    missing = [name for name in _LIBRARIES if find_spec(name) is None]
+    if missing:
+        raise BadInput(f"scale: expected {', '.join(missing)} to be installed: pip install 'supernode[scale]'")
+
+
+def _given(options: argparse.Namespace) -> dict[str, Any]:
+    names = (*_OF_THE_EXPERIMENT, *_OF_A_RUN)
+    return {name: getattr(options, name) for name in names if getattr(options, name) is not None}
+
+
+def _experiment(file: "ProblemFile", parameters: "Parameters", options: argparse.Namespace) -> str:
+    """The whole experiment; what to print of it."""
+    from coordinator.scaling.describe import describe
+    from coordinator.scaling.journal import Journal
+    from coordinator.scaling.outputs import as_json, as_words, write_all
+    from coordinator.scaling.runner import Runner
+    from coordinator.scaling.summary import summarise
+
+    def say(text: str) -> None:
+        if not options.quiet:
+            print(text, file=sys.stderr, flush=True)
+
+    with Journal(Path(options.output), describe(file, parameters)) as journal:
+        try:
+            Runner(file, parameters, journal, say).run()
+        except KeyboardInterrupt:
+            say(f"interrupted; the same command goes on from here, {len(journal.runs)} runs are in {journal.folder}")
+            raise
+        summary = summarise(parameters, journal)
+        write_all(summary, journal)
+    return as_json(summary, journal.folder) if options.json else as_words(summary, journal.folder)
+
+
+def _wholes(text: str) -> tuple[int, ...]:
+    try:
+        return tuple(int(part) for part in text.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"expected whole numbers separated by commas, found {text!r}") from None
+
+
+def _among(choices: tuple[str, ...]) -> Any:
+    def parse(text: str) -> tuple[str, ...]:
+        parts = tuple(part.strip() for part in text.split(","))
+        if not set(parts) <= set(choices):
+            raise argparse.ArgumentTypeError(f"expected some of {', '.join(choices)}, found {text!r}")
+        return parts
+
+    return parse
