@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: run test lint bench clean
+.PHONY: run test lint bench peers clean
 
 run: $(VENV)/core  ## sixteen processes plan the path of a mobile robot through an office floor
 	$(BIN)/supernode solve examples/mobile-robot.toml --seed 1 --plot office.png
@@ -20,8 +20,11 @@ bench: $(VENV)/test  ## ratios and shares, measured side by side on this machine
 	$(BIN)/python -m benchmarks.exchange
 	$(BIN)/python -m benchmarks.arm_ik
 
+peers: $(VENV)/core  ## beside pygmo, DEAP, propulate and pycellga: a quarter of an hour; writes docs/peers.md
+	$(BIN)/python -m benchmarks.peers
+
 clean:
-	rm -rf $(VENV) build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis office.png
+	rm -rf $(VENV) .peers build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis office.png
 
 $(VENV)/core: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
