@@ -11,6 +11,7 @@ import datetime
 import os
 import platform
 import re
+import signal
 import statistics
 import subprocess
 import sys
@@ -66,6 +67,7 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="short measurements, 3 seeds; prints only")
     parser.add_argument("--only", default="", help="rows whose name contains one of these; prints only")
     options = parser.parse_args()
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # so that a run that is on is cleared away
     wanted = [each.lower() for each in options.only.split(",")]
     peers = [peer for peer in PEERS if any(each in peer.name.lower() for each in wanted)]
     began, load = time.monotonic(), os.getloadavg()
@@ -89,6 +91,7 @@ def row(peer: Peer, quick: bool) -> dict:
         except (measure.RunFailed, TimeoutError) as error:
             found[name] = str(error)
 
+    attempt("warm-up", measure.warm_up, SETTING | {"generations": SETTING["interval"]})
     attempt("speed", measure.speed, SETTING, 2.0 if quick else 6.0)
     if isinstance(found["speed"], str):
         return found | {"failed": found["speed"]}
@@ -130,7 +133,8 @@ def page(rows: list[dict], load: tuple[float, ...], seconds: float) -> str:
             f" {', '.join(f'{each:.1f}' for each in load)}; the whole took {seconds / 60:.0f} minutes.",
             "",
             f"Rastrigin, D = {SETTING['dimension']}, within ±5.12; {SETTING['islands']} × {SETTING['deme']}"
-            f" = {SETTING['islands'] * SETTING['deme']} individuals; one emigrant every {SETTING['interval']} generations.",
+            f" = {SETTING['islands'] * SETTING['deme']} individuals;"
+            f" one emigrant every {SETTING['interval']} generations.",
             "",
             "| | evaluations/s | generations/s of an island | cores busy | evaluations per CPU second "
             "| ready, s | of which spawning | processes | memory, MB |",

@@ -24,6 +24,7 @@ _TOKEN = "SUPERNODE_PEERS_RUN"
 _READY_WITHIN = 90.0  # seconds; sixteen MPI ranks that import much, on a busy machine
 _KILL_AT = 2.0
 _WATCHED = 15.0
+_LEAVE_WITHIN = 3.0
 _PROC = Path("/proc")
 
 
@@ -46,7 +47,8 @@ class Process:
     """A running script; ``lines`` are what it says in JSON, None at its end."""
 
     def __init__(self, command: list[str], token: str, folder: str) -> None:
-        self.token, self.folder = token, folder
+        self.token = token
+        self.shared: set[str] = set()
         self.started = time.monotonic()
         self.popen = subprocess.Popen(
             command,
@@ -111,24 +113,29 @@ class Process:
 
     def memory(self) -> float:
         """Proportional set sizes, added up: bytes."""
+        self._note_shared()
         texts = [_read_bytes(process, "smaps_rollup").decode() for process in self.members()]
         return sum(int(size) * 1024 for text in texts for size in re.findall(r"^Pss:\s+(\d+)", text, re.MULTILINE))
 
     def end(self) -> None:
-        """Kill what is left of it, and remove the shared memory that only it has mapped."""
-        shared = set()
+        """Give it a moment to end by itself; kill what is left of it, and remove shared memory that it leaves."""
+        self._note_shared()
+        with suppress(subprocess.TimeoutExpired):
+            self.popen.wait(_LEAVE_WITHIN)
         deadline = time.monotonic() + 10.0
         while (left := self.members()) and time.monotonic() < deadline:
-            for process in left:
-                shared |= set(
-                    re.findall(r"/dev/shm/\S*mpich\S*", _read_bytes(process, "maps").decode(errors="replace"))
-                )
             for process in left:
                 _kill(process)
             time.sleep(0.02)
         self.popen.wait(10.0)
-        for name in shared:
+        for name in self.shared:
             Path(name).unlink(missing_ok=True)
+
+    def _note_shared(self) -> None:
+        """Files of shared memory, which nobody removes for those who are killed: MPICH's, and semaphores."""
+        for process in self.members():
+            maps = _read_bytes(process, "maps").decode(errors="replace")
+            self.shared |= set(re.findall(r"/dev/shm/(?:mpich|sem\.mp-)\S+", maps))
 
 
 def _all_processes() -> list[int]:
@@ -177,6 +184,13 @@ class Speed:
     evaluations: float  # a second
     generations: float  # a second
     cores: float  # busy
+
+
+def warm_up(peer: Peer, environments: Path, setting: dict) -> None:
+    """A run that nobody looks at: what is compiled once, of Python or else, is compiled in it."""
+    with running(peer, environments, setting) as process:
+        process.next_line(_READY_WITHIN)
+        process.next_line(60.0)
 
 
 def speed(peer: Peer, environments: Path, setting: dict, seconds: float) -> Speed:
