@@ -212,12 +212,13 @@ def design(
         BadInput: says which is wrong.
     """
     settings = _settings(file, run)
+    own_demes = tuple(sorted(set((file.run.deme,) if demes is None else demes)))
     _check_range("nodes", nodes, MOST_NODES)
-    _check_range("demes", demes or (1,))
+    _check_range("demes", own_demes)
     _check_range("sequential", sequential)
-    for name, value in {"repeats": repeats, "launches": launches, "population": population}.items():
-        _check_range(name, () if value is None else (value,))
-    own_demes = tuple(sorted(set(demes or (file.run.deme,))))
+    whole_numbers = {"population": population, "budget": budget, "evaluations": evaluations}
+    for name, value in {"repeats": repeats, "launches": launches, **whole_numbers}.items():
+        _check_range(name, (1 if value is None else value,))
     whole = population or math.lcm(*nodes) * own_demes[0]
     parameters = Parameters(
         nodes=tuple(sorted(set(nodes))),
@@ -248,6 +249,8 @@ def _default_budget(population: int, largest: int) -> int:
 
 
 def _check_range(name: str, values: Sequence[int], most: int | None = None) -> None:
+    if not values:
+        raise BadInput(f"--{name}: expected at least one, found none")
     for value in values:
         if value < 1 or (most is not None and value > most):
             upper = "" if most is None else f" to {most}"

@@ -38,8 +38,13 @@ class Journal:
         with _complaints(folder):
             folder.mkdir(parents=True, exist_ok=True)
             self._lines = _locked(folder)
-            self.experiment = self._begun(experiment)
-            self.records = _read(folder / "runs.jsonl", self._lines)
+        try:
+            with _complaints(folder):
+                self.experiment = self._begun(experiment)
+                self.records = _read(folder / "runs.jsonl", self._lines)
+        except BaseException:
+            self.__exit__()
+            raise
         self.runs: dict[str, Record] = {record["key"]: record for record in self.of_type("run")}
 
     def __enter__(self) -> Self:

@@ -66,12 +66,18 @@ class Runner:
         waiting = deque(case for case in cases_on(self.parameters, nodes) if self.journal.lacks(case))
         self._failures = 0
         while waiting:
-            try:
-                self._launch_for_the_time(nodes)
-                self._serve(nodes, waiting)
-            except ClusterFailed as error:
-                self.journal.append({"type": "failure", "nodes": nodes, "message": str(error)})
-                self._failed(nodes, str(error))
+            trouble = self._trouble(nodes, waiting)
+            if trouble is not None:
+                self._failed(nodes, trouble)
+
+    def _trouble(self, nodes: int, waiting: "deque[Case]") -> str | None:
+        """What ended a cluster before all runs were made, if anything did."""
+        try:
+            self._launch_for_the_time(nodes)
+            return self._serve(nodes, waiting)
+        except ClusterFailed as error:
+            self.journal.append({"type": "failure", "nodes": nodes, "message": str(error)})
+            return str(error)
 
     def _launch_for_the_time(self, nodes: int) -> None:
         """Launches beyond the one that is needed, if a sample is wanted."""
@@ -80,8 +86,8 @@ class Runner:
             with LocalCluster(topology=torus_of(nodes)) as cluster:
                 self._keep_launch(cluster, nodes)
 
-    def _serve(self, nodes: int, waiting: "deque[Case]") -> None:
-        """Launch a cluster and let it make runs, until all are made or one fails."""
+    def _serve(self, nodes: int, waiting: "deque[Case]") -> str | None:
+        """Launch a cluster and let it make runs, until all are made or one fails; why that one did."""
         with LocalCluster(topology=torus_of(nodes)) as cluster:
             self._keep_launch(cluster, nodes)
             preparation = self._preparation(cluster, waiting[0])
@@ -91,7 +97,7 @@ class Runner:
                 waiting.popleft()
                 self._keep(record)
                 if record["status"] == "failed":
-                    return self._failed(nodes, record["message"])
+                    return record["message"] or "a run failed without saying why"
                 self._failures = 0
                 self._keep_memory(cluster, nodes)
         return None
@@ -131,6 +137,6 @@ class Runner:
 
 def _outcome(record: Record) -> str:
     if record["status"] == "failed":
-        return f"failed: {record['message']}"
+        return f"failed: {record['message'] or 'it does not say why'}"
     fitness = "nothing feasible" if record["fitness"] is None else f"fitness {record['fitness']:.4g}"
     return f"{record['status']}, {fitness}, {record['evaluations']:,} evaluations, {record['seconds']:.2f} s"

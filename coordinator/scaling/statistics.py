@@ -16,7 +16,7 @@ from scipy import stats
 CONFIDENCE = 0.95
 _RESAMPLES = 4999
 _SEED = 1992  # the same runs give the same report
-_NEVER = 1e200  # stands for a cost that was never paid off, so that medians and quotients stay numbers
+_NEVER = 1e150  # stands for a cost that was never paid off, so that medians and quotients stay numbers
 
 
 @dataclass(frozen=True)

@@ -27,9 +27,9 @@ NOTIONS = {
         "critical-path CPU time on n nodes, with all that messages cost them."
     ),
     WEAK_TWIN: (
-        "Orthodox: the CPU time of the same n-cell run, the same bit for bit, by the simulator on one processor and "
-        "without messages, divided by the critical-path CPU time on n nodes; run by run. In lockstep only, where such a "
-        "twin exists. In evaluations it is n by definition, so that is not shown."
+        "Orthodox: the CPU time of the same n-cell run, bit for bit, by the simulator on one processor and "
+        "without messages, divided by the critical-path CPU time on n nodes; run by run. In lockstep only, where "
+        "such a twin exists. In evaluations it is n by definition, so that is not shown."
     ),
     WEAK_BALANCE: (
         "The CPU time of all n nodes, divided by the critical-path CPU time. It tells how evenly the work is spread. "
