@@ -120,8 +120,9 @@ class Process:
     def end(self) -> None:
         """Give it a moment to end by itself; kill what is left of it, and remove shared memory that it leaves."""
         self._note_shared()
-        with suppress(subprocess.TimeoutExpired):
-            self.popen.wait(_LEAVE_WITHIN)
+        deadline = time.monotonic() + _LEAVE_WITHIN
+        while self.members() and time.monotonic() < deadline:
+            time.sleep(0.02)
         deadline = time.monotonic() + 10.0
         while (left := self.members()) and time.monotonic() < deadline:
             for process in left:
