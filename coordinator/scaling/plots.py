@@ -1,12 +1,13 @@
 """Pictures of an experiment: on logarithmic axes, with intervals, and the ideal where there is one."""
 
+import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, NullFormatter, NullLocator
+from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
 from coordinator.scaling.summary import (
     FITNESS,
@@ -24,12 +25,12 @@ from coordinator.scaling.summary import (
     Row,
     Summary,
 )
-from coordinator.scaling.words import number
 
 _COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000")  # told apart by all eyes
 _MARKERS = {"lockstep": "o", "async": "s"}
 _LINES = {"lockstep": "-", "async": "--"}
 _DODGE = 1.035  # so that error bars stand beside each other
+_LEAST_SPAN = 6.0
 _TO_TARGET = ("strong", "weak")
 
 
@@ -217,19 +218,24 @@ def _from_zero(axes: Any) -> None:
     """With room for a marker that lies at zero."""
     low, high = axes.get_ylim()
     if low >= -0.1 * high:
-        axes.set_ylim(-0.03 * high, high)
+        axes.set_ylim(-0.03 * high, 1.05 * high)
 
 
 def _ticks(axes: Any) -> None:
-    """Plain numbers; 1, 2 and 5 of each decade where there are few decades."""
-    from matplotlib.ticker import LogLocator
-
+    """Plain numbers; 1, 2 and 5 of each decade where there are few decades. A small difference shall look small."""
     low, high = axes.get_ylim()
+    if high / low < _LEAST_SPAN:
+        widen = (_LEAST_SPAN * low / high) ** 0.5
+        low, high = low / widen, high * widen
+        axes.set_ylim(low, high)
     few = high / low < 100
-    axes.yaxis.set_major_locator(LogLocator(10, subs=(1.0, 2.0, 5.0) if few else (1.0,), numticks=12))
-    axes.yaxis.set_major_formatter(
-        FuncFormatter(lambda value, _: number(value).rstrip("0").rstrip(".") if value < 1 else f"{value:,g}")
-    )
-    if few:
-        axes.yaxis.set_minor_locator(NullLocator())
-    axes.yaxis.set_minor_formatter(NullFormatter())
+    axes.yaxis.set_major_locator(FixedLocator(_round_numbers(low, high, (1, 2, 5) if few else (1,))))
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:,g}"))
+    axes.yaxis.set_minor_locator(NullLocator())
+    axes.set_ylim(low, high)
+
+
+def _round_numbers(low: float, high: float, steps: Sequence[int]) -> list[float]:
+    """Those within a decade, of every decade."""
+    decades = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
+    return [value for decade in decades for step in steps if low <= (value := float(f"{step}e{decade}")) <= high]
