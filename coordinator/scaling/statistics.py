@@ -97,7 +97,9 @@ def _interval(samples: list[Any], statistic: Any) -> tuple[float, float]:
         vectorized=True,
         rng=np.random.default_rng(_SEED),
     )
-    return _infinite(float(result.confidence_interval.low)), _infinite(float(result.confidence_interval.high))
+    bounds = result.confidence_interval
+    low, high = sorted((_infinite(float(bounds.low)), _infinite(float(bounds.high))))  # rounding may swap equals
+    return low, high
 
 
 def _finite(values: Sequence[float]) -> Any:

@@ -6,7 +6,6 @@ from itertools import groupby
 
 from coordinator.scaling.statistics import Estimate
 from coordinator.scaling.summary import (
-    SPEEDUPS,
     STRONG_CPU,
     STRONG_EVALUATIONS,
     WEAK_BALANCE,
@@ -82,13 +81,18 @@ def estimate_text(estimate: Estimate | None) -> str:
 
 def verdict(summary: Summary) -> list[str]:
     """Whether super-linear speed-up was observed, of each notion that could show it; and what else to know."""
-    metrics = [metric for metric in SPEEDUPS if any(row.metric is metric for row in summary.rows)]
-    return [*(_verdict_of(summary, metric) for metric in metrics if metric is not WEAK_BALANCE), *_cautions(summary)]
+    metrics: list[Metric] = []
+    if "target" in summary.parameters.goals:
+        metrics += [STRONG_EVALUATIONS, STRONG_CPU]
+        metrics += [WEAK_TWIN] if summary.replayed[1] else []
+    return [*(_verdict_of(summary, metric) for metric in metrics), *_cautions(summary)]
 
 
 def _verdict_of(summary: Summary, metric: Metric) -> str:
     rows = [row for row in summary.super_linear() if row.metric is metric]
     label = metric.label[:1].upper() + metric.label[1:]
+    if not any(row.metric is metric for row in summary.rows):
+        return f"{label}: cannot be told, since half of the runs, or more, did not reach the target."
     if not rows:
         return f"{label}: no super-linear speed-up was observed (no interval of an efficiency lies wholly above 1)."
     curves = groupby(rows, key=lambda row: row.curve)
