@@ -118,25 +118,23 @@ class Process:
         return sum(int(size) * 1024 for text in texts for size in re.findall(r"^Pss:\s+(\d+)", text, re.MULTILINE))
 
     def end(self) -> None:
-        """Give it a moment to end by itself; kill what is left of it, and remove shared memory that it leaves."""
+        """Give it a moment to end by itself, then kill all but those who clear up after the killed, then those."""
         self._note_shared()
-        deadline = time.monotonic() + _LEAVE_WITHIN
-        while self.members() and time.monotonic() < deadline:
-            time.sleep(0.02)
-        deadline = time.monotonic() + 10.0
-        while (left := self.members()) and time.monotonic() < deadline:
-            for process in left:
-                _kill(process)
-            time.sleep(0.02)
+        for doomed in (lambda _: False, lambda process: not _clears_up(process), lambda _: True):
+            deadline = time.monotonic() + _LEAVE_WITHIN
+            while (left := self.members()) and time.monotonic() < deadline:
+                for process in filter(doomed, left):
+                    _kill(process)
+                time.sleep(0.02)
         self.popen.wait(10.0)
         for name in self.shared:
             Path(name).unlink(missing_ok=True)
 
     def _note_shared(self) -> None:
-        """Files of shared memory, which nobody removes for those who are killed: MPICH's, and semaphores."""
+        """MPICH's files of shared memory, which nobody removes for those who are killed."""
         for process in self.members():
             maps = _read_bytes(process, "maps").decode(errors="replace")
-            self.shared |= set(re.findall(r"/dev/shm/(?:mpich|sem\.mp-)\S+", maps))
+            self.shared |= set(re.findall(r"/dev/shm/mpich\S+", maps))
 
 
 def _all_processes() -> list[int]:
@@ -149,6 +147,11 @@ def _read_bytes(process: int, name: str) -> bytes:
         return (_PROC / str(process) / name).read_bytes()
     except OSError:
         return b""
+
+
+def _clears_up(process: int) -> bool:
+    """Whether it is the one of `multiprocessing` that removes the semaphores of the others once they have ended."""
+    return b"resource_tracker" in _read_bytes(process, "cmdline")
 
 
 def _kill(process: int) -> None:
