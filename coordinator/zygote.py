@@ -21,7 +21,10 @@ import sys
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from node.berth import Berth
 
 _PR_SET_PDEATHSIG = 1
 _WAKING = {signal.SIGCHLD, signal.SIGIO}
@@ -93,7 +96,7 @@ class Zygote:
         import node.process
         import spy.process
 
-        self._spy_watch, self._node_live, self._berth = spy.process.watch, node.process.live, node.process.Berth
+        self._spy_watch, self._node_live = spy.process.watch, node.process.live
         gc.collect()
         gc.freeze()
 
@@ -105,7 +108,7 @@ class Zygote:
             from coordinator.router import route
 
             os.close(ready)
-            route(self._berth(self.cluster, 0, self.topology, self.folder).router, tell)
+            route(self._berth(0).router, tell)
 
         self._fork("router", route)
         os.close(tell)
@@ -114,10 +117,16 @@ class Zygote:
         return listens
 
     def _spy(self) -> None:
-        self._spy_watch(self._berth(self.cluster, 0, self.topology, self.folder))
+        self._spy_watch(self._berth(0))
 
     def _node(self, node: int) -> None:
-        self._node_live(self._berth(self.cluster, node, self.topology, self.folder))
+        self._node_live(self._berth(node))
+
+    def _berth(self, node: int) -> "Berth":
+        from node.berth import Berth
+        from wire import sessions
+
+        return Berth(self.cluster, node, self.topology, self.folder, sessions.unix_socket(self.folder, "router"))
 
     def _fork(self, name: str, live: Callable[[], None]) -> None:
         parent = os.getpid()

@@ -82,6 +82,37 @@ def _mutate(genome: Any, rate: Any, length: Any, seed: Any, cell: Any, generatio
         _flip(genome, last)
 
 
+@subroutine
+def _cross(
+    first: Any,
+    second: Any,
+    one: Any,
+    other: Any,
+    seed: Any,
+    cell: Any,
+    generation: Any,
+    couple: Any,
+    length: Any,
+    uniform: Any,
+) -> Any:
+    """The two offspring of a couple."""
+    if uniform:
+        _uniform(first, second, one, other, seed, cell, generation, couple)
+    else:
+        cut = length
+        if length > 1:
+            cut = 1 + below(draw(seed, cell, generation, CROSS, couple, 0), length - 1)
+        _one_point(first, second, one, other, cut)
+
+
+@subroutine
+def _stray(individuals: Any, seed: Any, cell: Any, generation: Any, length: Any) -> Any:
+    """Flip one random bit of one random individual; returns which."""
+    individual = below(draw(seed, cell, generation, STRAY, 0, 0), individuals.shape[0])
+    _flip(individuals[individual], below(draw(seed, cell, generation, STRAY, 0, 1), length))
+    return individual
+
+
 @kernel("uint8[:,:,::1](uint8[:,:,:,::1], uint64, int64[::1], int64, int64, boolean, float64)")
 def recombine(
     couples: Genomes,
@@ -100,16 +131,47 @@ def recombine(
         for couple in range(count):
             first, second = couples[row, couple, 0], couples[row, couple, 1]
             one, other = offspring[row, 2 * couple], offspring[row, 2 * couple + 1]
-            if uniform:
-                _uniform(first, second, one, other, seed, cell, generation, couple)
-            else:
-                cut = length
-                if length > 1:
-                    cut = 1 + below(draw(seed, cell, generation, CROSS, couple, 0), length - 1)
-                _one_point(first, second, one, other, cut)
+            _cross(first, second, one, other, seed, cell, generation, couple, length, uniform)
         if rate > 0.0:
             for individual in range(2 * count):
                 _mutate(offspring[row, individual], rate, length, seed, cell, generation, individual)
+    return offspring
+
+
+@kernel(
+    "uint8[:,:,::1](uint8[:,:,::1], uint8[:,:,::1], int64[:,::1], int64,"
+    "uint64, int64[::1], int64, int64, boolean, float64, boolean)"
+)
+def mate(
+    genomes: Genomes,
+    emigrants: Genomes,
+    whence: Cells,
+    each: int,
+    seed: np.uint64,
+    cells: Cells,
+    generation: int,
+    length: int,
+    uniform: bool,
+    rate: float,
+    one_bit: bool,
+) -> Genomes:
+    """Two mutated offspring of each row's single individual with each of its immigrants in turn.
+
+    With ``one_bit`` one random bit of one of them flips.
+    """
+    rows, slots = whence.shape
+    offspring = np.empty((rows, 2 * slots * each, genomes.shape[2]), np.uint8)
+    for row in range(rows):
+        cell, own, children = cells[row], genomes[row, 0], offspring[row]
+        for couple in range(slots * each):
+            immigrant = emigrants[whence[row, couple // each], couple % each]
+            one, other = children[2 * couple], children[2 * couple + 1]
+            _cross(own, immigrant, one, other, seed, cell, generation, couple, length, uniform)
+        if rate > 0.0:
+            for child in range(2 * slots * each):
+                _mutate(children[child], rate, length, seed, cell, generation, child)
+        if one_bit:
+            _stray(children, seed, cell, generation, length)
     return offspring
 
 
@@ -118,8 +180,7 @@ def mutate_one(individuals: Genomes, seed: np.uint64, cells: Cells, generation: 
     """Flip one random bit of one random individual of each row; returns which individual, shape (rows,)."""
     changed = np.empty(cells.size, np.int64)
     for row in range(cells.size):
-        changed[row] = below(draw(seed, cells[row], generation, STRAY, 0, 0), individuals.shape[1])
-        _flip(individuals[row, changed[row]], below(draw(seed, cells[row], generation, STRAY, 0, 1), length))
+        changed[row] = _stray(individuals[row], seed, cells[row], generation, length)
     return changed
 
 

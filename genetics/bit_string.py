@@ -2,12 +2,13 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from genetics.arrays import Cells, Genomes
-from genetics.coding import Keys
+from genetics.arrays import Cells, Genomes, writable
+from genetics.coding import Alphabet, Immigrants, Keys
 from genetics.recipe import ONE_BIT, Recipe
 
 MOST_BITS = 62
@@ -50,42 +51,63 @@ class BitString:
 
     def random(self, keys: Keys, deme: int) -> Genomes:
         """Uniformly random bits."""
-        from genetics import bit_kernels
-
-        return bit_kernels.random(keys.key, keys.cells, deme, self.length)
+        drawn: Genomes = self._kernels.random(keys.seed, keys.cells, deme, self.length)
+        return drawn
 
     def recombine(self, couples: Genomes, recipe: Recipe, keys: Keys) -> Genomes:
         """One-point (§3.1 step 4) or uniform crossover, then bit mutation."""
-        from genetics import bit_kernels
-
-        self.check(recipe)
-        return bit_kernels.recombine(
+        offspring: Genomes = self._kernels.recombine(
             couples,
-            keys.key,
+            keys.seed,
             keys.cells,
             keys.generation,
             self.length,
             recipe.crossover == "uniform",
             0.0 if recipe.mutation == ONE_BIT else recipe.mutation,
         )
+        return offspring
+
+    def mate(self, genomes: Genomes, immigrants: Immigrants, recipe: Recipe, keys: Keys) -> Genomes:
+        """As `recombine` and `mutate_one`."""
+        one_bit = recipe.mutation == ONE_BIT
+        offspring: Genomes = self._kernels.mate(
+            genomes,
+            immigrants.genomes,
+            immigrants.whence,
+            immigrants.each,
+            keys.seed,
+            keys.cells,
+            keys.generation,
+            self.length,
+            recipe.crossover == "uniform",
+            0.0 if one_bit else recipe.mutation,
+            one_bit,
+        )
+        return offspring
 
     def mutate_one(self, individuals: Genomes, keys: Keys) -> Cells:
         """Flip one random bit of one random individual of each row (§3.1 step 5)."""
+        changed: Cells = self._kernels.mutate_one(individuals, keys.seed, keys.cells, keys.generation, self.length)
+        return changed
+
+    @cached_property
+    def alphabet(self) -> Alphabet:
+        """No bit is set beyond the length."""
+        mask = np.full(self.genome_bytes, 0xFF, np.uint8)
+        mask[-1] = (0xFF << (8 * self.genome_bytes - self.length)) & 0xFF
+        return Alphabet.of_bits(mask)
+
+    @cached_property
+    def _kernels(self) -> Any:
+        """Looked up once: it is asked for in every generation."""
         from genetics import bit_kernels
 
-        return bit_kernels.mutate_one(individuals, keys.key, keys.cells, keys.generation, self.length)
-
-    def accepts(self, genome: bytes) -> bool:
-        """Right size, and no bit set beyond the length."""
-        spare = 8 * self.genome_bytes - self.length
-        return len(genome) == self.genome_bytes and genome[-1] & ((1 << spare) - 1) == 0
+        return bit_kernels
 
     def integers(self, genomes: Genomes) -> NDArray[np.int64]:
         """The coded integers: (n, genome_bytes) to (n, parameters)."""
-        from genetics import bit_kernels
-
-        writable = np.require(genomes, np.uint8, ["C", "W"])  # compiled signatures refuse read-only arrays
-        return bit_kernels.integers(writable, self.parameters, self.bits, self.gray)
+        values: Cells = self._kernels.integers(writable(genomes), self.parameters, self.bits, self.gray)
+        return values
 
     def encode(self, integers: NDArray[np.int64]) -> Genomes:
         """The inverse of `integers`: (n, parameters) to (n, genome_bytes).

@@ -8,14 +8,14 @@ import numpy as np
 
 from genetics import selection
 from genetics.arrays import Evaluate, Fitness, Genomes
-from genetics.coding import Coding, Keys
+from genetics.coding import Coding, Immigrants, Keys
 from genetics.recipe import ONE_BIT, Recipe
 
 
 def breed(
     genomes: Genomes,
     fitness: Fitness,
-    immigrants: tuple[Genomes, Fitness] | None,
+    immigrants: Immigrants | None,
     coding: Coding,
     recipe: Recipe,
     evaluate: Evaluate,
@@ -26,8 +26,7 @@ def breed(
     Args:
         genomes: the demes, shape (rows, deme, genome_bytes).
         fitness: theirs, shape (rows, deme).
-        immigrants: genomes (rows, slots, genome_bytes) and fitness (rows, slots), in the order of the neighbours; an
-            island may get None, in a generation without exchange.
+        immigrants: an island may get None, in a generation without exchange.
         coding: makes offspring of couples.
         recipe: the choices of the rule.
         evaluate: the problem's fitness of a batch.
@@ -35,7 +34,7 @@ def breed(
     """
     if genomes.shape[1] == 1:
         assert immigrants is not None, "an individual alone has nobody to breed with"
-        _breed_individual(genomes, fitness, immigrants[0], coding, recipe, evaluate, keys)
+        _breed_individual(genomes, fitness, immigrants, coding, recipe, evaluate, keys)
     else:
         if immigrants is not None:
             selection.admit(genomes, fitness, *immigrants)
@@ -45,17 +44,14 @@ def breed(
 def _breed_individual(
     genomes: Genomes,
     fitness: Fitness,
-    immigrants: Genomes,
+    immigrants: Immigrants,
     coding: Coding,
     recipe: Recipe,
     evaluate: Evaluate,
     keys: Keys,
 ) -> None:
     """The fine-grained step (Ahuactzin et al. 1992, §6): the local individual with each of its neighbours."""
-    couples = np.stack((np.broadcast_to(genomes, immigrants.shape), immigrants), axis=2)
-    offspring = coding.recombine(couples, recipe, keys)
-    if recipe.mutation == ONE_BIT:
-        coding.mutate_one(offspring, keys)
+    offspring = coding.mate(genomes, immigrants, recipe, keys)
     offspring_fitness = _evaluate(evaluate, offspring)
     selection.replace_local(genomes, fitness, offspring, offspring_fitness, recipe.replacement == "elitist")
 
@@ -69,7 +65,7 @@ def _breed_island(
     keys: Keys,
 ) -> None:
     """The sequential recipe (§3.1 steps 3 to 5) at constant size."""
-    couples = selection.couples_by_rank(fitness, keys.key, keys.cells, keys.generation)
+    couples = selection.couples_by_rank(fitness, keys.seed, keys.cells, keys.generation)
     rows = np.arange(len(genomes))
     parents = genomes[rows[:, None, None], couples]
     offspring = coding.recombine(parents, recipe, keys)

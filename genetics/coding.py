@@ -1,26 +1,61 @@
 """What breeding asks of a coding, whatever a genome means."""
 
-from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from genetics.arrays import Cells, Genomes
+from genetics.arrays import Cells, Fitness, Genomes
 from genetics.recipe import Recipe
 
 
-@dataclass(frozen=True)
-class Keys:
+class Keys(NamedTuple):
     """What random draws are keyed by: the rows' cells, the run's seed and the generation that is being bred."""
 
     cells: Cells
-    seed: int
+    seed: np.uint64
     generation: int
 
-    @property
-    def key(self) -> np.uint64:
-        """The seed as the kernels take it."""
-        return np.uint64(self.seed)
+
+class Alphabet(NamedTuple):
+    """What genomes of a coding are made of, so that compiled code can tell those that come over the wire from rubbish.
+
+    Attributes:
+        mask: the bits that may be set, shape (genome_bytes,).
+        low: where genomes are float64 numbers the least of each, shape (genes,); else empty.
+        high: and the greatest.
+    """
+
+    mask: Genomes
+    low: Fitness
+    high: Fitness
+
+    @staticmethod
+    def of_bits(mask: Genomes) -> "Alphabet":
+        """Of genomes that are not numbers."""
+        return Alphabet(mask, np.empty(0), np.empty(0))
+
+    def admits(self, genome: Genomes) -> bool:
+        """Whether the coding could have made ``genome``, of any size."""
+        if genome.size != self.mask.size or np.any(genome & ~self.mask):
+            return False
+        genes = genome.view(np.float64) if self.low.size else self.low
+        return bool(np.all((genes >= self.low) & (genes <= self.high)))
+
+
+class Immigrants(NamedTuple):
+    """Who comes to each row: of each sender that its slots name, the first ``each`` emigrants.
+
+    Attributes:
+        genomes: of all senders, shape (senders, at least each, genome_bytes).
+        fitness: theirs.
+        whence: the senders, shape (rows, slots), in the order of the neighbours.
+        each: how many of each sender.
+    """
+
+    genomes: Genomes
+    fitness: Fitness
+    whence: Cells
+    each: int
 
 
 class Coding(Protocol):
@@ -53,6 +88,14 @@ class Coding(Protocol):
         """
         ...
 
+    def mate(self, genomes: Genomes, immigrants: Immigrants, recipe: Recipe, keys: Keys) -> Genomes:
+        """`recombine` for couples of each row's single individual, (rows, 1, genome_bytes), with its immigrants.
+
+        With the one-bit rule `mutate_one` has been done to the offspring too; shape (rows, 2 * immigrants,
+        genome_bytes).
+        """
+        ...
+
     def mutate_one(self, individuals: Genomes, keys: Keys) -> Cells:
         """Change one gene of one individual of each row, in place; ``individuals`` is (rows, n, genome_bytes).
 
@@ -60,6 +103,7 @@ class Coding(Protocol):
         """
         ...
 
-    def accepts(self, genome: bytes) -> bool:
-        """Whether ``genome``, come over the wire, is one that this coding could have made."""
+    @property
+    def alphabet(self) -> Alphabet:
+        """What genomes are made of."""
         ...

@@ -18,7 +18,7 @@ import numba
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 _ROOT = Path(__file__).resolve().parent.parent
-_PACKAGES = ("genetics", "problems", "node")
+_PACKAGES = ("genetics", "problems", "wire", "node")
 _GENERATIONS_KEPT = 4
 
 
@@ -50,8 +50,11 @@ def _use_cache_of_these_sources() -> None:
 _use_cache_of_these_sources()
 
 
-def kernel(signature: str) -> Callable[[Function], Function]:
-    """Compile a function for ``signature`` now, or take it from the cache; no fast-math, so results are exact."""
+def kernel(signature: Any) -> Callable[[Function], Function]:
+    """Compile a function for ``signature`` now, or take it from the cache; no fast-math, so results are exact.
+
+    A signature is a text such as ``"void(float64[::1], int64)"``, or made of `numba.types` where no text says it.
+    """
     compiler: Any = numba.njit(signature, cache=True, error_model="numpy")
 
     def compile_now(function: Function) -> Function:

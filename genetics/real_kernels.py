@@ -1,9 +1,11 @@
 """The compiled loops of real-valued genomes, over rows of cells."""
 
+from typing import Any
+
 import numpy as np
 
 from genetics.arrays import Cells, Fitness
-from genetics.compiled import kernel
+from genetics.compiled import kernel, subroutine
 from genetics.randomness import CROSS, INITIAL, MUTATE, draw, normal, unit
 
 BLEND = 0.5  # how far beyond its parents an offspring may lie, as a share of their distance (BLX-alpha)
@@ -23,6 +25,39 @@ def random(seed: np.uint64, cells: Cells, deme: int, dimension: int, low: float,
     return genes
 
 
+@subroutine
+def _child(
+    own: Any,
+    other: Any,
+    child: Any,
+    seed: Any,
+    cell: Any,
+    generation: Any,
+    number: Any,
+    low: Any,
+    high: Any,
+    uniform: Any,
+    rate: Any,
+) -> Any:
+    """Fill the mutated offspring ``number``, the one of a couple that is nearer to the parent ``own``."""
+    for gene in range(child.size):
+        value = own[gene]
+        if uniform:
+            if draw(seed, cell, generation, CROSS, number // 2, gene) & np.uint64(1):
+                value = other[gene]
+        else:
+            share = unit(draw(seed, cell, generation, CROSS, number, gene))
+            value += (share * (1.0 + 2.0 * BLEND) - BLEND) * (other[gene] - own[gene])
+        if rate > 0.0 and unit(draw(seed, cell, generation, MUTATE, number, 4 * gene)) < rate:
+            size = unit(draw(seed, cell, generation, MUTATE, number, 4 * gene + 1))
+            step = WIDEST_STEP * 10.0 ** (-DECADES * size) * (high - low)
+            value += step * normal(
+                draw(seed, cell, generation, MUTATE, number, 4 * gene + 2),
+                draw(seed, cell, generation, MUTATE, number, 4 * gene + 3),
+            )
+        child[gene] = min(max(value, low), high)
+
+
 @kernel("float64[:,:,::1](float64[:,:,:,::1], uint64, int64[::1], int64, float64, float64, boolean, float64)")
 def recombine(
     couples: Fitness,
@@ -38,25 +73,38 @@ def recombine(
     rows, count, _, dimension = couples.shape
     offspring = np.empty((rows, 2 * count, dimension))
     for row in range(rows):
-        cell = cells[row]
-        for child in range(2 * count):
-            couple, turn = divmod(child, 2)
-            for gene in range(dimension):
-                own = couples[row, couple, turn, gene]
-                other = couples[row, couple, 1 - turn, gene]
-                value = own
-                if uniform:
-                    if draw(seed, cell, generation, CROSS, couple, gene) & np.uint64(1):
-                        value = other
-                else:
-                    share = unit(draw(seed, cell, generation, CROSS, child, gene))
-                    value += (share * (1.0 + 2.0 * BLEND) - BLEND) * (other - own)
-                if rate > 0.0 and unit(draw(seed, cell, generation, MUTATE, child, 4 * gene)) < rate:
-                    size = unit(draw(seed, cell, generation, MUTATE, child, 4 * gene + 1))
-                    step = WIDEST_STEP * 10.0 ** (-DECADES * size) * (high - low)
-                    value += step * normal(
-                        draw(seed, cell, generation, MUTATE, child, 4 * gene + 2),
-                        draw(seed, cell, generation, MUTATE, child, 4 * gene + 3),
-                    )
-                offspring[row, child, gene] = min(max(value, low), high)
+        for number in range(2 * count):
+            couple, turn = divmod(number, 2)
+            own, other = couples[row, couple, turn], couples[row, couple, 1 - turn]
+            _child(own, other, offspring[row, number], seed, cells[row], generation, number, low, high, uniform, rate)
+    return offspring
+
+
+@kernel(
+    "float64[:,:,::1](float64[:,:,::1], float64[:,:,::1], int64[:,::1], int64,"
+    "uint64, int64[::1], int64, float64, float64, boolean, float64)"
+)
+def mate(
+    genes: Fitness,
+    emigrants: Fitness,
+    whence: Cells,
+    each: int,
+    seed: np.uint64,
+    cells: Cells,
+    generation: int,
+    low: float,
+    high: float,
+    uniform: bool,
+    rate: float,
+) -> Fitness:
+    """Two mutated offspring of each row's single individual with each of its immigrants in turn."""
+    rows, slots = whence.shape
+    offspring = np.empty((rows, 2 * slots * each, genes.shape[2]))
+    for row in range(rows):
+        for number in range(2 * slots * each):
+            couple = number // 2
+            own, other = genes[row, 0], emigrants[whence[row, couple // each], couple % each]
+            if number % 2:
+                own, other = other, own
+            _child(own, other, offspring[row, number], seed, cells[row], generation, number, low, high, uniform, rate)
     return offspring

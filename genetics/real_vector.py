@@ -3,12 +3,13 @@
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from genetics.arrays import Cells, Genomes
-from genetics.coding import Keys
+from genetics.arrays import Cells, Fitness, Genomes
+from genetics.coding import Alphabet, Immigrants, Keys
 from genetics.recipe import ONE_BIT, Recipe
 
 
@@ -44,20 +45,32 @@ class RealVector:
 
     def random(self, keys: Keys, deme: int) -> Genomes:
         """Uniform within the bounds."""
-        from genetics import real_kernels
-
-        genes = real_kernels.random(keys.key, keys.cells, deme, self.dimension, self.low, self.high)
+        genes: Fitness = self._kernels.random(keys.seed, keys.cells, deme, self.dimension, self.low, self.high)
         return genes.view(np.uint8)
 
     def recombine(self, couples: Genomes, recipe: Recipe, keys: Keys) -> Genomes:
         """Blend (BLX-0.5) or uniform crossover, then Gaussian mutation."""
-        from genetics import real_kernels
-
-        self.check(recipe)
-        assert recipe.mutation != ONE_BIT
-        offspring = real_kernels.recombine(
+        assert recipe.mutation != ONE_BIT, "refused by check"
+        offspring: Fitness = self._kernels.recombine(
             couples.view(np.float64),
-            keys.key,
+            keys.seed,
+            keys.cells,
+            keys.generation,
+            self.low,
+            self.high,
+            recipe.crossover == "uniform",
+            recipe.mutation,
+        )
+        return offspring.view(np.uint8)
+
+    def mate(self, genomes: Genomes, immigrants: Immigrants, recipe: Recipe, keys: Keys) -> Genomes:
+        """As `recombine`."""
+        offspring: Fitness = self._kernels.mate(
+            genomes.view(np.float64),
+            immigrants.genomes.view(np.float64),
+            immigrants.whence,
+            immigrants.each,
+            keys.seed,
             keys.cells,
             keys.generation,
             self.low,
@@ -71,12 +84,18 @@ class RealVector:
         """Not for real vectors: `check` has refused the recipe that asks for it."""
         raise ValueError("real vectors have no bits to flip")
 
-    def accepts(self, genome: bytes) -> bool:
-        """Right size, every gene finite and within the bounds."""
-        if len(genome) != self.genome_bytes:
-            return False
-        genes = np.frombuffer(genome, np.float64)
-        return bool(np.all((genes >= self.low) & (genes <= self.high)))
+    @cached_property
+    def alphabet(self) -> Alphabet:
+        """Numbers within the bounds."""
+        mask = np.full(self.genome_bytes, 0xFF, np.uint8)
+        return Alphabet(mask, np.full(self.dimension, float(self.low)), np.full(self.dimension, float(self.high)))
+
+    @cached_property
+    def _kernels(self) -> Any:
+        """Looked up once: it is asked for in every generation."""
+        from genetics import real_kernels
+
+        return real_kernels
 
     def genes(self, genomes: Genomes) -> NDArray[np.float64]:
         """The coded numbers: (n, genome_bytes) to (n, dimension)."""

@@ -24,18 +24,49 @@ def best(fitness: Fitness, count: int) -> Cells:
     return chosen
 
 
-@kernel("void(uint8[:,:,::1], float64[:,::1], uint8[:,:,::1], float64[:,::1])")
-def admit(genomes: Genomes, fitness: Fitness, immigrants: Genomes, immigrant_fitness: Fitness) -> None:
-    """Each immigrant in turn replaces the worst of its row if it is better; of equal worst, the latest born goes."""
+@subroutine
+def _worst(fitness: Any) -> Any:
+    """Of several as bad, the latest born."""
+    worst = 0
+    for individual in range(1, fitness.size):
+        if fitness[individual] >= fitness[worst]:
+            worst = individual
+    return worst
+
+
+@kernel("void(uint8[:,:,::1], float64[:,::1], uint8[:,:,::1], float64[:,::1], int64[:,::1], int64)")
+def admit(
+    genomes: Genomes,
+    fitness: Fitness,
+    emigrants: Genomes,
+    emigrant_fitness: Fitness,
+    whence: Cells,
+    count: int,
+) -> None:
+    """Each immigrant in turn replaces the worst of its row if it is better; of equal worst, the latest born goes.
+
+    ``whence``, (rows, slots), says whose emigrants come, the first ``count`` of each. A slot that names its own row
+    brings none: an island must not be flooded with its own best.
+    """
     for row in range(fitness.shape[0]):
-        for immigrant in range(immigrant_fitness.shape[1]):
-            worst = 0
-            for individual in range(1, fitness.shape[1]):
-                if fitness[row, individual] >= fitness[row, worst]:
-                    worst = individual
-            if immigrant_fitness[row, immigrant] < fitness[row, worst]:
-                genomes[row, worst] = immigrants[row, immigrant]
-                fitness[row, worst] = immigrant_fitness[row, immigrant]
+        for slot in range(whence.shape[1]):
+            sender = whence[row, slot]
+            if sender == row:
+                continue
+            for immigrant in range(count):
+                worst = _worst(fitness[row])
+                if emigrant_fitness[sender, immigrant] < fitness[row, worst]:
+                    genomes[row, worst] = emigrants[sender, immigrant]
+                    fitness[row, worst] = emigrant_fitness[sender, immigrant]
+
+
+@kernel("int64(float64[::1])")
+def unsound(fitness: Fitness) -> int:
+    """The first index at which a fitness is none (NaN or -inf), or -1."""
+    for index in range(fitness.size):
+        if not fitness[index] > -np.inf:
+            return index
+    return -1
 
 
 @subroutine

@@ -11,19 +11,22 @@ States:
     failed: the problem broke; it has reported that.
 """
 
-import hashlib
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
+from node.history import History
+from node.inbox import Inbox
+from node.kernels import note_staleness
 from node.plan import Plan
-from node.rows import NEVER, Packets, Rows
+from node.rows import Rows
 from problems import EvaluationFailed
 from topologies import ROOT
-from wire.exchange import Champion, Emigrant, Exchange
-from wire.report import Reason, Report
+from wire.exchange import Champion
+from wire.exchange_kernels import JOB, SENT
+from wire.report import Reason, Report, Staleness
 
 State = Literal["prepared", "running", "stopped", "failed"]
 
@@ -34,12 +37,18 @@ class Start:
     """Every cell is prepared: begin."""
 
 
-@dataclass(frozen=True)
-class Heard:
-    """A neighbour's message has come."""
+class Heard(NamedTuple):
+    """A neighbour's message has come, as it travelled."""
 
     sender: int
-    message: Exchange
+    payload: bytes
+
+
+class Answered(NamedTuple):
+    """A neighbour has answered a question with its message: that had been lost."""
+
+    sender: int
+    payload: bytes
 
 
 @dataclass(frozen=True)
@@ -62,15 +71,14 @@ class Asked:
     question: object
 
 
-Event = Start | Heard | Propose | Waited | Asked
+Event = Start | Heard | Answered | Propose | Waited | Asked
 
 
 # Actions --------------------------------------------------------------------------------------------------------------
-@dataclass(frozen=True)
-class Publish:
+class Publish(NamedTuple):
     """Send a message to all neighbours."""
 
-    message: Exchange
+    payload: bytes
 
 
 @dataclass(frozen=True)
@@ -86,10 +94,18 @@ class Answer:
     """Give the message that was asked for."""
 
     question: object
-    message: Exchange
+    payload: bytes
 
 
-Action = Publish | Ask | Answer | Report
+@dataclass(frozen=True)
+class Complain:
+    """Say that a neighbour's messages are bad; it is said once for each neighbour and reason."""
+
+    sender: int
+    reason: str
+
+
+Action = Publish | Ask | Answer | Complain | Report
 
 
 class Cell:
@@ -100,16 +116,20 @@ class Cell:
         self.cell = cell
         self.job = job
         self.state: State = "prepared"
-        self.rows = Rows(plan, np.array([cell]))
-        self.slots = plan.topology.neighbours(cell)
-        self.neighbours = tuple(dict.fromkeys(other for other in self.slots if other != cell))
-        self.sent = self.received = self.lost = 0
-        # Lockstep: the messages not bred with yet, by neighbour and generation; a neighbour is at most one ahead.
-        self._inbox: dict[int, dict[int, Exchange]] = {other: {} for other in self.neighbours}
-        self._latest: dict[int, Exchange] = {}  # async: the latest from each neighbour
-        self._outbox: dict[int, Exchange] = {}  # the last two, by generation, for neighbours that miss one
-        self._asked: set[tuple[int, int]] = set()  # (neighbour, generation) of each question
-        self._digest = hashlib.sha256()
+        self.sent = 0
+        self.inbox = Inbox(plan, cell, job)
+        self.neighbours = self.inbox.neighbours
+        self.rows = Rows(plan, np.array([cell]), self.inbox.messages)
+        self.rows.messages.header[0, JOB] = job
+        self._is_async = plan.run.mode == "async"
+        self._tells_champion = plan.run.spy == "champion" or cell == ROOT
+        self._out = np.empty(plan.limits.most_bytes, np.uint8)
+        self._outbox: dict[int, bytes] = {}  # the last two, by generation, for neighbours that miss one
+        self._complaints: set[tuple[int, str]] = set()
+        self._answered = 0  # messages that were lost at first
+        self._used = np.zeros(plan.slots, np.int64)
+        self._staleness = np.zeros(len(Staleness._fields), np.int64)
+        self._history = History(1, plan.run.deme, plan.coding.genome_bytes)
 
     @property
     def ended(self) -> bool:
@@ -121,14 +141,20 @@ class Cell:
         """True iff `step` would breed a generation without any further event."""
         if self.state != "running":
             return False
-        return self._is_async or not self.rows.exchanging or not self._missing()
+        return self._is_async or not self.rows.exchanging or self.inbox.lacking == 0
 
-    def step(self, events: Iterable[Event] = ()) -> list[Action]:
-        """Take ``events`` in order, breed a generation if ready, and say what is to be done."""
+    def step(self, events: Sequence[Event] = ()) -> list[Action]:
+        """Take ``events``, breed a generation if ready, and say what is to be done.
+
+        Messages are taken first, all in one call; to keep them changes nothing for the other events.
+        """
         actions: list[Action] = []
         try:
-            for event in events:
-                self._take(event, actions)
+            news = [event for event in events if type(event) is Heard]
+            if news:
+                self._hear(news, actions)
+            if len(news) < len(events):
+                self._take([event for event in events if type(event) is not Heard], actions)
             if self.ready:
                 self._advance(actions)
         except EvaluationFailed as error:
@@ -136,112 +162,80 @@ class Cell:
         return actions
 
     @property
-    def champion(self) -> Champion | None:
-        """The best that this cell has seen or heard of, if anything feasible."""
-        return champion_of(self.rows, 0)
+    def lost(self) -> int:
+        """How many messages did not come when they were sent: none in lockstep, unless links fail."""
+        return self._answered + self.inbox.lost
 
     @property
-    def _is_async(self) -> bool:
-        return self.plan.run.mode == "async"
+    def champion(self) -> Champion | None:
+        """The best that this cell has seen or heard of, if anything feasible."""
+        return self.rows.messages.champion(0)
 
-    def _missing(self) -> list[int]:
-        generation = self.rows.generation
-        return [other for other, inbox in self._inbox.items() if generation not in inbox]
-
-    def _take(self, event: Event, actions: list[Action]) -> None:
-        match event:
-            case Asked(generation, question):
-                if generation in self._outbox:
-                    actions.append(Answer(question, self._outbox[generation]))
-            case _ if self.ended:
-                pass
-            case Start():
-                self.state = "running"
-                self.rows.begin()
-                self._generation_done(actions)
-            case Heard(sender, message):
-                self._hear(sender, message)
-            case Propose(reason):
-                self.rows.propose(0, reason)
-            case Waited():
+    def _take(self, events: Sequence[Event], actions: list[Action]) -> None:
+        for event in events:
+            if isinstance(event, Answered):
+                kept = self.inbox.kept
+                self._hear([event], actions)
+                self._answered += self.inbox.kept - kept
+            elif isinstance(event, Asked):
+                if event.generation in self._outbox:
+                    actions.append(Answer(event.question, self._outbox[event.generation]))
+            elif isinstance(event, Start):
+                self._begin(actions)
+            elif isinstance(event, Propose):
+                if not self.ended:
+                    self.rows.propose(0, event.reason)
+            else:
                 actions += self._questions()
 
-    def _hear(self, sender: int, message: Exchange) -> None:
-        if message.job != self.job or sender not in self._inbox:
-            return
-        if self._is_async:
-            latest = self._latest.get(sender)
-            self.lost += max(0, message.sent - 1 - (latest.sent if latest else 0))
-            self._latest[sender] = message
-        else:
-            inbox, now = self._inbox[sender], self.rows.generation
-            if message.generation in inbox or not now <= message.generation <= now + self.plan.run.interval:
-                return  # a late answer to a question, or nonsense
-            inbox[message.generation] = message
-            self.lost += (sender, message.generation) in self._asked
-        self.received += 1
+    def _begin(self, actions: list[Action]) -> None:
+        if self.state == "prepared":
+            self.state = "running"
+            self.rows.begin()
+            self._generation_done(actions)
+
+    def _hear(self, news: Sequence[Heard | Answered], actions: list[Action]) -> None:
+        if not self.ended:
+            new = {refusal for refusal in self.inbox.hear(news) if refusal not in self._complaints}
+            self._complaints |= new
+            actions += [Complain(sender, reason) for sender, reason in sorted(new)]
 
     def _questions(self) -> list[Action]:
         """In lockstep nothing waits for ever: ask the neighbours whose message of this generation has not come."""
         if self.state != "running" or self.ready:
             return []
         generation = self.rows.generation
-        missing = self._missing()
-        self._asked.update((other, generation) for other in missing)
-        return [Ask(other, generation) for other in missing]
+        return [Ask(other, generation) for other in self.inbox.missing()]
 
     def _advance(self, actions: list[Action]) -> None:
-        self.rows.advance(self._received() if self.rows.exchanging else None)
-        self._generation_done(actions)
-
-    def _received(self) -> Packets:
-        """What stands in each slot, shape (1, slots, ...); a slot that names the cell itself holds its own."""
-        if self._is_async:
-            heard = self._latest
+        rows = self.rows
+        if rows.exchanging:
+            if self._is_async:
+                note_staleness(rows.messages.header, self.inbox.whence, rows.generation, self._used, self._staleness)
+            rows.advance(rows.messages, self.inbox.take())
         else:
-            heard = {other: inbox.pop(self.rows.generation) for other, inbox in self._inbox.items()}
-        own = self._outbox[self.rows.generation]
-        messages = [heard.get(other, own) for other in self.slots]
-        senders = [other if other in heard else self.cell for other in self.slots]
-        return _packets(messages, senders, champions=self.plan.run.spy == "champion")
+            rows.advance(None, self.inbox.whence)
+        self._generation_done(actions)
 
     def _generation_done(self, actions: list[Action]) -> None:
         rows = self.rows
-        self._digest.update(rows.generation.to_bytes(8, "little"))
-        self._digest.update(rows.genomes.data)
-        self._digest.update(rows.fitness.data)
+        self._history.note(rows.generation, rows.genomes, rows.fitness)
         # Without lockstep there is no common generation to stop after: who hears of a stop passes it on and stops.
-        drains = self._is_async and rows.stop_at[0] != rows.limit
-        stops = drains or rows.generation >= rows.stop_at[0]
+        drains = self._is_async and rows.stop_at.item(0) != rows.limit
+        stops = drains or rows.generation >= rows.stop_at.item(0)
         if drains or (rows.exchanging and not stops):
             self._publish(actions)
         if stops:
             self._end("stopped", None, actions)
 
     def _publish(self, actions: list[Action]) -> None:
+        rows, generation = self.rows, self.rows.generation
         self.sent += 1
-        message = self._message()
-        generation = message.generation
-        previous = generation - self.plan.run.interval
-        self._outbox = {kept: self._outbox[kept] for kept in self._outbox.keys() & {previous}}
-        self._outbox[generation] = message
-        actions.append(Publish(message))
-
-    def _message(self) -> Exchange:
-        rows, packets = self.rows, self.rows.packets()
-        return Exchange(
-            self.job,
-            0,
-            rows.generation,
-            None if rows.stop_at[0] == NEVER else int(rows.stop_at[0]),
-            tuple(
-                Emigrant(genome.tobytes(), float(fitness))
-                for genome, fitness in zip(packets.emigrants[0], packets.emigrant_fitness[0], strict=True)
-            ),
-            self.champion if self.plan.run.spy == "champion" or self.cell == ROOT else None,
-            self.sent,
-            rows.evaluations,
-        )
+        rows.messages.header[0, SENT] = self.sent
+        payload = rows.messages.encode(0, self._tells_champion, self._out)
+        self._outbox.pop(generation - 2 * self.plan.run.interval, None)
+        self._outbox[generation] = payload
+        actions.append(Publish(payload))
 
     def _end(self, state: Literal["stopped", "failed"], error: str | None, actions: list[Action]) -> None:
         self.state = state
@@ -250,51 +244,16 @@ class Cell:
             Report(
                 cell=self.cell,
                 generation=self.rows.generation,
-                digest=self._digest.digest(),
+                digest=self._history.digests()[0],
                 evaluations=self.rows.evaluations if sound else 0,
                 sent=self.sent,
-                received=self.received,
+                received=self.inbox.kept,
                 lost=self.lost,
-                rejected=0,  # the bus knows
+                rejected=self.inbox.refused,
+                staleness=Staleness(*self._staleness.tolist()),
                 champion=self.champion,
                 proposals=tuple(self.rows.proposals),
                 deme=self.rows.genomes.tobytes() if sound else b"",
                 error=error,
             )
         )
-
-
-def champion_of(rows: Rows, row: int) -> Champion | None:
-    """The champion that a row knows, as it travels."""
-    if rows.champion_fitness[row] == np.inf:
-        return None
-    return Champion(
-        float(rows.champion_fitness[row]),
-        int(rows.champion_generation[row]),
-        int(rows.champion_cell[row]),
-        rows.champion[row].tobytes(),
-    )
-
-
-def _packets(messages: list[Exchange], senders: list[int], champions: bool) -> Packets:
-    """The arrays of some messages, shape (1, slots, ...).
-
-    Without ``champions``, under the paper's spy, a sender's best emigrant is all that is heard of it (only the spy may
-    look at the root's champion).
-    """
-    best = [
-        (message.champion if champions else None)
-        or Champion(message.emigrants[0].fitness, message.generation, sender, message.emigrants[0].genome)
-        for message, sender in zip(messages, senders, strict=True)
-    ]
-    genomes = b"".join(emigrant.genome for message in messages for emigrant in message.emigrants)
-    slots, emigrants = len(messages), len(messages[0].emigrants)
-    return Packets(
-        np.frombuffer(bytearray(genomes), np.uint8).reshape(1, slots, emigrants, -1),
-        np.array([[[emigrant.fitness for emigrant in message.emigrants] for message in messages]]),
-        np.frombuffer(bytearray(b"".join(each.genome for each in best)), np.uint8).reshape(1, slots, -1),
-        np.array([[each.fitness for each in best]]),
-        np.array([[each.generation for each in best]]),
-        np.array([[each.cell for each in best]]),
-        np.array([[NEVER if message.stop_at is None else message.stop_at for message in messages]]),
-    )

@@ -1,73 +1,143 @@
-"""The compiled rules of champions and stops, over rows of cells."""
+"""The compiled rules of what rows of cells know and tell: champions, stops, emigrants, and how old their news is.
+
+``header``, ``genomes`` and ``fitness`` are those of `wire.exchange.Messages`; a row's own message is what it knows.
+"""
+
+from typing import Any
 
 import numpy as np
 
 from genetics import Cells, Fitness, Genomes
-from genetics.compiled import kernel
+from genetics.compiled import kernel, subroutine
 from genetics.randomness import DELAY, draw, unit
+from wire.exchange_kernels import BIRTHPLACE, BORN, EVALUATIONS, GENERATION, SENT, STOP_AT, Header
 
 
 @kernel(
-    "void(uint8[:,::1], float64[::1], int64[::1], int64[::1], int64[::1], int64[::1], int64,"
-    "uint8[:,:,::1], float64[:,::1], int64[:,::1], int64[:,::1], int64[:,::1])"
+    "void(int64[:,::1], uint8[:,:,::1], float64[:,::1], int64[::1], int64,"
+    "int64[:,::1], uint8[:,:,::1], float64[:,::1], int64[:,::1])"
 )
 def believe(
-    champion: Genomes,
+    header: Header,
+    genomes: Genomes,
     fitness: Fitness,
-    generation: Cells,
-    cell: Cells,
-    stop_at: Cells,
     better_at: Cells,
     now: int,
-    heard_champion: Genomes,
+    heard_header: Header,
+    heard_genomes: Genomes,
     heard_fitness: Fitness,
-    heard_generation: Cells,
-    heard_cell: Cells,
-    heard_stop_at: Cells,
+    whence: Cells,
 ) -> None:
-    """Each row keeps the least stop, and the best champion, that it knows or hears of: heard_* are (rows, slots)."""
-    for row in range(fitness.size):
-        for slot in range(heard_fitness.shape[1]):
-            stop_at[row] = min(stop_at[row], heard_stop_at[row, slot])
-            if heard_fitness[row, slot] > fitness[row] or heard_fitness[row, slot] == np.inf:
+    """Each row keeps the least stop, and the best champion, that it knows or hears of.
+
+    ``whence``, (rows, slots), says which of the heard messages came to each slot.
+    """
+    last = fitness.shape[1] - 1
+    for row in range(whence.shape[0]):
+        for slot in range(whence.shape[1]):
+            sender = whence[row, slot]
+            header[row, STOP_AT] = min(header[row, STOP_AT], heard_header[sender, STOP_AT])
+            heard, known = heard_fitness[sender, last], fitness[row, last]
+            if heard > known or heard == np.inf:
                 continue
-            if heard_fitness[row, slot] == fitness[row]:
-                if heard_generation[row, slot] > generation[row]:
-                    continue
-                if heard_generation[row, slot] == generation[row] and heard_cell[row, slot] >= cell[row]:
-                    continue
-            else:
+            if heard < known:
                 better_at[row] = now
-            champion[row] = heard_champion[row, slot]
-            fitness[row] = heard_fitness[row, slot]
-            generation[row] = heard_generation[row, slot]
-            cell[row] = heard_cell[row, slot]
+            elif heard_header[sender, BORN] > header[row, BORN] or (
+                heard_header[sender, BORN] == header[row, BORN]
+                and heard_header[sender, BIRTHPLACE] >= header[row, BIRTHPLACE]
+            ):
+                continue
+            fitness[row, last] = heard
+            genomes[row, last] = heard_genomes[sender, last]
+            header[row, BORN] = heard_header[sender, BORN]
+            header[row, BIRTHPLACE] = heard_header[sender, BIRTHPLACE]
+
+
+@subroutine
+def _greet(
+    deme: Any, deme_fitness: Any, first: Any, cell: Any, now: Any, header: Any, genomes: Any, fitness: Any
+) -> Any:
+    """The best of a deme becomes the champion if it is better, of two as good the earlier born; whether it did."""
+    last = fitness.size - 1
+    if not deme_fitness[first] < fitness[last]:
+        return False
+    genomes[last] = deme[first]
+    fitness[last] = deme_fitness[first]
+    header[BORN] = now
+    header[BIRTHPLACE] = cell
+    return True
+
+
+@subroutine
+def _compose(deme: Any, deme_fitness: Any, first: Any, genomes: Any, fitness: Any) -> Any:
+    """Put the best of a deme, best first, into the row's message as emigrants."""
+    count = fitness.size - 1
+    if count == 1:
+        genomes[0] = deme[first]
+        fitness[0] = deme_fitness[first]
+    else:
+        order = np.argsort(deme_fitness, kind="mergesort")
+        for place in range(count):
+            genomes[place] = deme[order[place]]
+            fitness[place] = deme_fitness[order[place]]
 
 
 @kernel(
-    "void(uint8[:,:,::1], float64[:,::1], int64[::1], int64,"
-    "uint8[:,::1], float64[::1], int64[::1], int64[::1], int64[::1])"
+    "int64(uint8[:,:,::1], float64[:,::1], int64[::1], int64, int64,"
+    "int64[:,::1], uint8[:,:,::1], float64[:,::1], int64[::1], float64, int64, int64[::1])"
 )
-def greet(
-    genomes: Genomes,
-    demes: Fitness,
+def tell(
+    demes: Genomes,
+    deme_fitness: Fitness,
     cells: Cells,
     now: int,
-    champion: Genomes,
+    evaluations: int,
+    header: Header,
+    genomes: Genomes,
     fitness: Fitness,
-    generation: Cells,
-    cell: Cells,
     better_at: Cells,
-) -> None:
-    """The best of each row's deme becomes its champion if it is better; of two as good the earlier born stays."""
-    for row in range(fitness.size):
-        first = np.argmin(demes[row])
-        if demes[row, first] < fitness[row]:
-            champion[row] = genomes[row, first]
-            fitness[row] = demes[row, first]
-            generation[row] = now
-            cell[row] = cells[row]
+    target: float,
+    witness: int,
+    reached: Cells,
+) -> int:
+    """Put what has become of the demes into the rows' messages: champions and emigrants.
+
+    Fills ``reached`` with the rows that may say that the target is reached, and returns how many: those that bred the
+    champion just now, or only the cell ``witness`` unless that is negative.
+    """
+    count = 0
+    for row in range(cells.size):
+        first = np.argmin(deme_fitness[row])
+        header[row, GENERATION] = now
+        header[row, EVALUATIONS] = evaluations
+        deme, own_fitness, message = demes[row], deme_fitness[row], fitness[row]
+        born = _greet(deme, own_fitness, first, cells[row], now, header[row], genomes[row], message)
+        if born:
             better_at[row] = now
+        if message[-1] <= target and (born if witness < 0 else cells[row] == witness):
+            reached[count] = row
+            count += 1
+        _compose(deme, own_fitness, first, genomes[row], message)
+    return count
+
+
+@kernel("void(int64[:,::1], int64[:,::1], int64, int64[::1], int64[::1])")
+def note_staleness(header: Header, whence: Cells, now: int, used: Cells, staleness: Cells) -> None:
+    """Count the immigrants of one cell, how many generations they are behind (sum and most), and which come again.
+
+    ``used``, (slots,), is the number of the message that each slot gave last time; ``staleness`` holds the four counts.
+    A slot that names the cell itself, row 0, brings no immigrant.
+    """
+    for slot in range(whence.shape[1]):
+        sender = whence[0, slot]
+        if sender == 0:
+            continue
+        behind = max(0, now - header[sender, GENERATION])
+        staleness[0] += 1
+        staleness[1] += behind
+        staleness[2] = max(staleness[2], behind)
+        staleness[3] += header[sender, SENT] == used[slot]
+        used[slot] = header[sender, SENT]
 
 
 @kernel("float64(uint64, int64, int64, int64)")

@@ -3,9 +3,11 @@
 from dataclasses import dataclass
 from functools import cached_property
 
+import numpy as np
+
 import topologies
-from genetics.arrays import Evaluate
-from genetics.coding import Coding
+from genetics.arrays import Cells, Evaluate
+from genetics.coding import Coding, Keys
 from genetics.recipe import Recipe, evaluations_per_generation
 from problems import Problem, ProblemFile, Run
 from problems.guard import guarded, solved_at
@@ -49,7 +51,17 @@ class Plan:
     @cached_property
     def recipe(self) -> Recipe:
         """How they breed."""
-        return self.run.breeding(self.problem)
+        recipe = self.run.breeding(self.problem)
+        self.coding.check(recipe)
+        return recipe
+
+    def keys(self, cells: Cells, generation: int) -> Keys:
+        """What the random draws of some cells in a generation are keyed by."""
+        return Keys(cells, self._seed, generation)
+
+    @cached_property
+    def _seed(self) -> np.uint64:
+        return np.uint64(self.run.seed)
 
     @cached_property
     def evaluate(self) -> Evaluate:
@@ -78,9 +90,9 @@ class Plan:
     def limits(self) -> Limits:
         """What a message of this job may hold."""
         coding = self.coding
-        return Limits(coding.genome_bytes, self.run.emigrants, self.topology.cells, coding.accepts)
+        return Limits(coding.genome_bytes, self.run.emigrants, self.topology.cells, coding.alphabet)
 
-    @property
+    @cached_property
     def evaluations_per_generation(self) -> int:
         """By one cell."""
         return evaluations_per_generation(self.run.deme, self.slots, self.recipe)

@@ -1,11 +1,9 @@
-"""The process around a cell: Zenoh sessions, a mailbox, and the loop that carries out what the cell decides.
+"""The process around a cell: its links, its mail, and the threads that carry out what the cell decides.
 
-It has two sessions. The data session is a peer with direct links to the neighbours only, so an exchange crosses no
-router; the control session is a client of the router. The control session's liveliness token says that this node is
-alive *and* linked with all its neighbours: counting tokens is the ready barrier.
-
-Zenoh calls back on a thread of its own; callbacks only put mail into a queue, and everything else happens on the main
-thread.
+Zenoh calls back on a network thread of its own. In lockstep the cell is carried on right there, by the call that brings
+the last neighbour's message: a generation then costs no change of threads, which is most of what an exchange would
+cost. The main thread does whatever may take long or block: commands, reports, questions, generations that take their
+time, and all of async mode, where breeding goes on while messages come in.
 """
 
 import contextlib
@@ -14,59 +12,43 @@ import os
 import queue
 import threading
 import time
-from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Any
+from collections import deque
+from functools import partial
 
 import zenoh
 
 import topologies
-from node.cell import Action, Answer, Ask, Asked, Cell, Event, Heard, Propose, Publish, Start, Waited
+from node.berth import Berth
+from node.cell import (
+    Action,
+    Answer,
+    Answered,
+    Ask,
+    Asked,
+    Cell,
+    Complain,
+    Event,
+    Heard,
+    Propose,
+    Publish,
+    Start,
+    Waited,
+)
 from node.fingerprint import fingerprint
+from node.links import Links, Task
 from node.plan import Plan
 from problems import BadInput, ProblemFile
 from wire import control, sessions
-from wire.callbacks import direct, frequent
+from wire.callbacks import direct
 from wire.control import Begin, Done, Drop, Missed, Prepare, ProposeStop, Refused
-from wire.exchange import decode
-from wire.keys import Keys
 from wire.news import Counters, LogRecord
 from wire.report import Report
 from wire.strict import Rejected
 
-PATIENCE = 1.0  # seconds without a message, after which a lockstep node asks for it
+PATIENCE = 1.0  # seconds without a generation, at least, after which a lockstep node asks for what is missing
 MOST_REPORTS_PER_SECOND = 256  # of counters, over the whole cluster
-
-
-@dataclass(frozen=True)
-class Berth:
-    """A node's place in a cluster.
-
-    Attributes:
-        cluster: the cluster's name, part of every key.
-        node: the node's number; it lives on the cell of that number.
-        topology: who neighbours whom.
-        folder: a private folder for Unix sockets.
-    """
-
-    cluster: str
-    node: int
-    topology: str
-    folder: Path
-
-    @property
-    def keys(self) -> Keys:
-        """The cluster's key expressions."""
-        return Keys(self.cluster)
-
-    @property
-    def router(self) -> str:
-        """The endpoint of the cluster's router."""
-        return sessions.unix_socket(self.folder, "router")
-
-    def data_endpoint(self, node: int) -> str:
-        """Where the data session of a node listens."""
-        return sessions.unix_socket(self.folder, f"n{node}")
+BRISK_SECONDS = 2e-3  # of processor time: a generation that takes less may be bred on the network thread
+BRISK_BYTES = 1 << 14  # longer messages may have to wait for room to leave; on the network thread nothing may wait
 
 
 def live(berth: Berth) -> None:
@@ -77,21 +59,45 @@ def live(berth: Berth) -> None:
     NodeProcess(berth).run()
 
 
-@dataclass(frozen=True)
-class _News:
-    """A neighbour's message, not looked at yet."""
-
-    sender: int
-    payload: bytes
-
-
-@dataclass
 class _Assignment:
-    """The job that this node is at."""
+    """The job that this node is at.
 
-    cell: Cell
-    begun: zenoh.Query | None = None  # to be answered with the report
-    rejected: int = 0
+    Attributes:
+        events: for the cell; any thread may append.
+        turn: held by the thread that carries the cell on.
+        brisk: whether that is the network thread, for now.
+        begun: to be answered with the report.
+        bred_at: when the latest generation was bred, on the monotonic clock,
+        gap: and how long after the one before, in seconds.
+    """
+
+    def __init__(self, cell: Cell) -> None:
+        self.cell = cell
+        self.events: deque[Event] = deque()
+        self.turn = threading.Lock()
+        self.brisk = False
+        self.begun: zenoh.Query | None = None
+        self.bred_at = time.monotonic()
+        self.gap = 0.0
+        plan = cell.plan
+        self.in_lockstep = plan.run.mode == "lockstep"
+        self._may_be_brisk = self.in_lockstep and plan.problem.any_thread and plan.limits.most_bytes <= BRISK_BYTES
+
+    @property
+    def busy(self) -> bool:
+        """Whether there is something to do for the cell right now."""
+        return bool(self.events) or self.cell.ready
+
+    def step(self) -> list[Action]:
+        """Let the cell take the events that are here now, but not those that come meanwhile; within ``turn`` only."""
+        events = [self.events.popleft() for _ in range(len(self.events))]
+        generation, used = self.cell.rows.generation, time.thread_time()
+        actions = self.cell.step(events)
+        if self.cell.rows.generation != generation:
+            now = time.monotonic()
+            self.gap, self.bred_at = now - self.bred_at, now
+            self.brisk = self._may_be_brisk and time.thread_time() - used < BRISK_SECONDS
+        return actions
 
 
 class NodeProcess:
@@ -100,138 +106,121 @@ class NodeProcess:
     def __init__(self, berth: Berth) -> None:
         self.berth = berth
         self.keys = berth.keys
-        topology = topologies.parse(berth.topology)
-        slots = topology.neighbours(berth.node)
-        self.neighbours = tuple(dict.fromkeys(other for other in slots if other != berth.node))
-        self.mail: queue.SimpleQueue[_News | zenoh.Query] = queue.SimpleQueue()
+        self.mail: queue.SimpleQueue[Task] = queue.SimpleQueue()  # for the main thread
         self.assignment: _Assignment | None = None
-        self._complaints: set[tuple[int, str]] = set()
-        self._patience_ends = 0.0
+        self._questions_due = 0.0
         self._stats_due = 0.0
-        self._stats_period = max(1.0, topology.cells / MOST_REPORTS_PER_SECOND)
-        self._link(slots)
+        self._stats_period = max(1.0, topologies.parse(berth.topology).cells / MOST_REPORTS_PER_SECOND)
+        self.links = Links(berth, self._hear, self.mail.put)
         self._register()
 
-    def _link(self, slots: tuple[int, ...]) -> None:
-        """Open the data session and wait until every neighbour can be heard and hears.
-
-        Of two neighbours the one to whom the other is east or south connects. A node declares its token after its
-        subscriptions, on the same link: who sees the token may publish to it.
-        """
-        berth, node = self.berth, self.berth.node
-        links = {other for other in slots[1:3] if other != node}
-        self.data = sessions.peer(berth.data_endpoint(node), [berth.data_endpoint(other) for other in sorted(links)])
-        self.out = self.data.declare_publisher(self.keys.out(node))
-        self._subscribers = [
-            self.data.declare_subscriber(self.keys.out(other), frequent(self._hearer(other)))
-            for other in self.neighbours
-        ]
-        seen: set[str] = set()
-        complete = threading.Event()
-
-        def see(sample: zenoh.Sample) -> None:
-            seen.add(str(sample.key_expr))
-            if len(seen) == len(self.neighbours):
-                complete.set()
-
-        liveliness = self.data.liveliness()
-        watchers = [
-            liveliness.declare_subscriber(self.keys.node(other), direct(see), history=True) for other in self.neighbours
-        ]
-        self._data_token = liveliness.declare_token(self.keys.node(node))
-        if self.neighbours:
-            complete.wait()
-        for watcher in watchers:
-            watcher.undeclare()  # type: ignore[no-untyped-call]
-
-    def _hearer(self, sender: int) -> Any:
-        def hear(sample: zenoh.Sample) -> None:
-            self.mail.put(_News(sender, sample.payload.to_bytes()))
-
-        return hear
-
     def _register(self) -> None:
-        """Open the control session; the token comes last, since it means ready."""
-        node = self.berth.node
-        self.control = sessions.client(self.berth.router)
-        self.stats = self.control.declare_publisher(self.keys.stats(node))
-        self._queryable = self.control.declare_queryable(self.keys.control(node), direct(self.mail.put))
-        self._token = self.control.liveliness().declare_token(self.keys.node(node))
+        """The token comes last, since it means ready."""
+        node, session = self.berth.node, self.links.control
+        self.stats = session.declare_publisher(self.keys.stats(node))
+        self._queryable = session.declare_queryable(
+            self.keys.control(node), direct(lambda query: self.mail.put(partial(self._open_command, query)))
+        )
+        self._token = session.liveliness().declare_token(self.keys.node(node))
 
-    def run(self) -> None:
-        """Handle mail for ever; the coordinator ends the process."""
-        while True:
-            events = self._collect()
-            assignment = self.assignment
-            if assignment is None:
-                continue
-            for action in assignment.cell.step(events):
-                self._carry_out(assignment, action)
-            self._tell_counters(assignment)
-
-    def _collect(self) -> list[Event]:
-        """Wait for mail unless the cell can go on without, and turn all there is into events."""
-        events: list[Event] = []
-        cell = self.assignment.cell if self.assignment else None
-        waiting = cell is not None and cell.state == "running" and not cell.ready
-        if waiting or cell is None or cell.state != "running":
-            with contextlib.suppress(queue.Empty):
-                left = max(0.0, self._patience_ends - time.monotonic()) if waiting else None
-                self._open(self.mail.get(timeout=left), events)
-        # What is here now, but not what comes meanwhile: neighbours could keep this node reading for ever.
-        for _ in range(self.mail.qsize()):
-            self._open(self.mail.get_nowait(), events)
-        # Mail alone does not restart the clock, only progress: neighbours' own questions must not drown this one's.
-        if waiting and time.monotonic() >= self._patience_ends:
-            self._patience_ends = time.monotonic() + PATIENCE
-            events.append(Waited())
-        return events
-
-    def _open(self, mail: _News | zenoh.Query, events: list[Event]) -> None:
-        if isinstance(mail, _News):
-            self._open_news(mail, events)
-        else:
-            self._open_command(mail, events)
-
-    def _open_news(self, news: _News, events: list[Event]) -> None:
+    # On the network thread --------------------------------------------------------------------------------------------
+    def _hear(self, sender: int, payload: bytes) -> None:
         assignment = self.assignment
         if assignment is None:
             return
-        try:
-            events.append(Heard(news.sender, decode(news.payload, assignment.cell.plan.limits)))
-        except Rejected as error:
-            assignment.rejected += 1
-            self._complain(news.sender, error.reason)
+        assignment.events.append(Heard(sender, payload))
+        if assignment.brisk:
+            if len(assignment.events) >= assignment.cell.inbox.lacking:  # else the cell could only wait for more
+                self._carry_on_briskly(assignment)
+        elif assignment.in_lockstep:
+            self.mail.put(_nothing)  # wakes the main thread
 
-    def _complain(self, sender: int, reason: str) -> None:
-        """Say once for each sender and reason that its messages are bad; they are counted anyway."""
-        if (sender, reason) not in self._complaints:
-            self._complaints.add((sender, reason))
-            text = f"node {self.berth.node} rejects messages of node {sender}: {reason}"
-            self.control.put(self.keys.log, LogRecord("warning", self.berth.node, text).encode())
+    def _carry_on_briskly(self, assignment: _Assignment) -> None:
+        """Go on for as long as the cell can, unless the main thread is at it: that one looks again after its turn.
 
-    def _open_command(self, query: zenoh.Query, events: list[Event]) -> None:
+        Nothing here may block, so all but small messages to the neighbours is left to the main thread.
+        """
+        while assignment.brisk and assignment.busy and assignment.turn.acquire(blocking=False):
+            try:
+                for action in assignment.step():
+                    if isinstance(action, Publish):
+                        self.links.publish(action.payload)
+                    else:
+                        self.mail.put(partial(self._carry_out, assignment, action))
+            finally:
+                assignment.turn.release()
+        if not assignment.brisk:
+            self.mail.put(_nothing)
+
+    # On the main thread -----------------------------------------------------------------------------------------------
+    def run(self) -> None:
+        """Handle mail and carry the cell on for ever; the coordinator ends the process."""
+        while True:
+            self._open_mail()
+            assignment = self.assignment
+            if assignment is None:
+                continue
+            if assignment.busy:
+                self._carry_on(assignment)
+            if assignment.cell.state == "running":
+                self._mind_the_time(assignment)
+
+    def _open_mail(self) -> None:
+        """Wait for mail unless there is something else to do, and do all that it asks for."""
+        with contextlib.suppress(queue.Empty):
+            self.mail.get(timeout=self._idle_seconds())()
+        for _ in range(self.mail.qsize()):
+            self.mail.get_nowait()()
+
+    def _idle_seconds(self) -> float | None:
+        """How long nothing needs to be done without mail; None: for ever."""
+        assignment = self.assignment
+        if assignment is None or (assignment.cell.state != "running" and not assignment.events):
+            return None
+        if assignment.busy:
+            return 0.0
+        return max(0.0, min(self._stats_due, self._questions_due) - time.monotonic())
+
+    def _carry_on(self, assignment: _Assignment) -> None:
+        with assignment.turn:
+            for action in assignment.step():
+                self._carry_out(assignment, action)
+
+    def _mind_the_time(self, assignment: _Assignment) -> None:
+        """Ask for what a lockstep cell misses when it waits far longer than usual, and tell counters now and then."""
+        now = time.monotonic()
+        if assignment.in_lockstep and now >= self._questions_due:
+            waited = now - assignment.bred_at
+            patience = max(PATIENCE, 4 * assignment.gap)
+            if waited >= patience:
+                assignment.events.append(Waited())
+            self._questions_due = now + max(patience - waited, waited, PATIENCE / 2)  # less and less often
+        if now >= self._stats_due:
+            self._stats_due = now + self._stats_period
+            self._tell_counters(assignment.cell)
+
+    def _open_command(self, query: zenoh.Query) -> None:
         payload = query.payload.to_bytes() if query.payload is not None else b""
         try:
             command = control.decode(payload)
         except Rejected as error:
             _answer(query, Refused(f"node {self.berth.node}: bad command: {error.reason}"))
             return
+        assignment = self.assignment
         if isinstance(command, Prepare):
             _answer(query, self._prepare(command))
-        elif self.assignment is None or command.job != self.assignment.cell.job:
+        elif assignment is None or command.job != assignment.cell.job:
             _answer(query, Refused(f"node {self.berth.node} is not at job {command.job}"))
         elif isinstance(command, Begin):
-            self.assignment.begun = query
-            events.append(Start())
+            assignment.begun = query
+            assignment.events.append(Start())
         elif isinstance(command, ProposeStop):
-            events.append(Propose(command.reason))
+            assignment.events.append(Propose(command.reason))
             _answer(query, Done())
         elif isinstance(command, Missed):
-            events.append(Asked(command.generation, query))
+            assignment.events.append(Asked(command.generation, query))
         elif isinstance(command, Drop):
             self.assignment = None
-            events.clear()
             _answer(query, Done())
         else:
             _answer(query, Refused("that is a command for the spy"))
@@ -250,52 +239,50 @@ class NodeProcess:
 
     def _carry_out(self, assignment: _Assignment, action: Action) -> None:
         if isinstance(action, Publish):
-            self._patience_ends = time.monotonic() + PATIENCE
-            self.out.put(action.message.encode())
+            self.links.publish(action.payload)
         elif isinstance(action, Ask):
-            self._ask(action, assignment.cell.job)
+            self._ask(assignment, action)
         elif isinstance(action, Answer):
             assert isinstance(action.question, zenoh.Query)
             with action.question as query:
-                query.reply(query.key_expr, action.message.encode())
-        elif isinstance(action, Report):
-            self._report(assignment, replace(action, rejected=assignment.rejected))
+                query.reply(query.key_expr, action.payload)
+        elif isinstance(action, Complain):
+            text = f"node {self.berth.node} rejects messages of node {action.sender}: {action.reason}"
+            self.links.control.put(self.keys.log, LogRecord("warning", self.berth.node, text).encode())
+        elif isinstance(action, Report) and assignment.begun is not None:
+            with assignment.begun as query:
+                query.reply(query.key_expr, action.encode())
+            assignment.begun = None
 
-    def _ask(self, action: Ask, job: int) -> None:
+    def _ask(self, assignment: _Assignment, action: Ask) -> None:
         def hear(reply: zenoh.Reply) -> None:
             if reply.ok is not None:
-                self.mail.put(_News(action.neighbour, reply.ok.payload.to_bytes()))
+                assignment.events.append(Answered(action.neighbour, reply.ok.payload.to_bytes()))
+                self.mail.put(_nothing)
 
-        self.control.get(
+        self.links.control.get(
             self.keys.control(action.neighbour),
             direct(hear),
-            payload=control.encode(Missed(job, action.generation)),
+            payload=control.encode(Missed(assignment.cell.job, action.generation)),
             timeout=PATIENCE,
         )
 
-    def _report(self, assignment: _Assignment, report: Report) -> None:
-        if assignment.begun is not None:
-            with assignment.begun as query:
-                query.reply(query.key_expr, report.encode())
-            assignment.begun = None
-
-    def _tell_counters(self, assignment: _Assignment) -> None:
-        now = time.monotonic()
-        if now < self._stats_due or assignment.cell.state == "prepared":
-            return
-        self._stats_due = now + self._stats_period
-        cell = assignment.cell
+    def _tell_counters(self, cell: Cell) -> None:
         counters = Counters(
             self.berth.node,
             cell.job,
             cell.rows.generation,
             cell.rows.evaluations,
             cell.sent,
-            cell.received,
+            cell.inbox.kept,
             cell.lost,
-            assignment.rejected,
+            cell.inbox.refused,
         )
         self.stats.put(counters.encode())
+
+
+def _nothing() -> None:
+    """A task that only wakes the main thread."""
 
 
 def _answer(query: zenoh.Query, answer: Done | Refused) -> None:

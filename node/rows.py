@@ -1,132 +1,103 @@
 """The life of some rows of cells from generation to generation: breeding, champions and the agreement to stop.
 
 A node holds one row, the simulator one for each cell of the torus; the code is the same, and all of it is arrays and
-arithmetic. It knows nothing of messages: what neighbours said comes in as `Packets`, gathered by whoever drives it.
+arithmetic. It knows nothing of how messages come: what neighbours said lies in arrays, wherever they are from.
 """
 
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from genetics import Cells, Fitness, Genomes, Keys
+from genetics import Cells, Fitness, Genomes
 from genetics.breeding import breed
-from genetics.selection import best
-from node.kernels import believe, greet
+from genetics.coding import Immigrants
+from node.kernels import believe, tell
 from node.plan import Plan
 from topologies import ROOT
+from wire.exchange import NEVER, Messages
+from wire.exchange_kernels import BIRTHPLACE, BORN, STOP_AT
 from wire.report import Proposal, Reason
-
-NEVER = 1 << 62
-"""The generation of a stop that nobody has proposed."""
-
-
-class Packets(NamedTuple):
-    """What cells tell their neighbours in an exchange.
-
-    The leading shape is (rows,) for senders, (rows, slots) for what the rows have received from their neighbours.
-    """
-
-    emigrants: Genomes  # (..., emigrants, genome_bytes), best first
-    emigrant_fitness: Fitness  # (..., emigrants)
-    champion: Genomes  # (..., genome_bytes)
-    champion_fitness: Fitness  # (...), totally ordered by (fitness, generation, cell)
-    champion_generation: Cells  # (...)
-    champion_cell: Cells  # (...)
-    stop_at: Cells  # (...), NEVER if nobody proposed
-
-    def gather(self, senders: Cells) -> "Packets":
-        """The packets of ``senders``, shape (rows, slots)."""
-        return Packets._make(array[senders] for array in self)
 
 
 @dataclass
 class Rows:
-    """The demes of ``cells``, shape (rows,), all in the same generation."""
+    """The demes of ``cells``, shape (rows,), all in the same generation.
+
+    Attributes:
+        messages: the rows' own, and after them any others that there was room for. What a row knows is what it tells:
+            its message holds the champion, and the least stop, that it knows.
+    """
 
     plan: Plan
     cells: Cells
+    messages: Messages
     generation: int = 0
     proposals: list[Proposal] = field(default_factory=list)
 
     genomes: Genomes = field(init=False)  # (rows, deme, genome_bytes)
     fitness: Fitness = field(init=False)  # (rows, deme)
-    champion: Genomes = field(init=False)  # (rows, genome_bytes): the best each row has seen or heard of,
-    champion_fitness: Fitness = field(init=False)  # (rows,) its fitness,
-    champion_generation: Cells = field(init=False)  # (rows,) when it was born,
-    champion_cell: Cells = field(init=False)  # (rows,) and where
     stop_at: Cells = field(init=False)  # (rows,): the least each row has heard of
     better_at: Cells = field(init=False)  # (rows,): when its champion last became better
 
     def __post_init__(self) -> None:
         rows, plan = len(self.cells), self.plan
         self.limit = NEVER if plan.last_generation is None else plan.last_generation
-        self.stop_at = np.full(rows, self.limit)
+        self.messages.header[:rows, STOP_AT] = self.limit
+        self.messages.header[:rows, BORN] = NEVER
+        self.messages.header[:rows, BIRTHPLACE] = self.cells
+        self.stop_at = self.messages.header[:rows, STOP_AT]
         self.better_at = np.zeros(rows, np.int64)
-        self.champion = np.zeros((rows, plan.coding.genome_bytes), np.uint8)
-        self.champion_fitness = np.full(rows, np.inf)
-        self.champion_generation = np.full(rows, NEVER)
-        self.champion_cell = self.cells.copy()
-        self._immigrants: tuple[Genomes, Fitness] | None = None
-        self._homing = self._find_homing()
+        self._immigrants: Immigrants | None = None
+        self._reached = np.zeros(rows, np.int64)
+        self._target = -np.inf if plan.target is None else plan.target
+        # Under the paper's spy only what has come past the root is known, so there the root says it for all.
+        self._witness = ROOT if plan.run.spy == "root" else -1
+        self._stall = plan.run.stall_limit() if self.cells[0] == ROOT else None
+        # Looked up once: a node asks for these in every generation.
+        self._first_evaluations, self._each_evaluations = plan.run.deme, plan.evaluations_per_generation
+        self._interval, self._emigrants, self._alone = plan.run.interval, plan.run.emigrants, plan.run.deme == 1
+        self._coding, self._recipe = plan.coding, plan.recipe
+        together = rows == 1 or plan.problem.batches_alike
+        self._evaluate = plan.evaluate if together else self._evaluate_apart
 
     @property
     def evaluations(self) -> int:
         """Fitness calls of one row so far."""
-        return self.plan.run.deme + self.generation * self.plan.evaluations_per_generation
+        return self._first_evaluations + self.generation * self._each_evaluations
 
     @property
     def exchanging(self) -> bool:
         """Whether emigrants leave in this generation."""
-        return self.generation % self.plan.run.interval == 0
+        return self.generation % self._interval == 0
 
     def begin(self) -> None:
         """Draw and evaluate the first demes (§6, steps 1 and 2)."""
         plan = self.plan
-        keys = Keys(self.cells, plan.run.seed, 0)
-        self.genomes = plan.coding.random(keys, plan.run.deme)
+        self.genomes = plan.coding.random(plan.keys(self.cells, 0), plan.run.deme)
         flat = self.genomes.reshape(-1, plan.coding.genome_bytes)
         self.fitness = self._evaluate(flat).reshape(len(self.cells), plan.run.deme)
-        self._note_births()
-        self._propose()
+        self._tell()
 
-    def packets(self) -> Packets:
-        """What each row tells its neighbours now; shapes (rows, ...).
-
-        Under the paper's spy champions do not travel, only emigrants: what a neighbour sends is all that one hears of.
-        """
-        chosen = best(self.fitness, self.plan.run.emigrants)
-        rows = np.arange(len(self.cells))[:, None]
-        emigrants, fitness = self.genomes[rows, chosen], self.fitness[rows, chosen]
-        if self.plan.run.spy == "root":
-            born = np.full(len(self.cells), self.generation)
-            champion = (emigrants[:, 0], fitness[:, 0], born, self.cells)
-        else:
-            champion = (self.champion, self.champion_fitness, self.champion_generation, self.champion_cell)
-        return Packets(emigrants, fitness, *champion, self.stop_at)
-
-    def advance(self, received: Packets | None) -> None:
+    def advance(self, received: Messages | None, whence: Cells) -> None:
         """Take what the neighbours said (None in a generation without exchange) and breed the next generation.
 
-        Between exchanges an individual that lives alone breeds with the immigrants that it had last.
+        ``whence``, (rows, slots), says which message came to each slot; a slot that names the row's own number stands
+        for the cell itself. Between exchanges an individual that lives alone breeds with the immigrants it had last.
         """
-        plan = self.plan
-        if received is not None:
-            self._hear(received)
         self.generation += 1
-        alone = plan.run.deme == 1
+        if received is not None:
+            believe(*self.messages, self.better_at, self.generation, *received, whence)
+            self._immigrants = Immigrants(received.genomes, received.fitness, whence, self._emigrants)
         breed(
             self.genomes,
             self.fitness,
-            self._immigrants if alone or received is not None else None,
-            plan.coding,
-            plan.recipe,
+            self._immigrants if self._alone or received is not None else None,
+            self._coding,
+            self._recipe,
             self._evaluate,
-            Keys(self.cells, plan.run.seed, self.generation),
+            self.plan.keys(self.cells, self.generation),
         )
-        self._note_births()
-        self._propose()
+        self._tell()
 
     def propose(self, row: int, reason: Reason) -> None:
         """Let one row propose that all cells stop, as soon as all can have heard of it."""
@@ -135,72 +106,25 @@ class Rows:
             self.stop_at[row] = stop_at
             self.proposals.append(Proposal(stop_at, reason, int(self.cells[row]), self.generation))
 
-    def _evaluate(self, genomes: Genomes) -> Fitness:
-        """All rows at once only where that cannot change a bit: a row alone is what a node evaluates."""
-        rows = len(self.cells)
-        if rows == 1 or self.plan.problem.batches_alike:
-            return self.plan.evaluate(genomes)
-        return np.concatenate([self.plan.evaluate(part) for part in np.split(genomes, rows)])
+    def _evaluate_apart(self, genomes: Genomes) -> Fitness:
+        """Row by row, as nodes do: other batches could change a bit."""
+        return np.concatenate([self.plan.evaluate(part) for part in np.split(genomes, len(self.cells))])
 
-    def _find_homing(self) -> NDArray[np.bool_] | None:
-        """Which slots, (rows, slots, 1), name the cell itself: an island must not be flooded with its own best.
-
-        An individual alone does breed with itself there; it has nobody else.
-        """
-        if self.plan.run.deme == 1:
-            return None
-        slots = np.array([self.plan.topology.neighbours(int(cell)) for cell in self.cells])
-        homing = slots == self.cells[:, None]
-        return homing[:, :, None] if homing.any() else None
-
-    def _hear(self, received: Packets) -> None:
-        rows, slots, emigrants = received.emigrant_fitness.shape
-        fitness = received.emigrant_fitness
-        if self._homing is not None:
-            fitness = np.where(self._homing, np.inf, fitness)
-        self._immigrants = (
-            received.emigrants.reshape(rows, slots * emigrants, -1),
-            fitness.reshape(rows, slots * emigrants),
-        )
-        believe(
-            self.champion,
-            self.champion_fitness,
-            self.champion_generation,
-            self.champion_cell,
-            self.stop_at,
-            self.better_at,
-            self.generation + 1,
-            *received[2:],
-        )
-
-    def _note_births(self) -> None:
-        greet(
+    def _tell(self) -> None:
+        """Champions, emigrants, and the proposals that cells make by themselves: of the target, the root of a stall."""
+        reached = tell(
             self.genomes,
             self.fitness,
             self.cells,
             self.generation,
-            self.champion,
-            self.champion_fitness,
-            self.champion_generation,
-            self.champion_cell,
+            self.evaluations,
+            *self.messages,
             self.better_at,
+            self._target,
+            self._witness,
+            self._reached,
         )
-
-    def _propose(self) -> None:
-        """The proposals that cells make by themselves.
-
-        For the target it is the cell that bred the individual, for stall the root. The paper's spy (``spy = "root"``)
-        knows only what has come past the root, so there the root proposes for the target too.
-        """
-        run, target = self.plan.run, self.plan.target
-        if target is not None:
-            reached = self.champion_fitness <= target
-            if run.spy == "root":
-                reached &= self.cells == ROOT
-            else:
-                reached &= (self.champion_generation == self.generation) & (self.champion_cell == self.cells)
-            for row in np.flatnonzero(reached):
-                self.propose(int(row), "target")
-        stall = run.stall_limit()
-        if stall is not None and self.cells[0] == ROOT and self.generation - self.better_at[0] >= stall:
+        for row in range(reached):
+            self.propose(int(self._reached[row]), "target")
+        if self._stall is not None and self.generation - self.better_at[0] >= self._stall:
             self.propose(0, "stall")

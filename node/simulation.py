@@ -4,20 +4,21 @@ In lockstep all cells breed at once, as rows of the same kernels that nodes use;
 processes. Asynchronous runs are played by the cells' state machines over an in-process bus with seeded delays.
 """
 
-import hashlib
 import heapq
 from collections.abc import Callable
 
 import numpy as np
 
 from genetics import Fitness, Genomes
-from node.cell import Action, Cell, Event, Heard, Propose, Publish, Start, champion_of
+from node.cell import Action, Cell, Event, Heard, Propose, Publish, Start
+from node.history import History
 from node.kernels import delay
 from node.plan import Plan
 from node.rows import Rows
 from topologies import ROOT
-from wire.exchange import Champion
-from wire.report import Reason, Report
+from wire.exchange import Champion, Messages
+from wire.exchange_kernels import hear_emigrants_only
+from wire.report import Reason, Report, Staleness
 
 Watch = Callable[[int, Champion], None]
 """Called with the root's generation and champion, whenever the root knows of a better one."""
@@ -53,15 +54,15 @@ def simulate(
 
 def _lockstep(plan: Plan, watch: Watch, snapshot: Snapshot, outside: Outside) -> list[Report]:
     cells = np.arange(plan.topology.cells)
-    slots = np.array([plan.topology.neighbours(cell) for cell in range(len(cells))])
-    rows = Rows(plan, cells)
-    digests = [hashlib.sha256() for _ in cells]
+    neighbours = np.array([plan.topology.neighbours(cell) for cell in range(len(cells))])
+    rows = Rows(plan, cells, Messages.room(len(cells), plan.coding.genome_bytes, plan.run.emigrants))
+    history = History(len(cells), plan.run.deme, plan.coding.genome_bytes)
     published = 0
     rows.begin()
     while True:
-        _note(rows, digests)
+        history.note(rows.generation, rows.genomes, rows.fitness)
         snapshot(rows.generation, rows.genomes, rows.fitness)
-        champion = champion_of(rows, ROOT)
+        champion = rows.messages.champion(ROOT)
         if champion is not None and rows.better_at[ROOT] == rows.generation:
             watch(rows.generation, champion)
         if rows.generation >= rows.stop_at[ROOT]:
@@ -69,16 +70,16 @@ def _lockstep(plan: Plan, watch: Watch, snapshot: Snapshot, outside: Outside) ->
         if (reason := outside()) is not None:
             rows.propose(ROOT, reason)
         published += rows.exchanging
-        rows.advance(rows.packets().gather(slots) if rows.exchanging else None)
-    return [_report(rows, cell, digests[cell].digest(), published) for cell in range(len(cells))]
+        rows.advance(_heard(rows) if rows.exchanging else None, neighbours)
+    return [_report(rows, cell, digest, published) for cell, digest in enumerate(history.digests())]
 
 
-def _note(rows: Rows, digests: list["hashlib._Hash"]) -> None:
-    generation = rows.generation.to_bytes(8, "little")
-    for row, digest in enumerate(digests):
-        digest.update(generation)
-        digest.update(rows.genomes[row].data)
-        digest.update(rows.fitness[row].data)
+def _heard(rows: Rows) -> Messages:
+    """What every row says; a copy, since rows change what they know while they hear others."""
+    heard = rows.messages.copy()
+    if rows.plan.run.spy == "root":
+        hear_emigrants_only(*heard, rows.cells)
+    return heard
 
 
 def _report(rows: Rows, cell: int, digest: bytes, published: int) -> Report:
@@ -92,7 +93,8 @@ def _report(rows: Rows, cell: int, digest: bytes, published: int) -> Report:
         received=published * len(others),
         lost=0,
         rejected=0,
-        champion=champion_of(rows, cell),
+        staleness=Staleness(0, 0, 0, 0),
+        champion=rows.messages.champion(cell),
         proposals=tuple(each for each in rows.proposals if each.cell == cell),
         deme=rows.genomes[cell].tobytes(),
         error=None,
@@ -109,7 +111,7 @@ class _Delays:
         self.mail: list[list[Event]] = [[Start()] for _ in self.cells]
         self.reports: dict[int, Report] = {}
         self.best: Champion | None = None
-        self._seed = np.uint64(plan.run.seed)
+        self._seed = plan.keys(np.arange(0), 0).seed
         self._agenda: list[tuple[float, int, int, Event | None]] = []  # time, order, cell, mail or its turn
         self._order = 0
 
@@ -137,7 +139,7 @@ class _Delays:
         if isinstance(action, Publish):
             for index, other in enumerate(cell.neighbours):
                 arrival = now + MEAN_LATENCY * self._delay(cell.cell, 1 + index)
-                self._later(arrival, other, Heard(cell.cell, action.message))
+                self._later(arrival, other, Heard(cell.cell, action.payload))
         elif isinstance(action, Report):
             self.reports[cell.cell] = action
 

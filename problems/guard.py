@@ -15,6 +15,7 @@ _ANYTHING = (Exception, SystemExit)
 
 def guarded(problem: Problem) -> Evaluate:
     """``problem.evaluate`` that raises `EvaluationFailed` if it raises or returns NaN, or not one value for each."""
+    from genetics.selection import unsound
 
     def evaluate(genomes: Genomes) -> Fitness:
         try:
@@ -26,11 +27,10 @@ def guarded(problem: Problem) -> Evaluate:
             raise EvaluationFailed(
                 f"{problem.kind}: evaluate must return an array of shape ({len(genomes)},), got {fitness.shape}"
             )
-        wrong = np.flatnonzero(np.isnan(fitness) | (fitness == -np.inf))
-        if wrong.size:
+        if (wrong := unsound(fitness)) >= 0:
             raise EvaluationFailed(
-                f"{problem.kind}: evaluate must not return NaN or -inf, got {fitness[wrong[0]]}"
-                f" for genome {genomes[wrong[0]].tobytes().hex()}"
+                f"{problem.kind}: evaluate must not return NaN or -inf, got {fitness[wrong]}"
+                f" for genome {genomes[wrong].tobytes().hex()}"
             )
         return fitness
 

@@ -85,6 +85,9 @@ class Problem(Table):
     batches_alike: ClassVar[bool] = False
     """Whether `evaluate` gives the same bits however genomes are batched (matrix products do not)."""
 
+    any_thread: ClassVar[bool] = False
+    """Whether `evaluate` may be called on any thread (one at a time): small generations cost less then."""
+
     kind: str = Field(description="the kind of problem")
 
     @property
@@ -129,7 +132,7 @@ class Problem(Table):
         """
         try:
             genome = np.frombuffer(bytearray.fromhex(solution["genome"]), np.uint8)
-            accepted = self.coding.accepts(genome.tobytes())
+            accepted = self.coding.alphabet.admits(genome)
         except (KeyError, TypeError, ValueError, IndexError):
             accepted = False
         if not accepted:

@@ -13,8 +13,8 @@ from typing import Any
 
 import zenoh
 
+from node.berth import Berth
 from node.plan import Plan
-from node.process import Berth
 from problems import BadInput, ProblemFile
 from spy.collector import Collector
 from spy.judge import judge
@@ -79,7 +79,7 @@ class SpyProcess:
 
     def _link(self) -> None:
         """Link to the root and wait until it is there."""
-        self.data = sessions.peer(None, [self.berth.data_endpoint(ROOT)])
+        self.data = sessions.peer(None, [self.berth.data_endpoint_of(ROOT)])
         self._root = self.data.declare_subscriber(
             self.keys.out(ROOT), frequent(lambda sample: self.mail.put(_News(sample.payload.to_bytes())))
         )

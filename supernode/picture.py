@@ -4,7 +4,6 @@ from pathlib import Path
 
 import numpy as np
 
-from genetics import Keys
 from node.plan import Plan
 from problems import BadInput, ProblemFile
 from problems.problem import Populations
@@ -44,6 +43,6 @@ def _populations(result: Result, plan: Plan) -> Populations:
     """All individuals of the first generation (drawn again from the seed) and of the last."""
     cells = np.arange(plan.topology.cells)
     size = plan.coding.genome_bytes
-    first = plan.coding.random(Keys(cells, plan.run.seed, 0), plan.run.deme)
+    first = plan.coding.random(plan.keys(cells, 0), plan.run.deme)
     last = np.frombuffer(b"".join(result.demes), np.uint8)
     return {0: first.reshape(-1, size), result.generations: last.reshape(-1, size)}

@@ -1,15 +1,53 @@
-"""The message that a node publishes to its neighbours in each exchange (and, at the root, to the spy)."""
+"""The message that a node publishes to its neighbours in each exchange (and, at the root, to the spy).
 
-from collections.abc import Callable
+Cells keep messages as arrays (`Messages`), which compiled code reads, writes, packs and unpacks; an `Exchange` is one
+message as an object, for whoever looks at a few of them.
+"""
+
+import math
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-from wire.strict import Rejected, count, fields, fitness, of, pack, unpack
+import numpy as np
 
-VERSION = 1
-_FIELDS = 8
+from genetics.arrays import Fitness, Genomes
+from genetics.coding import Alphabet
+from wire import exchange_kernels as kernels
+from wire.exchange_kernels import HEADER, NEVER, VERSION, Header
+from wire.strict import Rejected, count, fields, fitness, of
+
+__all__ = [
+    "NEVER",
+    "REASONS",
+    "VERSION",
+    "Champion",
+    "Emigrant",
+    "Exchange",
+    "Header",
+    "Limits",
+    "Messages",
+    "decode",
+]
+
 _OVERHEAD = 256  # bytes of a message beside its genomes, more than enough
 _EACH = 24  # bytes of an emigrant beside its genome
+REASONS = {
+    kernels.TOO_LONG: "too long",
+    kernels.NOT_MSGPACK: "not msgpack",
+    kernels.NOT_AN_ARRAY: "not an array",
+    kernels.WRONG_SHAPE: "wrong shape",
+    kernels.WRONG_TYPE: "wrong type",
+    kernels.OUT_OF_BOUNDS: "out of bounds",
+    kernels.NOT_FINITE: "not finite",
+    kernels.OTHER_VERSION: "other version",
+    kernels.GENOME_TOO_LONG: "genome too long",
+    kernels.NO_SUCH_GENOME: "no such genome",
+}
+
+
+def most_bytes(genome_bytes: int, emigrants: int) -> int:
+    """The longest message that can be right."""
+    return _OVERHEAD + genome_bytes + emigrants * (_EACH + genome_bytes)
 
 
 class Emigrant(NamedTuple):
@@ -29,13 +67,80 @@ class Champion(NamedTuple):
 
     @staticmethod
     def of(value: object) -> "Champion":
-        """The champion in an unpacked message; whether its genome is one is for the receiver to ask.
+        """The champion in an unpacked report or command; whether its genome is one is for the receiver to ask.
 
         Raises:
             Rejected: whatever is wrong with it.
         """
         its_fitness, generation, cell, genome = fields(value, 4)
         return Champion(fitness(its_fitness), count(generation), count(cell), of(bytes, genome))
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What a receiver accepts for the job it is at.
+
+    Attributes:
+        genome_bytes: the bytes of a genome.
+        emigrants: the exact number of emigrants in a message.
+        cells: the number of cells.
+        alphabet: what the job's genomes are made of.
+    """
+
+    genome_bytes: int
+    emigrants: int
+    cells: int
+    alphabet: Alphabet
+
+    @property
+    def most_bytes(self) -> int:
+        """The longest message that can be right."""
+        return most_bytes(self.genome_bytes, self.emigrants)
+
+
+class Messages(NamedTuple):
+    """Messages as arrays; ``n`` of them.
+
+    Attributes:
+        header: shape (n, HEADER), the columns named in `wire.exchange_kernels`; ``stop_at`` is NEVER if there is none.
+        genomes: (n, emigrants + 1, genome_bytes), the emigrants best first, then the champion.
+        fitness: (n, emigrants + 1), theirs; a champion of +inf stands for none.
+    """
+
+    header: Header
+    genomes: Genomes
+    fitness: Fitness
+
+    @staticmethod
+    def room(rows: int, genome_bytes: int, emigrants: int) -> "Messages":
+        """Room for that many."""
+        return Messages(
+            np.zeros((rows, HEADER), np.int64),
+            np.zeros((rows, emigrants + 1, genome_bytes), np.uint8),
+            np.full((rows, emigrants + 1), np.inf),
+        )
+
+    def copy(self) -> "Messages":
+        """The same, in room of their own."""
+        return Messages._make(array.copy() for array in self)
+
+    def encode(self, row: int, champion: bool, out: Genomes) -> bytes:
+        """One of them as msgpack, with its champion if wanted; ``out`` is room for the longest that can be right."""
+        return out[: kernels.encode(*self, row, champion, out)].tobytes()
+
+    def decode(self, row: int, payload: bytes, limits: Limits) -> str | None:
+        """Unpack into one row. Returns None, or the reason why the message is refused (then the row holds anything)."""
+        code = kernels.decode(payload, limits.most_bytes, limits.cells, *limits.alphabet, *self, row)
+        return None if code == 0 else REASONS[-code]
+
+    def champion(self, row: int) -> Champion | None:
+        """The champion of one of them."""
+        its_fitness = float(self.fitness[row, -1])
+        if its_fitness == math.inf:
+            return None
+        header = self.header[row]
+        born, birthplace = int(header[kernels.BORN]), int(header[kernels.BIRTHPLACE])
+        return Champion(its_fitness, born, birthplace, self.genomes[row, -1].tobytes())
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,42 +167,35 @@ class Exchange:
     sent: int
     evaluations: int
 
-    def encode(self) -> bytes:
-        """As msgpack."""
-        return pack(
-            (
-                VERSION,
-                self.job,
-                self.world,
-                self.generation,
-                self.stop_at,
-                self.emigrants,
-                self.champion,
-                (self.sent, self.evaluations),
-            )
+    @staticmethod
+    def of(messages: Messages, row: int) -> "Exchange":
+        """One of the messages."""
+        job, world, generation, stop_at, sent, evaluations, *_ = messages.header[row].tolist()
+        emigrants = zip(messages.genomes[row, :-1], messages.fitness[row].tolist(), strict=False)
+        return Exchange(
+            job,
+            world,
+            generation,
+            None if stop_at == NEVER else stop_at,
+            tuple(Emigrant(genome.tobytes(), its_fitness) for genome, its_fitness in emigrants),
+            messages.champion(row),
+            sent,
+            evaluations,
         )
 
-
-@dataclass(frozen=True)
-class Limits:
-    """What a receiver accepts for the job it is at.
-
-    Attributes:
-        genome_bytes: the most bytes of a genome.
-        emigrants: the exact number of emigrants in a message.
-        cells: the number of cells.
-        accepts: whether a genome is one that the job's coding could have made.
-    """
-
-    genome_bytes: int
-    emigrants: int
-    cells: int
-    accepts: Callable[[bytes], bool]
-
-    @property
-    def most_bytes(self) -> int:
-        """The longest message that can be right."""
-        return _OVERHEAD + self.genome_bytes + self.emigrants * (_EACH + self.genome_bytes)
+    def encode(self) -> bytes:
+        """As msgpack."""
+        genome_bytes = len(self.emigrants[0].genome)
+        messages = Messages.room(1, genome_bytes, len(self.emigrants))
+        stop_at = NEVER if self.stop_at is None else self.stop_at
+        champion = self.champion or Champion(math.inf, 0, 0, bytes(genome_bytes))
+        counts = (self.job, self.world, self.generation, stop_at, self.sent, self.evaluations)
+        messages.header[0] = (*counts, champion.generation, champion.cell)
+        everyone = [*self.emigrants, Emigrant(champion.genome, champion.fitness)]
+        messages.genomes[0] = [np.frombuffer(each.genome, np.uint8) for each in everyone]
+        messages.fitness[0] = [each.fitness for each in everyone]
+        room = most_bytes(genome_bytes, len(self.emigrants))
+        return messages.encode(0, True, np.empty(room, np.uint8))
 
 
 def decode(payload: bytes, limits: Limits) -> Exchange:
@@ -106,40 +204,8 @@ def decode(payload: bytes, limits: Limits) -> Exchange:
     Raises:
         Rejected: whatever is wrong with it; nothing else is ever raised.
     """
-    version, job, world, generation, stop_at, emigrants, champion, counters = fields(
-        unpack(payload, limits.most_bytes, max(_FIELDS, limits.emigrants)), _FIELDS
-    )
-    if version != VERSION or type(version) is not int:
-        raise Rejected("other version")
-    sent, evaluations = fields(counters, 2)
-    return Exchange(
-        count(job),
-        count(world),
-        count(generation),
-        None if stop_at is None else count(stop_at),
-        tuple(_emigrant(each, limits) for each in fields(emigrants, limits.emigrants)),
-        None if champion is None else _champion(champion, limits),
-        count(sent),
-        count(evaluations),
-    )
-
-
-def _emigrant(value: Any, limits: Limits) -> Emigrant:
-    genome, its_fitness = fields(value, 2)
-    return Emigrant(_genome(genome, limits), fitness(its_fitness))
-
-
-def _champion(value: Any, limits: Limits) -> Champion:
-    champion = Champion.of(value)
-    count(champion.cell, limits.cells)
-    _genome(champion.genome, limits)
-    return champion
-
-
-def _genome(value: Any, limits: Limits) -> bytes:
-    genome = of(bytes, value)
-    if len(genome) > limits.genome_bytes:
-        raise Rejected("genome too long")
-    if not limits.accepts(genome):
-        raise Rejected("no such genome")
-    return genome
+    messages = Messages.room(1, limits.genome_bytes, limits.emigrants)
+    reason = messages.decode(0, payload, limits)
+    if reason is not None:
+        raise Rejected(reason)
+    return Exchange.of(messages, 0)

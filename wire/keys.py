@@ -19,6 +19,10 @@ class Keys:
         """The liveliness token of a node."""
         return f"{self._base}/node/{node}"
 
+    def routed(self, node: int) -> str:
+        """The liveliness token of a node that hears some neighbours through the router."""
+        return f"{self.node(node)}/routed"
+
     @property
     def any_node(self) -> str:
         """The liveliness tokens of all nodes."""

@@ -19,6 +19,22 @@ class Proposal(NamedTuple):
     generation: int
 
 
+class Staleness(NamedTuple):
+    """How old the news was that an asynchronous cell bred with.
+
+    Attributes:
+        immigrants: how many it bred with, slot by slot.
+        behind: the sum of the generations that they were behind the cell's own.
+        furthest: the most that one was behind.
+        again: how many came with a message that had been used before.
+    """
+
+    immigrants: int
+    behind: int
+    furthest: int
+    again: int
+
+
 @dataclass(frozen=True)
 class Report:
     """What a cell has to say of its life when it stops.
@@ -26,6 +42,7 @@ class Report:
     Attributes:
         generation: after which it stopped.
         digest: SHA-256 over (generation, deme) of each of its generations.
+        staleness: zeros in lockstep.
         champion: the best that it has seen or heard of.
         proposals: the stops that it proposed.
         deme: its last individuals, each of them whole, one after the other.
@@ -40,6 +57,7 @@ class Report:
     received: int
     lost: int
     rejected: int
+    staleness: Staleness
     champion: Champion | None
     proposals: tuple[Proposal, ...]
     deme: bytes
@@ -56,7 +74,7 @@ class Report:
         Raises:
             Rejected: whatever is wrong with it.
         """
-        cell, generation, digest, *counters, champion, proposals, deme, error = fields(unpack(payload), 12)
+        cell, generation, digest, *counters, staleness, champion, proposals, deme, error = fields(unpack(payload), 13)
         evaluations, sent, received, lost, rejected = (count(each) for each in counters)
         return Report(
             count(cell),
@@ -67,6 +85,7 @@ class Report:
             received,
             lost,
             rejected,
+            Staleness(*(count(each) for each in fields(staleness, len(Staleness._fields)))),
             None if champion is None else Champion.of(champion),
             tuple(_proposal(each) for each in of(list, proposals)),
             of(bytes, deme),

@@ -94,6 +94,7 @@ topology = "torus 4x4"
 seed = 1
 """
     batches_alike: ClassVar[bool] = True
+    any_thread: ClassVar[bool] = True
 
     target: Place = quantity("m", "where the tip shall be, [x, y]")
     bits: int = quantity("bit", "bits of each joint angle", default=8, ge=1, le=62)

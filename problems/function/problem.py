@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import model_validator
 
-from genetics.arrays import Fitness, Genomes
+from genetics.arrays import Evaluate, Fitness, Genomes, writable
 from genetics.recipe import Recipe
 from problems.function import checker
 from problems.function.graph import Graph
@@ -66,6 +66,7 @@ topology = "torus 4x4"
 seed = 1
 """
     batches_alike: ClassVar[bool] = True
+    any_thread: ClassVar[bool] = True
 
     name: Name = quantity("", "the function")
     dimension: int = quantity(
@@ -153,24 +154,30 @@ seed = 1
             _burn(self.cost_us * len(genomes))
         return values
 
-    def _values(self, genomes: Genomes) -> Fitness:
+    @cached_property
+    def _values(self) -> Evaluate:
+        """The function itself; looked up once, since it is called in every generation."""
         from problems.function import kernels
 
         if self.bounds is not None:
-            values: Fitness = getattr(kernels, self.name)(self.points(genomes))
-            return values
-        integers = self._bit_string.integers(genomes)
+            compiled = getattr(kernels, self.name)
+            if self.bits == 0:
+                return lambda genomes: compiled(writable(genomes).view(np.float64))
+            return lambda genomes: compiled(self.points(genomes))
+        integers = self._bit_string.integers
         if self.graph is not None:
-            offset = self.graph.planted_cut + self.graph.least_squares
-            return kernels.partition(integers, self.graph.edges, self.graph.parts, offset)
-        return kernels.onemax(integers) if self.name == "onemax" else kernels.trap(integers, self.block)
+            graph, offset = self.graph, self.graph.planted_cut + self.graph.least_squares
+            return lambda genomes: kernels.partition(integers(genomes), graph.edges, graph.parts, offset)
+        if self.name == "onemax":
+            return lambda genomes: kernels.onemax(integers(genomes))
+        return lambda genomes: kernels.trap(integers(genomes), _TRAP)
 
     def points(self, genomes: Genomes) -> NDArray[np.float64]:
         """The numbers that genomes code, (n, dimension)."""
         if self.bounds is None:
             raise TypeError(f"the parameters of {self.name} are not numbers")
         if self.bits == 0:
-            return np.require(genomes, np.uint8, ["C", "W"]).view(np.float64)
+            return writable(genomes).view(np.float64)
         low, high = self.bounds
         return low + (high - low) * self._bit_string.integers(genomes) / ((1 << self.bits) - 1)
 

@@ -101,6 +101,7 @@ topology = "torus 4x4"
 seed = 1
 """
     batches_alike: ClassVar[bool] = True
+    any_thread: ClassVar[bool] = True
 
     start: Pose = quantity("m, m, rad", "where the robot stands: [x, y, heading]")
     goal: Pose = quantity("m, m, rad", "where it shall go: [x, y, heading]")

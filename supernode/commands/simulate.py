@@ -75,7 +75,6 @@ class _Outside:
 def _simulate(file: "ProblemFile", terminal: "Terminal", log: "RunLog", outside: _Outside) -> "Result":
     import numpy as np
 
-    from genetics import Keys
     from node import Plan, simulate
     from node.fingerprint import fingerprint
     from problems import EvaluationFailed
@@ -86,7 +85,7 @@ def _simulate(file: "ProblemFile", terminal: "Terminal", log: "RunLog", outside:
     plan = Plan.of(file)
     collector = Collector(plan, job=1)
     with contextlib.suppress(EvaluationFailed):  # loads compiled code, off the clock
-        plan.evaluate(plan.coding.random(Keys(np.arange(1), 0, 0), 1)[0])
+        plan.evaluate(plan.coding.random(plan.keys(np.arange(1), 0), 1)[0])
     outside.began = time.monotonic()
     log.write("start", job=1, run=file.run.model_dump())
 

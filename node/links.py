@@ -1,0 +1,121 @@
+"""A node's links to its neighbours: direct ones, and through the router where a direct one is not possible.
+
+The data session is a peer with direct links to the neighbours only, so an exchange crosses no router. A neighbour whom
+no direct link reaches (it lives on another network) is heard through the router instead, for as long as that is so;
+what comes by both ways the cell ignores once.
+"""
+
+import threading
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import zenoh
+
+import topologies
+from node.berth import Berth
+from wire import sessions
+from wire.callbacks import direct, frequent
+
+_DIRECT_WITHIN = 10.0  # seconds that a direct link may take to come up; a thousand nodes start in less
+
+Hear = Callable[[int, bytes], None]
+"""Called on Zenoh's thread with the sender and its message."""
+Task = Callable[[], None]
+
+
+class Links:
+    """The sessions of one node, and who is heard by which.
+
+    Args:
+        berth: the node's place.
+        hear: takes a neighbour's message.
+        later: runs a task on the main thread: on Zenoh's thread nothing may be declared.
+    """
+
+    def __init__(self, berth: Berth, hear: Hear, later: Callable[[Task], None]) -> None:
+        self.keys = berth.keys
+        self.node = berth.node
+        self.slots = topologies.parse(berth.topology).neighbours(berth.node)
+        self.neighbours = tuple(dict.fromkeys(other for other in self.slots if other != berth.node))
+        self._hear = hear
+        self._later = later
+        self._changed = threading.Condition()
+        self._linked: set[int] = set()  # the neighbours with a direct link
+        self._routed: dict[int, Any] = {}  # the others, with their subscribers
+        self._listening: set[int] = set()  # those of them who say that they listen to the router
+        self._routed_out: zenoh.Publisher | None = None
+        self._open(berth)
+        self._wait()
+
+    def publish(self, payload: bytes) -> None:
+        """Send to every neighbour."""
+        self._out.put(payload)
+        if self._routed_out is not None:
+            self._routed_out.put(payload)
+
+    def _open(self, berth: Berth) -> None:
+        """Of two neighbours the one to whom the other is east or south connects.
+
+        A node declares its token after its subscriptions, on the same link: who sees the token may publish to it.
+        """
+        links = {other for other in self.slots[1:3] if other != self.node}
+        self.data = sessions.peer(berth.data_endpoint, [berth.data_endpoint_of(other) for other in sorted(links)])
+        self.control = sessions.client(berth.router)
+        self._out = self.data.declare_publisher(self.keys.out(self.node))
+        self._subscribers = [self._subscribe(self.data, other) for other in self.neighbours]
+        liveliness = self.data.liveliness()
+        self._watchers = [
+            liveliness.declare_subscriber(self.keys.node(other), direct(partial(self._see, other)), history=True)
+            for other in self.neighbours
+        ]
+        self._token = liveliness.declare_token(self.keys.node(self.node))
+
+    def _subscribe(self, session: zenoh.Session, sender: int) -> Any:
+        hear = self._hear
+        return session.declare_subscriber(
+            self.keys.out(sender), frequent(lambda sample: hear(sender, sample.payload.to_bytes()))
+        )
+
+    def _see(self, neighbour: int, sample: zenoh.Sample) -> None:
+        """A direct link has come up or gone."""
+        with self._changed:
+            if sample.kind == zenoh.SampleKind.PUT:
+                self._linked.add(neighbour)
+            else:
+                self._linked.discard(neighbour)
+            self._changed.notify_all()
+        self._later(self._reroute)
+
+    def _wait(self) -> None:
+        """Until every neighbour is linked; those who are not in time are heard through the router."""
+        with self._changed:
+            if self._changed.wait_for(lambda: len(self._linked) == len(self.neighbours), _DIRECT_WITHIN):
+                return
+        self._reroute()
+        with self._changed:
+            self._changed.wait_for(lambda: self._linked | self._listening >= set(self.neighbours))
+
+    def _reroute(self) -> None:
+        """Hear exactly those through the router who have no direct link."""
+        for neighbour in self.neighbours:
+            if neighbour in self._linked and neighbour in self._routed:
+                for declared in self._routed.pop(neighbour):
+                    declared.undeclare()
+            elif neighbour not in self._linked and neighbour not in self._routed:
+                self._routed[neighbour] = self._route(neighbour)
+        if self._routed and self._routed_out is None:
+            self._routed_out = self.control.declare_publisher(self.keys.out(self.node))
+            self._routed_token = self.control.liveliness().declare_token(self.keys.routed(self.node))
+
+    def _route(self, neighbour: int) -> list[Any]:
+        """Listen to a neighbour through the router, and for its word that it listens too."""
+
+        def see(_: zenoh.Sample) -> None:
+            with self._changed:
+                self._listening.add(neighbour)
+                self._changed.notify_all()
+
+        subscriber = self._subscribe(self.control, neighbour)
+        watcher = self.control.liveliness().declare_subscriber(self.keys.routed(neighbour), direct(see), history=True)
+        return [subscriber, watcher]
