@@ -7,8 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from genetics import operators
 from genetics.arrays import Cells, Genomes
 from genetics.compiled import kernel, subroutine
+from genetics.operators import MATING, Table
 from genetics.randomness import CROSS, INITIAL, MUTATE, STRAY, below, draw, unit
 
 
@@ -138,6 +140,33 @@ def recombine(
     return offspring
 
 
+@subroutine
+def _mate(
+    own: Any,
+    emigrants: Any,
+    whence: Any,
+    each: Any,
+    offspring: Any,
+    seed: Any,
+    cell: Any,
+    generation: Any,
+    length: Any,
+    uniform: Any,
+    rate: Any,
+    one_bit: Any,
+) -> Any:
+    """The offspring of one row, see `mate`."""
+    for couple in range(whence.size * each):
+        immigrant = emigrants[whence[couple // each], couple % each]
+        one, other = offspring[2 * couple], offspring[2 * couple + 1]
+        _cross(own, immigrant, one, other, seed, cell, generation, couple, length, uniform)
+    if rate > 0.0:
+        for child in range(offspring.shape[0]):
+            _mutate(offspring[child], rate, length, seed, cell, generation, child)
+    if one_bit:
+        _stray(offspring, seed, cell, generation, length)
+
+
 @kernel(
     "uint8[:,:,::1](uint8[:,:,::1], uint8[:,:,::1], int64[:,::1], int64,"
     "uint64, int64[::1], int64, int64, boolean, float64, boolean)"
@@ -162,17 +191,28 @@ def mate(
     rows, slots = whence.shape
     offspring = np.empty((rows, 2 * slots * each, genomes.shape[2]), np.uint8)
     for row in range(rows):
-        cell, own, children = cells[row], genomes[row, 0], offspring[row]
-        for couple in range(slots * each):
-            immigrant = emigrants[whence[row, couple // each], couple % each]
-            one, other = children[2 * couple], children[2 * couple + 1]
-            _cross(own, immigrant, one, other, seed, cell, generation, couple, length, uniform)
-        if rate > 0.0:
-            for child in range(2 * slots * each):
-                _mutate(children[child], rate, length, seed, cell, generation, child)
-        if one_bit:
-            _stray(children, seed, cell, generation, length)
+        own, children, cell = genomes[row, 0], offspring[row], cells[row]
+        _mate(own, emigrants, whence[row], each, children, seed, cell, generation, length, uniform, rate, one_bit)
     return offspring
+
+
+@kernel(MATING)
+def mating(
+    own: Genomes,
+    emigrants: Genomes,
+    whence: Cells,
+    each: int,
+    offspring: Genomes,
+    seed: np.uint64,
+    cell: int,
+    generation: int,
+    table: Table,
+) -> None:
+    """`mate` for one row; its table: length, uniform, one_bit, rate."""
+    choices = operators.integers(table, 0)[0]
+    length, uniform, one_bit = choices[0], choices[1] != 0, choices[2] != 0
+    rate = operators.reals(table, 1)[0, 0]
+    _mate(own, emigrants, whence, each, offspring, seed, cell, generation, length, uniform, rate, one_bit)
 
 
 @kernel("int64[::1](uint8[:,:,::1], uint64, int64[::1], int64, int64)")
@@ -184,21 +224,27 @@ def mutate_one(individuals: Genomes, seed: np.uint64, cells: Cells, generation: 
     return changed
 
 
+@subroutine
+def integers_of(genome: Any, bits: Any, gray: Any, values: Any) -> Any:
+    """Fill ``values`` with the integers that a genome codes, ``bits`` bits each."""
+    bit = 0
+    for parameter in range(values.size):
+        value = np.int64(0)
+        last = np.int64(0)
+        for _ in range(bits):
+            digit = np.int64(genome[bit >> 3] >> (7 - (bit & 7))) & 1
+            if gray:
+                digit ^= last
+                last = digit
+            value = (value << 1) | digit
+            bit += 1
+        values[parameter] = value
+
+
 @kernel("int64[:,::1](uint8[:,::1], int64, int64, boolean)")
 def integers(genomes: Genomes, parameters: int, bits: int, gray: bool) -> Cells:
     """The coded integers, shape (n, parameters)."""
     values = np.empty((genomes.shape[0], parameters), np.int64)
     for row in range(genomes.shape[0]):
-        bit = 0
-        for parameter in range(parameters):
-            value = np.int64(0)
-            last = np.int64(0)
-            for _ in range(bits):
-                digit = np.int64(genomes[row, bit >> 3] >> (7 - (bit & 7))) & 1
-                if gray:
-                    digit ^= last
-                    last = digit
-                value = (value << 1) | digit
-                bit += 1
-            values[row, parameter] = value
+        integers_of(genomes[row], bits, gray, values[row])
     return values

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 from genetics.arrays import Cells, Genomes, writable
 from genetics.coding import Alphabet, Immigrants, Keys
 from genetics.recipe import ONE_BIT, Recipe
+
+if TYPE_CHECKING:
+    from genetics.operators import Operator
 
 MOST_BITS = 62
 
@@ -84,6 +87,15 @@ class BitString:
             one_bit,
         )
         return offspring
+
+    def mating(self, recipe: Recipe) -> "Operator":
+        """`mate` for one row, compiled."""
+        from genetics.operators import Operator
+
+        one_bit = recipe.mutation == ONE_BIT
+        rate = 0.0 if one_bit else float(recipe.mutation)
+        choices = [self.length, recipe.crossover == "uniform", one_bit]
+        return Operator.of(self._kernels.mating, choices, rate)
 
     def mutate_one(self, individuals: Genomes, keys: Keys) -> Cells:
         """Flip one random bit of one random individual of each row (§3.1 step 5)."""

@@ -1,11 +1,14 @@
 """What breeding asks of a coding, whatever a genome means."""
 
-from typing import NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 
 from genetics.arrays import Cells, Fitness, Genomes
 from genetics.recipe import Recipe
+
+if TYPE_CHECKING:
+    from genetics.operators import Operator
 
 
 class Keys(NamedTuple):
@@ -94,6 +97,10 @@ class Coding(Protocol):
         With the one-bit rule `mutate_one` has been done to the offspring too; shape (rows, 2 * immigrants,
         genome_bytes).
         """
+        ...
+
+    def mating(self, recipe: Recipe) -> "Operator":
+        """`mate` for one row, as an operator of signature MATING."""
         ...
 
     def mutate_one(self, individuals: Genomes, keys: Keys) -> Cells:

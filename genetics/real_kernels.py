@@ -4,8 +4,9 @@ from typing import Any
 
 import numpy as np
 
-from genetics.arrays import Cells, Fitness
+from genetics.arrays import Cells, Fitness, Genomes
 from genetics.compiled import kernel, subroutine
+from genetics.operators import MATING, Table, integers, reals
 from genetics.randomness import CROSS, INITIAL, MUTATE, draw, normal, unit
 
 BLEND = 0.5  # how far beyond its parents an offspring may lie, as a share of their distance (BLX-alpha)
@@ -80,6 +81,31 @@ def recombine(
     return offspring
 
 
+@subroutine
+def _mate(
+    own: Any,
+    emigrants: Any,
+    whence: Any,
+    each: Any,
+    offspring: Any,
+    seed: Any,
+    cell: Any,
+    generation: Any,
+    low: Any,
+    high: Any,
+    uniform: Any,
+    rate: Any,
+) -> Any:
+    """The offspring of one row, see `mate`."""
+    for number in range(offspring.shape[0]):
+        couple = number // 2
+        immigrant = emigrants[whence[couple // each], couple % each]
+        if number % 2 == 0:
+            _child(own, immigrant, offspring[number], seed, cell, generation, number, low, high, uniform, rate)
+        else:
+            _child(immigrant, own, offspring[number], seed, cell, generation, number, low, high, uniform, rate)
+
+
 @kernel(
     "float64[:,:,::1](float64[:,:,::1], float64[:,:,::1], int64[:,::1], int64,"
     "uint64, int64[::1], int64, float64, float64, boolean, float64)"
@@ -101,10 +127,26 @@ def mate(
     rows, slots = whence.shape
     offspring = np.empty((rows, 2 * slots * each, genes.shape[2]))
     for row in range(rows):
-        for number in range(2 * slots * each):
-            couple = number // 2
-            own, other = genes[row, 0], emigrants[whence[row, couple // each], couple % each]
-            if number % 2:
-                own, other = other, own
-            _child(own, other, offspring[row, number], seed, cells[row], generation, number, low, high, uniform, rate)
+        own, children, cell = genes[row, 0], offspring[row], cells[row]
+        _mate(own, emigrants, whence[row], each, children, seed, cell, generation, low, high, uniform, rate)
     return offspring
+
+
+@kernel(MATING)
+def mating(
+    own: Genomes,
+    emigrants: Genomes,
+    whence: Cells,
+    each: int,
+    offspring: Genomes,
+    seed: np.uint64,
+    cell: int,
+    generation: int,
+    table: Table,
+) -> None:
+    """`mate` for one row; its table: uniform; then low, high, rate."""
+    uniform = integers(table, 0)[0, 0] != 0
+    numbers = reals(table, 1)[0]
+    low, high, rate = numbers[0], numbers[1], numbers[2]
+    genes, others, children = own.view(np.float64), emigrants.view(np.float64), offspring.view(np.float64)
+    _mate(genes, others, whence, each, children, seed, cell, generation, low, high, uniform, rate)

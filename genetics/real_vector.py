@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 from genetics.arrays import Cells, Fitness, Genomes
 from genetics.coding import Alphabet, Immigrants, Keys
 from genetics.recipe import ONE_BIT, Recipe
+
+if TYPE_CHECKING:
+    from genetics.operators import Operator
 
 
 @dataclass(frozen=True)
@@ -79,6 +82,14 @@ class RealVector:
             recipe.mutation,
         )
         return offspring.view(np.uint8)
+
+    def mating(self, recipe: Recipe) -> "Operator":
+        """`mate` for one row, compiled."""
+        from genetics.operators import Operator
+
+        assert recipe.mutation != ONE_BIT, "refused by check"
+        numbers = [float(self.low), float(self.high), float(recipe.mutation)]
+        return Operator.of(self._kernels.mating, recipe.crossover == "uniform", numbers)
 
     def mutate_one(self, individuals: Genomes, keys: Keys) -> Cells:
         """Not for real vectors: `check` has refused the recipe that asks for it."""

@@ -60,13 +60,20 @@ def admit(
                     fitness[row, worst] = emigrant_fitness[sender, immigrant]
 
 
-@kernel("int64(float64[::1])")
-def unsound(fitness: Fitness) -> int:
+@subroutine
+def first_unsound(fitness: Any) -> Any:
     """The first index at which a fitness is none (NaN or -inf), or -1."""
     for index in range(fitness.size):
         if not fitness[index] > -np.inf:
             return index
     return -1
+
+
+@kernel("int64(float64[::1])")
+def unsound(fitness: Fitness) -> int:
+    """`first_unsound` for Python."""
+    index: int = first_unsound(fitness)
+    return index
 
 
 @subroutine
@@ -96,16 +103,22 @@ def couples_by_rank(fitness: Fitness, seed: np.uint64, cells: Cells, generation:
     return couples
 
 
+@subroutine
+def take_place(genomes: Any, fitness: Any, offspring: Any, offspring_fitness: Any, elitist: Any) -> Any:
+    """`replace_local` for one row."""
+    child = np.argmin(offspring_fitness)
+    if not (elitist and fitness[0] < offspring_fitness[child]):
+        genomes[0] = offspring[child]
+        fitness[0] = offspring_fitness[child]
+
+
 @kernel("void(uint8[:,:,::1], float64[:,::1], uint8[:,:,::1], float64[:,::1], boolean)")
 def replace_local(
     genomes: Genomes, fitness: Fitness, offspring: Genomes, offspring_fitness: Fitness, elitist: bool
 ) -> None:
     """The best offspring takes the place of the single local individual (§6), unless that is better and elitist."""
     for row in range(fitness.shape[0]):
-        child = np.argmin(offspring_fitness[row])
-        if not (elitist and fitness[row, 0] < offspring_fitness[row, child]):
-            genomes[row, 0] = offspring[row, child]
-            fitness[row, 0] = offspring_fitness[row, child]
+        take_place(genomes[row], fitness[row], offspring[row], offspring_fitness[row], elitist)
 
 
 @kernel("void(uint8[:,:,::1], float64[:,::1], int64[:,:,::1], uint8[:,:,::1], float64[:,::1], boolean)")

@@ -9,8 +9,48 @@ import numpy as np
 
 from genetics import Cells, Fitness, Genomes
 from genetics.compiled import kernel, subroutine
+from genetics.operators import Table, call_fitness, call_mating
 from genetics.randomness import DELAY, draw, unit
+from genetics.selection import first_unsound, take_place
 from wire.exchange_kernels import BIRTHPLACE, BORN, EVALUATIONS, GENERATION, SENT, STOP_AT, Header
+
+
+@subroutine
+def _is_better(heard: Any, heard_header: Any, known: Any, header: Any) -> Any:
+    """Whether a champion heard of comes before the one known, by (fitness, generation, cell) of birth."""
+    if heard == known:
+        if heard_header[BORN] == header[BORN]:
+            return heard_header[BIRTHPLACE] < header[BIRTHPLACE]
+        return heard_header[BORN] < header[BORN]
+    return heard < known
+
+
+@subroutine
+def _believe(
+    header: Any,
+    genomes: Any,
+    fitness: Any,
+    better_at: Any,
+    row: Any,
+    now: Any,
+    heard_header: Any,
+    heard_genomes: Any,
+    heard_fitness: Any,
+    whence: Any,
+) -> Any:
+    """`believe` for one row."""
+    last = fitness.shape[1] - 1
+    for sender in whence:
+        header[row, STOP_AT] = min(header[row, STOP_AT], heard_header[sender, STOP_AT])
+        heard, known = heard_fitness[sender, last], fitness[row, last]
+        if heard == np.inf or not _is_better(heard, heard_header[sender], known, header[row]):
+            continue
+        if heard < known:
+            better_at[row] = now
+        fitness[row, last] = heard
+        genomes[row, last] = heard_genomes[sender, last]
+        header[row, BORN] = heard_header[sender, BORN]
+        header[row, BIRTHPLACE] = heard_header[sender, BIRTHPLACE]
 
 
 @kernel(
@@ -32,25 +72,19 @@ def believe(
 
     ``whence``, (rows, slots), says which of the heard messages came to each slot.
     """
-    last = fitness.shape[1] - 1
     for row in range(whence.shape[0]):
-        for slot in range(whence.shape[1]):
-            sender = whence[row, slot]
-            header[row, STOP_AT] = min(header[row, STOP_AT], heard_header[sender, STOP_AT])
-            heard, known = heard_fitness[sender, last], fitness[row, last]
-            if heard > known or heard == np.inf:
-                continue
-            if heard < known:
-                better_at[row] = now
-            elif heard_header[sender, BORN] > header[row, BORN] or (
-                heard_header[sender, BORN] == header[row, BORN]
-                and heard_header[sender, BIRTHPLACE] >= header[row, BIRTHPLACE]
-            ):
-                continue
-            fitness[row, last] = heard
-            genomes[row, last] = heard_genomes[sender, last]
-            header[row, BORN] = heard_header[sender, BORN]
-            header[row, BIRTHPLACE] = heard_header[sender, BIRTHPLACE]
+        _believe(
+            header,
+            genomes,
+            fitness,
+            better_at,
+            row,
+            now,
+            heard_header,
+            heard_genomes,
+            heard_fitness,
+            whence[row],
+        )
 
 
 @subroutine
@@ -82,6 +116,32 @@ def _compose(deme: Any, deme_fitness: Any, first: Any, genomes: Any, fitness: An
             fitness[place] = deme_fitness[order[place]]
 
 
+@subroutine
+def _tell(
+    deme: Any,
+    deme_fitness: Any,
+    cell: Any,
+    now: Any,
+    evaluations: Any,
+    header: Any,
+    genomes: Any,
+    fitness: Any,
+    better_at: Any,
+    row: Any,
+    target: Any,
+    witness: Any,
+) -> Any:
+    """`tell` for one row; whether it may say that the target is reached."""
+    first = np.argmin(deme_fitness)
+    header[GENERATION] = now
+    header[EVALUATIONS] = evaluations
+    born = _greet(deme, deme_fitness, first, cell, now, header, genomes, fitness)
+    if born:
+        better_at[row] = now
+    _compose(deme, deme_fitness, first, genomes, fitness)
+    return fitness[-1] <= target and (born if witness < 0 else cell == witness)
+
+
 @kernel(
     "int64(uint8[:,:,::1], float64[:,::1], int64[::1], int64, int64,"
     "int64[:,::1], uint8[:,:,::1], float64[:,::1], int64[::1], float64, int64, int64[::1])"
@@ -107,18 +167,106 @@ def tell(
     """
     count = 0
     for row in range(cells.size):
-        first = np.argmin(deme_fitness[row])
-        header[row, GENERATION] = now
-        header[row, EVALUATIONS] = evaluations
-        deme, own_fitness, message = demes[row], deme_fitness[row], fitness[row]
-        born = _greet(deme, own_fitness, first, cells[row], now, header[row], genomes[row], message)
-        if born:
-            better_at[row] = now
-        if message[-1] <= target and (born if witness < 0 else cells[row] == witness):
+        if _tell(
+            demes[row],
+            deme_fitness[row],
+            cells[row],
+            now,
+            evaluations,
+            header[row],
+            genomes[row],
+            fitness[row],
+            better_at,
+            row,
+            target,
+            witness,
+        ):
             reached[count] = row
             count += 1
-        _compose(deme, own_fitness, first, genomes[row], message)
     return count
+
+
+@kernel(
+    "int64(int64, int64[:,::1], int64, int64[:,::1], uint8[:,:,::1], float64[:,::1], uint8[:,::1], float64[::1],"
+    "int64[:,::1], boolean, int64, boolean, uint64, int64, int64, int64,"
+    "int64[:,::1], uint8[:,:,::1], float64[:,::1], int64[::1], float64, int64)"
+)
+def live_on(
+    mating: int,
+    mating_table: Table,
+    judging: int,
+    judging_table: Table,
+    deme: Genomes,
+    deme_fitness: Fitness,
+    offspring: Genomes,
+    offspring_fitness: Fitness,
+    whence: Cells,
+    hears: bool,
+    each: int,
+    elitist: bool,
+    seed: np.uint64,
+    cell: int,
+    now: int,
+    evaluations: int,
+    header: Header,
+    genomes: Genomes,
+    fitness: Fitness,
+    better_at: Cells,
+    target: float,
+    witness: int,
+) -> int:
+    """A whole generation of a node with one individual: believe, mate, judge, replace, tell; §6 in one call.
+
+    Args:
+        mating: address of the coding's operator, and ``mating_table``.
+        mating_table: see there.
+        judging: address of the problem's fitness, and ``judging_table``.
+        judging_table: see there.
+        deme: shape (1, 1, genome_bytes), and ``deme_fitness``, (1, 1).
+        deme_fitness: see there.
+        offspring: room for (2 * slots * each, genome_bytes), and for ``offspring_fitness``.
+        offspring_fitness: see there.
+        whence: as in `believe`.
+        hears: whether there are new messages; without, the immigrants of last time come again.
+        each: emigrants of each sender.
+        elitist: whether only an offspring that is as good may replace the individual.
+        seed: of the run.
+        cell: of the node.
+        now: the generation that is bred.
+        evaluations: of the cell, with those of this generation.
+        header: of the messages, the cell's own in row 0, as are ``genomes`` and ``fitness``.
+        genomes: see there.
+        fitness: see there.
+        better_at: as in `believe`.
+        target: as in `tell`.
+        witness: as in `tell`.
+
+    Returns 1 if the cell may say that the target is reached, else 0; or -1 - the index of an offspring whose fitness is
+    none, and then nothing has been replaced.
+    """
+    if hears:
+        _believe(header, genomes, fitness, better_at, 0, now, header, genomes, fitness, whence[0])
+    call_mating(mating, deme[0, 0], genomes, whence[0], each, offspring, seed, cell, now, mating_table)
+    call_fitness(judging, offspring, offspring_fitness, judging_table)
+    wrong = first_unsound(offspring_fitness)
+    if wrong >= 0:
+        return int(-1 - wrong)
+    take_place(deme[0], deme_fitness[0], offspring, offspring_fitness, elitist)
+    reached = _tell(
+        deme[0],
+        deme_fitness[0],
+        cell,
+        now,
+        evaluations,
+        header[0],
+        genomes[0],
+        fitness[0],
+        better_at,
+        0,
+        target,
+        witness,
+    )
+    return int(reached)
 
 
 @kernel("void(int64[:,::1], int64[:,::1], int64, int64[::1], int64[::1])")

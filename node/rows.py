@@ -4,6 +4,7 @@ A node holds one row, the simulator one for each cell of the torus; the code is 
 arithmetic. It knows nothing of how messages come: what neighbours said lies in arrays, wherever they are from.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -11,7 +12,7 @@ import numpy as np
 from genetics import Cells, Fitness, Genomes
 from genetics.breeding import breed
 from genetics.coding import Immigrants
-from node.kernels import believe, tell
+from node.kernels import believe, live_on, tell
 from node.plan import Plan
 from topologies import ROOT
 from wire.exchange import NEVER, Messages
@@ -58,6 +59,7 @@ class Rows:
         self._interval, self._emigrants, self._alone = plan.run.interval, plan.run.emigrants, plan.run.deme == 1
         self._coding, self._recipe = plan.coding, plan.recipe
         together = rows == 1 or plan.problem.batches_alike
+        self._in_one_call: Callable[[bool, Cells], int] | None = None
         self._evaluate = plan.evaluate if together else self._evaluate_apart
 
     @property
@@ -77,6 +79,7 @@ class Rows:
         flat = self.genomes.reshape(-1, plan.coding.genome_bytes)
         self.fitness = self._evaluate(flat).reshape(len(self.cells), plan.run.deme)
         self._tell()
+        self._in_one_call = self._compiled()
 
     def advance(self, received: Messages | None, whence: Cells) -> None:
         """Take what the neighbours said (None in a generation without exchange) and breed the next generation.
@@ -85,6 +88,9 @@ class Rows:
         for the cell itself. Between exchanges an individual that lives alone breeds with the immigrants it had last.
         """
         self.generation += 1
+        if self._in_one_call is not None:
+            self._propose(self._in_one_call(received is not None, whence))
+            return
         if received is not None:
             believe(*self.messages, self.better_at, self.generation, *received, whence)
             self._immigrants = Immigrants(received.genomes, received.fitness, whence, self._emigrants)
@@ -106,12 +112,46 @@ class Rows:
             self.stop_at[row] = stop_at
             self.proposals.append(Proposal(stop_at, reason, int(self.cells[row]), self.generation))
 
+    def _compiled(self) -> Callable[[bool, Cells], int] | None:
+        """A generation as one compiled call, for a single individual whose problem's fitness is compiled."""
+        plan, judging = self.plan, self.plan.problem.judging
+        if not self._alone or len(self.cells) > 1 or judging is None:
+            return None
+        mating = self._coding.mating(self._recipe)
+        count = 2 * plan.slots * self._emigrants
+        offspring = np.zeros((count, plan.coding.genome_bytes), np.uint8)
+        operators = (mating.address, mating.table, judging.address, judging.table)
+        before = (*operators, self.genomes, self.fitness, offspring, np.zeros(count))
+        choices = (self._emigrants, self._recipe.replacement == "elitist", plan.keys(self.cells, 0).seed)
+        cell = int(self.cells[0])
+
+        def live(hears: bool, whence: Cells) -> int:
+            reached = live_on(
+                *before,
+                whence,
+                hears,
+                *choices,
+                cell,
+                self.generation,
+                self.evaluations,
+                *self.messages,
+                self.better_at,
+                self._target,
+                self._witness,
+            )
+            if reached < 0:
+                plan.evaluate(offspring[-1 - reached][None])  # says what is wrong with it
+            return reached
+
+        self._kept = (mating, judging)  # compiled code holds addresses of their arrays
+        return live
+
     def _evaluate_apart(self, genomes: Genomes) -> Fitness:
         """Row by row, as nodes do: other batches could change a bit."""
         return np.concatenate([self.plan.evaluate(part) for part in np.split(genomes, len(self.cells))])
 
     def _tell(self) -> None:
-        """Champions, emigrants, and the proposals that cells make by themselves: of the target, the root of a stall."""
+        """Champions, emigrants and proposals."""
         reached = tell(
             self.genomes,
             self.fitness,
@@ -124,6 +164,10 @@ class Rows:
             self._witness,
             self._reached,
         )
+        self._propose(reached)
+
+    def _propose(self, reached: int) -> None:
+        """What cells propose by themselves: that the target is ``reached``, and the root a stall."""
         for row in range(reached):
             self.propose(int(self._reached[row]), "target")
         if self._stall is not None and self.generation - self.better_at[0] >= self._stall:

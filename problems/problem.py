@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from genetics.coding import Coding
+    from genetics.operators import Operator
 
 RecipeName = Literal["tuned", "paper"]
 Solution = dict[str, Any]  # plain JSON values
@@ -98,6 +99,11 @@ class Problem(Table):
     @abstractmethod
     def evaluate(self, genomes: Genomes) -> Fitness:
         """The fitness of each genome: (n, genome_bytes) to (n,), never NaN; the same for the same genome."""
+
+    @property
+    def judging(self) -> Operator | None:
+        """`evaluate` as compiled code, of signature `genetics.operators.FITNESS`, if there is such; both must agree."""
+        return None
 
     @property
     def solved_at(self) -> float | None:

@@ -1,98 +1,127 @@
-"""The compiled values of the known functions, of many points at once."""
+"""The compiled values of the known functions, of many genomes at once.
+
+All have the signature `genetics.operators.FITNESS`. The table of functions of numbers: bits of each parameter (0: they
+are float64), whether by Gray code, parameters; then the bounds. That of functions of bits: bits of each parameter,
+whether by Gray code, parameters; then what the function says.
+"""
+
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from genetics.arrays import Fitness
-from genetics.compiled import kernel
-
-Points = NDArray[np.float64]  # (n, dimension)
-Integers = NDArray[np.int64]
+from genetics.arrays import Fitness, Genomes
+from genetics.bit_kernels import integers_of
+from genetics.compiled import kernel, subroutine
+from genetics.operators import FITNESS, Table, integers, reals
 
 
-@kernel("float64[::1](float64[:,::1])")
-def sphere(points: Points) -> Fitness:
+@subroutine
+def _points(genomes: Any, table: Any) -> Any:
+    """The numbers that genomes code, (n, parameters)."""
+    layout, bounds = integers(table, 0)[0], reals(table, 1)[0]
+    bits, gray, parameters = layout[0], layout[1] != 0, layout[2]
+    if bits == 0:
+        return genomes.view(np.float64)
+    points = np.empty((genomes.shape[0], parameters))
+    values = np.empty(parameters, np.int64)
+    low, high, steps = bounds[0], bounds[1], (np.int64(1) << bits) - 1
+    for row in range(genomes.shape[0]):
+        integers_of(genomes[row], bits, gray, values)
+        for parameter in range(parameters):
+            points[row, parameter] = low + (high - low) * values[parameter] / steps
+    return points
+
+
+@kernel(FITNESS)
+def sphere(genomes: Genomes, fitness: Fitness, table: Table) -> None:
     """Σ x²: one smooth valley."""
-    values = np.zeros(points.shape[0])
-    for row in range(points.shape[0]):
+    points = _points(genomes, table)
+    for row in range(fitness.size):
+        value = 0.0
         for x in points[row]:
-            values[row] += x * x
-    return values
+            value += x * x
+        fitness[row] = value
 
 
-@kernel("float64[::1](float64[:,::1])")
-def rastrigin(points: Points) -> Fitness:
+@kernel(FITNESS)
+def rastrigin(genomes: Genomes, fitness: Fitness, table: Table) -> None:
     """10 n + Σ (x² − 10 cos 2πx): a grid of valleys, the deepest in the middle."""
-    values = np.zeros(points.shape[0])
-    for row in range(points.shape[0]):
+    points = _points(genomes, table)
+    for row in range(fitness.size):
+        value = 0.0
         for x in points[row]:
-            values[row] += x * x + 10.0 * (1.0 - np.cos(2.0 * np.pi * x))
-    return values
+            value += x * x + 10.0 * (1.0 - np.cos(2.0 * np.pi * x))
+        fitness[row] = value
 
 
-@kernel("float64[::1](float64[:,::1])")
-def ackley(points: Points) -> Fitness:
+@kernel(FITNESS)
+def ackley(genomes: Genomes, fitness: Fitness, table: Table) -> None:
     """20 + e − 20 exp(−0.2 √(Σ x² / n)) − exp(Σ cos 2πx / n): a plain of dents around one funnel."""
-    values = np.empty(points.shape[0])
-    for row in range(points.shape[0]):
+    points = _points(genomes, table)
+    for row in range(fitness.size):
         squares, waves = 0.0, 0.0
         for x in points[row]:
             squares += x * x
             waves += np.cos(2.0 * np.pi * x)
         count = points.shape[1]
         funnel = 20.0 * (1.0 - np.exp(-0.2 * np.sqrt(squares / count)))
-        values[row] = funnel + np.e - np.exp(waves / count)
-    return values
+        fitness[row] = funnel + np.e - np.exp(waves / count)
 
 
-@kernel("float64[::1](float64[:,::1])")
-def rosenbrock(points: Points) -> Fitness:
+@kernel(FITNESS)
+def rosenbrock(genomes: Genomes, fitness: Fitness, table: Table) -> None:
     """Σ 100 (x_{i+1} − x_i²)² + (1 − x_i)²: a bent, narrow valley."""
-    values = np.zeros(points.shape[0])
-    for row in range(points.shape[0]):
+    points = _points(genomes, table)
+    for row in range(fitness.size):
+        value = 0.0
         for number in range(points.shape[1] - 1):
             x, following = points[row, number], points[row, number + 1]
-            values[row] += 100.0 * (following - x * x) ** 2 + (1.0 - x) ** 2
-    return values
+            value += 100.0 * (following - x * x) ** 2 + (1.0 - x) ** 2
+        fitness[row] = value
 
 
-@kernel("float64[::1](int64[:,::1])")
-def onemax(bits: Integers) -> Fitness:
+@kernel(FITNESS)
+def onemax(genomes: Genomes, fitness: Fitness, table: Table) -> None:
     """The number of zeros."""
-    values = np.zeros(bits.shape[0])
-    for row in range(bits.shape[0]):
-        for bit in bits[row]:
-            values[row] += 1 - bit
-    return values
+    bits = np.empty(integers(table, 0)[0, 2], np.int64)
+    for row in range(fitness.size):
+        integers_of(genomes[row], 1, False, bits)
+        fitness[row] = bits.size - np.sum(bits)
 
 
-@kernel("float64[::1](int64[:,::1], int64)")
-def trap(bits: Integers, block: int) -> Fitness:
+@kernel(FITNESS)
+def trap(genomes: Genomes, fitness: Fitness, table: Table) -> None:
     """For each block of bits 0 if all are 1, else 1 + the number of ones: each step leads away from the optimum."""
-    values = np.zeros(bits.shape[0])
-    for row in range(bits.shape[0]):
-        for start in range(0, bits.shape[1], block):
-            ones = 0
-            for bit in bits[row, start : start + block]:
-                ones += bit
+    bits = np.empty(integers(table, 0)[0, 2], np.int64)
+    block = integers(table, 1)[0, 0]
+    for row in range(fitness.size):
+        integers_of(genomes[row], 1, False, bits)
+        value = 0
+        for start in range(0, bits.size, block):
+            ones = np.sum(bits[start : start + block])
             if ones < block:
-                values[row] += 1 + ones
-    return values
+                value += 1 + ones
+        fitness[row] = value
 
 
-@kernel("float64[::1](int64[:,::1], int64[:,::1], int64, int64)")
-def partition(labels: Integers, edges: Integers, parts: int, offset: int) -> Fitness:
-    """Edges cut + squared sizes of the parts − ``offset``; a vertex belongs to the part label modulo parts."""
-    values = np.empty(labels.shape[0])
+@kernel(FITNESS)
+def partition(genomes: Genomes, fitness: Fitness, table: Table) -> None:
+    """Edges cut + squared sizes of the parts − an offset; a vertex belongs to the part label modulo parts.
+
+    The table goes on with the parts and the offset, and then the edges, shape (edges, 2).
+    """
+    layout, parts, offset = integers(table, 0)[0], integers(table, 1)[0, 0], integers(table, 1)[0, 1]
+    edges = integers(table, 2)
+    labels = np.empty(layout[2], np.int64)
     sizes = np.empty(parts, np.int64)
-    for row in range(labels.shape[0]):
+    for row in range(fitness.size):
+        integers_of(genomes[row], layout[0], False, labels)
         sizes[:] = 0
-        for vertex in range(labels.shape[1]):
-            sizes[labels[row, vertex] % parts] += 1
+        for label in labels:
+            sizes[label % parts] += 1
         total = np.int64(-offset)
         for size in sizes:
             total += size * size
         for edge in range(edges.shape[0]):
-            total += labels[row, edges[edge, 0]] % parts != labels[row, edges[edge, 1]] % parts
-        values[row] = total
-    return values
+            total += labels[edges[edge, 0]] % parts != labels[edges[edge, 1]] % parts
+        fitness[row] = total

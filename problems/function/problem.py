@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import model_validator
 
-from genetics.arrays import Evaluate, Fitness, Genomes, writable
+from genetics.arrays import Fitness, Genomes, writable
 from genetics.recipe import Recipe
 from problems.function import checker
 from problems.function.graph import Graph
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from genetics.bit_string import BitString
+    from genetics.operators import Operator
     from genetics.real_vector import RealVector
 
 Name = Literal["rastrigin", "sphere", "ackley", "rosenbrock", "onemax", "trap", "graph-partition"]
@@ -149,28 +150,32 @@ seed = 1
 
     def evaluate(self, genomes: Genomes) -> Fitness:
         """The function's values, after as much processor time as asked for."""
-        values = self._values(genomes)
+        values = self._compiled.fitness(genomes)
         if self.cost_us > 0:
             _burn(self.cost_us * len(genomes))
         return values
 
+    @property
+    def judging(self) -> Operator | None:
+        """The compiled function, unless it is to cost time."""
+        return self._compiled if self.cost_us == 0 else None
+
     @cached_property
-    def _values(self) -> Evaluate:
-        """The function itself; looked up once, since it is called in every generation."""
+    def _compiled(self) -> Operator:
+        from genetics.operators import Operator
         from problems.function import kernels
 
         if self.bounds is not None:
-            compiled = getattr(kernels, self.name)
-            if self.bits == 0:
-                return lambda genomes: compiled(writable(genomes).view(np.float64))
-            return lambda genomes: compiled(self.points(genomes))
-        integers = self._bit_string.integers
+            layout = [self.bits, self.code != "binary", self.dimension]
+            return Operator.of(getattr(kernels, self.name), layout, [float(bound) for bound in self.bounds])
+        bits = self._bit_string
+        layout = [bits.bits, False, bits.parameters]
         if self.graph is not None:
-            graph, offset = self.graph, self.graph.planted_cut + self.graph.least_squares
-            return lambda genomes: kernels.partition(integers(genomes), graph.edges, graph.parts, offset)
+            offset = self.graph.planted_cut + self.graph.least_squares
+            return Operator.of(kernels.partition, layout, [self.graph.parts, offset], self.graph.edges.reshape(-1, 2))
         if self.name == "onemax":
-            return lambda genomes: kernels.onemax(integers(genomes))
-        return lambda genomes: kernels.trap(integers(genomes), _TRAP)
+            return Operator.of(kernels.onemax, layout)
+        return Operator.of(kernels.trap, layout, self.block)
 
     def points(self, genomes: Genomes) -> NDArray[np.float64]:
         """The numbers that genomes code, (n, dimension)."""
@@ -190,7 +195,7 @@ seed = 1
 
     def decode(self, genome: Genomes) -> Solution:
         """``{"value": f}`` and ``"x": [..]``, ``"bits": "01.."`` or ``"parts": [..], "cut": c, "planted_cut": p``."""
-        value = float(self._values(genome[None])[0])
+        value = float(self._compiled.fitness(genome[None])[0])
         if self.bounds is not None:
             return {"x": self.points(genome[None])[0].tolist(), "value": value}
         integers = self._bit_string.integers(genome[None])[0]

@@ -1,0 +1,141 @@
+"""Compiled functions that other compiled code calls by address: a coding's mating, a problem's fitness.
+
+So one kernel can carry a whole generation out, whatever the coding and the problem are, and without a step into Python
+between them. What a function needs beside its arguments (a world, bounds, lengths) is a table of pointers to arrays.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import carray, types  # type: ignore[attr-defined]
+from numba.extending import intrinsic
+from numpy.typing import NDArray
+
+from genetics.arrays import Fitness, Genomes, writable
+from genetics.compiled import subroutine
+
+Table = NDArray[np.int64]  # (arrays, 3): address, rows, columns
+
+_TABLE = types.int64[:, ::1]
+FITNESS = types.void(types.uint8[:, ::1], types.float64[::1], _TABLE)
+"""Genomes (n, genome_bytes), their fitness (n,) to be filled, and the table."""
+MATING = types.void(
+    types.uint8[::1],
+    types.uint8[:, :, ::1],
+    types.int64[::1],
+    types.int64,
+    types.uint8[:, ::1],
+    types.uint64,
+    types.int64,
+    types.int64,
+    _TABLE,
+)
+"""The single individual (genome_bytes,), emigrants (senders, at least each, genome_bytes), whence (slots,), each,
+offspring (2 * slots * each, genome_bytes) to be filled, seed, cell, generation, and the table."""
+
+
+class Operator(NamedTuple):
+    """A compiled function of one of the signatures above.
+
+    Attributes:
+        function: the kernel, for Python to call.
+        address: where its code is.
+        table: its own arrays, for `reals` and `integers`.
+        kept: those arrays, which must live as long as the operator.
+    """
+
+    function: Any
+    address: int
+    table: Table
+    kept: tuple[NDArray[Any], ...]
+
+    @staticmethod
+    def of(function: Any, *own: Any) -> "Operator":
+        """A kernel, with numbers and arrays of at most two dimensions: integers and booleans, or float64."""
+        kept = tuple(np.require(np.atleast_2d(_plain(each)), requirements=["C", "W"]) for each in own)
+        table = np.array([[each.ctypes.data, *each.shape] for each in kept], np.int64).reshape(len(kept), 3)
+        (compiled,) = function.overloads.values()
+        address = compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name)
+        return Operator(function, address, table, kept)
+
+    def fitness(self, genomes: Genomes) -> Fitness:
+        """Call a function of signature FITNESS: (n, genome_bytes) to (n,)."""
+        values = np.empty(len(genomes))
+        self.function(writable(genomes), values, self.table)
+        return values
+
+
+def _plain(value: Any) -> NDArray[Any]:
+    array = np.asarray(value)
+    return array.astype(np.float64 if array.dtype.kind == "f" else np.int64)
+
+
+def _pointer(element: Any) -> Any:
+    kind: Any = types.CPointer
+    kind = kind(element)
+
+    @intrinsic
+    def pointer(context: Any, address: Any) -> Any:
+
+        def generate(target: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            return builder.inttoptr(arguments[0], target.get_value_type(kind))
+
+        return kind(types.int64), generate
+
+    return pointer
+
+
+_pointer_to_real = _pointer(types.float64)
+_pointer_to_integer = _pointer(types.int64)
+
+
+@subroutine
+def reals(table: Any, place: Any) -> Any:
+    """The float64 array at a place of the table, shape (rows, columns); a number is (1, 1), a vector (1, n)."""
+    return carray(_pointer_to_real(table[place, 0]), (table[place, 1], table[place, 2]))
+
+
+@subroutine
+def integers(table: Any, place: Any) -> Any:
+    """The int64 array at a place of the table, likewise."""
+    return carray(_pointer_to_integer(table[place, 0]), (table[place, 1], table[place, 2]))
+
+
+_intrinsic: Any = intrinsic  # what it makes is called with one argument fewer, which its type does not say
+
+
+def _call(target: Any, builder: Any, arguments: Any, signature: Any) -> Any:
+    """Call the function at the first of the ``arguments`` with the others, as compiled code calls its own."""
+    convention = target.call_conv
+    kind = convention.get_function_type(types.none, signature.args)
+    function = builder.inttoptr(arguments[0], kind.as_pointer())
+    convention.call_function(builder, function, types.none, signature.args, arguments[1:])
+    return target.get_dummy_value()
+
+
+@_intrinsic  # type: ignore[untyped-decorator]
+def call_fitness(context: Any, address: Any, genomes: Any, fitness: Any, table: Any) -> Any:
+    """Call a function of signature FITNESS."""
+    return types.void(types.int64, *FITNESS.args), lambda target, builder, _, arguments: _call(
+        target, builder, arguments, FITNESS
+    )
+
+
+@_intrinsic  # type: ignore[untyped-decorator]
+def call_mating(
+    context: Any,
+    address: Any,
+    own: Any,
+    emigrants: Any,
+    whence: Any,
+    each: Any,
+    offspring: Any,
+    seed: Any,
+    cell: Any,
+    generation: Any,
+    table: Any,
+) -> Any:
+    """Call a function of signature MATING."""
+    return types.void(types.int64, *MATING.args), lambda target, builder, _, arguments: _call(
+        target, builder, arguments, MATING
+    )
