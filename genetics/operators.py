@@ -4,6 +4,7 @@ So one kernel can carry a whole generation out, whatever the coding and the prob
 between them. What a function needs beside its arguments (a world, bounds, lengths) is a table of pointers to arrays.
 """
 
+from math import prod
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -53,7 +54,7 @@ class Operator(NamedTuple):
     def of(function: Any, *own: Any) -> "Operator":
         """A kernel, with numbers and arrays of at most two dimensions: integers and booleans, or float64."""
         kept = tuple(np.require(np.atleast_2d(_plain(each)), requirements=["C", "W"]) for each in own)
-        table = np.array([[each.ctypes.data, *each.shape] for each in kept], np.int64).reshape(len(kept), 3)
+        table = pointers(*kept)
         (compiled,) = function.overloads.values()
         address = compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name)
         return Operator(function, address, table, kept)
@@ -63,6 +64,15 @@ class Operator(NamedTuple):
         values = np.empty(len(genomes))
         self.function(writable(genomes), values, self.table)
         return values
+
+
+def pointers(*arrays: NDArray[Any]) -> Table:
+    """A table of arrays that lie in one piece, of any number of dimensions: it remembers all but the last as rows.
+
+    The arrays must outlive the table.
+    """
+    assert all(each.flags.c_contiguous for each in arrays), "a pointer knows no strides"
+    return np.array([[each.ctypes.data, prod(each.shape[:-1]), each.shape[-1]] for each in arrays], np.int64)
 
 
 def _plain(value: Any) -> NDArray[Any]:
@@ -87,6 +97,7 @@ def _pointer(element: Any) -> Any:
 
 _pointer_to_real = _pointer(types.float64)
 _pointer_to_integer = _pointer(types.int64)
+_pointer_to_octet = _pointer(types.uint8)
 
 
 @subroutine
@@ -99,6 +110,12 @@ def reals(table: Any, place: Any) -> Any:
 def integers(table: Any, place: Any) -> Any:
     """The int64 array at a place of the table, likewise."""
     return carray(_pointer_to_integer(table[place, 0]), (table[place, 1], table[place, 2]))
+
+
+@subroutine
+def octets(table: Any, place: Any) -> Any:
+    """The uint8 array at a place of the table, likewise."""
+    return carray(_pointer_to_octet(table[place, 0]), (table[place, 1], table[place, 2]))
 
 
 _intrinsic: Any = intrinsic  # what it makes is called with one argument fewer, which its type does not say

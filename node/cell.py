@@ -1,7 +1,8 @@
 """One cell as a state machine without input or output: events in, actions out.
 
 Whatever drives it (the Zenoh bus of a node's process, or the in-process bus of the simulator) feeds it events and
-carries out its actions. It holds no socket, clock or thread, so a test can play it any story.
+carries out its actions. It holds no socket, clock or thread, so a test can play it any story. Neighbours' messages are
+not events: there are thousands of them a second, and they are taken in all at once.
 
 States:
     prepared: knows its plan, and may already hear neighbours that started before it.
@@ -17,9 +18,9 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from node.generation import REACHED, STALLED, STOPS, OneCall
 from node.history import History
 from node.inbox import Inbox
-from node.kernels import note_staleness
 from node.plan import Plan
 from node.rows import Rows
 from problems import EvaluationFailed
@@ -35,13 +36,6 @@ State = Literal["prepared", "running", "stopped", "failed"]
 @dataclass(frozen=True)
 class Start:
     """Every cell is prepared: begin."""
-
-
-class Heard(NamedTuple):
-    """A neighbour's message has come, as it travelled."""
-
-    sender: int
-    payload: bytes
 
 
 class Answered(NamedTuple):
@@ -71,7 +65,7 @@ class Asked:
     question: object
 
 
-Event = Start | Heard | Answered | Propose | Waited | Asked
+Event = Start | Answered | Propose | Waited | Asked
 
 
 # Actions --------------------------------------------------------------------------------------------------------------
@@ -105,6 +99,9 @@ class Complain:
     reason: str
 
 
+Message = tuple[int, bytes]
+"""A neighbour's message, as it travelled, with the number of its cell."""
+
 Action = Publish | Ask | Answer | Complain | Report
 
 
@@ -116,20 +113,19 @@ class Cell:
         self.cell = cell
         self.job = job
         self.state: State = "prepared"
-        self.sent = 0
         self.inbox = Inbox(plan, cell, job)
         self.neighbours = self.inbox.neighbours
         self.rows = Rows(plan, np.array([cell]), self.inbox.messages)
         self.rows.messages.header[0, JOB] = job
         self._is_async = plan.run.mode == "async"
+        self._interval = plan.run.interval
         self._tells_champion = plan.run.spy == "champion" or cell == ROOT
         self._out = np.empty(plan.limits.most_bytes, np.uint8)
         self._outbox: dict[int, bytes] = {}  # the last two, by generation, for neighbours that miss one
         self._complaints: set[tuple[int, str]] = set()
         self._answered = 0  # messages that were lost at first
-        self._used = np.zeros(plan.slots, np.int64)
-        self._staleness = np.zeros(len(Staleness._fields), np.int64)
         self._history = History(1, plan.run.deme, plan.coding.genome_bytes)
+        self._live_on: OneCall | None = None  # from the start on, where that is possible
 
     @property
     def ended(self) -> bool:
@@ -138,28 +134,35 @@ class Cell:
 
     @property
     def ready(self) -> bool:
-        """True iff `step` would breed a generation without any further event."""
+        """True iff `step` would breed a generation without any further event or message."""
         if self.state != "running":
             return False
-        return self._is_async or not self.rows.exchanging or self.inbox.lacking == 0
+        return self._is_async or self.inbox.lacking() == 0 or self.rows.generation % self._interval != 0
 
-    def step(self, events: Sequence[Event] = ()) -> list[Action]:
-        """Take ``events``, breed a generation if ready, and say what is to be done.
+    def step(self, news: Sequence[Message] = (), events: Sequence[Event] = ()) -> list[Action]:
+        """Take ``news`` and ``events``, breed a generation if ready, and say what is to be done.
 
-        Messages are taken first, all in one call; to keep them changes nothing for the other events.
+        Messages are taken first; to keep them changes nothing for the events.
         """
         actions: list[Action] = []
         try:
-            news = [event for event in events if type(event) is Heard]
             if news:
                 self._hear(news, actions)
-            if len(news) < len(events):
-                self._take([event for event in events if type(event) is not Heard], actions)
+            if events:
+                self._take(events, actions)
             if self.ready:
-                self._advance(actions)
+                if self._live_on is None:
+                    self._advance(actions)
+                else:
+                    self._advance_in_one_call(self._live_on, actions)
         except EvaluationFailed as error:
             self._end("failed", str(error), actions)
         return actions
+
+    @property
+    def sent(self) -> int:
+        """How many messages this cell has published."""
+        return self.rows.messages.header.item(0, SENT)
 
     @property
     def lost(self) -> int:
@@ -175,7 +178,7 @@ class Cell:
         for event in events:
             if isinstance(event, Answered):
                 kept = self.inbox.kept
-                self._hear([event], actions)
+                self._hear([(event.sender, event.payload)], actions)
                 self._answered += self.inbox.kept - kept
             elif isinstance(event, Asked):
                 if event.generation in self._outbox:
@@ -191,12 +194,15 @@ class Cell:
     def _begin(self, actions: list[Action]) -> None:
         if self.state == "prepared":
             self.state = "running"
-            self.rows.begin()
+            rows, plan = self.rows, self.plan
+            rows.begin()
+            if plan.run.deme == 1 and plan.problem.judging is not None:
+                self._live_on = OneCall(plan, rows, self.inbox, self._history, self._tells_champion, self._out)
             self._generation_done(actions)
 
-    def _hear(self, news: Sequence[Heard | Answered], actions: list[Action]) -> None:
-        if not self.ended:
-            new = {refusal for refusal in self.inbox.hear(news) if refusal not in self._complaints}
+    def _hear(self, news: Sequence[Message], actions: list[Action]) -> None:
+        if not self.ended and (refusals := self.inbox.hear(news)):
+            new = refusals - self._complaints
             self._complaints |= new
             actions += [Complain(sender, reason) for sender, reason in sorted(new)]
 
@@ -210,12 +216,26 @@ class Cell:
     def _advance(self, actions: list[Action]) -> None:
         rows = self.rows
         if rows.exchanging:
-            if self._is_async:
-                note_staleness(rows.messages.header, self.inbox.whence, rows.generation, self._used, self._staleness)
-            rows.advance(rows.messages, self.inbox.take())
+            rows.advance(rows.messages, self.inbox.take(rows.generation))
         else:
-            rows.advance(None, self.inbox.whence)
+            rows.advance(None)
         self._generation_done(actions)
+
+    def _advance_in_one_call(self, live_on: OneCall, actions: list[Action]) -> None:
+        """The same as `_advance`, compiled."""
+        rows, history = self.rows, self._history
+        generation = rows.generation + 1
+        size, flags = live_on(generation, history.noted)
+        if size < 0:
+            self.plan.evaluate(live_on.offspring[-1 - size][None])  # says what is wrong with it
+        rows.generation = generation
+        history.went_on()
+        if flags & (REACHED | STALLED):
+            rows.note_proposal(0, "target" if flags & REACHED else "stall")
+        if size:
+            self._send(self._out[:size].tobytes(), actions)
+        if flags & STOPS:
+            self._end("stopped", None, actions)
 
     def _generation_done(self, actions: list[Action]) -> None:
         rows = self.rows
@@ -224,16 +244,14 @@ class Cell:
         drains = self._is_async and rows.stop_at.item(0) != rows.limit
         stops = drains or rows.generation >= rows.stop_at.item(0)
         if drains or (rows.exchanging and not stops):
-            self._publish(actions)
+            rows.messages.header[0, SENT] += 1
+            self._send(rows.messages.encode(0, self._tells_champion, self._out), actions)
         if stops:
             self._end("stopped", None, actions)
 
-    def _publish(self, actions: list[Action]) -> None:
-        rows, generation = self.rows, self.rows.generation
-        self.sent += 1
-        rows.messages.header[0, SENT] = self.sent
-        payload = rows.messages.encode(0, self._tells_champion, self._out)
-        self._outbox.pop(generation - 2 * self.plan.run.interval, None)
+    def _send(self, payload: bytes, actions: list[Action]) -> None:
+        generation = self.rows.generation
+        self._outbox.pop(generation - 2 * self._interval, None)
         self._outbox[generation] = payload
         actions.append(Publish(payload))
 
@@ -250,7 +268,7 @@ class Cell:
                 received=self.inbox.kept,
                 lost=self.lost,
                 rejected=self.inbox.refused,
-                staleness=Staleness(*self._staleness.tolist()),
+                staleness=Staleness(*self.inbox.staleness.tolist()),
                 champion=self.champion,
                 proposals=tuple(self.rows.proposals),
                 deme=self.rows.genomes.tobytes() if sound else b"",

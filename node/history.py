@@ -10,27 +10,33 @@ _RECORDS = 64  # kept before they are digested, over all rows: a digest's cost i
 
 
 class History:
-    """SHA-256 digests of the lives of some rows of cells."""
+    """SHA-256 digests of the lives of some rows of cells.
+
+    Attributes:
+        records: room for those not digested yet, shape (rows, records, bytes): generation, genomes, fitness, packed.
+        noted: how many there are.
+    """
 
     def __init__(self, rows: int, deme: int, genome_bytes: int) -> None:
         record = np.dtype([("generation", "<i8"), ("genomes", "u1", (deme, genome_bytes)), ("fitness", "<f8", (deme,))])
-        self._records = np.zeros((rows, max(1, _RECORDS // rows)), record)
-        self._generation = self._records["generation"]
-        self._genomes = self._records["genomes"]
-        self._fitness = self._records["fitness"]
-        self._bytes = record.itemsize
-        self._flat = self._records.view(np.uint8).reshape(rows, -1)
+        fields = np.zeros((rows, max(1, _RECORDS // rows)), record)
+        self._generation, self._genomes, self._fitness = fields["generation"], fields["genomes"], fields["fitness"]
+        self.records = fields.view(np.uint8).reshape(*fields.shape, record.itemsize)
+        self.noted = 0
+        self._most = fields.shape[1]
         self._digests = [hashlib.sha256() for _ in range(rows)]
-        self._noted = 0
 
     def note(self, generation: int, genomes: Genomes, fitness: Fitness) -> None:
         """Take in a generation: genomes (rows, deme, genome_bytes), fitness (rows, deme)."""
-        place = self._noted
-        self._generation[:, place] = generation
-        self._genomes[:, place] = genomes
-        self._fitness[:, place] = fitness
-        self._noted = place + 1
-        if self._noted == self._records.shape[1]:
+        self._generation[:, self.noted] = generation
+        self._genomes[:, self.noted] = genomes
+        self._fitness[:, self.noted] = fitness
+        self.went_on()
+
+    def went_on(self) -> None:
+        """A record more has been written, here or by compiled code."""
+        self.noted += 1
+        if self.noted == self._most:
             self._digest()
 
     def digests(self) -> list[bytes]:
@@ -39,7 +45,6 @@ class History:
         return [digest.digest() for digest in self._digests]
 
     def _digest(self) -> None:
-        noted = self._noted * self._bytes
-        for digest, records in zip(self._digests, self._flat, strict=True):
-            digest.update(records[:noted].data)
-        self._noted = 0
+        for digest, records in zip(self._digests, self.records, strict=True):
+            digest.update(records[: self.noted].data)
+        self.noted = 0

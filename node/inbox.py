@@ -5,35 +5,35 @@ apart, since a neighbour may be one ahead; in async mode the latest of each neig
 keeping all that have come is one compiled call.
 """
 
+import struct
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numba import types
-from numpy.typing import NDArray
 
-from genetics import Cells, Fitness, Genomes
+from genetics import Cells
 from genetics.compiled import kernel, subroutine
+from genetics.operators import Table, integers, octets, pointers, reals
+from node.kernels import note_staleness
 from node.plan import Plan
-from wire.exchange import REASONS, Messages
-from wire.exchange_kernels import (
-    ARGUMENTS_OF_READING,
-    GENERATION,
-    JOB,
-    SENT,
-    Header,
-    only_emigrants,
-    read_message,
-)
+from wire.exchange import Messages
+from wire.exchange_kernels import GENERATION, JOB, PAYLOAD, SENT, only_emigrants, read_message
+from wire.report import Staleness
 
-_AT_ONCE = 64  # messages in one call
 OWN = 0
 """The row of the cell's own message, which stands for a neighbour that nothing was heard of."""
 
 # What an inbox counts: the number of the next exchange, spare rows, neighbours whose messages are lacking, and messages
 # kept, refused and (in async mode) lost.
-_NEXT, _SPARE, _LACKING, _KEPT, _REFUSED, _LOST = range(6)
-_COUNTS = 6
+NEXT, _SPARE, _LACKING, _KEPT, _REFUSED, _LOST = range(6)
+
+# Places in the table of pointers.
+_HEADER, _GENOMES, _FITNESS, _MASK, _LOW, _HIGH, _NAMES, _SENDERS, _WHENCES, _LATEST, _SPARES = range(11)
+_COUNTS, _LIMITS = 11, 12
+# Columns of the limits; the interval is 0 in async mode.
+_MOST_BYTES, _CELLS, _JOB, _INTERVAL, _CHAMPIONS = range(5)
 
 
 @subroutine
@@ -45,7 +45,7 @@ def _is_of_use(header: Any, interval: Any, latest: Any, number: Any, counts: Any
     if interval == 0:
         return header[SENT] > latest[0, number]
     exchange = header[GENERATION] // interval
-    in_time = 0 <= exchange - counts[_NEXT] <= 1
+    in_time = 0 <= exchange - counts[NEXT] <= 1
     return in_time and header[GENERATION] % interval == 0 and not latest[exchange % 2, number]
 
 
@@ -58,7 +58,7 @@ def _note(header: Any, interval: Any, latest: Any, number: Any, counts: Any) -> 
         return 0
     exchange = header[GENERATION] // interval
     latest[exchange % 2, number] = 1
-    counts[_LACKING] -= exchange == counts[_NEXT]
+    counts[_LACKING] -= exchange == counts[NEXT]
     return exchange % 2
 
 
@@ -76,85 +76,42 @@ def _swap(row: Any, whence: Any, names: Any, spare: Any, counts: Any) -> Any:
         counts[_SPARE] += 1
 
 
-@kernel(
-    types.int64(
-        *ARGUMENTS_OF_READING,
-        types.int64,
-        types.int64,
-        types.boolean,
-        types.int64,
-        types.int64[:, ::1],
-        types.boolean[:, ::1],
-        types.int64[:, ::1],
-        types.int64[:, ::1],
-        types.int64[::1],
-        types.int64[::1],
-    )
-)
-def hear(
-    payloads: bytes,
-    most_bytes: int,
-    cells: int,
-    mask: Genomes,
-    low: Fitness,
-    high: Fitness,
-    header: Header,
-    genomes: Genomes,
-    fitness: Fitness,
-    job: int,
-    interval: int,
-    champions: bool,
-    count: int,
-    arrivals: Cells,
-    names: NDArray[np.bool_],
-    whence: Cells,
-    latest: Cells,
-    spare: Cells,
-    counts: Cells,
-) -> int:
-    """Read ``count`` messages that lie one after another, and keep those that are sound and of use.
+@subroutine
+def _take_in(table: Any, limits: Any, payload: Any, number: Any, counts: Any) -> Any:
+    """Read a message of neighbour ``number`` into a spare row, and keep it if it is of use; False if it is refused."""
+    spare = integers(table, _SPARES)[0]
+    row = spare[counts[_SPARE] - 1]
+    header, fitness = integers(table, _HEADER)[row], reals(table, _FITNESS)
+    several = fitness.shape[1]
+    genomes = octets(table, _GENOMES)[row * several : (row + 1) * several]
+    mask, low, high = octets(table, _MASK)[0], reals(table, _LOW)[0], reals(table, _HIGH)[0]
+    if read_message(payload, limits[_MOST_BYTES], limits[_CELLS], mask, low, high, header, genomes, fitness[row]) < 0:
+        return False
+    latest = integers(table, _LATEST)
+    if header[JOB] == limits[_JOB] and _is_of_use(header, limits[_INTERVAL], latest, number, counts):
+        if not limits[_CHAMPIONS]:
+            only_emigrants(header, genomes, fitness[row], integers(table, _SENDERS)[0, number])
+        place = _note(header, limits[_INTERVAL], latest, number, counts)
+        _swap(row, integers(table, _WHENCES)[place], octets(table, _NAMES)[number], spare, counts)
+        counts[_KEPT] += 1
+    return True
 
-    Args:
-        payloads: the messages.
-        most_bytes: the longest that can be right.
-        cells: how many there are.
-        mask: of the alphabet, as are ``low`` and ``high``.
-        low: see there.
-        high: see there.
-        header: of all rows, as are ``genomes`` and ``fitness``.
-        genomes: see there.
-        fitness: see there.
-        job: messages of others are of no use.
-        interval: generations between exchanges; 0 in async mode.
-        champions: False under the paper's spy, see `wire.exchange_kernels.only_emigrants`.
-        count: of messages.
-        arrivals: of each message its length, the number of the neighbour and its cell; here the reason comes, or 0.
-        names: which slots name which neighbour, shape (neighbours, slots).
-        whence: the row of the message for each slot, shape (exchanges, slots).
-        latest: shape (exchanges, neighbours): 1 for whom a message has come; in async mode the latest message's number.
-        spare: a stack of rows.
-        counts: the inbox's.
 
-    Returns how many were refused.
+@kernel(types.int64(PAYLOAD, PAYLOAD, types.int64[:, ::1]))
+def hear(payloads: bytes, marks: bytes, table: Table) -> int:
+    """Read messages that lie one after another, and keep those that are sound and of use.
+
+    ``marks`` are two int64 for each: its length, and the number of the neighbour. Returns how many were refused.
     """
-    everything = np.frombuffer(payloads, np.uint8)
+    everything, arrivals = np.frombuffer(payloads, np.uint8), np.frombuffer(marks, np.int64)
+    limits, counts = integers(table, _LIMITS)[0], integers(table, _COUNTS)[0]
     start = np.int64(0)
     refused = 0
-    for arrival in arrivals[:count]:
-        end, number, row = start + arrival[0], arrival[1], spare[counts[_SPARE] - 1]
-        payload = everything[start:end]
-        start = end
-        own_header, own_genomes, own_fitness = header[row], genomes[row], fitness[row]
-        read = read_message(payload, most_bytes, cells, mask, low, high, own_header, own_genomes, own_fitness)
-        arrival[3] = -min(0, read)
-        if read < 0:
+    for place in range(0, arrivals.size, 2):
+        end = start + arrivals[place]
+        if not _take_in(table, limits, everything[start:end], arrivals[place + 1], counts):
             refused += 1
-        elif own_header[JOB] == job and _is_of_use(own_header, interval, latest, number, counts):
-            if not champions:
-                only_emigrants(own_header, own_genomes, own_fitness, arrival[2])
-            place = _note(own_header, interval, latest, number, counts)
-            _swap(row, whence[place], names[number], spare, counts)
-            counts[_KEPT] += 1
+        start = end
     counts[_REFUSED] += refused
     return refused
 
@@ -162,9 +119,9 @@ def hear(
 @kernel("void(int64[:,::1], int64[::1])")
 def turn(latest: Cells, counts: Cells) -> None:
     """In lockstep: the next exchange."""
-    latest[counts[_NEXT] % 2] = 0
-    counts[_NEXT] += 1
-    counts[_LACKING] = latest.shape[1] - np.sum(latest[counts[_NEXT] % 2])
+    latest[counts[NEXT] % 2] = 0
+    counts[NEXT] += 1
+    counts[_LACKING] = latest.shape[1] - np.sum(latest[counts[NEXT] % 2])
 
 
 class Inbox:
@@ -173,89 +130,93 @@ class Inbox:
     Attributes:
         neighbours: the distinct cells that the cell's slots name, without itself.
         messages: rows for all of them, the cell's own in row `OWN`.
+        whences: the row of the message for each slot, shape (exchanges kept apart, slots).
+        latest: shape (exchanges, neighbours): 1 for whom a message has come; in async mode the latest message's number.
+        counts: see above.
+        used: in async mode the number of the message that each slot gave last.
+        staleness: in async mode the counts of `wire.report.Staleness`.
+        lacking: asked for how many neighbours' messages have not come, in lockstep; a call into compiled code, since it
+            is asked for each message.
     """
 
     def __init__(self, plan: Plan, cell: int, job: int) -> None:
         slots = plan.topology.neighbours(cell)
         self.neighbours = tuple(dict.fromkeys(other for other in slots if other != cell))
         self._lockstep = plan.run.mode == "lockstep"
-        exchanges, others, limits = 2 if self._lockstep else 1, len(self.neighbours), plan.limits
+        exchanges, others = 2 if self._lockstep else 1, len(self.neighbours)
+        self._limits = plan.limits
         self._numbers = {other: number for number, other in enumerate(self.neighbours)}
-        self._latest = np.zeros((exchanges, others), np.int64)
-        self._whence = np.full((exchanges, len(slots)), OWN)
-        self._views = [self._whence[exchange : exchange + 1] for exchange in range(exchanges)]
-        self._spare = np.arange(1, 2 + exchanges * others)
-        self._counts = np.zeros(_COUNTS, np.int64)
-        self._counts[_SPARE] = len(self._spare)
-        self._counts[_LACKING] = others
-        self._arrivals = np.zeros((_AT_ONCE, 4), np.int64)
-        self._names = np.array([[named == other for named in slots] for other in self.neighbours], bool)
-        self._names = self._names.reshape(others, len(slots))
-        self.messages = Messages.room(1 + len(self._spare), plan.coding.genome_bytes, plan.run.emigrants)
-        self._reading = (limits.most_bytes, limits.cells, *limits.alphabet, *self.messages)
-        self._judging = (job, plan.run.interval if self._lockstep else 0, plan.run.spy == "champion")
-
-    @property
-    def whence(self) -> Cells:
-        """The row of the message for each slot, shape (1, slots), of the exchange that is to be bred with next."""
-        return self._views[self._counts.item(_NEXT) % 2]
-
-    @property
-    def lacking(self) -> int:
-        """In lockstep: how many neighbours' messages have not come."""
-        return self._counts.item(_LACKING)
+        self.latest = np.zeros((exchanges, others), np.int64)
+        self.whences = np.full((exchanges, len(slots)), OWN)
+        self.used = np.zeros(len(slots), np.int64)
+        self.staleness = np.zeros(len(Staleness._fields), np.int64)
+        spare = np.arange(1, 2 + exchanges * others)
+        self.counts = np.zeros(6, np.int64)
+        self.counts[_SPARE] = len(spare)
+        self.counts[_LACKING] = others
+        self.lacking = partial(self.counts.item, _LACKING)
+        self.messages = Messages.room(1 + len(spare), plan.coding.genome_bytes, plan.run.emigrants)
+        names = np.array([[named == other for named in slots] for other in self.neighbours], np.uint8)
+        interval = plan.run.interval if self._lockstep else 0
+        self._kept: tuple[Any, ...] = (
+            *self.messages,
+            *(np.atleast_2d(each) for each in plan.limits.alphabet),
+            names.reshape(others, len(slots)),
+            np.array([self.neighbours], np.int64),
+            self.whences,
+            self.latest,
+            spare,
+            self.counts,
+            np.array([plan.limits.most_bytes, plan.limits.cells, job, interval, plan.run.spy == "champion"]),
+        )
+        self._table = pointers(*self._kept)
 
     @property
     def kept(self) -> int:
         """How many messages were sound and of use."""
-        return self._counts.item(_KEPT)
+        return self.counts.item(_KEPT)
 
     @property
     def refused(self) -> int:
         """How many were not what they should be."""
-        return self._counts.item(_REFUSED)
+        return self.counts.item(_REFUSED)
 
     @property
     def lost(self) -> int:
         """In async mode: how many are known not to have come."""
-        return self._counts.item(_LOST)
+        return self.counts.item(_LOST)
 
     def missing(self) -> list[int]:
         """In lockstep: the neighbours whose messages have not come."""
-        latest = self._latest[self._counts[_NEXT] % 2]
+        latest = self.latest[self.counts[NEXT] % 2]
         return [other for other, number in self._numbers.items() if not latest[number]]
 
-    def hear(self, news: Sequence[tuple[int, bytes]]) -> list[tuple[int, str]]:
+    def hear(self, news: Sequence[tuple[int, bytes]]) -> set[tuple[int, str]]:
         """Take in messages, each with its sender. Returns the senders of those that are refused, with the reasons."""
-        refusals = []
-        for start in range(0, len(news), _AT_ONCE):
-            known = [each for each in news[start : start + _AT_ONCE] if each[0] in self._numbers]
-            refusals += self._hear(known)
-        return refusals
+        payloads: list[bytes] = []
+        marks: list[int] = []
+        for sender, payload in news:
+            if sender in self._numbers:
+                payloads.append(payload)
+                marks += (len(payload), self._numbers[sender])
+        if not hear(b"".join(payloads), struct.pack(f"{len(marks)}q", *marks), self._table):
+            return set()
+        reasons = {(sender, self._reason(payload)) for sender, payload in news if sender in self._numbers}
+        return {(sender, reason) for sender, reason in reasons if reason is not None}
 
-    def _hear(self, news: Sequence[tuple[int, bytes]]) -> list[tuple[int, str]]:
-        arrivals, count = self._arrivals, len(news)
-        for place, (sender, payload) in enumerate(news):
-            arrivals[place] = (len(payload), self._numbers[sender], sender, 0)
-        refused = hear(
-            b"".join([payload for _, payload in news]),
-            *self._reading,
-            *self._judging,
-            count,
-            arrivals,
-            self._names,
-            self._whence,
-            self._latest,
-            self._spare,
-            self._counts,
-        )
-        if not refused:
-            return []
-        return [(sender, REASONS[reason]) for _, _, sender, reason in arrivals[:count].tolist() if reason]
+    def _reason(self, payload: bytes) -> str | None:
+        """Why a message is refused, if it is."""
+        spare = Messages.room(1, self._limits.genome_bytes, self._limits.emigrants)
+        return spare.decode(0, payload, self._limits)
 
-    def take(self) -> Cells:
-        """`whence`, for breeding; in lockstep what comes from now on is for later exchanges."""
-        whence = self.whence
+    def take(self, generation: int) -> Cells:
+        """The row of the message for each slot, shape (1, slots), for breeding after ``generation``.
+
+        In lockstep what comes from now on is for later exchanges; in async mode it is noted how old the messages are.
+        """
         if self._lockstep:
-            turn(self._latest, self._counts)
-        return whence
+            exchange = self.counts.item(NEXT) % 2
+            turn(self.latest, self.counts)
+            return self.whences[exchange : exchange + 1]
+        note_staleness(self.messages.header, self.whences[0], generation, self.used, self.staleness)
+        return self.whences

@@ -9,9 +9,7 @@ import numpy as np
 
 from genetics import Cells, Fitness, Genomes
 from genetics.compiled import kernel, subroutine
-from genetics.operators import Table, call_fitness, call_mating
 from genetics.randomness import DELAY, draw, unit
-from genetics.selection import first_unsound, take_place
 from wire.exchange_kernels import BIRTHPLACE, BORN, EVALUATIONS, GENERATION, SENT, STOP_AT, Header
 
 
@@ -26,7 +24,7 @@ def _is_better(heard: Any, heard_header: Any, known: Any, header: Any) -> Any:
 
 
 @subroutine
-def _believe(
+def believe_one(
     header: Any,
     genomes: Any,
     fitness: Any,
@@ -73,7 +71,7 @@ def believe(
     ``whence``, (rows, slots), says which of the heard messages came to each slot.
     """
     for row in range(whence.shape[0]):
-        _believe(
+        believe_one(
             header,
             genomes,
             fitness,
@@ -117,7 +115,7 @@ def _compose(deme: Any, deme_fitness: Any, first: Any, genomes: Any, fitness: An
 
 
 @subroutine
-def _tell(
+def tell_one(
     deme: Any,
     deme_fitness: Any,
     cell: Any,
@@ -167,7 +165,7 @@ def tell(
     """
     count = 0
     for row in range(cells.size):
-        if _tell(
+        if tell_one(
             demes[row],
             deme_fitness[row],
             cells[row],
@@ -186,98 +184,15 @@ def tell(
     return count
 
 
-@kernel(
-    "int64(int64, int64[:,::1], int64, int64[:,::1], uint8[:,:,::1], float64[:,::1], uint8[:,::1], float64[::1],"
-    "int64[:,::1], boolean, int64, boolean, uint64, int64, int64, int64,"
-    "int64[:,::1], uint8[:,:,::1], float64[:,::1], int64[::1], float64, int64)"
-)
-def live_on(
-    mating: int,
-    mating_table: Table,
-    judging: int,
-    judging_table: Table,
-    deme: Genomes,
-    deme_fitness: Fitness,
-    offspring: Genomes,
-    offspring_fitness: Fitness,
-    whence: Cells,
-    hears: bool,
-    each: int,
-    elitist: bool,
-    seed: np.uint64,
-    cell: int,
-    now: int,
-    evaluations: int,
-    header: Header,
-    genomes: Genomes,
-    fitness: Fitness,
-    better_at: Cells,
-    target: float,
-    witness: int,
-) -> int:
-    """A whole generation of a node with one individual: believe, mate, judge, replace, tell; §6 in one call.
-
-    Args:
-        mating: address of the coding's operator, and ``mating_table``.
-        mating_table: see there.
-        judging: address of the problem's fitness, and ``judging_table``.
-        judging_table: see there.
-        deme: shape (1, 1, genome_bytes), and ``deme_fitness``, (1, 1).
-        deme_fitness: see there.
-        offspring: room for (2 * slots * each, genome_bytes), and for ``offspring_fitness``.
-        offspring_fitness: see there.
-        whence: as in `believe`.
-        hears: whether there are new messages; without, the immigrants of last time come again.
-        each: emigrants of each sender.
-        elitist: whether only an offspring that is as good may replace the individual.
-        seed: of the run.
-        cell: of the node.
-        now: the generation that is bred.
-        evaluations: of the cell, with those of this generation.
-        header: of the messages, the cell's own in row 0, as are ``genomes`` and ``fitness``.
-        genomes: see there.
-        fitness: see there.
-        better_at: as in `believe`.
-        target: as in `tell`.
-        witness: as in `tell`.
-
-    Returns 1 if the cell may say that the target is reached, else 0; or -1 - the index of an offspring whose fitness is
-    none, and then nothing has been replaced.
-    """
-    if hears:
-        _believe(header, genomes, fitness, better_at, 0, now, header, genomes, fitness, whence[0])
-    call_mating(mating, deme[0, 0], genomes, whence[0], each, offspring, seed, cell, now, mating_table)
-    call_fitness(judging, offspring, offspring_fitness, judging_table)
-    wrong = first_unsound(offspring_fitness)
-    if wrong >= 0:
-        return int(-1 - wrong)
-    take_place(deme[0], deme_fitness[0], offspring, offspring_fitness, elitist)
-    reached = _tell(
-        deme[0],
-        deme_fitness[0],
-        cell,
-        now,
-        evaluations,
-        header[0],
-        genomes[0],
-        fitness[0],
-        better_at,
-        0,
-        target,
-        witness,
-    )
-    return int(reached)
-
-
-@kernel("void(int64[:,::1], int64[:,::1], int64, int64[::1], int64[::1])")
+@kernel("void(int64[:,::1], int64[::1], int64, int64[::1], int64[::1])")
 def note_staleness(header: Header, whence: Cells, now: int, used: Cells, staleness: Cells) -> None:
     """Count the immigrants of one cell, how many generations they are behind (sum and most), and which come again.
 
     ``used``, (slots,), is the number of the message that each slot gave last time; ``staleness`` holds the four counts.
     A slot that names the cell itself, row 0, brings no immigrant.
     """
-    for slot in range(whence.shape[1]):
-        sender = whence[0, slot]
+    for slot in range(whence.size):
+        sender = whence[slot]
         if sender == 0:
             continue
         behind = max(0, now - header[sender, GENERATION])

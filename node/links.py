@@ -19,7 +19,7 @@ from wire.callbacks import direct, frequent
 
 _DIRECT_WITHIN = 10.0  # seconds that a direct link may take to come up; a thousand nodes start in less
 
-Hear = Callable[[int, bytes], None]
+Hear = Callable[[int, zenoh.Sample], None]
 """Called on Zenoh's thread with the sender and its message."""
 Task = Callable[[], None]
 
@@ -31,6 +31,9 @@ class Links:
         berth: the node's place.
         hear: takes a neighbour's message.
         later: runs a task on the main thread: on Zenoh's thread nothing may be declared.
+
+    Attributes:
+        publish: sends a message to every neighbour.
     """
 
     def __init__(self, berth: Berth, hear: Hear, later: Callable[[Task], None]) -> None:
@@ -46,13 +49,8 @@ class Links:
         self._listening: set[int] = set()  # those of them who say that they listen to the router
         self._routed_out: zenoh.Publisher | None = None
         self._open(berth)
+        self.publish: Callable[[bytes], None] = self._out.put
         self._wait()
-
-    def publish(self, payload: bytes) -> None:
-        """Send to every neighbour."""
-        self._out.put(payload)
-        if self._routed_out is not None:
-            self._routed_out.put(payload)
 
     def _open(self, berth: Berth) -> None:
         """Of two neighbours the one to whom the other is east or south connects.
@@ -72,10 +70,7 @@ class Links:
         self._token = liveliness.declare_token(self.keys.node(self.node))
 
     def _subscribe(self, session: zenoh.Session, sender: int) -> Any:
-        hear = self._hear
-        return session.declare_subscriber(
-            self.keys.out(sender), frequent(lambda sample: hear(sender, sample.payload.to_bytes()))
-        )
+        return session.declare_subscriber(self.keys.out(sender), frequent(partial(self._hear, sender)))
 
     def _see(self, neighbour: int, sample: zenoh.Sample) -> None:
         """A direct link has come up or gone."""
@@ -107,6 +102,12 @@ class Links:
         if self._routed and self._routed_out is None:
             self._routed_out = self.control.declare_publisher(self.keys.out(self.node))
             self._routed_token = self.control.liveliness().declare_token(self.keys.routed(self.node))
+            self.publish = self._publish_both_ways
+
+    def _publish_both_ways(self, payload: bytes) -> None:
+        assert self._routed_out is not None, "declared before"
+        self._out.put(payload)
+        self._routed_out.put(payload)
 
     def _route(self, neighbour: int) -> list[Any]:
         """Listen to a neighbour through the router, and for its word that it listens too."""

@@ -28,7 +28,7 @@ from node.cell import (
     Cell,
     Complain,
     Event,
-    Heard,
+    Message,
     Propose,
     Publish,
     Start,
@@ -48,6 +48,7 @@ from wire.strict import Rejected
 PATIENCE = 1.0  # seconds without a generation, at least, after which a lockstep node asks for what is missing
 MOST_REPORTS_PER_SECOND = 256  # of counters, over the whole cluster
 BRISK_SECONDS = 2e-3  # of processor time: a generation that takes less may be bred on the network thread
+_MEASURED_EVERY = 16  # generations: asking for it costs as much as a message
 BRISK_BYTES = 1 << 14  # longer messages may have to wait for room to leave; on the network thread nothing may wait
 
 
@@ -63,6 +64,7 @@ class _Assignment:
     """The job that this node is at.
 
     Attributes:
+        news: messages for the cell; the network thread appends.
         events: for the cell; any thread may append.
         turn: held by the thread that carries the cell on.
         brisk: whether that is the network thread, for now.
@@ -73,6 +75,7 @@ class _Assignment:
 
     def __init__(self, cell: Cell) -> None:
         self.cell = cell
+        self.news: list[Message] = []
         self.events: deque[Event] = deque()
         self.turn = threading.Lock()
         self.brisk = False
@@ -86,17 +89,23 @@ class _Assignment:
     @property
     def busy(self) -> bool:
         """Whether there is something to do for the cell right now."""
-        return bool(self.events) or self.cell.ready
+        return bool(self.news or self.events) or self.cell.ready
 
     def step(self) -> list[Action]:
-        """Let the cell take the events that are here now, but not those that come meanwhile; within ``turn`` only."""
-        events = [self.events.popleft() for _ in range(len(self.events))]
-        generation, used = self.cell.rows.generation, time.thread_time()
-        actions = self.cell.step(events)
-        if self.cell.rows.generation != generation:
+        """Let the cell take what is here now, but not what comes meanwhile; within ``turn`` only."""
+        cell = self.cell
+        news = self.news[:]
+        del self.news[: len(news)]
+        events = [self.events.popleft() for _ in range(len(self.events))] if self.events else ()
+        generation = cell.rows.generation
+        measured = generation % _MEASURED_EVERY == 0
+        used = time.thread_time() if measured else 0.0
+        actions = cell.step(news, events)
+        if cell.rows.generation != generation:
             now = time.monotonic()
             self.gap, self.bred_at = now - self.bred_at, now
-            self.brisk = self._may_be_brisk and time.thread_time() - used < BRISK_SECONDS
+            if measured:
+                self.brisk = self._may_be_brisk and time.thread_time() - used < BRISK_SECONDS
         return actions
 
 
@@ -124,13 +133,14 @@ class NodeProcess:
         self._token = session.liveliness().declare_token(self.keys.node(node))
 
     # On the network thread --------------------------------------------------------------------------------------------
-    def _hear(self, sender: int, payload: bytes) -> None:
+    def _hear(self, sender: int, sample: zenoh.Sample) -> None:
         assignment = self.assignment
         if assignment is None:
             return
-        assignment.events.append(Heard(sender, payload))
+        news = assignment.news
+        news.append((sender, sample.payload.to_bytes()))
         if assignment.brisk:
-            if len(assignment.events) >= assignment.cell.inbox.lacking:  # else the cell could only wait for more
+            if len(news) >= assignment.cell.inbox.lacking():  # else the cell could only wait for more
                 self._carry_on_briskly(assignment)
         elif assignment.in_lockstep:
             self.mail.put(_nothing)  # wakes the main thread
@@ -140,17 +150,20 @@ class NodeProcess:
 
         Nothing here may block, so all but small messages to the neighbours is left to the main thread.
         """
-        while assignment.brisk and assignment.busy and assignment.turn.acquire(blocking=False):
+        while assignment.turn.acquire(blocking=False):
             try:
                 for action in assignment.step():
-                    if isinstance(action, Publish):
+                    if type(action) is Publish:
                         self.links.publish(action.payload)
                     else:
                         self.mail.put(partial(self._carry_out, assignment, action))
             finally:
                 assignment.turn.release()
-        if not assignment.brisk:
-            self.mail.put(_nothing)
+            if not assignment.brisk:
+                self.mail.put(_nothing)
+                return
+            if not assignment.busy:
+                return
 
     # On the main thread -----------------------------------------------------------------------------------------------
     def run(self) -> None:

@@ -4,7 +4,6 @@ A node holds one row, the simulator one for each cell of the torus; the code is 
 arithmetic. It knows nothing of how messages come: what neighbours said lies in arrays, wherever they are from.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -12,7 +11,7 @@ import numpy as np
 from genetics import Cells, Fitness, Genomes
 from genetics.breeding import breed
 from genetics.coding import Immigrants
-from node.kernels import believe, live_on, tell
+from node.kernels import believe, tell
 from node.plan import Plan
 from topologies import ROOT
 from wire.exchange import NEVER, Messages
@@ -50,16 +49,15 @@ class Rows:
         self.better_at = np.zeros(rows, np.int64)
         self._immigrants: Immigrants | None = None
         self._reached = np.zeros(rows, np.int64)
-        self._target = -np.inf if plan.target is None else plan.target
+        self.target = -np.inf if plan.target is None else plan.target
         # Under the paper's spy only what has come past the root is known, so there the root says it for all.
-        self._witness = ROOT if plan.run.spy == "root" else -1
-        self._stall = plan.run.stall_limit() if self.cells[0] == ROOT else None
+        self.witness = ROOT if plan.run.spy == "root" else -1
+        self.stall = plan.run.stall_limit() if self.cells[0] == ROOT else None
         # Looked up once: a node asks for these in every generation.
         self._first_evaluations, self._each_evaluations = plan.run.deme, plan.evaluations_per_generation
         self._interval, self._emigrants, self._alone = plan.run.interval, plan.run.emigrants, plan.run.deme == 1
         self._coding, self._recipe = plan.coding, plan.recipe
         together = rows == 1 or plan.problem.batches_alike
-        self._in_one_call: Callable[[bool, Cells], int] | None = None
         self._evaluate = plan.evaluate if together else self._evaluate_apart
 
     @property
@@ -79,19 +77,16 @@ class Rows:
         flat = self.genomes.reshape(-1, plan.coding.genome_bytes)
         self.fitness = self._evaluate(flat).reshape(len(self.cells), plan.run.deme)
         self._tell()
-        self._in_one_call = self._compiled()
 
-    def advance(self, received: Messages | None, whence: Cells) -> None:
+    def advance(self, received: Messages | None, whence: Cells | None = None) -> None:
         """Take what the neighbours said (None in a generation without exchange) and breed the next generation.
 
         ``whence``, (rows, slots), says which message came to each slot; a slot that names the row's own number stands
         for the cell itself. Between exchanges an individual that lives alone breeds with the immigrants it had last.
         """
         self.generation += 1
-        if self._in_one_call is not None:
-            self._propose(self._in_one_call(received is not None, whence))
-            return
         if received is not None:
+            assert whence is not None, "messages come from somewhere"
             believe(*self.messages, self.better_at, self.generation, *received, whence)
             self._immigrants = Immigrants(received.genomes, received.fitness, whence, self._emigrants)
         breed(
@@ -110,41 +105,11 @@ class Rows:
         stop_at = self.generation + self.plan.stop_distance
         if stop_at < self.stop_at[row]:
             self.stop_at[row] = stop_at
-            self.proposals.append(Proposal(stop_at, reason, int(self.cells[row]), self.generation))
+            self.note_proposal(row, reason)
 
-    def _compiled(self) -> Callable[[bool, Cells], int] | None:
-        """A generation as one compiled call, for a single individual whose problem's fitness is compiled."""
-        plan, judging = self.plan, self.plan.problem.judging
-        if not self._alone or len(self.cells) > 1 or judging is None:
-            return None
-        mating = self._coding.mating(self._recipe)
-        count = 2 * plan.slots * self._emigrants
-        offspring = np.zeros((count, plan.coding.genome_bytes), np.uint8)
-        operators = (mating.address, mating.table, judging.address, judging.table)
-        before = (*operators, self.genomes, self.fitness, offspring, np.zeros(count))
-        choices = (self._emigrants, self._recipe.replacement == "elitist", plan.keys(self.cells, 0).seed)
-        cell = int(self.cells[0])
-
-        def live(hears: bool, whence: Cells) -> int:
-            reached = live_on(
-                *before,
-                whence,
-                hears,
-                *choices,
-                cell,
-                self.generation,
-                self.evaluations,
-                *self.messages,
-                self.better_at,
-                self._target,
-                self._witness,
-            )
-            if reached < 0:
-                plan.evaluate(offspring[-1 - reached][None])  # says what is wrong with it
-            return reached
-
-        self._kept = (mating, judging)  # compiled code holds addresses of their arrays
-        return live
+    def note_proposal(self, row: int, reason: Reason) -> None:
+        """Keep in mind that the row's stop is its own proposal of this generation."""
+        self.proposals.append(Proposal(int(self.stop_at[row]), reason, int(self.cells[row]), self.generation))
 
     def _evaluate_apart(self, genomes: Genomes) -> Fitness:
         """Row by row, as nodes do: other batches could change a bit."""
@@ -160,8 +125,8 @@ class Rows:
             self.evaluations,
             *self.messages,
             self.better_at,
-            self._target,
-            self._witness,
+            self.target,
+            self.witness,
             self._reached,
         )
         self._propose(reached)
@@ -170,5 +135,5 @@ class Rows:
         """What cells propose by themselves: that the target is ``reached``, and the root a stall."""
         for row in range(reached):
             self.propose(int(self._reached[row]), "target")
-        if self._stall is not None and self.generation - self.better_at[0] >= self._stall:
+        if self.stall is not None and self.generation - self.better_at[0] >= self.stall:
             self.propose(0, "stall")

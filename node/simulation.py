@@ -10,7 +10,7 @@ from collections.abc import Callable
 import numpy as np
 
 from genetics import Fitness, Genomes
-from node.cell import Action, Cell, Event, Heard, Propose, Publish, Start
+from node.cell import Action, Cell, Event, Message, Propose, Publish, Start
 from node.history import History
 from node.kernels import delay
 from node.plan import Plan
@@ -108,30 +108,32 @@ class _Delays:
         self.watch = watch
         self.outside = outside
         self.cells = [Cell(plan, number, job=1) for number in range(plan.topology.cells)]
-        self.mail: list[list[Event]] = [[Start()] for _ in self.cells]
+        self.events: list[list[Event]] = [[Start()] for _ in self.cells]
+        self.news: list[list[Message]] = [[] for _ in self.cells]
         self.reports: dict[int, Report] = {}
         self.best: Champion | None = None
         self._seed = plan.keys(np.arange(0), 0).seed
-        self._agenda: list[tuple[float, int, int, Event | None]] = []  # time, order, cell, mail or its turn
+        self._agenda: list[tuple[float, int, int, Message | None]] = []  # time, order, cell, message or its turn
         self._order = 0
 
     def run(self) -> list[Report]:
         for cell in self.cells:
             self._later(0.0, cell.cell, None)
         while self._agenda:
-            now, _, number, event = heapq.heappop(self._agenda)
-            if event is None:
+            now, _, number, message = heapq.heappop(self._agenda)
+            if message is None:
                 self._turn(now, self.cells[number])
             else:
-                self.mail[number].append(event)
+                self.news[number].append(message)
         return [self.reports[number] for number in range(len(self.cells))]
 
     def _turn(self, now: float, cell: Cell) -> None:
-        events, self.mail[cell.cell] = self.mail[cell.cell], []
-        for action in cell.step(events):
+        news, self.news[cell.cell] = self.news[cell.cell], []
+        events, self.events[cell.cell] = self.events[cell.cell], []
+        for action in cell.step(news, events):
             self._carry_out(now, cell, action)
         if cell.cell == ROOT:
-            self._look(now, cell)
+            self._look(cell)
         if not cell.ended:
             self._later(now + self._delay(cell.cell, 0), cell.cell, None)
 
@@ -139,21 +141,21 @@ class _Delays:
         if isinstance(action, Publish):
             for index, other in enumerate(cell.neighbours):
                 arrival = now + MEAN_LATENCY * self._delay(cell.cell, 1 + index)
-                self._later(arrival, other, Heard(cell.cell, action.payload))
+                self._later(arrival, other, (cell.cell, action.payload))
         elif isinstance(action, Report):
             self.reports[cell.cell] = action
 
-    def _look(self, now: float, root: Cell) -> None:
+    def _look(self, root: Cell) -> None:
         if (reason := self.outside()) is not None:
-            self._later(now, ROOT, Propose(reason))
+            self.events[ROOT].append(Propose(reason))
         champion = root.champion
         if champion is not None and (self.best is None or champion < self.best):
             self.best = champion
             self.watch(root.rows.generation, champion)
 
-    def _later(self, time: float, cell: int, event: Event | None) -> None:
+    def _later(self, time: float, cell: int, message: Message | None) -> None:
         self._order += 1
-        heapq.heappush(self._agenda, (time, self._order, cell, event))
+        heapq.heappush(self._agenda, (time, self._order, cell, message))
 
     def _delay(self, cell: int, index: int) -> float:
         return float(delay(self._seed, cell, self.cells[cell].rows.generation, index))

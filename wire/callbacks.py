@@ -15,20 +15,25 @@ def direct(function: Callable[[Any], None], end: Callable[[], None] | None = Non
 
     ``end`` is called once there will be no more messages.
     """
+
+    def call(message: Any) -> None:
+        _keep_thread_state()
+        function(message)
+
+    return frequent(call, end)
+
+
+def frequent(function: Callable[[Any], None], end: Callable[[], None] | None = None) -> Any:
+    """The same for messages that come thousands of times a second, on a thread that has called `direct` ones before."""
     return zenoh.handlers.Callback(function, end, indirect=False)
 
 
-def frequent(function: Callable[[Any], None]) -> Any:
-    """The same for messages that come thousands of times a second.
+def _keep_thread_state() -> None:
+    """Keep this thread's Python state for as long as the process lives.
 
     CPython makes a thread state before, and frees it after, each call from a thread that it does not know: 16 kB mapped
-    and unmapped again, a third of what receiving costs. Here the state is kept, for as long as the process lives.
+    and unmapped again, a third of what receiving costs.
     """
-
-    def call(message: Any) -> None:
-        if not hasattr(_thread, "kept"):
-            _thread.kept = True
-            ctypes.pythonapi.PyGILState_Ensure()  # never released, so it outlives this call
-        function(message)
-
-    return direct(call)
+    if not hasattr(_thread, "kept"):
+        _thread.kept = True
+        ctypes.pythonapi.PyGILState_Ensure()  # never released, so it outlives this call

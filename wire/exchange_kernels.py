@@ -258,21 +258,20 @@ def read_message(
     return at
 
 
-ARGUMENTS_OF_READING = (
-    PAYLOAD,
-    types.int64,
-    types.int64,
-    types.uint8[::1],
-    types.float64[::1],
-    types.float64[::1],
-    types.int64[:, ::1],
-    types.uint8[:, :, ::1],
-    types.float64[:, ::1],
+@kernel(
+    types.int64(
+        PAYLOAD,
+        types.int64,
+        types.int64,
+        types.uint8[::1],
+        types.float64[::1],
+        types.float64[::1],
+        types.int64[:, ::1],
+        types.uint8[:, :, ::1],
+        types.float64[:, ::1],
+        types.int64,
+    )
 )
-"""The types of a payload, most_bytes, cells, an alphabet and the arrays of messages."""
-
-
-@kernel(types.int64(*ARGUMENTS_OF_READING, types.int64))
 def decode(
     payload: bytes,
     most_bytes: int,
@@ -353,33 +352,36 @@ def _put_genome(out: Any, at: Any, genome: Any) -> Any:
     return at + genome.size
 
 
-@kernel("int64(int64[:,::1], uint8[:,:,::1], float64[:,::1], int64, boolean, uint8[::1])")
-def encode(header: Header, genomes: Genomes, fitness: Fitness, row: int, champion: bool, out: Genomes) -> int:
-    """Write one row as a message into ``out``, with its ``champion`` if there is one; returns how many bytes."""
-    own_header, own_genomes, own_fitness = header[row], genomes[row], fitness[row]
-    last = own_fitness.size - 1
+@subroutine
+def write_message(header: Any, genomes: Any, fitness: Any, champion: Any, out: Any) -> Any:
+    """`encode` for one row."""
+    last = fitness.size - 1
     at = _put_length(out, 0, _FIELDS)
     at = _put_count(out, at, VERSION)
     for column in range(JOB, STOP_AT):
-        at = _put_count(out, at, own_header[column])
-    if own_header[STOP_AT] == NEVER:
-        at = _put(out, at, _NIL, np.uint64(0), 0)
-    else:
-        at = _put_count(out, at, own_header[STOP_AT])
+        at = _put_count(out, at, header[column])
+    never = header[STOP_AT] == NEVER
+    at = _put(out, at, _NIL, np.uint64(0), 0) if never else _put_count(out, at, header[STOP_AT])
     at = _put_length(out, at, last)
     for number in range(last):
         at = _put_length(out, at, 2)
-        at = _put_genome(out, at, own_genomes[number])
-        at = _put_fitness(out, at, own_fitness, number)
-    if champion and own_fitness[last] < np.inf:
+        at = _put_genome(out, at, genomes[number])
+        at = _put_fitness(out, at, fitness, number)
+    if champion and fitness[last] < np.inf:
         at = _put_length(out, at, 4)
-        at = _put_fitness(out, at, own_fitness, last)
-        at = _put_count(out, at, own_header[BORN])
-        at = _put_count(out, at, own_header[BIRTHPLACE])
-        at = _put_genome(out, at, own_genomes[last])
+        at = _put_fitness(out, at, fitness, last)
+        at = _put_count(out, at, header[BORN])
+        at = _put_count(out, at, header[BIRTHPLACE])
+        at = _put_genome(out, at, genomes[last])
     else:
         at = _put(out, at, _NIL, np.uint64(0), 0)
     at = _put_length(out, at, 2)
-    at = _put_count(out, at, own_header[SENT])
-    end: int = _put_count(out, at, own_header[EVALUATIONS])
+    at = _put_count(out, at, header[SENT])
+    return _put_count(out, at, header[EVALUATIONS])
+
+
+@kernel("int64(int64[:,::1], uint8[:,:,::1], float64[:,::1], int64, boolean, uint8[::1])")
+def encode(header: Header, genomes: Genomes, fitness: Fitness, row: int, champion: bool, out: Genomes) -> int:
+    """Write one row as a message into ``out``, with its ``champion`` if there is one; returns how many bytes."""
+    end: int = write_message(header[row], genomes[row], fitness[row], champion, out)
     return end
