@@ -95,10 +95,12 @@ class Zygote:
         import_all()
         import node.process
         import spy.process
+        from coordinator import huge_pages
 
         self._spy_watch, self._node_live = spy.process.watch, node.process.live
         gc.collect()
         gc.freeze()
+        huge_pages.collapse()
 
     def _fork_router(self) -> bool:
         """The router first: when it listens, the others need not try twice. Whether it does."""

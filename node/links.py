@@ -53,11 +53,11 @@ class Links:
         self._wait()
 
     def _open(self, berth: Berth) -> None:
-        """Of two neighbours the one to whom the other is east or south connects.
+        """Of two neighbours the one to whom the other is north or west connects: mostly the other was there first.
 
         A node declares its token after its subscriptions, on the same link: who sees the token may publish to it.
         """
-        links = {other for other in self.slots[1:3] if other != self.node}
+        links = {other for other in self.slots[0::3] if other != self.node}
         self.data = sessions.peer(berth.data_endpoint, [berth.data_endpoint_of(other) for other in sorted(links)])
         self.control = sessions.client(berth.router)
         self._out = self.data.declare_publisher(self.keys.out(self.node))

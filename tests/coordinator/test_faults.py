@@ -133,9 +133,9 @@ def test_when_all_are_killed_at_once_the_next_cluster_removes_the_folder(holder)
 
 
 def test_a_folder_in_use_is_not_stale():
-    from coordinator.launcher import _lock, _remove_stale_folders
+    from coordinator.launcher import _home, _lock, _remove_stale_folders
 
-    folder = Path(tempfile.mkdtemp(prefix="supernode-"))
+    folder = Path(tempfile.mkdtemp(prefix="supernode-", dir=_home()))
     descriptor = _lock(folder)
     old = time.time() - 60
     os.utime(folder, (old, old))
