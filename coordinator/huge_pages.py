@@ -1,7 +1,7 @@
 """Huge pages for what is in memory before a fork.
 
-A fork copies, and its end takes down, an entry for each page of anonymous memory. That is most of what a fork costs when
-compiled code and its libraries are loaded; in pages of 2 MB there are 512 times fewer.
+A fork copies, and its end takes down, an entry for each page of anonymous memory: most of what a fork costs when
+compiled code and its libraries are loaded. In pages of 2 MB there are 512 times fewer.
 """
 
 import ctypes

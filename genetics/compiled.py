@@ -50,12 +50,14 @@ def _use_cache_of_these_sources() -> None:
 _use_cache_of_these_sources()
 
 
-def kernel(signature: Any) -> Callable[[Function], Function]:
+def kernel(signature: Any, may_be_long: bool = False) -> Callable[[Function], Function]:
     """Compile a function for ``signature`` now, or take it from the cache; no fast-math, so results are exact.
 
-    A signature is a text such as ``"void(float64[::1], int64)"``, or made of `numba.types` where no text says it.
+    A signature is a text such as ``"void(float64[::1], int64)"``, or made of `numba.types` where no text says it. While
+    one that may be long runs, other threads may run Python: a node's network thread would wake up in vain 200 times a
+    second otherwise.
     """
-    compiler: Any = numba.njit(signature, cache=True, error_model="numpy")
+    compiler: Any = numba.njit(signature, cache=True, error_model="numpy", nogil=may_be_long)
 
     def compile_now(function: Function) -> Function:
         compiled: Function = compiler(function)

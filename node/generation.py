@@ -127,7 +127,7 @@ def _listen(table: Any, settings: Any, now: Any, counts: Any) -> Any:
     return row
 
 
-@kernel("int64(int64[:,::1], int64, int64)")
+@kernel("int64(int64[:,::1], int64, int64)", may_be_long=True)
 def live_on(table: Table, now: int, place: int) -> int:
     """Breed generation ``now``, note it at a ``place`` of the history, and write the cell's message.
 

@@ -139,11 +139,11 @@ class NodeProcess:
             return
         news = assignment.news
         news.append((sender, sample.payload.to_bytes()))
-        if assignment.brisk:
-            if len(news) >= assignment.cell.inbox.lacking():  # else the cell could only wait for more
+        if assignment.in_lockstep and len(news) >= assignment.cell.inbox.lacking():  # else it could only wait for more
+            if assignment.brisk:
                 self._carry_on_briskly(assignment)
-        elif assignment.in_lockstep:
-            self.mail.put(_nothing)  # wakes the main thread
+            else:
+                self.mail.put(_nothing)  # wakes the main thread
 
     def _carry_on_briskly(self, assignment: _Assignment) -> None:
         """Go on for as long as the cell can, unless the main thread is at it: that one looks again after its turn.

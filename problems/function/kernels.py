@@ -8,11 +8,12 @@ whether by Gray code, parameters; then what the function says.
 from typing import Any
 
 import numpy as np
+from numba import types
 
 from genetics.arrays import Fitness, Genomes
 from genetics.bit_kernels import integers_of
 from genetics.compiled import kernel, subroutine
-from genetics.operators import FITNESS, Table, integers, reals
+from genetics.operators import FITNESS, Table, call_fitness, integers, reals
 
 
 @subroutine
@@ -32,7 +33,7 @@ def _points(genomes: Any, table: Any) -> Any:
     return points
 
 
-@kernel(FITNESS)
+@kernel(FITNESS, may_be_long=True)
 def sphere(genomes: Genomes, fitness: Fitness, table: Table) -> None:
     """Σ x²: one smooth valley."""
     points = _points(genomes, table)
@@ -43,7 +44,7 @@ def sphere(genomes: Genomes, fitness: Fitness, table: Table) -> None:
         fitness[row] = value
 
 
-@kernel(FITNESS)
+@kernel(FITNESS, may_be_long=True)
 def rastrigin(genomes: Genomes, fitness: Fitness, table: Table) -> None:
     """10 n + Σ (x² − 10 cos 2πx): a grid of valleys, the deepest in the middle."""
     points = _points(genomes, table)
@@ -54,7 +55,7 @@ def rastrigin(genomes: Genomes, fitness: Fitness, table: Table) -> None:
         fitness[row] = value
 
 
-@kernel(FITNESS)
+@kernel(FITNESS, may_be_long=True)
 def ackley(genomes: Genomes, fitness: Fitness, table: Table) -> None:
     """20 + e − 20 exp(−0.2 √(Σ x² / n)) − exp(Σ cos 2πx / n): a plain of dents around one funnel."""
     points = _points(genomes, table)
@@ -68,7 +69,7 @@ def ackley(genomes: Genomes, fitness: Fitness, table: Table) -> None:
         fitness[row] = funnel + np.e - np.exp(waves / count)
 
 
-@kernel(FITNESS)
+@kernel(FITNESS, may_be_long=True)
 def rosenbrock(genomes: Genomes, fitness: Fitness, table: Table) -> None:
     """Σ 100 (x_{i+1} − x_i²)² + (1 − x_i)²: a bent, narrow valley."""
     points = _points(genomes, table)
@@ -80,7 +81,7 @@ def rosenbrock(genomes: Genomes, fitness: Fitness, table: Table) -> None:
         fitness[row] = value
 
 
-@kernel(FITNESS)
+@kernel(FITNESS, may_be_long=True)
 def onemax(genomes: Genomes, fitness: Fitness, table: Table) -> None:
     """The number of zeros."""
     bits = np.empty(integers(table, 0)[0, 2], np.int64)
@@ -89,7 +90,7 @@ def onemax(genomes: Genomes, fitness: Fitness, table: Table) -> None:
         fitness[row] = bits.size - np.sum(bits)
 
 
-@kernel(FITNESS)
+@kernel(FITNESS, may_be_long=True)
 def trap(genomes: Genomes, fitness: Fitness, table: Table) -> None:
     """For each block of bits 0 if all are 1, else 1 + the number of ones: each step leads away from the optimum."""
     bits = np.empty(integers(table, 0)[0, 2], np.int64)
@@ -104,7 +105,7 @@ def trap(genomes: Genomes, fitness: Fitness, table: Table) -> None:
         fitness[row] = value
 
 
-@kernel(FITNESS)
+@kernel(FITNESS, may_be_long=True)
 def partition(genomes: Genomes, fitness: Fitness, table: Table) -> None:
     """Edges cut + squared sizes of the parts − an offset; a vertex belongs to the part label modulo parts.
 
@@ -125,3 +126,27 @@ def partition(genomes: Genomes, fitness: Fitness, table: Table) -> None:
         for edge in range(edges.shape[0]):
             total += labels[edges[edge, 0]] % parts != labels[edges[edge, 1]] % parts
         fitness[row] = total
+
+
+_clock_gettime: Any = types.ExternalFunction("clock_gettime", types.int32(types.int32, types.uintp))
+_THREAD_CPU_CLOCK = 3
+
+
+@subroutine
+def _thread_nanoseconds(time: Any) -> Any:
+    """Processor time that this thread has used; ``time`` is room for seconds and nanoseconds."""
+    _clock_gettime(_THREAD_CPU_CLOCK, time.ctypes.data)
+    return time[0] * 1_000_000_000 + time[1]
+
+
+@kernel(FITNESS, may_be_long=True)
+def costly(genomes: Genomes, fitness: Fitness, table: Table) -> None:
+    """Another function after as much processor time as asked for.
+
+    Its table: the other's address, and nanoseconds for each genome; then the other's table.
+    """
+    time = np.zeros(2, np.int64)
+    until = _thread_nanoseconds(time) + integers(table, 0)[0, 1] * fitness.size
+    while _thread_nanoseconds(time) < until:
+        pass
+    call_fitness(integers(table, 0)[0, 0], genomes, fitness, integers(table, 1))

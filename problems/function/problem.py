@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from functools import cached_property
 from typing import TYPE_CHECKING, ClassVar, Literal, Self
 
@@ -150,15 +149,18 @@ seed = 1
 
     def evaluate(self, genomes: Genomes) -> Fitness:
         """The function's values, after as much processor time as asked for."""
-        values = self._compiled.fitness(genomes)
-        if self.cost_us > 0:
-            _burn(self.cost_us * len(genomes))
-        return values
+        return self.judging.fitness(genomes)
 
-    @property
-    def judging(self) -> Operator | None:
-        """The compiled function, unless it is to cost time."""
-        return self._compiled if self.cost_us == 0 else None
+    @cached_property
+    def judging(self) -> Operator:
+        """The compiled function, made to cost time if it is to."""
+        from genetics.operators import Operator
+        from problems.function import kernels
+
+        function = self._compiled
+        if self.cost_us == 0:
+            return function
+        return Operator.of(kernels.costly, [function.address, round(1000 * self.cost_us)], function.table)
 
     @cached_property
     def _compiled(self) -> Operator:
@@ -220,10 +222,3 @@ seed = 1
         from problems.function import drawing
 
         drawing.draw(self, figure, solution, populations)
-
-
-def _burn(microseconds: float) -> None:
-    """Keep this thread's processor busy."""
-    end = time.thread_time_ns() + round(1000 * microseconds)
-    while time.thread_time_ns() < end:
-        pass
