@@ -7,6 +7,7 @@ time, and all of async mode, where breeding goes on while messages come in.
 """
 
 import contextlib
+import ctypes
 import json
 import os
 import queue
@@ -45,6 +46,7 @@ from wire.news import Counters, LogRecord
 from wire.report import Report
 from wire.strict import Rejected
 
+_LIBC = ctypes.CDLL(None)
 PATIENCE = 1.0  # seconds without a generation, at least, after which a lockstep node asks for what is missing
 MOST_REPORTS_PER_SECOND = 256  # of counters, over the whole cluster
 BRISK_SECONDS = 2e-3  # of processor time: a generation that takes less may be bred on the network thread
@@ -175,6 +177,10 @@ class NodeProcess:
                 continue
             if assignment.busy:
                 self._carry_on(assignment)
+                if not assignment.in_lockstep:
+                    # For the network thread and the neighbours, should they want this core (or Python): else a node
+                    # breeds hundreds of generations with the same immigrants until its turn is over.
+                    _LIBC.sched_yield()
             if assignment.cell.state == "running":
                 self._mind_the_time(assignment)
 

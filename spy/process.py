@@ -1,7 +1,9 @@
 """The process of the spy: linked to the root cell like a fifth neighbour, as in figure 7 of Ahuactzin et al. 1992.
 
-It hears what the root publishes, believes a champion once it has evaluated it, and tells the world. The control session
-also gathers the nodes' counters and log records, and adds them up twice a second.
+It hears what the root publishes, believes a champion once it has evaluated it, and tells the world. The root publishes
+thousands of messages a second, most of them with the same champion as before: they are read on the network thread, and
+only a new champion is mail for the main thread. The control session also gathers the nodes' counters and log records,
+and adds them up twice a second.
 """
 
 import contextlib
@@ -23,7 +25,7 @@ from topologies import ROOT
 from wire import control, sessions
 from wire.callbacks import direct, frequent
 from wire.control import Answer, Begin, Done, Drop, Finish, Judged, Prepare, Refused
-from wire.exchange import Champion, Exchange, decode
+from wire.exchange import Champion, Messages
 from wire.news import Counters, LogRecord, Statistics
 from wire.strict import Rejected
 
@@ -38,9 +40,37 @@ def watch(berth: Berth) -> None:
 
 @dataclass(frozen=True)
 class _News:
-    """A message of the root, not looked at yet."""
+    """A champion of the root's that it has not told before."""
 
-    payload: bytes
+    job: int
+    champion: Champion
+
+
+class _Root:
+    """What the root says in one job."""
+
+    def __init__(self, plan: Plan, job: int) -> None:
+        self.generation = 0
+        self.rejected = 0
+        self._job = job
+        self._limits = plan.limits
+        self._message = Messages.room(1, plan.limits.genome_bytes, plan.limits.emigrants)
+        self._told: tuple[int, int] | None = None  # birth of the latest champion
+
+    def hear(self, payload: bytes) -> Champion | None:
+        """Its champion, if it is another than the last one."""
+        message = self._message
+        if message.decode(0, payload, self._limits) is not None:
+            self.rejected += 1
+            return None
+        job, _, generation, *_, born, birthplace = message.header[0].tolist()
+        if job != self._job:
+            return None
+        self.generation = generation
+        if self._told == (born, birthplace):
+            return None
+        self._told = (born, birthplace)
+        return message.champion(0)
 
 
 @dataclass
@@ -51,10 +81,9 @@ class _Assignment:
     plan: Plan
     collector: Collector
     log: RunLog
+    root: _Root
     began: float | None = None  # on the monotonic clock
-    last: Exchange | None = None  # the root's latest message
     counters: dict[int, Counters] = field(default_factory=dict)  # the latest of each node
-    rejected: int = 0
     messages: int = 0  # when they were last added up,
     added_up: float = 0.0  # at this time
 
@@ -80,15 +109,21 @@ class SpyProcess:
     def _link(self) -> None:
         """Link to the root and wait until it is there."""
         self.data = sessions.peer(None, [self.berth.data_endpoint_of(ROOT)])
-        self._root = self.data.declare_subscriber(
-            self.keys.out(ROOT), frequent(lambda sample: self.mail.put(_News(sample.payload.to_bytes())))
-        )
+        self._root = self.data.declare_subscriber(self.keys.out(ROOT), frequent(self._listen))
         linked = threading.Event()
         watcher = self.data.liveliness().declare_subscriber(
             self.keys.node(ROOT), direct(lambda _: linked.set()), history=True
         )
         linked.wait()
         watcher.undeclare()  # type: ignore[no-untyped-call]
+
+    def _listen(self, sample: zenoh.Sample) -> None:
+        """On the network thread."""
+        assignment = self.assignment
+        if assignment is not None:
+            champion = assignment.root.hear(sample.payload.to_bytes())
+            if champion is not None:
+                self.mail.put(_News(assignment.job, champion))
 
     def _register(self) -> None:
         self.control = sessions.client(self.berth.router)
@@ -136,18 +171,8 @@ class SpyProcess:
         elif assignment is not None and isinstance(mail, Counters):
             if mail.job == assignment.job:
                 assignment.counters[mail.node] = mail
-        elif assignment is not None and isinstance(mail, _News):
-            self._open_news(assignment, mail)
-
-    def _open_news(self, assignment: _Assignment, news: _News) -> None:
-        try:
-            message = decode(news.payload, assignment.plan.limits)
-        except Rejected:
-            assignment.rejected += 1
-            return
-        if message.job == assignment.job:
-            assignment.last = message
-            self._hear(assignment, message.champion)
+        elif assignment is not None and isinstance(mail, _News) and mail.job == assignment.job:
+            self._hear(assignment, mail.champion)
 
     def _hear(self, assignment: _Assignment, champion: Champion | None) -> None:
         better = assignment.collector.hear(champion, assignment.seconds)
@@ -191,7 +216,7 @@ class SpyProcess:
             return Refused(str(error), "input")
         except Exception as error:
             return Refused(f"spy: {type(error).__name__}: {error}")
-        self.assignment = _Assignment(command.job, plan, Collector(plan, command.job), log)
+        self.assignment = _Assignment(command.job, plan, Collector(plan, command.job), log, _Root(plan, command.job))
         return Done()
 
     def _finish(self, assignment: _Assignment, command: Finish) -> Judged:
@@ -212,11 +237,11 @@ class SpyProcess:
         assignment.messages, assignment.added_up = messages, now
         statistics = Statistics(
             assignment.job,
-            assignment.last.generation if assignment.last else 0,
+            assignment.root.generation,
             sum(each.evaluations for each in counters),
             messages,
             sum(each.lost for each in counters),
-            assignment.rejected + sum(each.rejected for each in counters),
+            assignment.root.rejected + sum(each.rejected for each in counters),
             len(self.alive),
             max(0.0, rate),
         )

@@ -31,6 +31,8 @@ class Result:
         seconds: from the start to the last stop.
         seconds_to_ready: from the call to the ready cluster.
         cpu_seconds: of all processes.
+        staleness: in async mode, how many generations the immigrants bred with were behind their cells (mean, max), and
+            the share of them that had been bred with before (again); None in lockstep, where all are of one generation.
         history_sha256: equal for equal lockstep runs; None if the run failed.
         message: why it failed, or what the check has against the solution.
         target: the fitness that counts as solved, if there is one.
@@ -59,6 +61,7 @@ class Result:
     versions: dict[str, str]
     directives: list[dict[str, Any]]
     messages: dict[str, int]
+    staleness: dict[str, float] | None
     history_sha256: str | None
     message: str | None = None
     target: float | None = None
@@ -141,12 +144,25 @@ def result_of(
         messages={
             name: sum(getattr(report, name) for report in reports) for name in ("sent", "received", "lost", "rejected")
         },
+        staleness=_staleness(reports) if run.mode == "async" else None,
         history_sha256=_history(reports) if judgement.status != "failed" else None,
         message=judgement.message,
         target=judgement.target,
         words=judgement.words,
         demes=[report.deme for report in reports],
     )
+
+
+def _staleness(reports: Sequence[Report]) -> dict[str, float] | None:
+    """Over all cells; None if there were no immigrants at all."""
+    immigrants = sum(report.staleness.immigrants for report in reports)
+    if immigrants == 0:
+        return None
+    return {
+        "mean": round(sum(report.staleness.behind for report in reports) / immigrants, 6),
+        "max": max(report.staleness.furthest for report in reports),
+        "again": round(sum(report.staleness.again for report in reports) / immigrants, 6),
+    }
 
 
 def _history(reports: Sequence[Report]) -> str:

@@ -54,6 +54,11 @@ def _words(result: Result) -> str:
         f"  {result.generations:,} generations and {result.evaluations:,} evaluations in {result.seconds:.3f} s "
         f"on {result.nodes} nodes ({result.topology}, deme {result.deme}, {result.mode}, seed {result.seed})"
     )
+    if result.staleness is not None:
+        lines.append(
+            f"  immigrants were {result.staleness['mean']:.2f} generations behind on average, at most "
+            f"{result.staleness['max']:,}; {result.staleness['again']:.0%} had been bred with before"
+        )
     if result.words is not None:
         lines += [f"  {line}" for line in result.words.splitlines()]
     return "\n".join(lines)

@@ -87,7 +87,7 @@ class _Clock:
 
 def _record(case: Case, result: Result, seconds_to_best: float | None, cpu: dict[str, float | None]) -> Record:
     """Flat, so that it is a row of a table."""
-    staleness = getattr(result, "staleness", None) or {}
+    staleness = result.staleness or {}
     return {
         "type": "run",
         "key": case.key,
