@@ -1,54 +1,94 @@
-"""What an exchange costs: a lockstep torus of nodes with a trivial fitness, beside the plain-datagram floor.
+"""What an exchange costs: lockstep tori of nodes with a trivial fitness, beside the plain-datagram floor.
 
-Usage: python -m benchmarks.exchange [--torus 4x4,8x8] [--generations 400]
+Usage: python -m benchmarks.exchange [--torus 4x4,8x8] [--steps 100000]
 
-CPU time is that of all processes of the cluster during the job. Both columns come from one run on one machine; only
-their ratio means anything elsewhere.
+CPU time is that of all processes of the cluster (nodes, router, spy, zygote and coordinator) during the job, by the
+kernel's clock of each. The floor is measured before and after each size, in the same run on the same machine; only the
+ratio of the two means anything elsewhere.
 """
 
 import argparse
+import time
 from pathlib import Path
 
 import supernode
 import topologies
 from benchmarks.datagram_floor import measure
+from problems.file import parse
 
 _PROBLEM = 'kind = "function"\nname = "onemax"\ndimension = 64\n'
+_NEVER = -1.0  # no fitness is as low
+_WARM_UP = 50  # generations: pages are copied when a process first writes to them
+_LEAST = 100  # generations
+_IDLE_SECONDS = 5.0
+_COLUMNS = (
+    "torus",
+    "ready, s",
+    "PSS of a node, MB",
+    "idle, % of a core",
+    "gone, s",
+    "generations/s",
+    "CPU µs per node and generation",
+    "floor: generations/s",
+    "floor: CPU µs",
+    "CPU ratio",
+    "publications and receipts",
+    "lost",
+)
 
 
 def main() -> None:
     """Print a table, one line for each size."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--torus", default="4x4,8x8", help="sizes")
-    parser.add_argument("--generations", type=int, default=400)
+    parser.add_argument("--steps", type=int, default=100_000, help="nodes times generations of each size")
     options = parser.parse_args()
-    print("| torus | ready, s | PSS of a node, MB | generations/s | CPU µs per node and generation ", end="")
-    print("| datagram floor: generations/s | CPU µs | CPU ratio |")
-    print("|---|---|---|---|---|---|---|---|")
+    print("| " + " | ".join(_COLUMNS) + " |")
+    print("|---" * len(_COLUMNS) + "|")
     for shape in options.torus.split(","):
-        print(row(f"torus {shape}", options.generations), flush=True)
+        print("| " + " | ".join(row(f"torus {shape}", options.steps)) + " |", flush=True)
 
 
-def row(spec: str, generations: int) -> str:
+def row(spec: str, steps: int) -> list[str]:
     """One line of the table."""
     topology = topologies.parse(spec)
-    floor_rate, floor_cpu = measure(topology, generations)
-    file = _problem()
+    generations = max(_LEAST, steps // topology.cells)
+    file = parse(_PROBLEM, "benchmark", Path()).with_run(target=_NEVER)
+    floors = [measure(topology, generations)]
     with supernode.LocalCluster(topology=spec) as cluster:
         ready = cluster.seconds_to_ready
-        cluster.submit(file, target=-1.0, generations=5).result()
+        idle = _idle_share(cluster)
         memory = sum(_pss(process) for name, process in cluster.processes.items() if name.startswith("node"))
-        result = cluster.submit(file, target=-1.0, generations=generations).result()
+        cluster.submit(file, generations=_WARM_UP).result()
+        result = cluster.submit(file, generations=generations).result()
+        leaving = time.monotonic()
+    gone = time.monotonic() - leaving
+    floors.append(measure(topology, generations))
+    floor_rate, floor_cpu = (sum(each) / len(floors) for each in zip(*floors, strict=True))
     cpu = result.cpu_seconds / topology.cells / generations * 1e6
-    assert result.messages["lost"] == 0, result.messages
-    cluster_columns = f"{memory / topology.cells / 1e6:.1f} | {generations / result.seconds:.0f} | {cpu:.0f}"
-    return f"| {spec} | {ready:.2f} | {cluster_columns} | {floor_rate:.0f} | {floor_cpu:.0f} | {cpu / floor_cpu:.1f} |"
+    return [
+        spec,
+        f"{ready:.1f}",
+        f"{memory / topology.cells / 1e6:.1f}",
+        f"{100 * idle:.1f}",
+        f"{gone:.1f}",
+        f"{generations / result.seconds:,.1f}",
+        f"{cpu:.1f}",
+        f"{floor_rate:,.1f}",
+        f"{floor_cpu:.1f}",
+        f"{cpu / floor_cpu:.2f}",
+        # The last generation is not told any more: each of the others is published once.
+        f"{result.messages['sent'] / topology.cells / generations:g} and "
+        f"{result.messages['received'] / topology.cells / generations:g}",
+        str(result.messages["lost"]),
+    ]
 
 
-def _problem() -> supernode.ProblemFile:
-    from problems.file import parse
-
-    return parse(_PROBLEM, "benchmark", Path())
+def _idle_share(cluster: supernode.LocalCluster) -> float:
+    """The share of one core that all processes of the cluster use without a job."""
+    used = cluster.cpu_seconds()
+    time.sleep(_IDLE_SECONDS)
+    return (cluster.cpu_seconds() - used) / _IDLE_SECONDS
 
 
 def _pss(process: int) -> float:
