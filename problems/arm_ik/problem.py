@@ -179,7 +179,7 @@ seed = 1
 
     @property
     def judging(self) -> Operator:
-        """The same compiled; there always is."""
+        """`evaluate` as compiled code, whatever the fields: nothing of it is left to Python."""
         return self._compiled
 
     def decode(self, genome: Genomes) -> Solution:
