@@ -1,23 +1,48 @@
-"""The compiled fitness of arm configurations: forward kinematics, then collisions, without any allocation per arm.
+"""The compiled fitness of coded arm configurations: forward kinematics, then collisions, without allocation per arm.
+
+The table (see `genetics.operators`): bits of each angle, whether by Gray code, whether the arm must be clear of itself;
+lengths (m), lowest angles and their ranges (rad), shape (3, links); base and target (m), half a link's thickness (m)
+and the code steps in a range; and the fields of `Obstacles`.
 
 A clearance here is signed: the gap between two shapes, or, if they overlap, minus the depth. Two shapes collide if
 their clearance falls below a limit; for links of thickness that limit is the sum of their radii less `CONTACT`, so the
 shapes of bare links, of radius 0, may overlap by no more than `CONTACT`.
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from genetics.arrays import Fitness
+from genetics.arrays import Fitness, Genomes
+from genetics.bit_kernels import integers_of
 from genetics.compiled import kernel, subroutine
+from genetics.operators import FITNESS, Table, integers, reals
 from problems.plane import CONTACT
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 _NOWHERE = (2.0, -1.0)  # an empty interval of [0, 1]
+
+
+class Arm(NamedTuple):
+    """What a configuration is judged by, but for the obstacles."""
+
+    lengths: Any  # (links,), m
+    base: Any  # (2,), m
+    target: Any  # (2,), m
+    radius: Any  # m
+    self_collision: Any
+
+
+class Obstacles(NamedTuple):
+    """The obstacles (see `problems.plane.Shapes`)."""
+
+    corners: Any  # (all corners, 2), m
+    starts: Any  # (shapes + 1,)
+    thickness: Any  # (shapes,), m
+    boxes: Any  # (shapes, 4), m: x0, y0, x1, y1 of each shape
 
 
 @subroutine
@@ -134,14 +159,13 @@ def _hits_polygon(ax: Any, ay: Any, bx: Any, by: Any, corners: Any, first: Any, 
 
 
 @subroutine
-def link_hits(
-    ax: Any, ay: Any, bx: Any, by: Any, radius: Any, corners: Any, starts: Any, thickness: Any, boxes: Any
-) -> Any:
-    """Whether the link ab, thickened by ``radius``, is in any of the obstacles (see `problems.plane.Shapes`)."""
+def link_hits(ax: Any, ay: Any, bx: Any, by: Any, radius: Any, obstacles: Any) -> Any:
+    """Whether the link ab, thickened by ``radius``, is in any of the obstacles."""
+    corners, starts, thickness = obstacles.corners, obstacles.starts, obstacles.thickness
     left, right = min(ax, bx) - radius, max(ax, bx) + radius
     low, high = min(ay, by) - radius, max(ay, by) + radius
     for shape in range(thickness.size):
-        box = boxes[shape]
+        box = obstacles.boxes[shape]
         if right < box[0] or high < box[1] or left > box[2] or low > box[3]:
             continue
         first, last = starts[shape], starts[shape + 1]
@@ -184,35 +208,71 @@ def place(joints: Any, angles: Any, links: Any) -> Any:
         joints[link + 1, 1] = joints[link, 1] + links[link] * np.sin(heading)
 
 
-@kernel(
-    "float64[::1](float64[:,::1], float64[::1], float64[::1], float64[::1], float64, boolean,"
-    "float64[:,::1], int64[::1], float64[::1], float64[:,::1])"
-)
-def distances(
-    configurations: Floats,
-    links: Floats,
-    base: Floats,
-    target: Floats,
-    radius: float,
-    self_collision: bool,
-    corners: Floats,
-    starts: Integers,
-    thickness: Floats,
-    boxes: Floats,
-) -> Fitness:
-    """f(θ) of §3.1: the tip's distance to the target, +inf in collision; (n, links) to (n,)."""
+@subroutine
+def _arm_of(table: Any) -> Any:
+    self_collision, lengths, places = integers(table, 0)[0, 2] != 0, reals(table, 1)[0], reals(table, 2)[0]
+    return Arm(lengths, places[:2], places[2:4], places[4], self_collision)
+
+
+@subroutine
+def _obstacles_of(table: Any) -> Any:
+    return Obstacles(reals(table, 3), integers(table, 4)[0], reals(table, 5)[0], reals(table, 6))
+
+
+@subroutine
+def _turn(codes: Any, table: Any, angles: Any) -> Any:
+    """Fill ``angles`` with those that coded integers stand for, rad, both of shape (links,)."""
+    joints, steps = reals(table, 1), reals(table, 2)[0, 5]
+    for joint in range(codes.size):
+        angles[joint] = joints[1, joint] + joints[2, joint] * codes[joint] / steps
+
+
+@subroutine
+def _distance(angles: Any, arm: Any, obstacles: Any, joints: Any) -> Any:
+    """f(θ) of §3.1: the tip's distance to the target, m, +inf in collision; ``joints`` as for `place`."""
+    place(joints, angles, arm.lengths)
+    if arm.self_collision and touches_itself(joints, arm.radius):
+        return np.inf
+    for link in range(arm.lengths.size):
+        ax, ay, bx, by = joints[link, 0], joints[link, 1], joints[link + 1, 0], joints[link + 1, 1]
+        if link_hits(ax, ay, bx, by, arm.radius, obstacles):
+            return np.inf
+    return np.hypot(joints[-1, 0] - arm.target[0], joints[-1, 1] - arm.target[1])
+
+
+@subroutine
+def _joints_of(arm: Any) -> Any:
+    joints = np.empty((arm.lengths.size + 1, 2))
+    joints[0] = arm.base
+    return joints
+
+
+@kernel(FITNESS)
+def evaluate(genomes: Genomes, fitness: Fitness, table: Table) -> None:
+    """f(θ) of §3.1 for coded configurations, m."""
+    layout, arm, obstacles = integers(table, 0)[0], _arm_of(table), _obstacles_of(table)
+    codes, angles, joints = np.empty(arm.lengths.size, np.int64), np.empty(arm.lengths.size), _joints_of(arm)
+    for row in range(fitness.size):
+        integers_of(genomes[row], layout[0], layout[1] != 0, codes)
+        _turn(codes, table, angles)
+        fitness[row] = _distance(angles, arm, obstacles, joints)
+
+
+@kernel("float64[::1](float64[:,::1], int64[:,::1])")
+def distances(configurations: Floats, table: Table) -> Fitness:
+    """f(θ) of §3.1 for joint angles, rad: (n, links) to (n,), m."""
+    arm, obstacles = _arm_of(table), _obstacles_of(table)
+    joints = _joints_of(arm)
     fitness = np.empty(configurations.shape[0])
-    joints = np.empty((links.size + 1, 2))
-    joints[0] = base
-    for row in range(configurations.shape[0]):
-        place(joints, configurations[row], links)
-        fitness[row] = np.hypot(joints[-1, 0] - target[0], joints[-1, 1] - target[1])
-        if self_collision and touches_itself(joints, radius):
-            fitness[row] = np.inf
-            continue
-        for link in range(links.size):
-            ax, ay, bx, by = joints[link, 0], joints[link, 1], joints[link + 1, 0], joints[link + 1, 1]
-            if link_hits(ax, ay, bx, by, radius, corners, starts, thickness, boxes):
-                fitness[row] = np.inf
-                break
+    for row in range(fitness.size):
+        fitness[row] = _distance(configurations[row], arm, obstacles, joints)
     return fitness
+
+
+@kernel("float64[:,::1](int64[:,::1], int64[:,::1])")
+def configurations(codes: Integers, table: Table) -> Floats:
+    """The joint angles, rad, that coded integers stand for: (n, links) to (n, links)."""
+    angles = np.empty(codes.shape)
+    for row in range(codes.shape[0]):
+        _turn(codes[row], table, angles[row])
+    return angles

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
+from typing import TYPE_CHECKING, Annotated, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from genetics.bit_string import BitString
+    from genetics.operators import Operator
 
 Metres = Annotated[float, Field(ge=-1e6, le=1e6)]
 Length = Annotated[float, Field(gt=0, le=1e6)]
@@ -157,23 +158,29 @@ seed = 1
         return Recipe("uniform", min(0.5, flips / self.coding.length), "elitist")
 
     def configurations(self, integers: NDArray[np.int64]) -> Configurations:
-        """The joint angles that coded integers stand for, (n, links)."""
-        lowest, ranges = self.joint_ranges
-        return lowest + ranges * integers / self.steps
+        """The joint angles that coded integers stand for, rad: (n, links) to (n, links)."""
+        from problems.arm_ik import kernels
+
+        return kernels.configurations(np.require(integers, np.int64, ["C", "W"]), self._compiled.table)
 
     def angles(self, genomes: Genomes) -> Configurations:
-        """The joint angles that genomes code, (n, links)."""
+        """The joint angles that genomes code, rad: (n, genome_bytes) to (n, links)."""
         return self.configurations(self.coding.integers(genomes))
 
     def distances(self, configurations: Configurations) -> Fitness:
-        """The tip's distance to the target, +inf in collision: (n, links) to (n,)."""
+        """The tip's distance to the target, m, +inf in collision: (n, links) to (n,)."""
         from problems.arm_ik import kernels
 
-        return kernels.distances(np.ascontiguousarray(configurations), *self._kernel_arguments)
+        return kernels.distances(np.require(configurations, np.float64, ["C", "W"]), self._compiled.table)
 
     def evaluate(self, genomes: Genomes) -> Fitness:
-        """See `distances`."""
-        return self.distances(self.angles(genomes))
+        """See `distances`: (n, genome_bytes) to (n,)."""
+        return self._compiled.fitness(genomes)
+
+    @property
+    def judging(self) -> Operator:
+        """`evaluate` as compiled code, whatever the fields: nothing of it is left to Python."""
+        return self._compiled
 
     def decode(self, genome: Genomes) -> Solution:
         """``{"configuration": [..], "tip": [x, y], "distance": d}``."""
@@ -203,14 +210,17 @@ seed = 1
         drawing.draw(self, figure, solution, populations)
 
     @cached_property
-    def _kernel_arguments(self) -> tuple[Any, ...]:
+    def _compiled(self) -> Operator:
+        """The fitness, and the table of all kernels."""
+        from genetics.operators import Operator
+        from problems.arm_ik import kernels
+
         shapes = Shapes.of(self.obstacles)
-        return (
-            np.array(self.arm.links),
-            np.array(self.arm.base),
-            np.array(self.target),
-            self.arm.radius,
-            self.self_collision,
+        return Operator.of(
+            kernels.evaluate,
+            [self.bits, self.coding.gray, self.self_collision],
+            np.array([self.arm.links, *self.joint_ranges]),
+            [*self.arm.base, *self.target, self.arm.radius, float(self.steps)],
             shapes.corners,
             shapes.starts,
             shapes.thickness,

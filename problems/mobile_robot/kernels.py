@@ -1,22 +1,44 @@
 """The compiled scan of rotate and move commands (Ahuactzin et al. 1992, §5; the scan is that of §4).
 
 Poses are x (m), y (m) and heading (rad), unwrapped: straight interpolation between two poses is the motion.
+
+The table (see `genetics.operators`): bits of each command, whether by Gray code, commands; the poses of start and goal;
+the circumscribed radius and the robot's thickness (m); its outline; and the fields of `contact.Floor`.
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from genetics.arrays import Fitness
+from genetics.arrays import Fitness, Genomes
+from genetics.bit_kernels import integers_of
 from genetics.compiled import kernel, subroutine
+from genetics.operators import FITNESS, Table, integers, reals
 from problems.mobile_robot.contact import Floor, Robot, can_turn, drive
 from problems.plane import CONTACT
 
 Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 _FULL_TURN = 2.0 * np.pi
+
+
+class Task(NamedTuple):
+    """Which robot is to go where, and by commands of how many levels."""
+
+    robot: Any
+    floor: Any
+    goal: Any  # (3,): m, m, rad
+    radius: Any  # m, the circumscribed one, by which an angle counts as a length
+    levels: Any  # 2^q
+
+
+class Room(NamedTuple):
+    """What a scan writes to."""
+
+    codes: Any  # (commands,)
+    path: Any  # (commands + 4, 3): the poses, the first of which is the start
+    spare: Any  # (3, 3): the last poses of a visible path
 
 
 @subroutine
@@ -91,12 +113,14 @@ def _approach(robot: Any, floor: Any, path: Any, row: Any, goal: Any, spare: Any
 
 
 @subroutine
-def _scan(codes: Any, levels: Any, goal: Any, radius: Any, robot: Any, floor: Any, path: Any, spare: Any) -> Any:
+def _scan(task: Any, room: Any) -> Any:
     """Carry out the commands from the pose ``path[0]`` until the goal is visible or a rotation is blocked both ways.
 
     Appends the poses to the path. Returns the fitness, the number of commands carried out, and of those that then
     lead to the goal.
     """
+    robot, floor, goal, _, levels = task
+    codes, path, spare = room
     row = 0
     way_is_free = _way_is_free(robot, floor, path[0], goal, spare)
     while True:
@@ -115,39 +139,48 @@ def _scan(codes: Any, levels: Any, goal: Any, radius: Any, robot: Any, floor: An
             way_is_free = _way_is_free(robot, floor, path[row + 1], goal, spare)
         row += 1
     away = np.hypot(goal[0] - path[row, 0], goal[1] - path[row, 1])
-    return away + radius * abs(_shorter(goal[2] - path[row, 2])), row, 0
+    return away + task.radius * abs(_shorter(goal[2] - path[row, 2])), row, 0
 
 
-@kernel(
-    "Tuple((float64[::1], float64[:,::1], int64))(int64[:,::1], float64, float64[::1], float64[::1], float64,"
-    "float64[:,::1], float64, float64[::1], float64[:,::1], int64[::1], float64[::1], float64[:,::1], float64[:,::1])"
-)
-def scan(
-    codes: Integers,
-    levels: float,
-    start: Floats,
-    goal: Floats,
-    radius: float,
-    outline: Floats,
-    robot_thickness: float,
-    bounds: Floats,
-    corners: Floats,
-    starts: Integers,
-    thickness: Floats,
-    boxes: Floats,
-    middles: Floats,
-) -> tuple[Fitness, Floats, int]:
-    """Carry out lists of coded commands, shape (n, 2 × pairs); ``levels`` is 2^q, ``radius`` the circumscribed one.
+@subroutine
+def _task_of(table: Any) -> Any:
+    sizes, outline = reals(table, 2)[0], reals(table, 3)
+    robot = Robot(outline, sizes[1], _reach(outline))
+    bounds, corners, starts = reals(table, 4)[0], reals(table, 5), integers(table, 6)[0]
+    floor = Floor(bounds, corners, starts, reals(table, 7)[0], reals(table, 8), reals(table, 9))
+    return Task(robot, floor, reals(table, 1)[1], sizes[0], np.float64(np.int64(1) << integers(table, 0)[0, 0]))
 
-    Returns the fitness, shape (n,), and of the last list the poses, shape (poses, 3), and how many of its commands
-    were carried out; what leads from there to the goal follows in the poses.
+
+@subroutine
+def _room_for(table: Any) -> Any:
+    commands = integers(table, 0)[0, 2]
+    room = Room(np.empty(commands, np.int64), np.empty((commands + 4, 3)), np.empty((3, 3)))
+    room.path[0] = reals(table, 1)[0]
+    return room
+
+
+@subroutine
+def _carry_out(genome: Any, table: Any, task: Any, room: Any) -> Any:
+    """`_scan` for the commands that a genome codes."""
+    layout = integers(table, 0)[0]
+    integers_of(genome, layout[0], layout[1] != 0, room.codes)
+    return _scan(task, room)
+
+
+@kernel(FITNESS)
+def evaluate(genomes: Genomes, fitness: Fitness, table: Table) -> None:
+    """How far the scan of each list of coded commands ends from the goal, m; 0 if the goal is visible (§5)."""
+    task, room = _task_of(table), _room_for(table)
+    for row in range(fitness.size):
+        fitness[row] = _carry_out(genomes[row], table, task, room)[0]
+
+
+@kernel("Tuple((float64[:,::1], int64))(uint8[::1], int64[:,::1])")
+def follow(genome: Genomes, table: Table) -> tuple[Floats, int]:
+    """The poses, shape (poses, 3), that a genome's commands lead to, and how many of the commands were carried out.
+
+    What leads from there to the goal follows in the poses.
     """
-    robot = Robot(outline, robot_thickness, _reach(outline))
-    floor = Floor(bounds, corners, starts, thickness, boxes, middles)
-    path, spare = np.empty((codes.shape[1] + 4, 3)), np.empty((3, 3))
-    path[0] = start
-    fitness = np.empty(codes.shape[0])
-    scanned, last = 0, 0
-    for row in range(codes.shape[0]):
-        fitness[row], scanned, last = _scan(codes[row], levels, goal, radius, robot, floor, path, spare)
-    return fitness, path[: 1 + scanned + last].copy(), scanned
+    room = _room_for(table)
+    _, scanned, last = _carry_out(genome, table, _task_of(table), room)
+    return room.path[: 1 + scanned + last].copy(), scanned

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
+from typing import TYPE_CHECKING, Annotated, ClassVar, Self
 
 import numpy as np
 from pydantic import Field, field_validator, model_validator
 
-from genetics.arrays import Fitness, Genomes
+from genetics.arrays import Fitness, Genomes, writable
 from genetics.recipe import Recipe
 from problems.mobile_robot import checker
 from problems.mobile_robot.arrays import SLIMMEST, floor_arrays, is_wide, robot_arrays
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from genetics.bit_string import BitString
+    from genetics.operators import Operator
 
 Metres = Annotated[float, Field(ge=-1e4, le=1e4)]
 Heading = Annotated[float, Field(ge=-1e3, le=1e3)]
@@ -152,9 +153,13 @@ seed = 1
         return Recipe("uniform", min(0.5, _FLIPS_ON_ISLANDS / self.coding.length), "elitist")
 
     def evaluate(self, genomes: Genomes) -> Fitness:
-        """0 if the goal is visible, else how far the scan ends from it: (n, genome_bytes) to (n,)."""
-        fitness: Fitness = self._scan(genomes)[0]
-        return fitness
+        """0 if the goal is visible, else how far the scan ends from it, m: (n, genome_bytes) to (n,)."""
+        return self._compiled.fitness(genomes)
+
+    @property
+    def judging(self) -> Operator:
+        """`evaluate` as compiled code, whatever the fields: nothing of it is left to Python."""
+        return self._compiled
 
     def decode(self, genome: Genomes) -> Solution:
         """``{"commands": [["rotate", rad], ["move", m], ..], "path": [[x, y, heading], ..], "length": m}``.
@@ -162,7 +167,9 @@ seed = 1
         A rotate command's number is the turn to make, anticlockwise if positive, so that it also says which sense is
         free; headings are in the path, which has a pose more than there are commands. A goal that is visible ends both.
         """
-        _, path, scanned = self._scan(genome[None])
+        from problems.mobile_robot import kernels
+
+        path, scanned = kernels.follow(writable(genome), self._compiled.table)
         last = ["rotate", "move", "rotate"] if len(path) - 1 - scanned > 1 else ["rotate"]
         names = [["rotate", "move"][number % 2] for number in range(scanned)] + last
         steps = np.diff(path, axis=0)
@@ -188,19 +195,19 @@ seed = 1
 
         drawing.draw(self, figure, solution, populations)
 
-    def _scan(self, genomes: Genomes) -> tuple[Any, ...]:
+    @cached_property
+    def _compiled(self) -> Operator:
+        """The fitness, and the table of all kernels."""
+        from genetics.operators import Operator
         from problems.mobile_robot import kernels
 
-        return kernels.scan(self.coding.integers(genomes), *self._kernel_arguments)
-
-    @cached_property
-    def _kernel_arguments(self) -> tuple[Any, ...]:
-        return (
-            float(1 << self.bits),
-            np.array(self.start),
-            np.array(self.goal),
-            self.robot.circumscribed_radius,
-            *robot_arrays(self.robot.vertices, self.robot.radius),
+        outline, thickness = robot_arrays(self.robot.vertices, self.robot.radius)
+        return Operator.of(
+            kernels.evaluate,
+            [self.bits, self.coding.gray, self.coding.parameters],
+            np.array([self.start, self.goal]),
+            [self.robot.circumscribed_radius, thickness],
+            outline,
             *floor_arrays(self.bounds, self.obstacles),
         )
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import shapely
 
-from problems.arm_ik import ArmIk, kernels
+from problems.arm_ik import Arm, ArmIk
 from problems.plane import Circle
 
 AMBIGUOUS = 1e-7  # m: nearer to contact than this, either answer will do
@@ -97,11 +97,10 @@ def test_collisions_agree_with_shapely(radius, links):
 
 def collides(obstacles, links, angles, radius=0.0, base=(0.0, 0.0), self_collision=True):
     """The kernel's own answer, even for a base in an obstacle."""
-    arm = {"links": [1.0], "base": [99, 99]}
-    elsewhere = ArmIk.model_validate({"kind": "arm-ik", "target": [0, 0], "arm": arm, "obstacles": obstacles})
-    arguments = list(elsewhere._kernel_arguments)
-    arguments[:5] = [np.array(links, float), np.array(base, float), np.zeros(2), radius, self_collision]
-    return bool(np.isinf(kernels.distances(np.array([angles], float), *arguments)[0]))
+    fields = {"kind": "arm-ik", "target": [0, 0], "self_collision": self_collision, "obstacles": obstacles}
+    elsewhere = ArmIk.model_validate(fields | {"arm": {"links": [1.0], "base": [99, 99]}})
+    arm = Arm.model_validate({"links": links, "base": base, "radius": radius})
+    return bool(np.isinf(elsewhere.model_copy(update={"arm": arm}).distances(np.array([angles], float))[0]))
 
 
 @pytest.mark.parametrize(
