@@ -91,6 +91,13 @@ class Problem(Table):
 
     kind: str = Field(description="the kind of problem")
 
+    @classmethod
+    def __pydantic_init_subclass__(cls, **_: Any) -> None:
+        """A compiled fitness is not inherited by who evaluates, or codes, in a way of their own."""
+        own = vars(cls)
+        if "judging" not in own and ("evaluate" in own or "coding" in own):
+            cls.judging = Problem.judging  # type: ignore[method-assign]
+
     @property
     @abstractmethod
     def coding(self) -> Coding:

@@ -247,7 +247,7 @@ def _joints_of(arm: Any) -> Any:
     return joints
 
 
-@kernel(FITNESS)
+@kernel(FITNESS, may_be_long=True)
 def evaluate(genomes: Genomes, fitness: Fitness, table: Table) -> None:
     """f(θ) of §3.1 for coded configurations, m."""
     layout, arm, obstacles = integers(table, 0)[0], _arm_of(table), _obstacles_of(table)

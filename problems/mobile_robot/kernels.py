@@ -167,7 +167,7 @@ def _carry_out(genome: Any, table: Any, task: Any, room: Any) -> Any:
     return _scan(task, room)
 
 
-@kernel(FITNESS)
+@kernel(FITNESS, may_be_long=True)
 def evaluate(genomes: Genomes, fitness: Fitness, table: Table) -> None:
     """How far the scan of each list of coded commands ends from the goal, m; 0 if the goal is visible (§5)."""
     task, room = _task_of(table), _room_for(table)
