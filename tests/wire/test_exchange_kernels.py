@@ -25,7 +25,7 @@ from exchanges import (
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from wire.exchange import NEVER, REASONS, Champion, Emigrant, Messages, decode
+from wire.exchange import NEVER, REASONS, VERSION, Champion, Emigrant, Messages, decode
 from wire.exchange_kernels import BIRTHPLACE, BORN, GENERATION, hear_emigrants_only
 from wire.strict import Rejected
 
@@ -142,6 +142,16 @@ def test_the_longest_forms_of_the_longest_message_are_within_the_limit(genome_by
     message = dataclasses.replace(MESSAGE, stop_at=MOST, emigrants=(emigrant,) * emigrants, champion=champion)
     payload = written(values_of(message), lambda forms: max(forms, key=len))
     assert decode(payload, anything(genome_bytes, emigrants)) == message
+
+
+@pytest.mark.parametrize(("tag", "code"), list(enumerate("BHIQbhiq", start=0xCC)))
+def test_integers_of_every_width_keep_their_sign(tag, code):
+    bits = 8 * struct.calcsize(f">{code}")
+    least, past = (0, 1 << bits) if code.isupper() else (-1 << bits - 1, 1 << bits - 1)
+    for job in (least, least // 2, -2, -1, 0, 1, past // 2 - 1, past // 2, past - 1):
+        if job >= least:
+            payload = bytes([0x98, VERSION, tag]) + struct.pack(f">{code}", job) + MESSAGE.encode()[3:]
+            assert agrees(payload, LIMITS) == (None if 0 <= job <= MOST else "out of bounds")
 
 
 @compiled
