@@ -39,12 +39,13 @@ HARMLESS = {
     "numpy",
     "operator",
     "re",
+    "struct",
     "types",
     "typing",
 }
 PURE = [
     *(path for path in MODULES if path.relative_to(ROOT).parts[0] in ("topologies", "genetics")),
-    *(ROOT / "node" / name for name in ("cell.py", "rows.py", "kernels.py", "plan.py")),
+    *(ROOT / "node" / f"{name}.py" for name in ("cell", "generation", "history", "inbox", "kernels", "plan", "rows")),
 ]
 STATED_EXCEPTIONS = {"genetics/compiled.py": {"os", "shutil", "pathlib"}}  # it looks after the folder of its cache
 

@@ -20,6 +20,7 @@ from genetics import (
     selection,
 )
 from genetics.breeding import breed
+from genetics.coding import Immigrants
 
 SLOTS = 4
 compiled = settings(deadline=None)
@@ -61,24 +62,44 @@ class Counting:
         return evaluate(genomes)
 
 
+def immigrants_of(genomes, fitness):
+    """A stranger for each slot: genomes (rows, slots, genome_bytes), and fitness. The rows themselves come first."""
+    rows, slots, size = genomes.shape
+    themselves, strangers = np.zeros((rows, 1, size), np.uint8), genomes.reshape(rows * slots, 1, size)
+    their_fitness = np.concatenate([np.full((rows, 1), -1.0), fitness.reshape(rows * slots, 1)])
+    whence = rows + np.arange(rows * slots).reshape(rows, slots)
+    return Immigrants(np.concatenate([themselves, strangers]), their_fitness, whence, 1)
+
+
 def population(coding, cells, deme, seed):
     """Demes and immigrants with their fitness."""
-    keys = Keys(np.array(cells), seed, 0)
+    keys = Keys(np.array(cells), np.uint64(seed), 0)
     genomes = coding.random(keys, deme + SLOTS)
     rows, count, size = genomes.shape
     fitness = evaluate(genomes.reshape(-1, size)).reshape(rows, count)
     demes = np.ascontiguousarray(genomes[:, :deme]), np.ascontiguousarray(fitness[:, :deme])
-    immigrants = np.ascontiguousarray(genomes[:, deme:]), np.ascontiguousarray(fitness[:, deme:])
-    return *demes, immigrants
+    return *demes, immigrants_of(genomes[:, deme:], fitness[:, deme:])
 
 
 def bred(coding, recipe, deme, cells=(3,), seed=1, generation=1, exchange=True, evaluation=evaluate):
     """The demes before and after a generation."""
     genomes, fitness, immigrants = population(coding, cells, deme, seed)
     before = genomes.copy(), fitness.copy()
-    keys = Keys(np.array(cells), seed, generation)
+    keys = Keys(np.array(cells), np.uint64(seed), generation)
     breed(genomes, fitness, immigrants if exchange else None, coding, recipe, evaluation, keys)
-    return before, (genomes, fitness), immigrants
+    return before, (genomes, fitness)
+
+
+def of_row(row, immigrants):
+    """The immigrants of one row, as that row alone would see them: it is number 0 there."""
+    genomes, fitness, whence, each = immigrants
+    renamed = np.where(whence[row] == row, 0, whence[row] + 1)[None]
+    return Immigrants(
+        np.concatenate([genomes[row : row + 1], genomes]),
+        np.concatenate([fitness[row : row + 1], fitness]),
+        renamed,
+        each,
+    )
 
 
 @compiled
@@ -89,19 +110,24 @@ def bred(coding, recipe, deme, cells=(3,), seed=1, generation=1, exchange=True, 
     st.integers(0, (1 << 64) - 1),
     st.integers(1, (1 << 31) - 1),
     st.booleans(),
+    st.data(),
 )
-def test_rows_bred_together_are_those_bred_one_at_a_time(breed_of, deme, cells, seed, generation, exchange):
+def test_rows_bred_together_are_those_bred_one_at_a_time(breed_of, deme, cells, seed, generation, exchange, data):
     coding, recipe = breed_of
     exchange = exchange or deme == 1
-    genomes, fitness, (immigrants, immigrant_fitness) = population(coding, cells, deme, seed)
+    genomes, fitness, immigrants = population(coding, cells, deme, seed)
+    senders = st.integers(0, len(immigrants.genomes) - 1)  # whoever it is: repeatedly, or the row itself
+    slots = st.lists(senders, min_size=SLOTS, max_size=SLOTS)
+    whence = data.draw(st.lists(slots, min_size=len(cells), max_size=len(cells)))
+    immigrants = immigrants._replace(whence=np.array(whence))
     alone = [
-        (genomes[row : row + 1].copy(), fitness[row : row + 1].copy(), (immigrants[row : row + 1].copy(), its_fitness))
-        for row, its_fitness in enumerate(immigrant_fitness[:, None].copy())
+        (genomes[row : row + 1].copy(), fitness[row : row + 1].copy(), of_row(row, immigrants))
+        for row in range(len(cells))
     ]
-    together = (immigrants, immigrant_fitness) if exchange else None
-    breed(genomes, fitness, together, coding, recipe, evaluate, Keys(np.array(cells), seed, generation))
+    together = immigrants if exchange else None
+    breed(genomes, fitness, together, coding, recipe, evaluate, Keys(np.array(cells), np.uint64(seed), generation))
     for row, (its_genomes, its_fitness, its_immigrants) in enumerate(alone):
-        keys = Keys(np.array(cells[row : row + 1]), seed, generation)
+        keys = Keys(np.array(cells[row : row + 1]), np.uint64(seed), generation)
         breed(its_genomes, its_fitness, its_immigrants if exchange else None, coding, recipe, evaluate, keys)
         np.testing.assert_array_equal(its_genomes[0], genomes[row])
         np.testing.assert_array_equal(its_fitness[0], fitness[row])
@@ -112,13 +138,13 @@ def test_rows_bred_together_are_those_bred_one_at_a_time(breed_of, deme, cells, 
 def test_a_bred_deme_is_sound(breed_of, deme, seed, exchange):
     coding, recipe = breed_of
     evaluation = Counting()
-    (old_genomes, old_fitness), (genomes, fitness), _ = bred(
+    (old_genomes, old_fitness), (genomes, fitness) = bred(
         coding, recipe, deme, (0, 9), seed, exchange=exchange or deme == 1, evaluation=evaluation
     )
     assert genomes.shape == old_genomes.shape
     flat = genomes.reshape(-1, coding.genome_bytes)
     np.testing.assert_array_equal(fitness.ravel(), evaluate(flat), "the fitness is that of the genome beside it")
-    assert all(coding.accepts(genome.tobytes()) for genome in flat)
+    assert all(coding.alphabet.admits(genome) for genome in flat)
     assert evaluation.count == 2 * evaluations_per_generation(deme, SLOTS, recipe)
     if recipe.replacement == "elitist" and (deme == 1 or recipe.mutation != "one-bit"):
         assert (fitness.min(axis=1) <= old_fitness.min(axis=1)).all()
@@ -150,7 +176,8 @@ def test_an_individual_is_crossed_with_each_immigrant_in_the_order_of_the_neighb
     genomes = np.full((1, 1, 4), 0xFF, np.uint8)
     fitness = np.array([[0.5]])
     immigrants = np.repeat(np.array([0x01, 0x02, 0x04, 0x08], np.uint8)[None, :, None], 4, axis=2)
-    breed(genomes, fitness, (immigrants, np.zeros((1, 4))), coding, Recipe(), watching, Keys(np.array([2]), 1, 1))
+    strangers = immigrants_of(immigrants, np.zeros((1, 4)))
+    breed(genomes, fitness, strangers, coding, Recipe(), watching, Keys(np.array([2]), 1, 1))
     (offspring,) = seen
     assert offspring.shape == (8, 4)
     for slot, mark in enumerate([0x01, 0x02, 0x04, 0x08]):
@@ -165,7 +192,7 @@ def test_the_elitist_individual_gives_way_only_to_an_offspring_as_good():
     coding = BitString(4, 8)
     for best, stays in ((0.4, False), (0.5, False), (0.6, True)):
         genomes, fitness = np.full((1, 1, 4), 0xFF, np.uint8), np.array([[0.5]])
-        immigrants = np.zeros((1, 4, 4), np.uint8), np.zeros((1, 4))
+        immigrants = immigrants_of(np.zeros((1, 4, 4), np.uint8), np.zeros((1, 4)))
         keys = Keys(np.array([2]), 1, 1)
         breed(
             genomes, fitness, immigrants, coding, Recipe(replacement="elitist"), lambda g, b=best: np.full(8, b), keys
@@ -182,11 +209,9 @@ def test_the_one_bit_of_an_individual_alone_is_flipped_before_its_offspring_are_
         seen.append(genomes.copy())
         return np.zeros(len(genomes))
 
-    genomes, immigrants = np.zeros((1, 1, 4), np.uint8), np.zeros((1, 4, 4), np.uint8)
+    genomes, immigrants = np.zeros((1, 1, 4), np.uint8), immigrants_of(np.zeros((1, 4, 4), np.uint8), np.zeros((1, 4)))
     recipe = Recipe(mutation="one-bit")
-    breed(
-        genomes, np.zeros((1, 1)), (immigrants, np.zeros((1, 4))), coding, recipe, watching, Keys(np.array([0]), 1, 1)
-    )
+    breed(genomes, np.zeros((1, 1)), immigrants, coding, recipe, watching, Keys(np.array([0]), 1, 1))
     assert [np.unpackbits(offspring).sum() for offspring in seen] == [1]
 
 
@@ -209,7 +234,7 @@ def test_the_one_bit_of_an_island_is_flipped_in_the_new_deme_and_that_individual
 def test_immigrants_of_an_island_come_in_before_it_breeds():
     coding = BitString(4, 8)
     genomes, fitness = np.zeros((1, 3, 4), np.uint8), np.full((1, 3), 9.0)
-    immigrants = np.full((1, 4, 4), 0xFF, np.uint8), np.array([[1.0, 1.0, 1.0, 10.0]])
+    immigrants = immigrants_of(np.full((1, 4, 4), 0xFF, np.uint8), np.array([[1.0, 1.0, 1.0, 10.0]]))
     breed(genomes, fitness, immigrants, coding, Recipe(), lambda g: np.full(len(g), 5.0), Keys(np.array([0]), 1, 1))
     assert (genomes == 0xFF).all()
     assert (fitness == 1.0).all()

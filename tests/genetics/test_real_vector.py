@@ -56,7 +56,7 @@ def test_random_demes_lie_within_the_bounds(coding, keys, deme):
     assert genomes.dtype == np.uint8
     genes = genomes.view(np.float64)
     assert ((genes >= coding.low) & (genes <= coding.high)).all()
-    assert all(coding.accepts(genome.tobytes()) for genome in genomes.reshape(-1, coding.genome_bytes))
+    assert all(coding.alphabet.admits(genome) for genome in genomes.reshape(-1, coding.genome_bytes))
 
 
 def test_random_genes_are_uniform_and_keyed_by_their_cell():
@@ -77,7 +77,7 @@ def test_offspring_lie_within_the_bounds(coding, keys, crossover, rate):
     assert offspring.shape == (len(keys.cells), 6, coding.genome_bytes)
     genes = offspring.view(np.float64)
     assert ((genes >= coding.low) & (genes <= coding.high)).all()
-    assert all(coding.accepts(genome.tobytes()) for genome in offspring.reshape(-1, coding.genome_bytes))
+    assert all(coding.alphabet.admits(genome) for genome in offspring.reshape(-1, coding.genome_bytes))
 
 
 def test_parents_on_the_bounds_have_offspring_on_and_between_them():
@@ -151,16 +151,15 @@ def test_a_recipe_that_flips_bits_is_refused():
     coding = RealVector(2, 0.0, 1.0)
     couples = couples_of(coding, keys_of(), 1)
     with pytest.raises(ValueError, match="found 'one-bit'"):
-        coding.recombine(couples, Recipe("blend", "one-bit"), keys_of())
+        coding.check(Recipe("blend", "one-bit"))
     with pytest.raises(ValueError, match="no bits"):
         coding.mutate_one(couples[:, 0], keys_of())
 
 
 @pytest.mark.parametrize("crossover", ["one-point", "two-point"])
 def test_crossovers_of_other_codings_are_refused(crossover):
-    coding = RealVector(2, 0.0, 1.0)
     with pytest.raises(ValueError, match=f"found '{crossover}'"):
-        coding.recombine(couples_of(coding, keys_of(), 1), Recipe(crossover), keys_of())
+        RealVector(2, 0.0, 1.0).check(Recipe(crossover))
 
 
 @pytest.mark.parametrize(
@@ -182,7 +181,7 @@ def test_crossovers_of_other_codings_are_refused(crossover):
     ],
 )
 def test_it_accepts_only_finite_genes_within_the_bounds(genome, accepted):
-    assert RealVector(2, -1.0, 2.0).accepts(genome) is accepted
+    assert RealVector(2, -1.0, 2.0).alphabet.admits(np.frombuffer(genome, np.uint8)) is accepted
 
 
 def test_genes_are_the_coded_numbers():

@@ -43,9 +43,17 @@ def test_the_best_come_first_and_of_equals_the_earlier_born(data, rows, deme):
 # Immigrants -------------------------------------------------------------------------------------------------------
 def admit(fitness, immigrant_fitness):
     """The (tag, fitness) of each place afterwards; immigrants are tagged from 100 on."""
+    return admit_of([immigrant_fitness], fitness, [1])
+
+
+def admit_of(strangers, fitness, whence, count=None):
+    """The same for any senders, of whom the cell itself, number 0, has emigrants of fitness -1 tagged 200."""
     genomes, fitness = tagged(len(fitness)), np.array([fitness], dtype=float)
-    immigrants = tagged(len(immigrant_fitness), start=100)
-    selection.admit(genomes, fitness, immigrants, np.array([immigrant_fitness], dtype=float))
+    each = len(strangers[0])
+    emigrants = tagged(len(strangers) * each, start=100).reshape(-1, each, 1)
+    emigrants = np.concatenate([np.full((1, each, 1), 200, np.uint8), emigrants])
+    emigrant_fitness = np.array([[-1.0] * each, *strangers], dtype=float)
+    selection.admit(genomes, fitness, emigrants, emigrant_fitness, np.array([whence]), each if count is None else count)
     return list(zip(genomes[0, :, 0].tolist(), fitness[0].tolist(), strict=True))
 
 
@@ -70,13 +78,33 @@ def test_an_immigrant_may_be_replaced_by_the_next():
     assert admit([1, 5], [4, 3]) == [(0, 1), (101, 3)]
 
 
+def test_immigrants_come_slot_by_slot():
+    assert admit_of([[4, 6], [3, 7]], [5, 9, 9], [2, 1]) == [(0, 5), (100, 4), (102, 3)]
+    assert admit_of([[4, 3], [2, 1]], [9, 9], [2, 1]) == [(103, 1), (102, 2)]
+
+
+def test_only_the_first_emigrants_of_each_sender_come():
+    assert admit_of([[4, 3], [2, 1]], [9, 9, 9], [1, 2], count=1) == [(0, 9), (102, 2), (100, 4)]
+
+
+def test_who_is_north_and_south_comes_twice():
+    assert admit_of([[4]], [1, 9, 9], [1, 1]) == [(0, 1), (100, 4), (100, 4)]
+
+
+def test_an_island_takes_nothing_in_from_itself():
+    assert admit_of([[4]], [1, 9, 9], [0, 1, 0, 0]) == [(0, 1), (1, 9), (100, 4)]
+
+
 @compiled
 @given(st.data(), st.integers(1, 3), st.integers(1, 6), st.integers(0, 5))
 def test_after_admission_the_fitness_is_never_worse_and_individuals_stay_whole(data, rows, deme, slots):
     before, immigrants = data.draw(demes(rows, deme)), data.draw(demes(rows, slots)).reshape(rows, slots)
     genomes, fitness = tagged(deme, rows=rows), before.copy()
-    strangers = tagged(slots, start=100, rows=rows)
-    selection.admit(genomes, fitness, strangers, immigrants)
+    strangers = tagged(slots, start=100, rows=rows).reshape(rows * slots, 1, 1)
+    emigrants = np.concatenate([np.zeros((rows, 1, 1), np.uint8), strangers])
+    emigrant_fitness = np.concatenate([np.full((rows, 1), -1.0), immigrants.reshape(-1, 1)])
+    whence = rows + np.arange(rows * slots).reshape(rows, slots)
+    selection.admit(genomes, fitness, emigrants, emigrant_fitness, whence, 1)
     for row in range(rows):
         known = {(tag, value) for tag, value in enumerate(before[row])}
         known |= {(100 + tag, value) for tag, value in enumerate(immigrants[row])}
@@ -84,6 +112,14 @@ def test_after_admission_the_fitness_is_never_worse_and_individuals_stay_whole(d
         assert len(now) == deme, "nobody is there twice"
         assert now <= known
         assert sorted(fitness[row]) == sorted([*before[row], *immigrants[row]])[:deme]
+
+
+# What is no fitness -----------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("wrong", [math.nan, -math.nan, -INF])
+def test_the_first_that_is_none_is_found(wrong):
+    assert selection.unsound(np.array([0.0, -1e308, INF, 5e-324])) == -1
+    assert selection.unsound(np.array([])) == -1
+    assert selection.unsound(np.array([INF, wrong, 1.0, math.nan])) == 1
 
 
 # Couples ----------------------------------------------------------------------------------------------------------

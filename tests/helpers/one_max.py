@@ -4,7 +4,7 @@ import numpy as np
 
 from genetics import BitString
 from node import Cell, Plan
-from node.cell import Heard, Propose, Publish, Start
+from node.cell import Propose, Publish, Start
 from problems import Problem, Run
 from wire.report import Report
 
@@ -35,7 +35,8 @@ class Bus:
 
     def __init__(self, plan, random, wish=None, drop=0.0):
         self.cells = [Cell(plan, number, job=1) for number in range(plan.topology.cells)]
-        self.mail = [[Start()] for _ in self.cells]
+        self.news = [[] for _ in self.cells]
+        self.events = [[Start()] for _ in self.cells]
         self.random = random
         self.wish = wish  # (at which generation of the root, reason)
         self.drop = drop
@@ -44,20 +45,26 @@ class Bus:
     def run(self):
         while len(self.reports) < len(self.cells):
             cell = self.random.choice(self.cells)
-            taken = self.random.randint(0, len(self.mail[cell.cell]))
-            events, self.mail[cell.cell] = self.mail[cell.cell][:taken], self.mail[cell.cell][taken:]
+            news, events = self.some_of(self.news[cell.cell]), self.some_of(self.events[cell.cell])
             if self.wish and cell.cell == 0 and cell.rows.generation >= self.wish[0]:
                 events.append(Propose(self.wish[1]))
                 self.wish = None
-            for action in cell.step(events):
+            for action in cell.step(news, events):
                 self.carry_out(cell, action)
         return [self.reports[number] for number in range(len(self.cells))]
+
+    def some_of(self, mail):
+        """The first few, which are taken out."""
+        count = self.random.randint(0, len(mail))
+        taken = mail[:count]
+        del mail[:count]
+        return taken
 
     def carry_out(self, cell, action):
         if isinstance(action, Publish):
             for other in cell.neighbours:
                 if self.random.random() >= self.drop:
-                    self.mail[other].append(Heard(cell.cell, action.message))
+                    self.news[other].append((cell.cell, action.payload))
         elif isinstance(action, Report):
             assert cell.cell not in self.reports, "a cell reports once"
             self.reports[cell.cell] = action

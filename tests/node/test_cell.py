@@ -7,20 +7,32 @@ import pytest
 from one_max import Bus, OneMax, plan_of
 
 from node import Cell, Plan
-from node.cell import Answer, Ask, Asked, Heard, Propose, Publish, Start, Waited
+from node.cell import Answer, Answered, Ask, Asked, Complain, Propose, Publish, Start, Waited
 from problems import Run
-from wire.exchange import Champion, Emigrant
+from wire.exchange import Champion, Emigrant, decode
 from wire.report import Report
+
+
+def said(plan, published):
+    """The message that is published."""
+    assert isinstance(published, Publish)
+    return decode(published.payload, plan.limits)
 
 
 def message_of(plan, cell, **changes):
     """What ``cell`` says in generation 0."""
-    published, *_ = Cell(plan, cell, job=1).step([Start()])
-    return dataclasses.replace(published.message, **changes)
+    published, *_ = Cell(plan, cell, job=1).step(events=[Start()])
+    return dataclasses.replace(said(plan, published), **changes)
 
 
 def heard(plan, senders, **changes):
-    return [Heard(sender, message_of(plan, sender, **changes)) for sender in senders]
+    return [(sender, message_of(plan, sender, **changes).encode()) for sender in senders]
+
+
+def started(plan, cell=0):
+    """A running cell, and what it published when it began."""
+    cell = Cell(plan, cell, job=1)
+    return cell, *cell.step(events=[Start()])
 
 
 def test_before_start_it_only_listens():
@@ -28,22 +40,22 @@ def test_before_start_it_only_listens():
     cell = Cell(plan, 5, job=1)
     assert cell.neighbours == (1, 6, 9, 4)
     assert cell.step(heard(plan, cell.neighbours)) == []
-    assert cell.state == "prepared"
-    first, second = cell.step([Start()])
-    assert (first.message.generation, second.message.generation) == (0, 1)
+    assert (cell.state, cell.ready) == ("prepared", False)
+    first, second = cell.step(events=[Start()])
+    assert [said(plan, each).generation for each in (first, second)] == [0, 1]
 
 
 def test_start_publishes_the_first_generation_and_waits():
     plan = plan_of()
-    cell = Cell(plan, 0, job=1)
-    (published,) = cell.step([Start()])
-    message = published.message
+    cell, published = started(plan)
+    message = said(plan, published)
     assert (message.job, message.world, message.generation, message.stop_at) == (1, 0, 0, None)
     assert (message.sent, message.evaluations) == (1, 1)
     (emigrant,) = message.emigrants
-    assert message.champion == Champion(emigrant.fitness, 0, 0, emigrant.genome)
+    assert message.champion == cell.champion == Champion(emigrant.fitness, 0, 0, emigrant.genome)
     assert not cell.ready
-    assert cell.step([]) == []
+    assert cell.step() == []
+    assert cell.step(events=[Start()]) == [], "it begins once"
 
 
 def test_a_generation_needs_every_neighbour_whatever_the_order():
@@ -51,50 +63,82 @@ def test_a_generation_needs_every_neighbour_whatever_the_order():
     news = heard(plan, (12, 1, 4, 3))
     outcomes = []
     for order in ([0, 1, 2, 3], [3, 1, 0, 2]):
-        cell = Cell(plan, 0, job=1)
-        cell.step([Start()])
+        cell, _ = started(plan)
         for index in order[:-1]:
             assert cell.step([news[index]]) == []
         outcomes.append(cell.step([news[order[-1]]]))
     assert outcomes[0] == outcomes[1]
     (published,) = outcomes[0]
-    assert published.message.generation == 1
-    assert published.message.evaluations == 1 + 8
+    message = said(plan, published)
+    assert message.generation == 1
+    assert message.evaluations == 1 + 8
 
 
 def test_messages_of_another_job_strangers_and_doubles_are_ignored():
     plan = plan_of()
-    cell = Cell(plan, 0, job=1)
-    cell.step([Start()])
+    cell, _ = started(plan)
     other_job = heard(plan, (1,), job=2)
-    stranger = [Heard(10, message_of(plan, 10))]
+    stranger = [(10, message_of(plan, 10).encode()), (0, message_of(plan, 0).encode())]
     far_future = heard(plan, (1,), generation=99)
     assert cell.step(other_job + stranger + far_future) == []
-    assert cell.received == 0
+    assert cell.inbox.kept == 0
     once = heard(plan, (1,))
     cell.step(once + once)
-    assert cell.received == 1
+    assert cell.inbox.kept == 1
 
 
-def test_it_asks_for_what_is_missing_and_counts_it_as_lost_when_it_comes():
+def test_bad_messages_are_complained_of_once_for_each_neighbour_and_reason():
+    plan = plan_of()
+    cell, _ = started(plan)
+    bad, worse = b"", b"\xc0"
+    stranger = (10, bad)
+    assert cell.step([(1, bad), (4, worse), stranger, (1, bad)]) == [
+        Complain(1, "not msgpack"),
+        Complain(4, "not an array"),
+    ]
+    assert cell.step([(1, bad), (1, worse)], [Answered(4, bad)]) == [
+        Complain(1, "not an array"),
+        Complain(4, "not msgpack"),
+    ]
+    assert cell.inbox.refused == 6
+    (published,) = cell.step(heard(plan, (12, 1, 4, 3)))
+    assert said(plan, published).generation == 1, "it hurts nothing"
+
+
+def test_it_asks_for_what_is_missing_and_counts_it_as_lost_when_it_is_the_answer_that_comes():
     plan = plan_of()
     cell = Cell(plan, 0, job=1)
-    assert cell.step([Waited()]) == [], "nothing is missing before the start"
-    cell.step([Start(), *heard(plan, (12, 4))])
-    assert cell.step([Waited()]) == [Ask(1, 0), Ask(3, 0)]
-    cell.step(heard(plan, (1, 3)))
+    assert cell.step(events=[Waited()]) == [], "nothing is missing before the start"
+    cell.step(heard(plan, (12, 4)), [Start()])
+    assert cell.step(events=[Waited()]) == [Ask(1, 0), Ask(3, 0)]
+    cell.step(events=[Answered(*each) for each in heard(plan, (1, 3))])
     assert cell.rows.generation == 1
     assert cell.lost == 2
+    assert cell.step(heard(plan, (1, 3))) == [], "it had been late only"
+    assert (cell.lost, cell.inbox.kept) == (2, 4)
+
+
+def test_what_comes_before_the_answer_was_not_lost():
+    plan = plan_of()
+    cell, _ = started(plan)
+    (news,) = heard(plan, (1,))
+    cell.step([news])
+    cell.step(events=[Answered(*news), Answered(3, b"")])
+    assert (cell.lost, cell.inbox.kept) == (0, 1)
 
 
 def test_it_answers_for_its_last_two_generations():
     plan = plan_of()
-    cell = Cell(plan, 0, job=1)
-    (first,) = cell.step([Start()])
+    cell, first = started(plan)
     (second,) = cell.step(heard(plan, (12, 1, 4, 3)))
-    assert cell.step([Asked(0, "q"), Asked(1, "r"), Asked(7, "s")]) == [
-        Answer("q", first.message),
-        Answer("r", second.message),
+    assert cell.step(events=[Asked(0, "q"), Asked(1, "r"), Asked(7, "s")]) == [
+        Answer("q", first.payload),
+        Answer("r", second.payload),
+    ]
+    (third,) = cell.step(heard(plan, (12, 1, 4, 3), generation=1))
+    assert cell.step(events=[Asked(0, "q"), Asked(1, "r"), Asked(2, "s")]) == [
+        Answer("r", second.payload),
+        Answer("s", third.payload),
     ]
 
 
@@ -107,31 +151,31 @@ def test_the_cell_that_bred_the_target_proposes_to_stop():
 
 
 def _starts_solved(cell):
-    cell.step([Start()])
+    cell.step(events=[Start()])
     return cell.rows.fitness[0, 0] == 0.0
 
 
 def test_the_least_stop_wins_and_is_passed_on():
     plan = plan_of(size=40, target=-1.0)
     cell = Cell(plan, 0, job=1)
-    cell.step([Start()])
+    cell.step(events=[Start()])
     news = heard(plan, (12, 1, 4)) + heard(plan, (3,), stop_at=4)
     (published,) = cell.step(news)
-    assert published.message.stop_at == 4
-    cell.step([Propose("cancel")])
+    assert said(plan, published).stop_at == 4
+    cell.step(events=[Propose("cancel")])
     assert cell.rows.stop_at[0] == 4, "a later stop changes nothing"
 
 
 def test_it_stops_at_the_limit_with_a_report_and_no_further_message():
     plan = plan_of(generations=1, target=-1.0)
     cell = Cell(plan, 0, job=1)
-    cell.step([Start()])
+    cell.step(events=[Start()])
     (report,) = cell.step(heard(plan, (12, 1, 4, 3)))
     assert isinstance(report, Report)
     assert (report.generation, report.evaluations, report.sent, report.received) == (1, 9, 1, 4)
     assert report.deme == cell.rows.genomes.tobytes()
     assert cell.state == "stopped"
-    assert cell.step([Start(), Propose("cancel"), Waited()]) == []
+    assert cell.step(heard(plan, (1,)), [Start(), Propose("cancel"), Waited()]) == []
 
 
 def test_a_problem_that_breaks_fails_the_cell_with_its_message():
@@ -140,7 +184,7 @@ def test_a_problem_that_breaks_fails_the_cell_with_its_message():
             raise RuntimeError("out of paper")
 
     cell = Cell(Plan(Broken(kind="broken"), Run()), 0, job=1)
-    (report,) = cell.step([Start()])
+    (report,) = cell.step(events=[Start()])
     assert report.error == "broken: evaluate raised RuntimeError: out of paper"
     assert cell.state == "failed"
 
@@ -150,33 +194,32 @@ def test_under_the_papers_spy_champions_do_not_travel_but_to_the_spy():
     assert message_of(plan, 5).champion is None
     assert message_of(plan, 0).champion is not None
     cell = Cell(plan, 1, job=1)
-    cell.step([Start()])
+    cell.step(events=[Start()])
     lie = Champion(-5.0, 0, 0, bytes(5))
-    news = [Heard(other, message_of(plan, other, champion=lie)) for other in cell.neighbours]
-    cell.step(news)
-    assert cell.rows.champion_fitness[0] >= 0.0, "only emigrants are heard of"
+    cell.step(heard(plan, cell.neighbours, champion=lie))
+    assert cell.rows.generation == 1
+    assert cell.champion.fitness >= 0.0, "only emigrants are heard of"
 
 
 def test_in_async_mode_every_step_breeds_and_a_stop_is_passed_on_at_once():
     plan = plan_of(mode="async", target=-1.0)
     cell = Cell(plan, 0, job=1)
-    first, second = cell.step([Start()])
-    assert (first.message.generation, second.message.generation) == (0, 1)
+    first, second = cell.step(events=[Start()])
+    assert [said(plan, each).generation for each in (first, second)] == [0, 1]
     assert cell.ready
-    (third,) = cell.step([])
-    assert third.message.generation == 2
+    (third,) = cell.step()
+    assert said(plan, third).generation == 2
     published, report = cell.step(heard(plan, (1,), stop_at=9))
-    assert isinstance(published, Publish)
-    assert published.message.stop_at == 9
+    assert said(plan, published).stop_at == 9
     assert (report.generation, cell.state) == (3, "stopped")
 
 
 def test_in_async_mode_gaps_in_the_senders_count_are_lost_messages():
     plan = plan_of(mode="async", target=-1.0)
     cell = Cell(plan, 0, job=1)
-    cell.step([Start(), *heard(plan, (1,), sent=1)])
+    cell.step(heard(plan, (1,), sent=1), [Start()])
     cell.step(heard(plan, (1,), sent=5, generation=4))
-    assert (cell.received, cell.lost) == (2, 3)
+    assert (cell.inbox.kept, cell.lost) == (2, 3)
 
 
 def test_in_async_mode_a_silent_neighbour_is_stood_in_for_by_the_cell_itself():
@@ -184,7 +227,7 @@ def test_in_async_mode_a_silent_neighbour_is_stood_in_for_by_the_cell_itself():
     cell = Cell(plan, 0, job=1)
     before = None
     for _ in range(3):
-        cell.step([Start()] if before is None else [])
+        cell.step(events=[Start()] if before is None else [])
         before = before if before is not None else cell.rows.genomes.copy()
     np.testing.assert_array_equal(cell.rows.genomes, before)
 
@@ -193,9 +236,9 @@ def test_in_async_mode_a_silent_neighbour_is_stood_in_for_by_the_cell_itself():
 def test_emigrants_are_the_best_of_the_deme_best_first(emigrants):
     plan = plan_of(deme=6, emigrants=emigrants)
     cell = Cell(plan, 0, job=1)
-    (published,) = cell.step([Start()])
+    (published,) = cell.step(events=[Start()])
     order = np.argsort(cell.rows.fitness[0], kind="stable")[:emigrants]
-    assert published.message.emigrants == tuple(
+    assert said(plan, published).emigrants == tuple(
         Emigrant(cell.rows.genomes[0, index].tobytes(), cell.rows.fitness[0, index]) for index in order
     )
 
@@ -206,17 +249,18 @@ def test_lost_messages_stop_nobody_when_cells_ask(random_source):
     class Lossy(Bus):
         def carry_out(self, cell, action):
             if isinstance(action, Ask):
-                self.mail[action.neighbour].append(Asked(action.generation, cell.cell))
+                self.events[action.neighbour].append(Asked(action.generation, cell.cell))
             elif isinstance(action, Answer):
-                self.mail[action.question].append(Heard(cell.cell, action.message))
+                self.events[action.question].append(Answered(cell.cell, action.payload))
             else:
                 super().carry_out(cell, action)
 
         def run(self):
             while len(self.reports) < len(self.cells):
                 for cell in self.cells:
-                    events, self.mail[cell.cell] = self.mail[cell.cell], []
-                    for action in cell.step([*events, Waited()]):
+                    news, self.news[cell.cell] = self.news[cell.cell], []
+                    events, self.events[cell.cell] = self.events[cell.cell], []
+                    for action in cell.step(news, [*events, Waited()]):
                         self.carry_out(cell, action)
             return [self.reports[number] for number in range(len(self.cells))]
 

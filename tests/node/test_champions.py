@@ -6,6 +6,7 @@ from one_max import plan_of
 
 from node import simulate
 from node.rows import Rows
+from wire.exchange import Messages
 
 
 @pytest.mark.parametrize("interval", [1, 3])
@@ -52,18 +53,17 @@ def test_under_the_papers_spy_the_root_knows_only_what_came_past_it():
 
 def test_champions_are_ordered_by_fitness_then_generation_then_cell():
     plan = plan_of(size=8, topology="torus 3x3", mutation=0.0, target=-1.0, generations=50)
-    rows = Rows(plan, np.arange(9))
+    rows = Rows(plan, np.arange(9), Messages.room(9, plan.coding.genome_bytes, 1))
     rows.begin()
     slots = np.array([plan.topology.neighbours(cell) for cell in range(9)])
     births = [(rows.fitness[cell, 0], 0, cell) for cell in range(9)]
     for generation in range(1, 30):
-        rows.advance(rows.packets().gather(slots))
+        rows.advance(rows.messages.copy(), slots)
         births += [(rows.fitness[cell, 0], generation, cell) for cell in range(9)]
     first = min(births)
     assert first[1] <= 29 - plan.stop_distance, "the best is old enough to be known everywhere"
     assert sum(birth[0] == first[0] for birth in births) > 9, "and has equals"
-    known = {(rows.champion_fitness[row], rows.champion_generation[row], rows.champion_cell[row]) for row in range(9)}
-    assert known == {first}
+    assert {rows.messages.champion(row)[:3] for row in range(9)} == {first}
 
 
 def test_an_infeasible_individual_is_no_champion():

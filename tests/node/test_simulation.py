@@ -5,6 +5,7 @@ from one_max import plan_of
 
 from node import simulate
 from node.rows import Rows
+from wire.exchange import Messages
 
 
 def digests(**run):
@@ -45,7 +46,7 @@ def test_an_evaluation_limit_is_never_exceeded():
 def test_an_island_alone_is_not_flooded_with_its_own_best():
     plan = plan_of(size=200, topology="torus 1x1", deme=30, target=-1.0, generations=1, mutation=0.0)
     (report,) = simulate(plan)
-    rows = Rows(plan, np.array([0]))
+    rows = Rows(plan, np.array([0]), Messages.room(1, plan.coding.genome_bytes, 1))
     rows.begin()
     rows.advance(None)
     assert report.deme == rows.genomes.tobytes(), "an exchange with itself changes nothing"

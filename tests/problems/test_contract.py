@@ -3,10 +3,12 @@
 import copy
 import json
 import math
+import random
 from pathlib import Path
 
 import numpy as np
 import pytest
+from one_max import Bus
 
 import supernode
 from node import Plan, simulate
@@ -109,6 +111,46 @@ def test_fitness_does_not_depend_on_the_batch(plan):
     assert not np.isnan(together).any()
 
 
+def odd_genomes(plan):
+    """The least and the greatest that the coding can hold, and what comes of crossing them with others."""
+    mask, low, high = plan.coding.alphabet
+    ends = [low.view(np.uint8), high.view(np.uint8)] if low.size else [np.zeros_like(mask), mask]
+    couples = np.stack([np.stack([end, genome]) for end in ends for genome in some_genomes(plan, 5)])
+    offspring = plan.coding.recombine(couples[None].copy(), plan.recipe, plan.keys(np.array([3]), 1))
+    return np.concatenate([ends, offspring[0]])
+
+
+def compiled_fitness(plan):
+    judging = plan.problem.judging
+    if judging is None:
+        pytest.skip("has no compiled fitness")
+    return judging
+
+
+def test_its_compiled_fitness_is_its_fitness_bit_for_bit(plan):
+    judging = compiled_fitness(plan)
+    genomes = np.concatenate([some_genomes(plan), odd_genomes(plan)])
+    expected = plan.problem.evaluate(genomes)
+    assert judging.fitness(genomes).tobytes() == expected.tobytes()
+    for size in (1, 8):  # as many as a cell judges at once
+        for start in range(0, len(genomes), 5 * size):
+            part = slice(start, start + size)
+            assert judging.fitness(genomes[part]).tobytes() == expected[part].tobytes()
+            assert plan.problem.evaluate(genomes[part]).tobytes() == expected[part].tobytes()
+    assert plan.problem.model_copy().judging.fitness(genomes[::-1]).tobytes() == expected[::-1].tobytes()
+
+
+def test_cells_live_the_same_with_and_without_its_compiled_fitness(plan):
+    compiled_fitness(plan)
+    kind = type(plan.problem)
+    uncompiled = type(kind.__name__, (kind,), {"__module__": __name__, "judging": property(lambda _: None)})
+    run = plan.run.model_copy(update={"topology": "torus 2x2", "target": -1.0, "generations": 8, "deme": 1})
+    slow = Plan(uncompiled.model_validate(plan.problem.model_dump(exclude_unset=True)), run)
+    assert slow.problem.judging is None
+    reports = Bus(Plan(plan.problem, run), random.Random(1)).run()
+    assert reports == Bus(slow, random.Random(2)).run() == simulate(slow)
+
+
 def test_built_in_kinds_are_evaluated_all_at_once():
     assert all(registry.find(kind).batches_alike for kind in registry.kinds())
 
@@ -121,8 +163,8 @@ def test_every_solution_that_decodes_can_be_checked_and_agrees(plan):
 
 
 def test_its_own_coding_accepts_what_it_makes(plan):
-    assert all(plan.coding.accepts(genome.tobytes()) for genome in some_genomes(plan))
-    assert not plan.coding.accepts(b"")
+    assert all(plan.coding.alphabet.admits(genome) for genome in some_genomes(plan))
+    assert not plan.coding.alphabet.admits(np.empty(0, np.uint8))
 
 
 def test_the_schema_round_trips(file):

@@ -39,6 +39,16 @@ def label(fields):
     return fields["name"] + (" coded" if fields.get("bits") else "")
 
 
+@pytest.mark.parametrize("fields", EVERY, ids=label)
+def test_every_function_has_a_compiled_fitness_unless_it_is_to_cost_time(fields):
+    problem = function(**fields)
+    genomes = genomes_of(problem, 200)
+    assert problem.judging.fitness(genomes).tobytes() == problem.evaluate(genomes).tobytes()
+    costly = function(**fields, cost_us=0.5)
+    assert costly.judging is None
+    assert costly.evaluate(genomes).tobytes() == problem.evaluate(genomes).tobytes()
+
+
 # Values ---------------------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize(
     ("name", "x", "expected"),

@@ -16,7 +16,7 @@ from spy.run_log import RunLog
 from wire.control import decode_answer, encode_answer
 from wire.exchange import Champion
 from wire.news import Improvement
-from wire.report import Proposal, Report
+from wire.report import Proposal, Report, Staleness
 
 FULL, HALF, EMPTY = b"\xff" * 5, b"\xff\xff\xf0\x00\x00", b"\x00" * 5
 
@@ -116,7 +116,8 @@ def test_what_is_not_claimed_to_be_solved_may_be_infeasible():
 
 
 def report(cell, generation=8, champion=None, proposals=()):
-    return Report(cell, generation, bytes([cell]) * 32, 9, 8, 32, 0, 0, champion, tuple(proposals), b"", None)
+    counts = (9, 8, 32, 0, 0, Staleness(0, 0, 0, 0))
+    return Report(cell, generation, bytes([cell]) * 32, *counts, champion, tuple(proposals), b"", None)
 
 
 def test_the_best_known_is_the_least_champion_or_the_roots():

@@ -14,7 +14,7 @@ from wire import control
 from wire.control import Begin, Command, Done, Drop, Finish, Missed, Prepare, ProposeStop, Refused
 from wire.exchange import VERSION, Champion
 from wire.news import Counters, Improvement, LogRecord, Statistics
-from wire.report import Proposal, Reason, Report
+from wire.report import Proposal, Reason, Report, Staleness
 from wire.strict import Rejected
 
 counts = st.integers(0, (1 << 62) - 1)
@@ -47,6 +47,7 @@ REPORTS = st.builds(
     received=counts,
     lost=counts,
     rejected=counts,
+    staleness=st.builds(Staleness, counts, counts, counts, counts),
     champion=st.none() | champions,
     proposals=st.lists(st.builds(Proposal, counts, reasons, counts, counts), max_size=3).map(tuple),
     deme=st.binary(max_size=100),
@@ -59,7 +60,19 @@ IMPROVEMENTS = st.builds(
 PREPARE = Prepare(3, '["x.toml"]', "/tmp/log")
 FINISH = Finish(3, Champion(0.5, 7, 2, b"\x12"), 20, ("target", "stall"))
 REPORT = Report(
-    2, 20, bytes(32), 160, 20, 80, 1, 0, FINISH.champion, (Proposal(20, "target", 2, 13),), b"\x12\x34", None
+    2,
+    20,
+    bytes(32),
+    160,
+    20,
+    80,
+    1,
+    0,
+    Staleness(80, 9, 3, 2),
+    FINISH.champion,
+    (Proposal(20, "target", 2, 13),),
+    b"\x12\x34",
+    None,
 )
 IMPROVEMENT = Improvement(3, 0.25, 7, 2, 0.5, {"angles": [0.1, 0.2], "tip": {"x": 1}})
 
@@ -128,6 +141,7 @@ def test_an_answer_comes_back_as_it_was(answer):
 def test_a_report_comes_back_as_it_was(report):
     again = Report.decode(report.encode())
     assert again == report
+    assert type(again.staleness) is Staleness
     assert all(type(proposal) is Proposal for proposal in again.proposals)
 
 
@@ -227,14 +241,19 @@ def test_unknown_commands_are_refused(rest):
         ("report", 1, -1, "out of bounds"),
         ("report", 2, "text", "wrong type"),
         *(("report", index, "1", "wrong type") for index in range(3, 8)),
-        ("report", 8, [], "wrong shape"),
-        ("report", 8, [-math.inf, 7, 2, b""], "not finite"),
-        ("report", 9, None, "wrong type"),
-        ("report", 9, [[20, "target", 2]], "wrong shape"),
-        ("report", 9, [[20, "boredom", 2, 13]], "no such reason"),
-        ("report", 9, [[20.0, "target", 2, 13]], "wrong type"),
-        ("report", 10, "text", "wrong type"),
-        ("report", 11, b"bytes", "wrong type"),
+        ("report", 8, None, "wrong shape"),
+        ("report", 8, [80, 9, 3], "wrong shape"),
+        ("report", 8, [80, 9, 3, 2, 1], "wrong shape"),
+        ("report", 8, [80, 9.0, 3, 2], "wrong type"),
+        ("report", 8, [80, 9, 3, -1], "out of bounds"),
+        ("report", 9, [], "wrong shape"),
+        ("report", 9, [-math.inf, 7, 2, b""], "not finite"),
+        ("report", 10, None, "wrong type"),
+        ("report", 10, [[20, "target", 2]], "wrong shape"),
+        ("report", 10, [[20, "boredom", 2, 13]], "no such reason"),
+        ("report", 10, [[20.0, "target", 2, 13]], "wrong type"),
+        ("report", 11, "text", "wrong type"),
+        ("report", 12, b"bytes", "wrong type"),
         ("improvement", 0, 1.0, "wrong type"),
         ("improvement", 1, 1, "wrong type"),
         ("improvement", 1, math.nan, "not finite"),

@@ -1,0 +1,116 @@
+"""Exchange messages for tests: some that are right, and a slow reader of any, written with the msgpack library."""
+
+import math
+import struct
+
+import msgpack
+import numpy as np
+from hypothesis import strategies as st
+
+from genetics import BitString, RealVector
+from genetics.coding import Alphabet
+from wire.exchange import NEVER, VERSION, Champion, Emigrant, Exchange, Limits
+
+BITS = BitString(3, 5)
+REALS = RealVector(2, -1.0, 1.0)
+MOST = NEVER - 1
+
+
+def limits_of(coding, emigrants=2, cells=16):
+    return Limits(coding.genome_bytes, emigrants, cells, coding.alphabet)
+
+
+def anything(genome_bytes, emigrants=1, cells=16):
+    """Limits that leave the genomes free but for their size."""
+    return Limits(genome_bytes, emigrants, cells, Alphabet.of_bits(np.full(genome_bytes, 0xFF, np.uint8)))
+
+
+LIMITS = limits_of(BITS)
+
+edges = sorted({(1 << bits) - 1 for bits in range(63)} | {1 << bits for bits in range(62)})
+counts = st.integers(0, MOST) | st.sampled_from(edges)
+fitnesses = st.floats(allow_nan=False).filter(lambda value: value != -math.inf)
+bit_genomes = st.lists(st.integers(0, 31), min_size=3, max_size=3).map(lambda row: BITS.encode([row])[0].tobytes())
+real_genomes = st.lists(st.floats(-1, 1), min_size=2, max_size=2).map(lambda genes: struct.pack("2d", *genes))
+
+
+def exchanges(genomes, emigrants, cells):
+    """Messages of that many emigrants; a champion is feasible."""
+    champions = st.builds(Champion, fitnesses.filter(math.isfinite), counts, st.integers(0, cells - 1), genomes)
+    return st.builds(
+        Exchange,
+        job=counts,
+        world=counts,
+        generation=counts,
+        stop_at=st.none() | counts,
+        emigrants=st.tuples(*[st.builds(Emigrant, genomes, fitnesses)] * emigrants),
+        champion=st.none() | champions,
+        sent=counts,
+        evaluations=counts,
+    )
+
+
+MESSAGE = Exchange(
+    job=3,
+    world=1,
+    generation=300,
+    stop_at=70_000,
+    emigrants=(Emigrant(bytes([0x12, 0x34]), 1.5), Emigrant(bytes([0xFF, 0xFE]), math.inf)),
+    champion=Champion(0.25, 17, 15, bytes([0x80, 0x02])),
+    sent=301,
+    evaluations=2408,
+)
+
+
+def values_of(message):
+    """What travels, as nested lists of plain values."""
+    emigrants = [list(emigrant) for emigrant in message.emigrants]
+    champion = None if message.champion is None else list(message.champion)
+    counters = [message.sent, message.evaluations]
+    return [VERSION, message.job, message.world, message.generation, message.stop_at, emigrants, champion, counters]
+
+
+def read_slowly(payload, limits):
+    """The message in ``payload``, or None if it is none: the protocol's rules in plain Python."""
+
+    def is_count(value, below=NEVER):
+        return type(value) is int and 0 <= value < below
+
+    def is_fitness(value):
+        return type(value) is float and not math.isnan(value) and value != -math.inf
+
+    def is_genome(value):
+        return type(value) is bytes and limits.alphabet.admits(np.frombuffer(value, np.uint8))
+
+    def has(value, size):
+        return type(value) is list and len(value) == size
+
+    def is_message(value):
+        return (
+            has(value, 8)
+            and (type(value[0]), value[0]) == (int, VERSION)
+            and all(is_count(each) for each in value[1:4])
+            and (value[4] is None or is_count(value[4]))
+            and has(value[5], limits.emigrants)
+            and all(has(each, 2) and is_genome(each[0]) and is_fitness(each[1]) for each in value[5])
+            and (value[6] is None or (has(value[6], 4) and is_champion(*value[6])))
+            and has(value[7], 2)
+            and all(is_count(each) for each in value[7])
+        )
+
+    def is_champion(fitness, generation, cell, genome):
+        return is_fitness(fitness) and is_count(generation) and is_count(cell, limits.cells) and is_genome(genome)
+
+    if len(payload) > limits.most_bytes:
+        return None
+    try:
+        value = msgpack.unpackb(payload)
+    except (ValueError, TypeError, RecursionError, msgpack.UnpackException):
+        return None
+    if not is_message(value):
+        return None
+    _, job, world, generation, stop_at, emigrants, champion, (sent, evaluations) = value
+    # A champion of infinite fitness stands for none.
+    best = None if champion is None or champion[0] == math.inf else Champion(*champion)
+    told = tuple(Emigrant(*each) for each in emigrants)
+    return Exchange(job, world, generation, stop_at, told, best, sent, evaluations)

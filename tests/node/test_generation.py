@@ -1,0 +1,188 @@
+"""A lone individual's generation in one compiled call: the same life as without it, and as in the simulator."""
+
+import random
+
+import numpy as np
+import pytest
+from one_max import Bus, OneMax
+
+from genetics.compiled import kernel
+from genetics.operators import FITNESS, Operator, integers
+from node import Plan, simulate
+from node.cell import Cell, Start
+from problems import Run
+from problems.function import Function
+from wire.report import Report
+
+PROBLEMS = {
+    "onemax": {"name": "onemax", "dimension": 30},
+    "trap": {"name": "trap", "dimension": 20},
+    "graph-partition": {"name": "graph-partition", "graph": {"vertices": 20, "parts": 3, "seed": 5}},
+    "rastrigin of reals": {"name": "rastrigin", "dimension": 3},
+    "rastrigin of bits": {"name": "rastrigin", "dimension": 3, "bits": 9},
+}
+SHAPES = ["torus 1x1", "torus 1x2", "torus 2x3", "torus 4x4"]
+ENDS = [
+    {"target": -1.0, "generations": 20},
+    {"target": -1.0, "generations": 70},  # more than a history keeps before it digests
+    {"stall": 60},  # or the problem's own target, whichever comes first
+    {"target": -1.0, "stall": 7},
+    {"target": -1.0, "seconds": 1e6},  # until somebody outside proposes a stop
+]
+WISH = (11, "cancel")  # at which generation of the root
+MOST = (1 << 64) - 1
+
+
+class Slow(Function):
+    """The same functions, not compiled into the generation."""
+
+    @property
+    def judging(self):
+        return None
+
+
+def plan_of(name, problem=Function, **run):
+    settings = Run(**run)
+    fields = {"kind": "function"} | PROBLEMS[name]
+    return Plan(problem.model_validate(fields).for_recipe(settings.recipe, settings.deme), settings)
+
+
+def choices(name, shape):
+    """Settings of every kind, each with an end that differs from problem to problem and from torus to torus."""
+    turn = list(PROBLEMS).index(name) + SHAPES.index(shape)
+    for recipe in ("paper", "tuned"):
+        for spy in ("champion", "root"):
+            for interval in (1, 3):
+                turn += 1
+                rule = {"topology": shape, "recipe": recipe, "spy": spy, "interval": interval}
+                yield rule | {"seed": MOST - turn if turn % 2 else turn} | ENDS[turn % len(ENDS)]
+    if name != "rastrigin of reals":
+        yield {"topology": shape, "recipe": "paper", "mutation": "one-bit", "generations": 30}
+
+
+def reports_of(plan, mail=1):
+    """What cells on a bus report."""
+    return Bus(plan, random.Random(mail), WISH if plan.run.seconds else None).run()
+
+
+def simulated(plan):
+    generations = iter(range(1 << 30))
+    return simulate(plan, outside=lambda: WISH[1] if plan.run.seconds and next(generations) >= WISH[0] else None)
+
+
+@pytest.mark.parametrize("name", PROBLEMS)
+@pytest.mark.parametrize("shape", SHAPES)
+def test_it_reports_what_it_would_without(shape, name):
+    for settings in choices(name, shape):
+        compiled, slow = plan_of(name, **settings), plan_of(name, Slow, **settings)
+        assert compiled.problem.judging is not None
+        assert reports_of(compiled) == reports_of(slow, mail=2), settings
+
+
+@pytest.mark.parametrize("interval", [1, 3])
+@pytest.mark.parametrize("name", PROBLEMS)
+@pytest.mark.parametrize("shape", SHAPES)
+def test_it_reports_what_the_simulator_does(shape, name, interval):
+    for settings in choices(name, shape):
+        if settings.get("interval", 1) == interval:
+            plan = plan_of(name, **settings)
+            assert reports_of(plan) == simulated(plan), settings
+
+
+def test_every_kind_of_end_occurs_with_every_problem():
+    for name in PROBLEMS:
+        settings = [each for shape in SHAPES for each in choices(name, shape)]
+        assert all(any(end.items() <= each.items() for each in settings) for end in ENDS)
+    reasons = set()
+    for name in PROBLEMS:
+        for settings in choices(name, "torus 4x4"):
+            reasons |= {each.reason for report in simulated(plan_of(name, **settings)) for each in report.proposals}
+    assert reasons == {"target", "stall", "cancel"}
+
+
+@pytest.mark.parametrize("name", PROBLEMS)
+@pytest.mark.parametrize("shape", SHAPES)
+def test_in_async_mode_too(shape, name):
+    for settings in choices(name, shape):
+        compiled, slow = (plan_of(name, problem, mode="async", **settings) for problem in (Function, Slow))
+        assert reports_of(compiled) == reports_of(slow), "the same mail in the same order"
+        assert simulated(compiled) == simulated(slow)
+
+
+# Evaluations ----------------------------------------------------------------------------------------------------------
+class Watched(Function):
+    """Counts the genomes that it is asked about in Python."""
+
+    def evaluate(self, genomes):
+        asked.append(len(genomes))
+        return super().evaluate(genomes)
+
+
+asked: list[int] = []
+
+
+@pytest.mark.parametrize(("deme", "cost", "batches"), [(1, 0.0, 1), (1, 0.001, 11), (2, 0.0, 11)])
+def test_only_a_lone_individual_with_a_compiled_fitness_lives_in_one_call(deme, cost, batches):
+    settings = {"topology": "torus 1x1", "deme": deme, "target": -1.0, "generations": 10}
+    fields = {"kind": "function", "name": "onemax", "dimension": 30, "cost_us": cost}
+    asked.clear()
+    Bus(Plan(Watched.model_validate(fields), Run(**settings)), random.Random(1)).run()
+    assert len(asked) == batches, "the first deme, and else each generation"
+
+
+# What is no fitness ---------------------------------------------------------------------------------------------------
+@kernel(FITNESS)
+def broken(genomes, fitness, table):
+    """The zeros of genomes of as many bits as the table says; nothing below as many as it says."""
+    layout = integers(table, 0)[0]
+    for row in range(fitness.size):
+        zeros = layout[0]
+        for bit in range(layout[0]):
+            zeros -= (genomes[row, bit >> 3] >> (7 - (bit & 7))) & 1
+        fitness[row] = zeros if zeros >= layout[1] else (-np.inf if layout[2] else np.nan)
+
+
+class Breaking(OneMax):
+    """Whose fitness breaks once there are few zeros."""
+
+    infinite: bool = False
+
+    @property
+    def judging(self):
+        return Operator.of(broken, [self.size, self.size // 3, self.infinite])
+
+    def evaluate(self, genomes):
+        return Operator.of(broken, [self.size, self.size // 3, self.infinite]).fitness(genomes)
+
+
+class BreakingSlowly(Breaking):
+    @property
+    def judging(self):
+        return None
+
+
+def life_of(problem, **run):
+    """What a cell alone does until it has ended."""
+    cell = Cell(Plan(problem, Run(topology="torus 1x1", target=-1.0, generations=500, **run)), 0, job=1)
+    actions = cell.step(events=[Start()])
+    while not cell.ended:
+        actions += cell.step()
+    return cell, actions
+
+
+@pytest.mark.parametrize("infinite", [False, True])
+@pytest.mark.parametrize("mode", ["lockstep", "async"])
+def test_a_fitness_that_is_none_ends_the_cell_with_the_same_words(mode, infinite):
+    cell, actions = life_of(Breaking(kind="breaking", infinite=infinite), mode=mode)
+    slow, slowly = life_of(BreakingSlowly(kind="breaking", infinite=infinite), mode=mode)
+    assert cell.state == slow.state == "failed"
+    assert actions[:-1] == slowly[:-1]
+    report, expected = actions[-1], slowly[-1]
+    assert isinstance(report, Report)
+    value = "-inf" if infinite else "nan"
+    assert report.error.startswith(f"breaking: evaluate must not return NaN or -inf, got {value} for genome ")
+    assert (report.error, report.digest, report.sent, report.champion, report.deme) == (
+        (expected.error, expected.digest, expected.sent, expected.champion, expected.deme)
+    )
+    assert report.generation > 1
+    assert cell.step(events=[Start()]) == []
