@@ -96,7 +96,6 @@ def _reports(rows: Rows, digests: list[bytes], published: int) -> list[Report]:
         proposals.setdefault(each.cell, []).append(each)
     staleness, generation, evaluations = Staleness(0, 0, 0, 0), rows.generation, rows.evaluations
     received = (published * _others(rows.plan.topology.table())).tolist()
-    demes = rows.genomes.reshape(len(rows.cells), -1).view(np.dtype((np.void, rows.genomes[0].nbytes)))
     return [
         Report(
             cell=cell,
@@ -114,7 +113,7 @@ def _reports(rows: Rows, digests: list[bytes], published: int) -> list[Report]:
             error=None,
         )
         for cell, digest, champion, deme in zip(
-            range(len(digests)), digests, _champions(rows.messages), demes[:, 0].tolist(), strict=True
+            rows.cells.tolist(), digests, _champions(rows.messages), _bytes_of(rows.genomes), strict=True
         )
     ]
 
@@ -129,12 +128,20 @@ def _others(neighbours: Cells) -> Cells:
 
 def _champions(messages: Messages) -> Iterator[Champion | None]:
     """Of all rows; those who believe in the same one share it, as most do in the end."""
-    known: dict[tuple[int, int], Champion | None] = {}
-    births = zip(messages.header[:, BORN].tolist(), messages.header[:, BIRTHPLACE].tolist(), strict=True)
-    for row, birth in enumerate(births):
-        if birth not in known:
-            known[birth] = messages.champion(row)
-        yield known[birth]
+    header, known = messages.header, dict[tuple[int, int], Champion | None]()
+    columns = (messages.fitness[:, -1], header[:, BORN], header[:, BIRTHPLACE])
+    genomes = _bytes_of(messages.genomes[:, -1])
+    for fitness, born, cell, genome in zip(*(column.tolist() for column in columns), genomes, strict=True):
+        if (born, cell) not in known:
+            known[born, cell] = None if fitness == np.inf else Champion(fitness, born, cell, genome)
+        yield known[born, cell]
+
+
+def _bytes_of(genomes: Genomes) -> list[bytes]:
+    """Each row as bytes."""
+    flat = np.ascontiguousarray(genomes).reshape(len(genomes), -1)
+    whole: list[bytes] = flat.view(np.dtype((np.void, flat.shape[1])))[:, 0].tolist()
+    return whole
 
 
 class _Delays:
