@@ -1,8 +1,11 @@
 """The one breeding rule, for a deme of one and for an island, over any number of rows of cells.
 
 A node calls it with the single row of its own cell, the simulator with all rows at once; every draw is keyed by the
-row's cell, so both get the same bits.
+row's cell, so both get the same bits. Many rows are bred in blocks: what a generation needs for a while, offspring and
+whatever an evaluation makes of them, then fits into the processor's cache, and into memory for a million cells.
 """
+
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -10,6 +13,8 @@ from genetics import selection
 from genetics.arrays import Evaluate, Fitness, Genomes
 from genetics.coding import Coding, Immigrants, Keys
 from genetics.recipe import ONE_BIT, Recipe
+
+_TOGETHER = 1 << 13  # individuals of a block
 
 
 def breed(
@@ -20,6 +25,7 @@ def breed(
     recipe: Recipe,
     evaluate: Evaluate,
     keys: Keys,
+    apart: bool = False,
 ) -> None:
     """Take ``immigrants`` in and breed the next generation, in place.
 
@@ -31,14 +37,34 @@ def breed(
         recipe: the choices of the rule.
         evaluate: the problem's fitness of a batch.
         keys: what the random draws are keyed by.
+        apart: whether each row's offspring are evaluated by themselves, as a node does it: in other batches they could
+            come out different in a bit.
     """
-    if genomes.shape[1] == 1:
-        assert immigrants is not None, "an individual alone has nobody to breed with"
-        _breed_individual(genomes, fitness, immigrants, coding, recipe, evaluate, keys)
-    else:
-        if immigrants is not None:
-            selection.admit(genomes, fitness, *immigrants)
-        _breed_island(genomes, fitness, coding, recipe, evaluate, keys)
+    alone = genomes.shape[1] == 1
+    assert immigrants is not None or not alone, "an individual alone has nobody to breed with"
+    if immigrants is not None and not alone:
+        selection.admit(genomes, fitness, *immigrants)
+    for block in _blocks(genomes):
+        part = genomes[block], fitness[block]
+        its_keys = keys._replace(cells=keys.cells[block])
+        if alone:
+            assert immigrants is not None
+            its_immigrants = immigrants._replace(whence=immigrants.whence[block])
+            _breed_individual(*part, its_immigrants, coding, recipe, evaluate, its_keys, apart)
+        else:
+            _breed_island(*part, coding, recipe, evaluate, its_keys, apart)
+
+
+def judge(genomes: Genomes, evaluate: Evaluate, apart: bool = False) -> Fitness:
+    """The fitness of whole demes, (rows, deme, genome_bytes) to (rows, deme), evaluated as `breed` does it."""
+    return np.concatenate([_evaluate(evaluate, genomes[block], apart) for block in _blocks(genomes)])
+
+
+def _blocks(genomes: Genomes) -> Iterator[slice]:
+    """The rows of demes, so many at a time."""
+    rows, deme, _ = genomes.shape
+    each = max(1, _TOGETHER // deme)
+    return (slice(first, first + each) for first in range(0, rows, each))
 
 
 def _breed_individual(
@@ -49,10 +75,11 @@ def _breed_individual(
     recipe: Recipe,
     evaluate: Evaluate,
     keys: Keys,
+    apart: bool,
 ) -> None:
     """The fine-grained step (Ahuactzin et al. 1992, §6): the local individual with each of its neighbours."""
     offspring = coding.mate(genomes, immigrants, recipe, keys)
-    offspring_fitness = _evaluate(evaluate, offspring)
+    offspring_fitness = _evaluate(evaluate, offspring, apart)
     selection.replace_local(genomes, fitness, offspring, offspring_fitness, recipe.replacement == "elitist")
 
 
@@ -63,19 +90,23 @@ def _breed_island(
     recipe: Recipe,
     evaluate: Evaluate,
     keys: Keys,
+    apart: bool,
 ) -> None:
     """The sequential recipe (§3.1 steps 3 to 5) at constant size."""
     couples = selection.couples_by_rank(fitness, keys.seed, keys.cells, keys.generation)
     rows = np.arange(len(genomes))
     parents = genomes[rows[:, None, None], couples]
     offspring = coding.recombine(parents, recipe, keys)
-    offspring_fitness = _evaluate(evaluate, offspring)
+    offspring_fitness = _evaluate(evaluate, offspring, apart)
     selection.replace_families(genomes, fitness, couples, offspring, offspring_fitness, recipe.replacement == "elitist")
     if recipe.mutation == ONE_BIT:
         changed = coding.mutate_one(genomes, keys)
-        fitness[rows, changed] = evaluate(genomes[rows, changed])
+        fitness[rows, changed] = _evaluate(evaluate, genomes[rows, changed, None], apart)[:, 0]
 
 
-def _evaluate(evaluate: Evaluate, offspring: Genomes) -> Fitness:
-    rows, count, size = offspring.shape
-    return evaluate(offspring.reshape(rows * count, size)).reshape(rows, count)
+def _evaluate(evaluate: Evaluate, individuals: Genomes, apart: bool) -> Fitness:
+    """Of each row's individuals: (rows, count, genome_bytes) to (rows, count)."""
+    rows, count, size = individuals.shape
+    if apart:
+        return np.stack([evaluate(each) for each in individuals])
+    return evaluate(individuals.reshape(rows * count, size)).reshape(rows, count)

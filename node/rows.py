@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from genetics import Cells, Fitness, Genomes
-from genetics.breeding import breed
+from genetics.breeding import breed, judge
 from genetics.coding import Immigrants
 from node.kernels import believe, tell
 from node.plan import Plan
@@ -57,8 +57,8 @@ class Rows:
         self._first_evaluations, self._each_evaluations = plan.run.deme, plan.evaluations_per_generation
         self._interval, self._emigrants, self._alone = plan.run.interval, plan.run.emigrants, plan.run.deme == 1
         self._coding, self._recipe = plan.coding, plan.recipe
-        together = rows == 1 or plan.problem.batches_alike
-        self._evaluate = plan.evaluate if together else self._evaluate_apart
+        self._apart = rows > 1 and not plan.problem.batches_alike
+        self._evaluate = plan.evaluate
 
     @property
     def evaluations(self) -> int:
@@ -74,8 +74,7 @@ class Rows:
         """Draw and evaluate the first demes (§6, steps 1 and 2)."""
         plan = self.plan
         self.genomes = plan.coding.random(plan.keys(self.cells, 0), plan.run.deme)
-        flat = self.genomes.reshape(-1, plan.coding.genome_bytes)
-        self.fitness = self._evaluate(flat).reshape(len(self.cells), plan.run.deme)
+        self.fitness = judge(self.genomes, self._evaluate, self._apart)
         self._tell()
 
     def advance(self, received: Messages | None, whence: Cells | None = None) -> None:
@@ -97,6 +96,7 @@ class Rows:
             self._recipe,
             self._evaluate,
             self.plan.keys(self.cells, self.generation),
+            self._apart,
         )
         self._tell()
 
@@ -110,10 +110,6 @@ class Rows:
     def note_proposal(self, row: int, reason: Reason) -> None:
         """Keep in mind that the row's stop is its own proposal of this generation."""
         self.proposals.append(Proposal(int(self.stop_at[row]), reason, int(self.cells[row]), self.generation))
-
-    def _evaluate_apart(self, genomes: Genomes) -> Fitness:
-        """Row by row, as nodes do: other batches could change a bit."""
-        return np.concatenate([self.plan.evaluate(part) for part in np.split(genomes, len(self.cells))])
 
     def _tell(self) -> None:
         """Champions, emigrants and proposals."""

@@ -5,11 +5,11 @@ processes. Asynchronous runs are played by the cells' state machines over an in-
 """
 
 import heapq
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from genetics import Fitness, Genomes
+from genetics import Cells, Fitness, Genomes
 from node.cell import Action, Cell, Event, Message, Propose, Publish, Start
 from node.history import History
 from node.kernels import delay
@@ -17,8 +17,8 @@ from node.plan import Plan
 from node.rows import Rows
 from topologies import ROOT
 from wire.exchange import Champion, Messages
-from wire.exchange_kernels import hear_emigrants_only
-from wire.report import Reason, Report, Staleness
+from wire.exchange_kernels import BIRTHPLACE, BORN, hear_emigrants_only
+from wire.report import Proposal, Reason, Report, Staleness
 
 Watch = Callable[[int, Champion], None]
 """Called with the root's generation and champion, whenever the root knows of a better one."""
@@ -54,8 +54,9 @@ def simulate(
 
 def _lockstep(plan: Plan, watch: Watch, snapshot: Snapshot, outside: Outside) -> list[Report]:
     cells = np.arange(plan.topology.cells)
-    neighbours = np.array([plan.topology.neighbours(cell) for cell in range(len(cells))])
+    neighbours = plan.topology.table()
     rows = Rows(plan, cells, Messages.room(len(cells), plan.coding.genome_bytes, plan.run.emigrants))
+    heard = rows.messages.copy()
     history = History(len(cells), plan.run.deme, plan.coding.genome_bytes)
     published = 0
     rows.begin()
@@ -69,36 +70,78 @@ def _lockstep(plan: Plan, watch: Watch, snapshot: Snapshot, outside: Outside) ->
             break
         if (reason := outside()) is not None:
             rows.propose(ROOT, reason)
-        published += rows.exchanging
-        rows.advance(_heard(rows) if rows.exchanging else None, neighbours)
-    return [_report(rows, cell, digest, published) for cell, digest in enumerate(history.digests())]
+        if rows.exchanging:
+            published += 1
+            _hear(rows, heard)
+            rows.advance(heard, neighbours)
+        else:
+            rows.advance(None)
+    del heard  # a million reports need room
+    return _reports(rows, history.digests(), published)
 
 
-def _heard(rows: Rows) -> Messages:
-    """What every row says; a copy, since rows change what they know while they hear others."""
-    heard = rows.messages.copy()
+def _hear(rows: Rows, heard: Messages) -> None:
+    """Copy what every row says into ``heard``: rows change what they know while they hear others."""
+    heard.header[:] = rows.messages.header
+    heard.genomes[:] = rows.messages.genomes
+    heard.fitness[:] = rows.messages.fitness
     if rows.plan.run.spy == "root":
         hear_emigrants_only(*heard, rows.cells)
-    return heard
 
 
-def _report(rows: Rows, cell: int, digest: bytes, published: int) -> Report:
-    others = set(rows.plan.topology.neighbours(cell)) - {cell}
-    return Report(
-        cell=cell,
-        generation=rows.generation,
-        digest=digest,
-        evaluations=rows.evaluations,
-        sent=published,
-        received=published * len(others),
-        lost=0,
-        rejected=0,
-        staleness=Staleness(0, 0, 0, 0),
-        champion=rows.messages.champion(cell),
-        proposals=tuple(each for each in rows.proposals if each.cell == cell),
-        deme=rows.genomes[cell].tobytes(),
-        error=None,
-    )
+def _reports(rows: Rows, digests: list[bytes], published: int) -> list[Report]:
+    """What all cells have to say, with what they say alike made once."""
+    proposals: dict[int, list[Proposal]] = {}
+    for each in rows.proposals:
+        proposals.setdefault(each.cell, []).append(each)
+    staleness, generation, evaluations = Staleness(0, 0, 0, 0), rows.generation, rows.evaluations
+    received = (published * _others(rows.plan.topology.table())).tolist()
+    return [
+        Report(
+            cell=cell,
+            generation=generation,
+            digest=digest,
+            evaluations=evaluations,
+            sent=published,
+            received=received[cell],
+            lost=0,
+            rejected=0,
+            staleness=staleness,
+            champion=champion,
+            proposals=tuple(proposals.get(cell, ())),
+            deme=deme,
+            error=None,
+        )
+        for cell, digest, champion, deme in zip(
+            rows.cells.tolist(), digests, _champions(rows.messages), _bytes_of(rows.genomes), strict=True
+        )
+    ]
+
+
+def _others(neighbours: Cells) -> Cells:
+    """How many cells beside itself each cell neighbours."""
+    named = np.sort(neighbours, axis=1)
+    is_new = np.diff(named, axis=1, prepend=-1) != 0
+    count: Cells = np.count_nonzero(is_new & (named != np.arange(len(named))[:, None]), axis=1)
+    return count
+
+
+def _champions(messages: Messages) -> Iterator[Champion | None]:
+    """Of all rows; those who believe in the same one share it, as most do in the end."""
+    header, known = messages.header, dict[tuple[int, int], Champion | None]()
+    columns = (messages.fitness[:, -1], header[:, BORN], header[:, BIRTHPLACE])
+    genomes = _bytes_of(messages.genomes[:, -1])
+    for fitness, born, cell, genome in zip(*(column.tolist() for column in columns), genomes, strict=True):
+        if (born, cell) not in known:
+            known[born, cell] = None if fitness == np.inf else Champion(fitness, born, cell, genome)
+        yield known[born, cell]
+
+
+def _bytes_of(genomes: Genomes) -> list[bytes]:
+    """Each row as bytes."""
+    flat = np.ascontiguousarray(genomes).reshape(len(genomes), -1)
+    whole: list[bytes] = flat.view(np.dtype((np.void, flat.shape[1])))[:, 0].tolist()
+    return whole
 
 
 class _Delays:

@@ -1,6 +1,10 @@
 """What every topology answers, whatever its shape."""
 
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 ROOT = 0
 """The root cell, at which the spy sits."""
@@ -26,6 +30,10 @@ class Topology(Protocol):
 
     def neighbours(self, cell: int) -> tuple[int, ...]:
         """The neighbours of ``cell``, one for each of its slots; a small graph may repeat a cell."""
+        ...
+
+    def table(self) -> "NDArray[np.int64]":
+        """The neighbours of all cells at once, shape (cells, slots): row after row what `neighbours` says."""
         ...
 
     def place(self, cell: int) -> tuple[int, ...]:

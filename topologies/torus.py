@@ -1,6 +1,11 @@
 """The torus: the shape of the SuperNode of 1992 (Ahuactzin et al. 1992, §6, figure 7)."""
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 
 @dataclass(frozen=True)
@@ -44,6 +49,14 @@ class Torus:
             self._cell(row + 1, column),
             self._cell(row, column - 1),
         )
+
+    def table(self) -> "NDArray[np.int64]":
+        """The neighbours of all cells, shape (cells, 4)."""
+        import numpy as np
+
+        grid = np.arange(self.cells).reshape(self.rows, self.columns)
+        sides = ((1, 0), (-1, 1), (-1, 0), (1, 1))  # by how much to shift along which axis: north, east, south, west
+        return np.stack([np.roll(grid, shift, axis).ravel() for shift, axis in sides], axis=1)
 
     def place(self, cell: int) -> tuple[int, int]:
         """(row, column) of ``cell``."""
