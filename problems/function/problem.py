@@ -149,10 +149,15 @@ seed = 1
 
     def evaluate(self, genomes: Genomes) -> Fitness:
         """The function's values, after as much processor time as asked for."""
-        return self.judging.fitness(genomes)
+        return self._costly.fitness(genomes)
+
+    @property
+    def judging(self) -> Operator:
+        """What `evaluate` calls."""
+        return self._costly
 
     @cached_property
-    def judging(self) -> Operator:
+    def _costly(self) -> Operator:
         """The compiled function, made to cost time if it is to."""
         from genetics.operators import Operator
         from problems.function import kernels
