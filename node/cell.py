@@ -21,6 +21,7 @@ import numpy as np
 from node.generation import REACHED, STALLED, STOPS, OneCall
 from node.history import History
 from node.inbox import Inbox
+from node.kernels import OWN, TOLD
 from node.plan import Plan
 from node.rows import Rows
 from problems import EvaluationFailed
@@ -244,7 +245,9 @@ class Cell:
         drains = self._is_async and rows.stop_at.item(0) != rows.limit
         stops = drains or rows.generation >= rows.stop_at.item(0)
         if drains or (rows.exchanging and not stops):
-            rows.messages.header[0, SENT] += 1
+            rows.messages.header[OWN, SENT] += 1
+            for array in rows.messages:
+                array[TOLD] = array[OWN]
             self._send(rows.messages.encode(0, self._tells_champion, self._out), actions)
         if stops:
             self._end("stopped", None, actions)

@@ -16,7 +16,7 @@ from genetics.operators import Table, call_fitness, call_mating, integers, octet
 from genetics.selection import first_unsound, take_place
 from node.history import History
 from node.inbox import NEXT, Inbox, turn
-from node.kernels import believe_one, note_staleness, tell_one
+from node.kernels import TOLD, believe_one, note_staleness, tell_one
 from node.plan import Plan
 from node.rows import Rows
 from wire.exchange_kernels import SENT, STOP_AT, write_message
@@ -160,6 +160,9 @@ def live_on(table: Table, now: int, place: int) -> int:
     size = 0
     if drains or (now % settings[_INTERVAL] == 0 and not stops):
         header[SENT] += 1
+        integers(table, _HEADER)[TOLD] = header
+        reals(table, _FITNESS)[TOLD] = fitness
+        octets(table, _GENOMES)[fitness.size * TOLD : fitness.size * (TOLD + 1)] = genomes
         size = write_message(header, genomes, fitness, settings[_CHAMPION] != 0, octets(table, _OUT)[0])
     if stops:
         flags |= STOPS

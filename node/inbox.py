@@ -16,14 +16,11 @@ from numba import types
 from genetics import Cells
 from genetics.compiled import kernel, subroutine
 from genetics.operators import Table, integers, octets, pointers, reals
-from node.kernels import note_staleness
+from node.kernels import OWN, TOLD, note_staleness
 from node.plan import Plan
 from wire.exchange import Messages
 from wire.exchange_kernels import GENERATION, JOB, PAYLOAD, SENT, only_emigrants, read_message
 from wire.report import Staleness
-
-OWN = 0
-"""The row of the cell's own message, which stands for a neighbour that nothing was heard of."""
 
 # What an inbox counts: the number of the next exchange, spare rows, neighbours whose messages are lacking, and messages
 # kept, refused and (in async mode) lost.
@@ -66,12 +63,12 @@ def _note(header: Any, interval: Any, latest: Any, number: Any, counts: Any) -> 
 def _swap(row: Any, whence: Any, names: Any, spare: Any, counts: Any) -> Any:
     """Let the slots named find the spare ``row``; the row that they had is spare now."""
     counts[_SPARE] -= 1
-    old = OWN
+    old = np.int64(TOLD)
     for slot in range(whence.size):
         if names[slot]:
             old = whence[slot]
             whence[slot] = row
-    if old != OWN:
+    if old > TOLD:
         spare[counts[_SPARE]] = old
         counts[_SPARE] += 1
 
@@ -129,7 +126,7 @@ class Inbox:
 
     Attributes:
         neighbours: the distinct cells that the cell's slots name, without itself.
-        messages: rows for all of them, the cell's own in row `OWN`.
+        messages: rows for all of them, the cell's own in rows `OWN` and `TOLD`.
         whences: the row of the message for each slot, shape (exchanges kept apart, slots).
         latest: shape (exchanges, neighbours): 1 for whom a message has come; in async mode the latest message's number.
         counts: see above.
@@ -147,15 +144,17 @@ class Inbox:
         self._limits = plan.limits
         self._numbers = {other: number for number, other in enumerate(self.neighbours)}
         self.latest = np.zeros((exchanges, others), np.int64)
-        self.whences = np.full((exchanges, len(slots)), OWN)
+        # Both stand for the cell itself, and for whom nothing was heard of. An individual alone breeds with what it has
+        # told last until it tells more; an island takes nothing in from itself, and knows itself by its own row.
+        self.whences = np.full((exchanges, len(slots)), TOLD if plan.run.deme == 1 else OWN)
         self.used = np.zeros(len(slots), np.int64)
         self.staleness = np.zeros(len(Staleness._fields), np.int64)
-        spare = np.arange(1, 2 + exchanges * others)
+        spare = np.arange(2, 3 + exchanges * others)
         self.counts = np.zeros(6, np.int64)
         self.counts[_SPARE] = len(spare)
         self.counts[_LACKING] = others
         self.lacking = partial(self.counts.item, _LACKING)
-        self.messages = Messages.room(1 + len(spare), plan.coding.genome_bytes, plan.run.emigrants)
+        self.messages = Messages.room(2 + len(spare), plan.coding.genome_bytes, plan.run.emigrants)
         names = np.array([[named == other for named in slots] for other in self.neighbours], np.uint8)
         interval = plan.run.interval if self._lockstep else 0
         self._kept: tuple[Any, ...] = (

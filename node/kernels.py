@@ -12,6 +12,9 @@ from genetics.compiled import kernel, subroutine
 from genetics.randomness import DELAY, draw, unit
 from wire.exchange_kernels import BIRTHPLACE, BORN, EVALUATIONS, GENERATION, SENT, STOP_AT, Header
 
+OWN, TOLD = 0, 1
+"""Rows of a cell's messages: its own, and that one as it was told last."""
+
 
 @subroutine
 def _is_better(heard: Any, heard_header: Any, known: Any, header: Any) -> Any:
@@ -189,11 +192,11 @@ def note_staleness(header: Header, whence: Cells, now: int, used: Cells, stalene
     """Count the immigrants of one cell, how many generations they are behind (sum and most), and which come again.
 
     ``used``, (slots,), is the number of the message that each slot gave last time; ``staleness`` holds the four counts.
-    A slot that names the cell itself, row 0, brings no immigrant.
+    A slot that names the cell itself brings no immigrant.
     """
     for slot in range(whence.size):
         sender = whence[slot]
-        if sender == 0:
+        if sender <= TOLD:
             continue
         behind = max(0, now - header[sender, GENERATION])
         staleness[0] += 1
