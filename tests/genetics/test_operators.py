@@ -2,19 +2,22 @@
 
 import gc
 
+import numba
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from genetics import operators
-from genetics.compiled import kernel
 from genetics.operators import FITNESS, Operator, call_fitness, integers, octets, pointers, reals
 
 compiled = settings(deadline=None)
 
 
-@kernel(FITNESS)
+# These are not kept on disk, as kernels are.
+
+
+@numba.njit(FITNESS)
 def weighted(genomes, fitness, table):
     """Weighted sum of the bytes over a divisor, plus an offset; the table: divisor and offset, then the weights."""
     numbers, weights = integers(table, 0)[0], reals(table, 1)
@@ -25,13 +28,13 @@ def weighted(genomes, fitness, table):
         fitness[row] = total / numbers[0] + numbers[1]
 
 
-@kernel("void(int64, uint8[:,::1], float64[::1], int64[:,::1])")
+@numba.njit("void(int64, uint8[:,::1], float64[::1], int64[:,::1])")
 def by_address(address, genomes, fitness, table):
     """Call whatever is there."""
     call_fitness(address, genomes, fitness, table)
 
 
-@kernel("int64(int64[:,::1])")
+@numba.njit("int64(int64[:,::1])")
 def sums(table):
     """What is in an array of each type."""
     return int(integers(table, 0).sum() + reals(table, 1).sum() + octets(table, 2).sum())

@@ -2,11 +2,11 @@
 
 import random
 
+import numba
 import numpy as np
 import pytest
 from one_max import Bus, OneMax
 
-from genetics.compiled import kernel
 from genetics.operators import FITNESS, Operator, integers
 from node import Plan, simulate
 from node.cell import Cell, Start
@@ -131,7 +131,7 @@ def test_only_a_lone_individual_with_a_compiled_fitness_lives_in_one_call(deme, 
 
 
 # What is no fitness ---------------------------------------------------------------------------------------------------
-@kernel(FITNESS)
+@numba.njit(FITNESS)  # not kept on disk, as kernels are
 def broken(genomes, fitness, table):
     """The zeros of genomes of as many bits as the table says; nothing below as many as it says."""
     layout = integers(table, 0)[0]
