@@ -7,9 +7,10 @@ others, and a run can be replayed from any generation. The generator is Philox4x
 
 from typing import Any
 
+import numba
 import numpy as np
 
-from genetics.compiled import subroutine
+from genetics.compiled import Function, subroutine
 
 # What a draw is for. Two purposes never share a counter.
 INITIAL = 0
@@ -29,7 +30,17 @@ _WEYL_1 = np.uint64(0xBB67AE85)
 _TO_UNIT = 2.0**-53
 
 
-@subroutine
+def inlined(function: Function) -> Function:
+    """A `subroutine` that takes the place of its calls, because LLVM vectorises no loop with a call in it.
+
+    Without fast-math a lane computes what one number alone would, so the width of a machine's registers shows nowhere.
+    """
+    compiler: Any = numba.njit(error_model="numpy", forceinline=True)
+    compiled: Function = compiler(function)
+    return compiled
+
+
+@inlined
 def philox(c0: Any, c1: Any, c2: Any, c3: Any, k0: Any, k1: Any) -> Any:
     """Ten rounds of Philox4x32 on four counter words and two key words, each a uint64 below 2**32."""
     for _ in range(10):
@@ -44,7 +55,7 @@ def philox(c0: Any, c1: Any, c2: Any, c3: Any, k0: Any, k1: Any) -> Any:
     return c0, c1, c2, c3
 
 
-@subroutine
+@inlined
 def draw(seed: Any, cell: Any, generation: Any, purpose: Any, index: Any, number: Any) -> Any:
     """64 random bits.
 
@@ -67,13 +78,30 @@ def draw(seed: Any, cell: Any, generation: Any, purpose: Any, index: Any, number
     return (high << _HALF) | low
 
 
-@subroutine
+@inlined
+def words(into: Any, seed: Any, cell: Any, generation: Any, purpose: Any, index: Any, first: Any) -> Any:
+    """All 128 bits of the draws from number ``first`` on, many times quicker than one by one if there are 16 or more.
+
+    ``into``, uint32 of shape (4, draws), gets the four words of each draw in a column.
+    """
+    for place in range(into.shape[1]):
+        into[0, place], into[1, place], into[2, place], into[3, place] = philox(
+            np.uint64(first + place),
+            np.uint64(index),
+            np.uint64(generation) & _LOW,
+            np.uint64(cell * _PURPOSES + purpose),
+            np.uint64(seed) & _LOW,
+            np.uint64(seed) >> _HALF,
+        )
+
+
+@inlined
 def unit(bits: Any) -> Any:
     """From 64 random bits, a float in [0, 1)."""
     return np.float64(bits >> np.uint64(11)) * _TO_UNIT
 
 
-@subroutine
+@inlined
 def below(bits: Any, limit: Any) -> Any:
     """From 64 random bits, an integer in [0, limit) for a limit below 2**31."""
     return np.int64(((bits >> _HALF) * np.uint64(limit)) >> _HALF)

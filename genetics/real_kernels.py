@@ -1,17 +1,22 @@
 """The compiled loops of real-valued genomes, over rows of cells."""
 
+import math
 from typing import Any
 
 import numpy as np
 
 from genetics.arrays import Cells, Fitness, Genomes
-from genetics.compiled import kernel, subroutine
+from genetics.compiled import kernel
 from genetics.operators import MATING, Table, integers, reals
-from genetics.randomness import CROSS, INITIAL, MUTATE, draw, normal, unit
+from genetics.randomness import CROSS, INITIAL, MUTATE, draw, inlined, normal, unit, words
 
 BLEND = 0.5  # how far beyond its parents an offspring may lie, as a share of their distance (BLX-alpha)
 WIDEST_STEP = 0.3  # of the range
 DECADES = 4.0  # mutation steps are spread over this many powers of ten, so that coarse and fine search go on at once
+
+_TO_FINEST = -DECADES * math.log(10.0)
+_BATCH = 16  # draws made together: two registers of today's widest processors
+_HALF = np.uint64(32)
 
 
 @kernel("float64[:,:,::1](uint64, int64[::1], int64, int64, float64, float64)")
@@ -26,37 +31,64 @@ def random(seed: np.uint64, cells: Cells, deme: int, dimension: int, low: float,
     return genes
 
 
-@subroutine
-def _child(
-    own: Any,
-    other: Any,
-    child: Any,
-    seed: Any,
-    cell: Any,
-    generation: Any,
-    number: Any,
-    low: Any,
-    high: Any,
-    uniform: Any,
-    rate: Any,
-) -> Any:
-    """Fill the mutated offspring ``number``, the one of a couple that is nearer to the parent ``own``."""
-    for gene in range(child.size):
-        value = own[gene]
-        if uniform:
-            if draw(seed, cell, generation, CROSS, number // 2, gene) & np.uint64(1):
-                value = other[gene]
-        else:
-            share = unit(draw(seed, cell, generation, CROSS, number, gene))
-            value += (share * (1.0 + 2.0 * BLEND) - BLEND) * (other[gene] - own[gene])
-        if rate > 0.0 and unit(draw(seed, cell, generation, MUTATE, number, 4 * gene)) < rate:
-            size = unit(draw(seed, cell, generation, MUTATE, number, 4 * gene + 1))
-            step = WIDEST_STEP * 10.0 ** (-DECADES * size) * (high - low)
-            value += step * normal(
-                draw(seed, cell, generation, MUTATE, number, 4 * gene + 2),
-                draw(seed, cell, generation, MUTATE, number, 4 * gene + 3),
-            )
-        child[gene] = min(max(value, low), high)
+@inlined
+def _draw_shares(genes: Any, seed: Any, cell: Any, generation: Any) -> Any:
+    """Fill all genes of a row's offspring with uniform numbers in (0, 1), four from each draw."""
+    drawn = np.empty((4, _BATCH), np.uint32)
+    bits = drawn.reshape(4 * _BATCH)
+    for start in range(0, genes.size, bits.size):
+        words(drawn, seed, cell, generation, CROSS, 0, start // 4)
+        part = genes[start : start + bits.size]
+        for place in range(part.size):
+            part[place] = (bits[place] + 0.5) * 2.0**-32
+
+
+@inlined
+def _cross(first: Any, second: Any, one: Any, other: Any, uniform: Any) -> Any:
+    """Turn the shares that two offspring hold into genes of a couple."""
+    if uniform:
+        for gene in range(one.size):
+            swapped, own, its = one[gene] < 0.5, first[gene], second[gene]
+            one[gene] = its if swapped else own
+            other[gene] = own if swapped else its
+    else:
+        for gene in range(one.size):
+            distance = second[gene] - first[gene]
+            one[gene] = first[gene] + (one[gene] * (1.0 + 2.0 * BLEND) - BLEND) * distance
+            other[gene] = second[gene] - (other[gene] * (1.0 + 2.0 * BLEND) - BLEND) * distance
+
+
+@inlined
+def _mutate(genes: Any, seed: Any, cell: Any, generation: Any, widest: Any, rate: Any) -> Any:
+    """Change each gene of a row's offspring with probability ``rate``, jumping from change to change by geometric gaps.
+
+    The offspring follow each other without a break, so there is but one gap that leads nowhere.
+    """
+    gaps, steps = np.empty((4, _BATCH), np.uint32), np.empty((4, _BATCH), np.uint32)
+    scale = 1.0 / np.log1p(-rate) if rate < 1.0 else -0.0
+    last: Any = -1
+    for first in range(0, genes.size + 1, _BATCH):
+        words(gaps, seed, cell, generation, MUTATE, 0, first)
+        words(steps, seed, cell, generation, MUTATE, 1, first)
+        for change in range(_BATCH):
+            # Of 64 bits, so that tiny rates are exact too.
+            gap = np.log1p(-unit(np.uint64(gaps[0, change]) << _HALF | np.uint64(gaps[1, change]))) * scale
+            if gap >= genes.size - last - 1:  # compared as floats: a tiny rate gives gaps beyond any integer
+                return
+            last += 1 + np.int64(gap)
+            deviation = normal(np.uint64(steps[0, change]) << _HALF, np.uint64(steps[1, change]) << _HALF)
+            share = unit(np.uint64(steps[2, change]) << _HALF)
+            genes[last] += widest * np.exp(_TO_FINEST * share) * deviation
+
+
+@inlined
+def _finish(offspring: Any, seed: Any, cell: Any, generation: Any, low: Any, high: Any, rate: Any) -> Any:
+    """Mutate a row's offspring and put what is out of bounds on them."""
+    genes = offspring.reshape(offspring.size)
+    if rate > 0.0:
+        _mutate(genes, seed, cell, generation, WIDEST_STEP * (high - low), rate)
+    for gene in range(genes.size):
+        genes[gene] = min(max(genes[gene], low), high)
 
 
 @kernel("float64[:,:,::1](float64[:,:,:,::1], uint64, int64[::1], int64, float64, float64, boolean, float64)")
@@ -74,14 +106,16 @@ def recombine(
     rows, count, _, dimension = couples.shape
     offspring = np.empty((rows, 2 * count, dimension))
     for row in range(rows):
-        for number in range(2 * count):
-            couple, turn = divmod(number, 2)
-            own, other = couples[row, couple, turn], couples[row, couple, 1 - turn]
-            _child(own, other, offspring[row, number], seed, cells[row], generation, number, low, high, uniform, rate)
+        children, cell = offspring[row], cells[row]
+        _draw_shares(children.reshape(children.size), seed, cell, generation)
+        for couple in range(count):
+            first, second = couples[row, couple, 0], couples[row, couple, 1]
+            _cross(first, second, children[2 * couple], children[2 * couple + 1], uniform)
+        _finish(children, seed, cell, generation, low, high, rate)
     return offspring
 
 
-@subroutine
+@inlined
 def _mate(
     own: Any,
     emigrants: Any,
@@ -97,13 +131,11 @@ def _mate(
     rate: Any,
 ) -> Any:
     """The offspring of one row, see `mate`."""
-    for number in range(offspring.shape[0]):
-        couple = number // 2
+    _draw_shares(offspring.reshape(offspring.size), seed, cell, generation)
+    for couple in range(whence.size * each):
         immigrant = emigrants[whence[couple // each], couple % each]
-        if number % 2 == 0:
-            _child(own, immigrant, offspring[number], seed, cell, generation, number, low, high, uniform, rate)
-        else:
-            _child(immigrant, own, offspring[number], seed, cell, generation, number, low, high, uniform, rate)
+        _cross(own, immigrant, offspring[2 * couple], offspring[2 * couple + 1], uniform)
+    _finish(offspring, seed, cell, generation, low, high, rate)
 
 
 @kernel(

@@ -94,12 +94,14 @@ def couples_by_rank(fitness: Fitness, seed: np.uint64, cells: Cells, generation:
     """
     rows, deme = fitness.shape
     couples = np.empty((rows, deme, 2), np.int64)
+    bits = np.empty(2 * deme, np.uint64)
     for row in range(rows):
         order = np.argsort(fitness[row], kind="mergesort")
+        for parent in range(2 * deme):  # a loop of its own, which LLVM can vectorise
+            bits[parent] = draw(seed, cells[row], generation, SELECT, parent >> 1, parent & 1)
         for couple in range(deme):
             for turn in range(2):
-                bits = draw(seed, cells[row], generation, SELECT, couple, turn)
-                couples[row, couple, turn] = _by_rank(order, bits)
+                couples[row, couple, turn] = _by_rank(order, bits[2 * couple + turn])
     return couples
 
 

@@ -91,6 +91,21 @@ def test_draws_and_their_numbers_are_the_same_compiled_and_in_python(request):
     np.testing.assert_allclose(in_python, normals, rtol=1e-13)  # the logarithm and cosine are those of two libraries
 
 
+@pytest.mark.parametrize("count", [1, 15, 16, 33])
+def test_words_are_all_bits_of_draws_in_a_row(count, request):
+    coordinates = (np.uint64(0x299F31D0A4093822), 5, (1 << 32) - 1, randomness.CROSS, 9)
+    first = (1 << 32) - count
+    made, in_python = np.empty((4, count), np.uint32), np.empty((4, count), np.uint32)
+    randomness.words(made, *coordinates, first)
+    counters = [(first + place, 9, (1 << 32) - 1, 5 * 8 + randomness.CROSS) for place in range(count)]
+    keys = np.uint64(0xA4093822), np.uint64(0x299F31D0)
+    assert made.T.tolist() == [list(philox(*map(np.uint64, counter), *keys)) for counter in counters]
+    one_by_one = [draw(*coordinates, first + place) for place in range(count)]
+    assert [int(high) << 32 | int(low) for high, low, *_ in made.T] == one_by_one
+    request.getfixturevalue("interpreted").words(in_python, *coordinates, first)
+    np.testing.assert_array_equal(made, in_python)
+
+
 def test_every_coordinate_makes_another_stream():
     coordinates = list(
         itertools.product(

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from genetics import Keys, RealVector, Recipe, randomness, real_kernels
-from genetics.real_kernels import BLEND, WIDEST_STEP
+from genetics.real_kernels import BLEND, DECADES, WIDEST_STEP
 
 compiled = settings(deadline=None)
 finite = st.floats(-1e300, 1e300)
@@ -235,3 +235,65 @@ def test_kernels_make_the_same_numbers_compiled_and_in_python(seed, monkeypatch)
     for one, other in zip(offspring[2:], compiled_offspring[2:], strict=True):
         # Mutation takes logarithms, cosines and powers, which are those of two libraries.
         np.testing.assert_allclose(one.view(np.float64), other.view(np.float64), rtol=1e-12)
+
+
+# Distributions ----------------------------------------------------------------------------------------------------
+def deviations(counts, chances):
+    """How far counts are from what is expected of ``chances``, in standard deviations of Pearson's statistic."""
+    expected = np.sum(counts) * np.asarray(chances)
+    return (np.sum((counts - expected) ** 2 / expected) - (len(counts) - 1)) / math.sqrt(2 * (len(counts) - 1))
+
+
+def test_blend_shares_are_even_and_those_of_neighbours_unrelated():
+    coding = RealVector(7, -10.0, 10.0)
+    couples = np.zeros((500, 20, 2, 7))
+    couples[:, :, 1] = 1.0
+    offspring = coding.recombine(couples.view(np.uint8), Recipe("blend"), keys_of(rows=500)).view(np.float64)
+    counts, _ = np.histogram(offspring, bins=200, range=(-BLEND, 1 + BLEND))
+    assert counts.sum() == offspring.size
+    assert abs(deviations(counts, np.full(200, 1 / 200))) < 5
+    flat = offspring.reshape(500, -1)
+    for apart in (1, 7, 14, 16, 64):  # genes, offspring, couples, draws made together, and words of these
+        assert abs(np.corrcoef(flat[:, :-apart].ravel(), flat[:, apart:].ravel())[0, 1]) < 5 / math.sqrt(flat.size)
+
+
+@pytest.mark.parametrize("rate", [0.002, 0.1, 0.9])
+def test_changes_are_as_many_as_independent_ones_and_as_far_apart(rate):
+    coding = RealVector(10, -1.0, 1.0)
+    rows = 4000
+    couples = np.zeros((rows, 5, 2, 10)).view(np.uint8)
+    offspring = coding.recombine(couples, Recipe("blend", rate), keys_of(rows)).view(np.float64).reshape(rows, -1)
+    changed = offspring != 0.0
+    many = changed.sum(axis=1)  # binomial
+    variance = 100 * rate * (1 - rate)
+    assert abs(many.mean() - 100 * rate) < 5 * math.sqrt(variance / rows)
+    assert many.var() == pytest.approx(variance, rel=5 * math.sqrt((2 + 1 / variance) / rows))
+    both = changed[:, 1:] & changed[:, :-1]
+    assert abs(both.mean() - rate**2) < 5 * math.sqrt(3 * rate**2 / both.size)
+
+
+def test_a_tiny_rate_changes_hardly_anything():
+    coding = RealVector(10, -1.0, 1.0)
+    couples = np.zeros((1000, 5, 2, 10)).view(np.uint8)
+    assert not coding.recombine(couples, Recipe("blend", 1e-12), keys_of(1000)).any()
+
+
+def test_steps_are_normal_numbers_times_log_uniform_sizes():
+    coding = RealVector(10, -50.0, 50.0)
+    steps = coding.recombine(np.zeros((200, 20, 2, 10)).view(np.uint8), Recipe("blend", 1.0), keys_of(200))
+    steps = steps.view(np.float64).ravel()
+    rng = np.random.default_rng(5)
+    sample = 100 * WIDEST_STEP * 10 ** (-DECADES * rng.random(4_000_000)) * rng.standard_normal(4_000_000)
+    quantiles = np.quantile(np.clip(sample, -50, 50), np.arange(1, 40) / 40)
+    counts = np.bincount(np.searchsorted(quantiles, steps), minlength=40)
+    assert abs(deviations(counts, np.full(40, 1 / 40))) < 5
+
+
+@compiled
+@given(vectors(), keyed(), st.sampled_from(["blend", "uniform"]), st.floats(0, 1), st.integers(1, 9))
+def test_rows_recombined_together_are_those_recombined_alone(coding, keys, crossover, rate, count):
+    couples, recipe = couples_of(coding, keys, count), Recipe(crossover, rate)
+    together = coding.recombine(couples, recipe, keys)
+    for row, cell in enumerate(keys.cells):
+        alone = coding.recombine(couples[[row]], recipe, keys._replace(cells=np.array([cell])))
+        np.testing.assert_array_equal(alone[0], together[row])

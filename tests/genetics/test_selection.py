@@ -163,6 +163,20 @@ def test_couples_are_keyed_by_cell_generation_and_seed():
     assert all((couples[0] != other).any() for other in others)
 
 
+def test_each_parent_is_drawn_by_a_number_of_its_own():
+    deme, seed, cell, generation = 21, 1992, 77, 5
+    fitness = np.random.default_rng(4).permutation(deme).astype(float)
+    order = np.argsort(fitness)
+    expected = [
+        [
+            selection._by_rank(order, np.uint64(randomness.draw(np.uint64(seed), cell, generation, *coordinates)))
+            for coordinates in ((randomness.SELECT, couple, 0), (randomness.SELECT, couple, 1))
+        ]
+        for couple in range(deme)
+    ]
+    assert couples_by_rank([fitness], seed, generation, cells=[cell])[0].tolist() == expected
+
+
 @pytest.mark.parametrize("deme", [1, 2, 3, 7, 100, 1000, 1 << 16])
 def test_every_ticket_belongs_to_one_individual(deme):
     # The ticket is computed back from a square root, which must be right for the largest deme too.

@@ -3,6 +3,7 @@
 import time
 from pathlib import Path
 
+import numba
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -13,7 +14,7 @@ from genetics import BitString, Keys, RealVector
 from node import Plan, simulate
 from problems import BadInput, load
 from problems.file import parse
-from problems.function import Function
+from problems.function import Function, kernels
 from problems.function.graph import Graph
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "rastrigin.toml"
@@ -94,6 +95,33 @@ def test_the_judge_agrees_with_the_evaluation(fields):
         verdict = problem.check(problem.decode(genome))
         assert verdict.objections == ()
         assert verdict.fitness == pytest.approx(fitness, rel=1e-12, abs=1e-12)
+
+
+@pytest.mark.parametrize("dimension", [1, 7, 8, 10, 33])
+def test_rastrigin_is_exact_arithmetic_whatever_lies_beside_a_genome(dimension):
+    points = np.random.default_rng(dimension).uniform(-5.12, 5.12, (100, dimension))
+    points[:4] = np.array([[0.5], [-5.12], [1e-9], [-3.0]])
+    problem = function(name="rastrigin", dimension=dimension)
+    together = problem.evaluate(points.view(np.uint8))
+    in_python = [sum((x * x + 10.0 * kernels._wave.py_func(x) for x in point), 0.0) for point in points]
+    assert together.tolist() == in_python, "no machine may fuse, reorder or approximate"
+    long = points.astype(np.longdouble)
+    sines = np.sin(np.longdouble("3.14159265358979323846264338327950288") * (long - np.rint(long)))
+    np.testing.assert_allclose(together, np.sum(long**2 + 20 * sines**2, axis=1).astype(float), rtol=1e-14)
+    room = np.empty(points.size + 8)
+    for shift in range(8):  # to any place within the widest registers
+        shifted = room[shift : shift + points.size].reshape(points.shape)
+        shifted[...] = points
+        np.testing.assert_array_equal(problem.evaluate(shifted.view(np.uint8)), together)
+        np.testing.assert_array_equal(problem.evaluate(points[shift:50].view(np.uint8)), together[shift:50])
+
+
+def test_coded_rastrigin_is_by_the_cosine_of_the_library():
+    problem = function(name="rastrigin", dimension=4, bits=9)
+    genomes = genomes_of(problem, 50)
+    wave = numba.njit(lambda x: x * x + 10.0 * (1.0 - np.cos(2.0 * np.pi * x)))
+    expected = [sum(map(wave, point.tolist()), 0.0) for point in problem.points(genomes)]
+    assert problem.evaluate(genomes).tolist() == expected
 
 
 @given(st.integers(1, 62), st.sampled_from(["binary", "gray"]), st.data())
