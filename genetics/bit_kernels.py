@@ -10,7 +10,7 @@ import numpy as np
 from genetics import operators
 from genetics.arrays import Cells, Genomes
 from genetics.compiled import kernel, subroutine
-from genetics.operators import MATING, Table
+from genetics.operators import MATING, STRAYING, Table
 from genetics.randomness import CROSS, INITIAL, MUTATE, STRAY, below, draw, unit
 
 
@@ -115,6 +115,27 @@ def _stray(individuals: Any, seed: Any, cell: Any, generation: Any, length: Any)
     return individual
 
 
+@subroutine
+def _recombine(
+    couples: Any,
+    offspring: Any,
+    seed: Any,
+    cell: Any,
+    generation: Any,
+    length: Any,
+    uniform: Any,
+    rate: Any,
+) -> Any:
+    """`recombine` for one row."""
+    for couple in range(couples.shape[0]):
+        first, second = couples[couple, 0], couples[couple, 1]
+        one, other = offspring[2 * couple], offspring[2 * couple + 1]
+        _cross(first, second, one, other, seed, cell, generation, couple, length, uniform)
+    if rate > 0.0:
+        for child in range(offspring.shape[0]):
+            _mutate(offspring[child], rate, length, seed, cell, generation, child)
+
+
 @kernel("uint8[:,:,::1](uint8[:,:,:,::1], uint64, int64[::1], int64, int64, boolean, float64)")
 def recombine(
     couples: Genomes,
@@ -129,90 +150,15 @@ def recombine(
     rows, count, _, size = couples.shape
     offspring = np.empty((rows, 2 * count, size), np.uint8)
     for row in range(rows):
-        cell = cells[row]
-        for couple in range(count):
-            first, second = couples[row, couple, 0], couples[row, couple, 1]
-            one, other = offspring[row, 2 * couple], offspring[row, 2 * couple + 1]
-            _cross(first, second, one, other, seed, cell, generation, couple, length, uniform)
-        if rate > 0.0:
-            for individual in range(2 * count):
-                _mutate(offspring[row, individual], rate, length, seed, cell, generation, individual)
-    return offspring
-
-
-@subroutine
-def _mate(
-    own: Any,
-    emigrants: Any,
-    whence: Any,
-    each: Any,
-    offspring: Any,
-    seed: Any,
-    cell: Any,
-    generation: Any,
-    length: Any,
-    uniform: Any,
-    rate: Any,
-    one_bit: Any,
-) -> Any:
-    """The offspring of one row, see `mate`."""
-    for couple in range(whence.size * each):
-        immigrant = emigrants[whence[couple // each], couple % each]
-        one, other = offspring[2 * couple], offspring[2 * couple + 1]
-        _cross(own, immigrant, one, other, seed, cell, generation, couple, length, uniform)
-    if rate > 0.0:
-        for child in range(offspring.shape[0]):
-            _mutate(offspring[child], rate, length, seed, cell, generation, child)
-    if one_bit:
-        _stray(offspring, seed, cell, generation, length)
-
-
-@kernel(
-    "uint8[:,:,::1](uint8[:,:,::1], uint8[:,:,::1], int64[:,::1], int64,"
-    "uint64, int64[::1], int64, int64, boolean, float64, boolean)"
-)
-def mate(
-    genomes: Genomes,
-    emigrants: Genomes,
-    whence: Cells,
-    each: int,
-    seed: np.uint64,
-    cells: Cells,
-    generation: int,
-    length: int,
-    uniform: bool,
-    rate: float,
-    one_bit: bool,
-) -> Genomes:
-    """Two mutated offspring of each row's single individual with each of its immigrants in turn.
-
-    With ``one_bit`` one random bit of one of them flips.
-    """
-    rows, slots = whence.shape
-    offspring = np.empty((rows, 2 * slots * each, genomes.shape[2]), np.uint8)
-    for row in range(rows):
-        own, children, cell = genomes[row, 0], offspring[row], cells[row]
-        _mate(own, emigrants, whence[row], each, children, seed, cell, generation, length, uniform, rate, one_bit)
+        _recombine(couples[row], offspring[row], seed, cells[row], generation, length, uniform, rate)
     return offspring
 
 
 @kernel(MATING)
-def mating(
-    own: Genomes,
-    emigrants: Genomes,
-    whence: Cells,
-    each: int,
-    offspring: Genomes,
-    seed: np.uint64,
-    cell: int,
-    generation: int,
-    table: Table,
-) -> None:
-    """`mate` for one row; its table: length, uniform, one_bit, rate."""
+def mating(couples: Genomes, offspring: Genomes, seed: np.uint64, cell: int, generation: int, table: Table) -> None:
+    """`recombine` for one row; its table: length and uniform, then rate."""
     choices = operators.integers(table, 0)[0]
-    length, uniform, one_bit = choices[0], choices[1] != 0, choices[2] != 0
-    rate = operators.reals(table, 1)[0, 0]
-    _mate(own, emigrants, whence, each, offspring, seed, cell, generation, length, uniform, rate, one_bit)
+    _recombine(couples, offspring, seed, cell, generation, choices[0], choices[1] != 0, operators.reals(table, 1)[0, 0])
 
 
 @kernel("int64[::1](uint8[:,:,::1], uint64, int64[::1], int64, int64)")
@@ -221,6 +167,13 @@ def mutate_one(individuals: Genomes, seed: np.uint64, cells: Cells, generation: 
     changed = np.empty(cells.size, np.int64)
     for row in range(cells.size):
         changed[row] = _stray(individuals[row], seed, cells[row], generation, length)
+    return changed
+
+
+@kernel(STRAYING)
+def straying(individuals: Genomes, seed: np.uint64, cell: int, generation: int, table: Table) -> int:
+    """`mutate_one` for one row; its table: length."""
+    changed: int = _stray(individuals, seed, cell, generation, operators.integers(table, 0)[0, 0])
     return changed
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from genetics.arrays import Cells, Genomes, writable
-from genetics.coding import Alphabet, Immigrants, Keys
+from genetics.coding import Alphabet, Keys
 from genetics.recipe import ONE_BIT, Recipe
 
 if TYPE_CHECKING:
@@ -70,32 +70,18 @@ class BitString:
         )
         return offspring
 
-    def mate(self, genomes: Genomes, immigrants: Immigrants, recipe: Recipe, keys: Keys) -> Genomes:
-        """As `recombine` and `mutate_one`."""
-        one_bit = recipe.mutation == ONE_BIT
-        offspring: Genomes = self._kernels.mate(
-            genomes,
-            immigrants.genomes,
-            immigrants.whence,
-            immigrants.each,
-            keys.seed,
-            keys.cells,
-            keys.generation,
-            self.length,
-            recipe.crossover == "uniform",
-            0.0 if one_bit else recipe.mutation,
-            one_bit,
-        )
-        return offspring
-
     def mating(self, recipe: Recipe) -> "Operator":
-        """`mate` for one row, compiled."""
+        """`recombine` for one row, compiled."""
         from genetics.operators import Operator
 
-        one_bit = recipe.mutation == ONE_BIT
-        rate = 0.0 if one_bit else float(recipe.mutation)
-        choices = [self.length, recipe.crossover == "uniform", one_bit]
-        return Operator.of(self._kernels.mating, choices, rate)
+        rate = 0.0 if recipe.mutation == ONE_BIT else float(recipe.mutation)
+        return Operator.of(self._kernels.mating, [self.length, recipe.crossover == "uniform"], rate)
+
+    def straying(self) -> "Operator":
+        """`mutate_one` for one row, compiled."""
+        from genetics.operators import Operator
+
+        return Operator.of(self._kernels.straying, self.length)
 
     def mutate_one(self, individuals: Genomes, keys: Keys) -> Cells:
         """Flip one random bit of one random individual of each row (§3.1 step 5)."""

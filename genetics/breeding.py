@@ -78,7 +78,10 @@ def _breed_individual(
     apart: bool,
 ) -> None:
     """The fine-grained step (Ahuactzin et al. 1992, §6): the local individual with each of its neighbours."""
-    offspring = coding.mate(genomes, immigrants, recipe, keys)
+    couples = selection.couples_with(genomes, immigrants.genomes, immigrants.whence, immigrants.each)
+    offspring = coding.recombine(couples, recipe, keys)
+    if recipe.mutation == ONE_BIT:
+        coding.mutate_one(offspring, keys)
     offspring_fitness = _evaluate(evaluate, offspring, apart)
     selection.replace_local(genomes, fitness, offspring, offspring_fitness, recipe.replacement == "elitist")
 

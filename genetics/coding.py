@@ -91,16 +91,8 @@ class Coding(Protocol):
         """
         ...
 
-    def mate(self, genomes: Genomes, immigrants: Immigrants, recipe: Recipe, keys: Keys) -> Genomes:
-        """`recombine` for couples of each row's single individual, (rows, 1, genome_bytes), with its immigrants.
-
-        With the one-bit rule `mutate_one` has been done to the offspring too; shape (rows, 2 * immigrants,
-        genome_bytes).
-        """
-        ...
-
     def mating(self, recipe: Recipe) -> "Operator":
-        """`mate` for one row, as an operator of signature MATING."""
+        """`recombine` for one row, as an operator of signature MATING."""
         ...
 
     def mutate_one(self, individuals: Genomes, keys: Keys) -> Cells:
@@ -108,6 +100,10 @@ class Coding(Protocol):
 
         Returns the index of the changed individual in each row, shape (rows,).
         """
+        ...
+
+    def straying(self) -> "Operator":
+        """`mutate_one` for one row, as an operator of signature STRAYING."""
         ...
 
     @property

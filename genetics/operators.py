@@ -20,19 +20,11 @@ Table = NDArray[np.int64]  # (arrays, 3): address, rows, columns
 _TABLE = types.int64[:, ::1]
 FITNESS = types.void(types.uint8[:, ::1], types.float64[::1], _TABLE)
 """Genomes (n, genome_bytes), their fitness (n,) to be filled, and the table."""
-MATING = types.void(
-    types.uint8[::1],
-    types.uint8[:, :, ::1],
-    types.int64[::1],
-    types.int64,
-    types.uint8[:, ::1],
-    types.uint64,
-    types.int64,
-    types.int64,
-    _TABLE,
-)
-"""The single individual (genome_bytes,), emigrants (senders, at least each, genome_bytes), whence (slots,), each,
-offspring (2 * slots * each, genome_bytes) to be filled, seed, cell, generation, and the table."""
+MATING = types.void(types.uint8[:, :, ::1], types.uint8[:, ::1], types.uint64, types.int64, types.int64, _TABLE)
+"""Couples (n, 2, genome_bytes), two offspring of each (2 * n, genome_bytes) to be filled, seed, cell, generation, and
+the table."""
+STRAYING = types.int64(types.uint8[:, ::1], types.uint64, types.int64, types.int64, _TABLE)
+"""Individuals (n, genome_bytes) one of which is changed, seed, cell, generation, and the table; returns which."""
 
 
 class Operator(NamedTuple):
@@ -124,10 +116,10 @@ _intrinsic: Any = intrinsic  # what it makes is called with one argument fewer, 
 def _call(target: Any, builder: Any, arguments: Any, signature: Any) -> Any:
     """Call the function at the first of the ``arguments`` with the others, as compiled code calls its own."""
     convention = target.call_conv
-    kind = convention.get_function_type(types.none, signature.args)
+    kind = convention.get_function_type(signature.return_type, signature.args)
     function = builder.inttoptr(arguments[0], kind.as_pointer())
-    convention.call_function(builder, function, types.none, signature.args, arguments[1:])
-    return target.get_dummy_value()
+    _, result = convention.call_function(builder, function, signature.return_type, signature.args, arguments[1:])
+    return target.get_dummy_value() if signature.return_type == types.none else result
 
 
 @_intrinsic  # type: ignore[untyped-decorator]
@@ -140,19 +132,19 @@ def call_fitness(context: Any, address: Any, genomes: Any, fitness: Any, table: 
 
 @_intrinsic  # type: ignore[untyped-decorator]
 def call_mating(
-    context: Any,
-    address: Any,
-    own: Any,
-    emigrants: Any,
-    whence: Any,
-    each: Any,
-    offspring: Any,
-    seed: Any,
-    cell: Any,
-    generation: Any,
-    table: Any,
+    context: Any, address: Any, couples: Any, offspring: Any, seed: Any, cell: Any, generation: Any, table: Any
 ) -> Any:
     """Call a function of signature MATING."""
     return types.void(types.int64, *MATING.args), lambda target, builder, _, arguments: _call(
         target, builder, arguments, MATING
+    )
+
+
+@_intrinsic  # type: ignore[untyped-decorator]
+def call_straying(
+    context: Any, address: Any, individuals: Any, seed: Any, cell: Any, generation: Any, table: Any
+) -> Any:
+    """Call a function of signature STRAYING."""
+    return types.int64(types.int64, *STRAYING.args), lambda target, builder, _, arguments: _call(
+        target, builder, arguments, STRAYING
     )

@@ -91,6 +91,25 @@ def _finish(offspring: Any, seed: Any, cell: Any, generation: Any, low: Any, hig
         genes[gene] = min(max(genes[gene], low), high)
 
 
+@inlined
+def _recombine(
+    couples: Any,
+    offspring: Any,
+    seed: Any,
+    cell: Any,
+    generation: Any,
+    low: Any,
+    high: Any,
+    uniform: Any,
+    rate: Any,
+) -> Any:
+    """`recombine` for one row."""
+    _draw_shares(offspring.reshape(offspring.size), seed, cell, generation)
+    for couple in range(couples.shape[0]):
+        _cross(couples[couple, 0], couples[couple, 1], offspring[2 * couple], offspring[2 * couple + 1], uniform)
+    _finish(offspring, seed, cell, generation, low, high, rate)
+
+
 @kernel("float64[:,:,::1](float64[:,:,:,::1], uint64, int64[::1], int64, float64, float64, boolean, float64)")
 def recombine(
     couples: Fitness,
@@ -106,79 +125,13 @@ def recombine(
     rows, count, _, dimension = couples.shape
     offspring = np.empty((rows, 2 * count, dimension))
     for row in range(rows):
-        children, cell = offspring[row], cells[row]
-        _draw_shares(children.reshape(children.size), seed, cell, generation)
-        for couple in range(count):
-            first, second = couples[row, couple, 0], couples[row, couple, 1]
-            _cross(first, second, children[2 * couple], children[2 * couple + 1], uniform)
-        _finish(children, seed, cell, generation, low, high, rate)
-    return offspring
-
-
-@inlined
-def _mate(
-    own: Any,
-    emigrants: Any,
-    whence: Any,
-    each: Any,
-    offspring: Any,
-    seed: Any,
-    cell: Any,
-    generation: Any,
-    low: Any,
-    high: Any,
-    uniform: Any,
-    rate: Any,
-) -> Any:
-    """The offspring of one row, see `mate`."""
-    _draw_shares(offspring.reshape(offspring.size), seed, cell, generation)
-    for couple in range(whence.size * each):
-        immigrant = emigrants[whence[couple // each], couple % each]
-        _cross(own, immigrant, offspring[2 * couple], offspring[2 * couple + 1], uniform)
-    _finish(offspring, seed, cell, generation, low, high, rate)
-
-
-@kernel(
-    "float64[:,:,::1](float64[:,:,::1], float64[:,:,::1], int64[:,::1], int64,"
-    "uint64, int64[::1], int64, float64, float64, boolean, float64)"
-)
-def mate(
-    genes: Fitness,
-    emigrants: Fitness,
-    whence: Cells,
-    each: int,
-    seed: np.uint64,
-    cells: Cells,
-    generation: int,
-    low: float,
-    high: float,
-    uniform: bool,
-    rate: float,
-) -> Fitness:
-    """Two mutated offspring of each row's single individual with each of its immigrants in turn."""
-    rows, slots = whence.shape
-    offspring = np.empty((rows, 2 * slots * each, genes.shape[2]))
-    for row in range(rows):
-        own, children, cell = genes[row, 0], offspring[row], cells[row]
-        _mate(own, emigrants, whence[row], each, children, seed, cell, generation, low, high, uniform, rate)
+        _recombine(couples[row], offspring[row], seed, cells[row], generation, low, high, uniform, rate)
     return offspring
 
 
 @kernel(MATING)
-def mating(
-    own: Genomes,
-    emigrants: Genomes,
-    whence: Cells,
-    each: int,
-    offspring: Genomes,
-    seed: np.uint64,
-    cell: int,
-    generation: int,
-    table: Table,
-) -> None:
-    """`mate` for one row; its table: uniform; then low, high, rate."""
-    uniform = integers(table, 0)[0, 0] != 0
-    numbers = reals(table, 1)[0]
-    low, high, rate = numbers[0], numbers[1], numbers[2]
-    genes, others, children = own.view(np.float64), emigrants.view(np.float64), offspring.view(np.float64)
-    _mate(genes, others, whence, each, children, seed, cell, generation, low, high, uniform, rate)
+def mating(couples: Genomes, offspring: Genomes, seed: np.uint64, cell: int, generation: int, table: Table) -> None:
+    """`recombine` for one row; its table: uniform; then low, high, rate."""
+    uniform, numbers = integers(table, 0)[0, 0] != 0, reals(table, 1)[0]
+    parents, children = couples.view(np.float64), offspring.view(np.float64)
+    _recombine(parents, children, seed, cell, generation, numbers[0], numbers[1], uniform, numbers[2])

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from genetics.arrays import Cells, Fitness, Genomes
-from genetics.coding import Alphabet, Immigrants, Keys
+from genetics.coding import Alphabet, Keys
 from genetics.recipe import ONE_BIT, Recipe
 
 if TYPE_CHECKING:
@@ -66,25 +66,8 @@ class RealVector:
         )
         return offspring.view(np.uint8)
 
-    def mate(self, genomes: Genomes, immigrants: Immigrants, recipe: Recipe, keys: Keys) -> Genomes:
-        """As `recombine`."""
-        offspring: Fitness = self._kernels.mate(
-            genomes.view(np.float64),
-            immigrants.genomes.view(np.float64),
-            immigrants.whence,
-            immigrants.each,
-            keys.seed,
-            keys.cells,
-            keys.generation,
-            self.low,
-            self.high,
-            recipe.crossover == "uniform",
-            recipe.mutation,
-        )
-        return offspring.view(np.uint8)
-
     def mating(self, recipe: Recipe) -> "Operator":
-        """`mate` for one row, compiled."""
+        """`recombine` for one row, compiled."""
         from genetics.operators import Operator
 
         assert recipe.mutation != ONE_BIT, "refused by check"
@@ -93,6 +76,10 @@ class RealVector:
 
     def mutate_one(self, individuals: Genomes, keys: Keys) -> Cells:
         """Not for real vectors: `check` has refused the recipe that asks for it."""
+        raise ValueError("real vectors have no bits to flip")
+
+    def straying(self) -> "Operator":
+        """Likewise."""
         raise ValueError("real vectors have no bits to flip")
 
     @cached_property

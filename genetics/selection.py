@@ -34,6 +34,21 @@ def _worst(fitness: Any) -> Any:
     return worst
 
 
+@subroutine
+def admit_to(
+    genomes: Any, fitness: Any, emigrants: Any, emigrant_fitness: Any, whence: Any, count: Any, itself: Any
+) -> Any:
+    """`admit` for one row, which ``itself`` names."""
+    for sender in whence:
+        if sender == itself:
+            continue
+        for immigrant in range(count):
+            worst = _worst(fitness)
+            if emigrant_fitness[sender, immigrant] < fitness[worst]:
+                genomes[worst] = emigrants[sender, immigrant]
+                fitness[worst] = emigrant_fitness[sender, immigrant]
+
+
 @kernel("void(uint8[:,:,::1], float64[:,::1], uint8[:,:,::1], float64[:,::1], int64[:,::1], int64)")
 def admit(
     genomes: Genomes,
@@ -49,15 +64,28 @@ def admit(
     brings none: an island must not be flooded with its own best.
     """
     for row in range(fitness.shape[0]):
-        for slot in range(whence.shape[1]):
-            sender = whence[row, slot]
-            if sender == row:
-                continue
-            for immigrant in range(count):
-                worst = _worst(fitness[row])
-                if emigrant_fitness[sender, immigrant] < fitness[row, worst]:
-                    genomes[row, worst] = emigrants[sender, immigrant]
-                    fitness[row, worst] = emigrant_fitness[sender, immigrant]
+        admit_to(genomes[row], fitness[row], emigrants, emigrant_fitness, whence[row], count, row)
+
+
+@subroutine
+def pair_with(own: Any, emigrants: Any, whence: Any, count: Any, couples: Any) -> Any:
+    """`couples_with` for one row."""
+    for couple in range(couples.shape[0]):
+        couples[couple, 0] = own
+        couples[couple, 1] = emigrants[whence[couple // count], couple % count]
+
+
+@kernel("uint8[:,:,:,::1](uint8[:,:,::1], uint8[:,:,::1], int64[:,::1], int64)")
+def couples_with(genomes: Genomes, emigrants: Genomes, whence: Cells, count: int) -> Genomes:
+    """Each row's single individual with each of its immigrants in turn (§6), see `admit` for those.
+
+    Returns shape (rows, slots * count, 2, genome_bytes).
+    """
+    rows, slots = whence.shape
+    couples = np.empty((rows, slots * count, 2, genomes.shape[2]), np.uint8)
+    for row in range(rows):
+        pair_with(genomes[row, 0], emigrants, whence[row], count, couples[row])
+    return couples
 
 
 @subroutine
@@ -86,6 +114,18 @@ def _by_rank(order: Any, bits: Any) -> Any:
     return order[count - weight]
 
 
+@subroutine
+def pair_by_rank(fitness: Any, seed: Any, cell: Any, generation: Any, couples: Any) -> Any:
+    """`couples_by_rank` for one row."""
+    order = np.argsort(fitness, kind="mergesort")
+    bits = np.empty(couples.size, np.uint64)
+    for parent in range(bits.size):  # a loop of its own, which LLVM can vectorise
+        bits[parent] = draw(seed, cell, generation, SELECT, parent >> 1, parent & 1)
+    for couple in range(couples.shape[0]):
+        for turn in range(2):
+            couples[couple, turn] = _by_rank(order, bits[2 * couple + turn])
+
+
 @kernel("int64[:,:,::1](float64[:,::1], uint64, int64[::1], int64)")
 def couples_by_rank(fitness: Fitness, seed: np.uint64, cells: Cells, generation: int) -> Cells:
     """As many couples as individuals, by rank (Ahuactzin et al. 1992, §3.1 steps 3 and 4).
@@ -94,14 +134,8 @@ def couples_by_rank(fitness: Fitness, seed: np.uint64, cells: Cells, generation:
     """
     rows, deme = fitness.shape
     couples = np.empty((rows, deme, 2), np.int64)
-    bits = np.empty(2 * deme, np.uint64)
     for row in range(rows):
-        order = np.argsort(fitness[row], kind="mergesort")
-        for parent in range(2 * deme):  # a loop of its own, which LLVM can vectorise
-            bits[parent] = draw(seed, cells[row], generation, SELECT, parent >> 1, parent & 1)
-        for couple in range(deme):
-            for turn in range(2):
-                couples[row, couple, turn] = _by_rank(order, bits[2 * couple + turn])
+        pair_by_rank(fitness[row], seed, cells[row], generation, couples[row])
     return couples
 
 
@@ -123,6 +157,30 @@ def replace_local(
         take_place(genomes[row], fitness[row], offspring[row], offspring_fitness[row], elitist)
 
 
+@subroutine
+def leave_families(
+    genomes: Any, fitness: Any, couples: Any, offspring: Any, offspring_fitness: Any, elitist: Any
+) -> Any:
+    """`replace_families` for one row."""
+    old_genomes, old_fitness = genomes.copy(), fitness.copy()
+    for couple in range(fitness.size):
+        family = couples[couple, 0]
+        if old_fitness[couples[couple, 1]] < old_fitness[family]:
+            family = couples[couple, 1]
+        genomes[couple] = old_genomes[family]
+        fitness[couple] = old_fitness[family]
+        for child in range(2 * couple, 2 * couple + 2):
+            if offspring_fitness[child] < fitness[couple]:
+                genomes[couple] = offspring[child]
+                fitness[couple] = offspring_fitness[child]
+    if elitist:
+        champion = np.argmin(old_fitness)
+        if old_fitness[champion] < np.min(fitness):
+            worst = np.argmax(fitness)
+            genomes[worst] = old_genomes[champion]
+            fitness[worst] = old_fitness[champion]
+
+
 @kernel("void(uint8[:,:,::1], float64[:,::1], int64[:,:,::1], uint8[:,:,::1], float64[:,::1], boolean)")
 def replace_families(
     genomes: Genomes,
@@ -137,22 +195,5 @@ def replace_families(
     The earlier born wins a tie: a parent over an offspring, the first drawn parent over the second. With ``elitist``
     the best of the old deme takes the worst new place (the first of several as bad) if nobody as good was left.
     """
-    rows, deme = fitness.shape
-    for row in range(rows):
-        old_genomes, old_fitness = genomes[row].copy(), fitness[row].copy()
-        for couple in range(deme):
-            family = couples[row, couple, 0]
-            if old_fitness[couples[row, couple, 1]] < old_fitness[family]:
-                family = couples[row, couple, 1]
-            genomes[row, couple] = old_genomes[family]
-            fitness[row, couple] = old_fitness[family]
-            for child in range(2 * couple, 2 * couple + 2):
-                if offspring_fitness[row, child] < fitness[row, couple]:
-                    genomes[row, couple] = offspring[row, child]
-                    fitness[row, couple] = offspring_fitness[row, child]
-        if elitist:
-            champion = np.argmin(old_fitness)
-            if old_fitness[champion] < np.min(fitness[row]):
-                worst = np.argmax(fitness[row])
-                genomes[row, worst] = old_genomes[champion]
-                fitness[row, worst] = old_fitness[champion]
+    for row in range(fitness.shape[0]):
+        leave_families(genomes[row], fitness[row], couples[row], offspring[row], offspring_fitness[row], elitist)

@@ -18,7 +18,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from node.generation import REACHED, STALLED, STOPS, OneCall
+from node.generation import REACHED, STALLED, STOPS, Generations
 from node.history import History
 from node.inbox import Inbox
 from node.kernels import OWN, TOLD
@@ -126,7 +126,7 @@ class Cell:
         self._complaints: set[tuple[int, str]] = set()
         self._answered = 0  # messages that were lost at first
         self._history = History(1, plan.run.deme, plan.coding.genome_bytes)
-        self._live_on: OneCall | None = None  # from the start on, where that is possible
+        self._live_on: Generations | None = None  # from the start on, where that is possible
 
     @property
     def ended(self) -> bool:
@@ -140,10 +140,11 @@ class Cell:
             return False
         return self._is_async or self.inbox.lacking() == 0 or self.rows.generation % self._interval != 0
 
-    def step(self, news: Sequence[Message] = (), events: Sequence[Event] = ()) -> list[Action]:
-        """Take ``news`` and ``events``, breed a generation if ready, and say what is to be done.
+    def step(self, news: Sequence[Message] = (), events: Sequence[Event] = (), most: int = 1) -> list[Action]:
+        """Take ``news`` and ``events``, breed if ready, and say what is to be done.
 
-        Messages are taken first; to keep them changes nothing for the events.
+        Messages are taken first; to keep them changes nothing for the events. Up to ``most`` generations are bred if
+        nothing is to be said between them.
         """
         actions: list[Action] = []
         try:
@@ -155,7 +156,7 @@ class Cell:
                 if self._live_on is None:
                     self._advance(actions)
                 else:
-                    self._advance_in_one_call(self._live_on, actions)
+                    self._advance_in_one_call(self._live_on, most, actions)
         except EvaluationFailed as error:
             self._end("failed", str(error), actions)
         return actions
@@ -197,8 +198,8 @@ class Cell:
             self.state = "running"
             rows, plan = self.rows, self.plan
             rows.begin()
-            if plan.run.deme == 1 and plan.problem.judging is not None:
-                self._live_on = OneCall(plan, rows, self.inbox, self._history, self._tells_champion, self._out)
+            if plan.problem.judging is not None:
+                self._live_on = Generations(plan, rows, self.inbox, self._history, self._tells_champion, self._out)
             self._generation_done(actions)
 
     def _hear(self, news: Sequence[Message], actions: list[Action]) -> None:
@@ -222,15 +223,16 @@ class Cell:
             rows.advance(None)
         self._generation_done(actions)
 
-    def _advance_in_one_call(self, live_on: OneCall, actions: list[Action]) -> None:
-        """The same as `_advance`, compiled."""
+    def _advance_in_one_call(self, live_on: Generations, most: int, actions: list[Action]) -> None:
+        """The same as `_advance`, compiled, and more than once if there is nothing to say."""
         rows, history = self.rows, self._history
-        generation = rows.generation + 1
-        size, flags = live_on(generation, history.noted)
-        if size < 0:
-            self.plan.evaluate(live_on.offspring[-1 - size][None])  # says what is wrong with it
-        rows.generation = generation
-        history.went_on()
+        bred, size, flags, wrong = live_on(rows.generation, history.noted, min(most, history.room))
+        rows.generation += bred
+        if wrong >= 0:
+            rows.generation += 1
+            self.plan.evaluate(live_on.offspring[wrong][None])  # says what is wrong with it
+            raise EvaluationFailed("the compiled fitness of an individual is none, though `evaluate` finds one")
+        history.went_on(bred)
         if flags & (REACHED | STALLED):
             rows.note_proposal(0, "target" if flags & REACHED else "stall")
         if size:

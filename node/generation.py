@@ -1,22 +1,33 @@
-"""A whole generation of a cell with a single individual as one compiled call.
+"""Generations of a cell from its neighbours' messages to its own, compiled as a whole.
 
-What a generation of a lone individual costs is mostly what Python costs between kernels. So here the rules of the other
-modules follow one another without a step into Python: believe, mate, judge, replace, tell, propose, note and encode
-(Ahuactzin et al. 1992, §6). The call finds what it works on by a table of pointers: handing over an array costs as much
-as breeding with it.
+What a generation of few individuals costs is mostly what Python costs between kernels. So here the rules of the other
+modules follow one another without a step into Python: believe, breed, judge, replace, tell, propose, note and encode
+(Ahuactzin et al. 1992, §3.1 and §6), for as many generations as there are up to the next message. The call finds what
+it works on by a table of pointers: handing over an array costs as much as breeding with it.
 """
 
-from typing import Any
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from genetics.arrays import Genomes
 from genetics.compiled import kernel, subroutine
-from genetics.operators import Table, call_fitness, call_mating, integers, octets, pointers, reals
-from genetics.selection import first_unsound, take_place
+from genetics.operators import (
+    Table,
+    call_fitness,
+    call_mating,
+    call_straying,
+    integers,
+    octets,
+    pointers,
+    reals,
+)
+from genetics.recipe import ONE_BIT
+from genetics.selection import admit_to, first_unsound, leave_families, pair_by_rank, pair_with, take_place
 from node.history import History
 from node.inbox import NEXT, Inbox, turn
-from node.kernels import TOLD, believe_one, note_staleness, tell_one
+from node.kernels import OWN, TOLD, believe_one, note_staleness, tell_one
 from node.plan import Plan
 from node.rows import Rows
 from wire.exchange_kernels import SENT, STOP_AT, write_message
@@ -24,50 +35,99 @@ from wire.exchange_kernels import SENT, STOP_AT, write_message
 REACHED, STALLED, STOPS = 1, 2, 4
 """What a cell has to say beside its message: it proposes to stop for the target or for a stall; it stops now."""
 
-_FLAGS = 40  # a message is shorter than 2**40 bytes
-_SIZE = (1 << _FLAGS) - 1
-
 # Places in the table.
-(
-    _HEADER,
-    _GENOMES,
-    _FITNESS,
-    _DEME,
-    _DEME_FITNESS,
-    _OFFSPRING,
-    _OFFSPRING_FITNESS,
-    _WHENCE,
-    _LATEST,
-    _COUNTS,
-    _BETTER_AT,
-    _USED,
-    _STALENESS,
-    _RECORDS,
-    _OUT,
-    _MATING_TABLE,
-    _JUDGING_TABLE,
-    _SETTINGS,
-    _TARGET,
-) = range(19)
+_HEADER, _GENOMES, _FITNESS, _WHENCES, _LATEST, _COUNTS, _USED, _STALENESS = range(8)
+_DEME, _DEME_FITNESS, _BETTER_AT, _COUPLES, _PARENTS, _OFFSPRING, _OFFSPRING_FITNESS = range(8, 15)
+_RECORDS, _OUT, _MATING_TABLE, _STRAYING_TABLE, _JUDGING_TABLE, _SETTINGS, _TARGET, _DONE = range(15, 23)
 
 # Columns of the settings.
-(
-    _MATING,
-    _JUDGING,
-    _EACH,
-    _ELITIST,
-    _SEED,
-    _CELL,
-    _FIRST_EVALUATIONS,
-    _EVALUATIONS,
-    _INTERVAL,
-    _LOCKSTEP,
-    _CHAMPION,
-    _WITNESS,
-    _STALL,
-    _STOP_DISTANCE,
-    _LIMIT,
-) = range(15)
+_MATING, _STRAYING, _JUDGING, _EACH, _ELITIST, _SEED, _CELL, _FIRST_EVALUATIONS, _EVALUATIONS = range(9)
+_INTERVAL, _LOCKSTEP, _CHAMPION, _WITNESS, _STALL, _STOP_DISTANCE, _LIMIT = range(9, 16)
+
+# Columns of what was done: generations bred, the bytes of the message to send (0: none), flags, and the index of an
+# offspring whose fitness is none, or -1.
+_BRED, _SIZE, _FLAGS, _WRONG = range(4)
+
+
+@subroutine
+def _heard(table: Any, genome_bytes: Any) -> Any:
+    """The genomes of all messages, (rows, emigrants + 1, genome_bytes)."""
+    fitness = reals(table, _FITNESS)
+    return octets(table, _GENOMES).reshape(fitness.shape[0], fitness.shape[1], genome_bytes)
+
+
+@subroutine
+def _listen(table: Any, settings: Any, now: Any) -> Any:
+    """Believe what neighbours said for this generation, if it follows an exchange.
+
+    Returns which message came to each slot; between exchanges, which came last.
+    """
+    counts, whences = integers(table, _COUNTS)[0], integers(table, _WHENCES)
+    exchanges = whences.shape[0]
+    if (now - 1) % settings[_INTERVAL] != 0:
+        return whences[(counts[NEXT] - 1) % exchanges]
+    whence = whences[counts[NEXT] % exchanges]
+    header, genomes = integers(table, _HEADER), _heard(table, octets(table, _DEME).shape[1])
+    fitness, better_at = reals(table, _FITNESS), integers(table, _BETTER_AT)[0]
+    if settings[_LOCKSTEP]:
+        turn(integers(table, _LATEST), counts)
+    else:
+        note_staleness(header, whence, now - 1, integers(table, _USED)[0], integers(table, _STALENESS)[0])
+    believe_one(header, genomes, fitness, better_at, OWN, now, header, genomes, fitness, whence)
+    return whence
+
+
+@subroutine
+def _couple(table: Any, settings: Any, whence: Any, now: Any) -> Any:
+    """Fill the couples: an individual alone with each of its immigrants, which an island has taken in, then by rank."""
+    deme, deme_fitness, couples = octets(table, _DEME), reals(table, _DEME_FITNESS)[0], octets(table, _COUPLES)
+    heard, each = _heard(table, deme.shape[1]), settings[_EACH]
+    paired = couples.reshape(couples.shape[0] // 2, 2, deme.shape[1])
+    if deme_fitness.size == 1:
+        pair_with(deme[0], heard, whence, each, paired)
+        return paired
+    if (now - 1) % settings[_INTERVAL] == 0:
+        admit_to(deme, deme_fitness, heard, reals(table, _FITNESS), whence, each, OWN)
+    parents = integers(table, _PARENTS)
+    pair_by_rank(deme_fitness, np.uint64(settings[_SEED]), settings[_CELL], now, parents)
+    for couple in range(parents.shape[0]):
+        paired[couple, 0], paired[couple, 1] = deme[parents[couple, 0]], deme[parents[couple, 1]]
+    return paired
+
+
+@subroutine
+def _stray(table: Any, settings: Any, individuals: Any, now: Any) -> Any:
+    """The one-bit rule; returns which of the individuals has changed."""
+    seed, cell = np.uint64(settings[_SEED]), settings[_CELL]
+    return call_straying(settings[_STRAYING], individuals, seed, cell, now, integers(table, _STRAYING_TABLE))
+
+
+@subroutine
+def _breed(table: Any, settings: Any, whence: Any, now: Any) -> Any:
+    """Couple, mate, judge and replace; returns the index of an offspring whose fitness is none, or -1."""
+    deme, deme_fitness = octets(table, _DEME), reals(table, _DEME_FITNESS)[0]
+    offspring, offspring_fitness = octets(table, _OFFSPRING), reals(table, _OFFSPRING_FITNESS)[0]
+    judging_table, elitist = integers(table, _JUDGING_TABLE), settings[_ELITIST] != 0
+    seed, cell, alone = np.uint64(settings[_SEED]), settings[_CELL], deme_fitness.size == 1
+    couples = _couple(table, settings, whence, now)
+    call_mating(settings[_MATING], couples, offspring, seed, cell, now, integers(table, _MATING_TABLE))
+    if settings[_STRAYING] and alone:
+        _stray(table, settings, offspring, now)
+    call_fitness(settings[_JUDGING], offspring, offspring_fitness, judging_table)
+    wrong = first_unsound(offspring_fitness)
+    if wrong >= 0:
+        return wrong
+    if alone:
+        take_place(deme, deme_fitness, offspring, offspring_fitness, elitist)
+    else:
+        leave_families(deme, deme_fitness, integers(table, _PARENTS), offspring, offspring_fitness, elitist)
+        if settings[_STRAYING]:
+            changed = _stray(table, settings, deme, now)
+            offspring[0] = deme[changed]
+            call_fitness(settings[_JUDGING], offspring[:1], offspring_fitness[:1], judging_table)
+            deme_fitness[changed] = offspring_fitness[0]
+            wrong = first_unsound(offspring_fitness[:1])
+    return wrong
 
 
 @subroutine
@@ -80,116 +140,150 @@ def _propose(header: Any, now: Any, distance: Any) -> Any:
 
 
 @subroutine
-def _record(record: Any, now: Any, deme: Any, fitness: Any) -> Any:
-    """As `node.history.History` notes a generation, byte by byte, since fitness need not be aligned there."""
-    size = deme.size
-    number = np.array([now])
-    record[:8] = number.view(np.uint8)
-    record[8 : 8 + size] = deme
-    record[8 + size :] = fitness.view(np.uint8)
-
-
-@subroutine
-def _breed(table: Any, settings: Any, deme: Any, deme_fitness: Any, whence: Any, now: Any) -> Any:
-    """Mate, judge and replace; returns the index of an offspring whose fitness is none, or -1."""
-    fitness = reals(table, _FITNESS)
-    genomes = octets(table, _GENOMES).reshape(fitness.shape[0], fitness.shape[1], deme.shape[1])
-    offspring, offspring_fitness = octets(table, _OFFSPRING), reals(table, _OFFSPRING_FITNESS)[0]
-    seed, cell = np.uint64(settings[_SEED]), settings[_CELL]
-    mating_table, each = integers(table, _MATING_TABLE), settings[_EACH]
-    call_mating(settings[_MATING], deme[0], genomes, whence, each, offspring, seed, cell, now, mating_table)
-    call_fitness(settings[_JUDGING], offspring, offspring_fitness, integers(table, _JUDGING_TABLE))
-    wrong = first_unsound(offspring_fitness)
-    if wrong < 0:
-        take_place(deme, deme_fitness, offspring, offspring_fitness, settings[_ELITIST] != 0)
-    return wrong
-
-
-@subroutine
-def _listen(table: Any, settings: Any, now: Any, counts: Any) -> Any:
-    """Believe what neighbours said for this generation; returns which message came to each slot.
-
-    Between exchanges the individual breeds with the immigrants that it had last.
-    """
-    whence = integers(table, _WHENCE)
-    exchanges = whence.shape[0]
-    if (now - 1) % settings[_INTERVAL] != 0:
-        return whence[(counts[NEXT] - 1) % exchanges]
-    row = whence[counts[NEXT] % exchanges]
-    header, fitness = integers(table, _HEADER), reals(table, _FITNESS)
-    genomes = octets(table, _GENOMES).reshape(fitness.shape[0], fitness.shape[1], octets(table, _DEME).shape[1])
-    if settings[_LOCKSTEP]:
-        turn(integers(table, _LATEST), counts)
-    else:
-        note_staleness(header, row, now - 1, integers(table, _USED)[0], integers(table, _STALENESS)[0])
-    better_at = integers(table, _BETTER_AT)[0]
-    believe_one(header, genomes, fitness, better_at, 0, now, header, genomes, fitness, row)
-    return row
-
-
-@kernel("int64(int64[:,::1], int64, int64)", may_be_long=True)
-def live_on(table: Table, now: int, place: int) -> int:
-    """Breed generation ``now``, note it at a ``place`` of the history, and write the cell's message.
-
-    Returns the message's bytes, 0 if none is to be sent, with flags above them; or -1 - the index of an offspring whose
-    fitness is none, and then nothing has been replaced.
-    """
-    settings, counts = integers(table, _SETTINGS)[0], integers(table, _COUNTS)[0]
+def _tell(table: Any, settings: Any, now: Any) -> Any:
+    """Emigrants, champion and proposals into the cell's message; returns flags."""
     deme, deme_fitness = octets(table, _DEME), reals(table, _DEME_FITNESS)[0]
-    whence = _listen(table, settings, now, counts)
-    wrong = _breed(table, settings, deme, deme_fitness, whence, now)
-    if wrong >= 0:
-        return int(-1 - wrong)
-
-    header, fitness = integers(table, _HEADER)[0], reals(table, _FITNESS)[0]
+    header, fitness = integers(table, _HEADER)[OWN], reals(table, _FITNESS)[OWN]
     genomes, better_at = octets(table, _GENOMES)[: fitness.size], integers(table, _BETTER_AT)[0]
     cell, evaluations = settings[_CELL], settings[_FIRST_EVALUATIONS] + now * settings[_EVALUATIONS]
     target, witness = reals(table, _TARGET)[0, 0], settings[_WITNESS]
     flags = 0
-    told = tell_one(deme, deme_fitness, cell, now, evaluations, header, genomes, fitness, better_at, 0, target, witness)
-    if told and _propose(header, now, settings[_STOP_DISTANCE]):
+    reached = tell_one(
+        deme, deme_fitness, cell, now, evaluations, header, genomes, fitness, better_at, OWN, target, witness
+    )
+    if reached and _propose(header, now, settings[_STOP_DISTANCE]):
         flags |= REACHED
-    stalled = settings[_STALL] >= 0 and now - better_at[0] >= settings[_STALL]
+    stalled = settings[_STALL] >= 0 and now - better_at[OWN] >= settings[_STALL]
     if stalled and _propose(header, now, settings[_STOP_DISTANCE]):
         flags |= STALLED
-    _record(octets(table, _RECORDS)[place], now, deme[0], deme_fitness)
+    return flags
 
+
+@subroutine
+def _record(record: Any, now: Any, deme: Any, fitness: Any) -> Any:
+    """As `node.history.History` notes a generation, byte by byte, since fitness need not be aligned there."""
+    number = np.array([now])
+    record[:8] = number.view(np.uint8)
+    record[8 : 8 + deme.size] = deme.reshape(deme.size)
+    record[8 + deme.size :] = fitness.view(np.uint8)
+
+
+@subroutine
+def _say(table: Any, settings: Any, now: Any, flags: Any, done: Any) -> Any:
+    """Stop if it is time, and write the message of an exchange."""
+    header, fitness = integers(table, _HEADER), reals(table, _FITNESS)
+    genomes = _heard(table, octets(table, _DEME).shape[1])
     # Without lockstep there is no common generation to stop after: who hears of a stop passes it on and stops.
-    drains = not settings[_LOCKSTEP] and header[STOP_AT] != settings[_LIMIT]
-    stops = drains or now >= header[STOP_AT]
-    size = 0
+    drains = not settings[_LOCKSTEP] and header[OWN, STOP_AT] != settings[_LIMIT]
+    stops = drains or now >= header[OWN, STOP_AT]
     if drains or (now % settings[_INTERVAL] == 0 and not stops):
-        header[SENT] += 1
-        integers(table, _HEADER)[TOLD] = header
-        reals(table, _FITNESS)[TOLD] = fitness
-        octets(table, _GENOMES)[fitness.size * TOLD : fitness.size * (TOLD + 1)] = genomes
-        size = write_message(header, genomes, fitness, settings[_CHAMPION] != 0, octets(table, _OUT)[0])
-    if stops:
-        flags |= STOPS
-    return int(size | flags << _FLAGS)
+        header[OWN, SENT] += 1
+        header[TOLD], genomes[TOLD], fitness[TOLD] = header[OWN], genomes[OWN], fitness[OWN]
+        champion, out = settings[_CHAMPION] != 0, octets(table, _OUT)[0]
+        done[_SIZE] = write_message(header[OWN], genomes[OWN], fitness[OWN], champion, out)
+    done[_FLAGS] = flags | STOPS if stops else flags
 
 
-class OneCall:
-    """`live_on` for one cell.
+@kernel("void(int64[:,::1], int64, int64, int64)", may_be_long=True)
+def live_on(table: Table, generation: int, noted: int, most: int) -> None:
+    """Breed from ``generation`` on until there is something to say, but at most ``most`` generations.
+
+    They are noted in the history from place ``noted`` on. What was done stands in the table, see above; an offspring
+    without a fitness ends it before anything is replaced.
+    """
+    settings, done = integers(table, _SETTINGS)[0], integers(table, _DONE)[0]
+    done[:] = 0
+    done[_WRONG] = -1
+    while done[_BRED] < most and done[_SIZE] == 0 and done[_FLAGS] == 0:
+        now = generation + done[_BRED] + 1
+        whence = _listen(table, settings, now)
+        done[_WRONG] = _breed(table, settings, whence, now)
+        if done[_WRONG] >= 0:
+            return
+        flags = _tell(table, settings, now)
+        _record(octets(table, _RECORDS)[noted + done[_BRED]], now, octets(table, _DEME), reals(table, _DEME_FITNESS)[0])
+        done[_BRED] += 1
+        _say(table, settings, now, flags, done)
+
+
+class Done(NamedTuple):
+    """What `Generations` has done.
+
+    Attributes:
+        bred: how many generations.
+        size: the bytes of the message to send, 0 if there is none.
+        flags: `REACHED`, `STALLED` and `STOPS`.
+        wrong: the index of an offspring in the generation after those whose fitness is none, or -1.
+    """
+
+    bred: int
+    size: int
+    flags: int
+    wrong: int
+
+
+class Generations:
+    """`live_on` for one cell whose problem has a compiled fitness (`Problem.judging`).
 
     Args:
-        plan: of the job; its problem must have a compiled fitness (`Problem.judging`), and its demes one individual.
+        plan: of the job.
         rows: the cell's.
         inbox: the cell's.
         history: the cell's.
         champion: whether the cell tells its champion.
         out: room for a message.
+
+    Attributes:
+        offspring: the latest.
     """
 
     def __init__(self, plan: Plan, rows: Rows, inbox: Inbox, history: History, champion: bool, out: Genomes) -> None:
-        mating, judging = plan.coding.mating(plan.recipe), plan.problem.judging
+        judging, mating = plan.problem.judging, plan.coding.mating(plan.recipe)
         assert judging is not None, "only for a compiled fitness"
-        run, limits, messages = plan.run, plan.limits, rows.messages
-        count = 2 * plan.slots * run.emigrants
-        settings = np.zeros(15, np.int64)
-        settings[:] = (
-            mating.address,
-            judging.address,
+        straying = plan.coding.straying() if plan.recipe.mutation == ONE_BIT else None
+        couples = plan.slots * plan.run.emigrants if plan.run.deme == 1 else plan.run.deme
+        addresses = (mating.address, 0 if straying is None else straying.address, judging.address)
+        self.offspring = np.zeros((2 * couples, plan.coding.genome_bytes), np.uint8)
+        done = np.zeros((1, 4), np.int64)
+        arrays = (
+            *rows.messages,
+            inbox.whences,
+            inbox.latest,
+            inbox.counts,
+            inbox.used,
+            inbox.staleness,
+            rows.genomes,
+            rows.fitness,
+            rows.better_at,
+            np.zeros_like(self.offspring),
+            np.zeros((couples, 2), np.int64),
+            self.offspring,
+            np.zeros(2 * couples),
+            history.records,
+            out,
+            mating.table,
+            mating.table if straying is None else straying.table,
+            judging.table,
+            _settings(plan, rows, champion, addresses),
+            np.array([rows.target]),
+            done,
+        )
+        self._kept = (mating, straying, judging, arrays)
+        self._live_on = partial(live_on, pointers(*arrays))
+        self._done = done
+
+    def __call__(self, generation: int, noted: int, most: int) -> Done:
+        """See `live_on`."""
+        self._live_on(generation, noted, most)
+        return Done._make(self._done[0].tolist())
+
+
+def _settings(plan: Plan, rows: Rows, champion: bool, addresses: tuple[int, int, int]) -> Any:
+    """In the order of the columns above."""
+    run = plan.run
+    return np.array(
+        [
+            *addresses,
             run.emigrants,
             plan.recipe.replacement == "elitist",
             np.uint64(run.seed).astype(np.int64),
@@ -203,33 +297,6 @@ class OneCall:
             -1 if rows.stall is None else rows.stall,
             plan.stop_distance,
             rows.limit,
-        )
-        self.offspring = np.zeros((count, limits.genome_bytes), np.uint8)
-        arrays = (
-            messages.header,
-            messages.genomes,
-            messages.fitness,
-            rows.genomes,
-            rows.fitness,
-            self.offspring,
-            np.zeros(count),
-            inbox.whences,
-            inbox.latest,
-            inbox.counts,
-            rows.better_at,
-            inbox.used,
-            inbox.staleness,
-            history.records,
-            out,
-            mating.table,
-            judging.table,
-            settings,
-            np.array([rows.target]),
-        )
-        self._kept = (mating, judging, arrays)
-        self._table = pointers(*arrays)
-
-    def __call__(self, now: int, place: int) -> tuple[int, int]:
-        """The bytes of the message to send, or -1 - an index, see `live_on`; and the flags."""
-        told = live_on(self._table, now, place)
-        return (told, 0) if told < 0 else (told & _SIZE, told >> _FLAGS)
+        ],
+        np.int64,
+    )

@@ -6,7 +6,8 @@ import numpy as np
 
 from genetics import Fitness, Genomes
 
-_RECORDS = 64  # kept before they are digested, over all rows: a digest's cost is mostly that of being called
+_RECORDS = 64  # kept before they are digested, over all rows: a digest's cost is mostly that of being called,
+_BYTES = 1 << 16  # unless they are long
 _ROWS = 1024  # whose records are made at once; of more rows each generation is digested as it is noted
 
 
@@ -21,7 +22,7 @@ class History:
 
     def __init__(self, rows: int, deme: int, genome_bytes: int) -> None:
         record = np.dtype([("generation", "<i8"), ("genomes", "u1", (deme, genome_bytes)), ("fitness", "<f8", (deme,))])
-        fields = np.zeros((min(rows, _ROWS), max(1, _RECORDS // rows)), record)
+        fields = np.zeros((min(rows, _ROWS), max(1, min(_RECORDS, _BYTES // record.itemsize) // rows)), record)
         self._generation, self._genomes, self._fitness = fields["generation"], fields["genomes"], fields["fitness"]
         self.records = fields.view(np.uint8).reshape(*fields.shape, record.itemsize)
         self.noted = 0
@@ -38,9 +39,14 @@ class History:
         else:
             self._digest_now(genomes, fitness)
 
-    def went_on(self) -> None:
-        """A record more has been written, here or by compiled code."""
-        self.noted += 1
+    @property
+    def room(self) -> int:
+        """For how many more there is room before they are digested, at least 1."""
+        return self._most - self.noted
+
+    def went_on(self, records: int = 1) -> None:
+        """Some more have been written, here or by compiled code; no more than there was room for."""
+        self.noted += records
         if self.noted == self._most:
             self._digest()
 

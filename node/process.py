@@ -50,7 +50,7 @@ _LIBC = ctypes.CDLL(None)
 PATIENCE = 1.0  # seconds without a generation, at least, after which a lockstep node asks for what is missing
 MOST_REPORTS_PER_SECOND = 256  # of counters, over the whole cluster
 BRISK_SECONDS = 2e-3  # of processor time: a generation that takes less may be bred on the network thread
-_MEASURED_EVERY = 16  # generations: asking for it costs as much as a message
+_MEASURED_EVERY = 16  # steps: to ask for the time used costs as much as a message
 BRISK_BYTES = 1 << 14  # longer messages may have to wait for room to leave; on the network thread nothing may wait
 
 
@@ -71,8 +71,9 @@ class _Assignment:
         turn: held by the thread that carries the cell on.
         brisk: whether that is the network thread, for now.
         begun: to be answered with the report.
-        bred_at: when the latest generation was bred, on the monotonic clock,
-        gap: and how long after the one before, in seconds.
+        bred_at: when the latest generations were bred, on the monotonic clock,
+        gap: and how long after those before, in seconds.
+        most: generations that may be bred at once: as many as take little time.
     """
 
     def __init__(self, cell: Cell) -> None:
@@ -84,7 +85,9 @@ class _Assignment:
         self.begun: zenoh.Query | None = None
         self.bred_at = time.monotonic()
         self.gap = 0.0
+        self.most = 1
         plan = cell.plan
+        self._unmeasured = 0
         self.in_lockstep = plan.run.mode == "lockstep"
         self._may_be_brisk = self.in_lockstep and plan.problem.any_thread and plan.limits.most_bytes <= BRISK_BYTES
 
@@ -100,14 +103,18 @@ class _Assignment:
         del self.news[: len(news)]
         events = [self.events.popleft() for _ in range(len(self.events))] if self.events else ()
         generation = cell.rows.generation
-        measured = generation % _MEASURED_EVERY == 0
+        measured = self._unmeasured == 0
         used = time.thread_time() if measured else 0.0
-        actions = cell.step(news, events)
-        if cell.rows.generation != generation:
+        actions = cell.step(news, events, self.most)
+        bred = cell.rows.generation - generation
+        if bred:
             now = time.monotonic()
             self.gap, self.bred_at = now - self.bred_at, now
+            self._unmeasured = (self._unmeasured + 1) % _MEASURED_EVERY
             if measured:
-                self.brisk = self._may_be_brisk and time.thread_time() - used < BRISK_SECONDS
+                each = (time.thread_time() - used) / bred
+                self.most = max(1, int(BRISK_SECONDS / max(each, 1e-6)))
+                self.brisk = self._may_be_brisk and each < BRISK_SECONDS
         return actions
 
 

@@ -253,39 +253,38 @@ def test_generations_and_seeds_breed_differently():
 
 @pytest.mark.parametrize("deme", [1, 3])
 @pytest.mark.parametrize(
-    ("coding", "recipe", "uses"),
+    ("coding", "recipe"),
     [
-        (BitString(3, 30), Recipe("one-point", 0.3), 1),
-        (BitString(3, 30), Recipe("uniform", 0.3), 1),
-        (BitString(3, 30), Recipe("uniform", "one-bit"), 1),
-        (RealVector(3, 0.0, 1.0), Recipe("blend", 1.0), 1),
-        (RealVector(3, 0.0, 1.0), Recipe("uniform", 1.0), 2),  # by the two offspring, who share out the genes
+        (BitString(3, 30), Recipe("one-point", 0.3)),
+        (BitString(3, 30), Recipe("uniform", 0.3)),
+        (BitString(3, 30), Recipe("uniform", "one-bit")),
+        (RealVector(3, 0.0, 1.0), Recipe("blend", 1.0)),
+        (RealVector(3, 0.0, 1.0), Recipe("uniform", 1.0)),
     ],
 )
-def test_no_draw_is_used_for_two_things(coding, recipe, uses, deme, monkeypatch):
+def test_no_draw_is_used_for_two_things(coding, recipe, deme, monkeypatch):
     used = Counter()
     modules = (randomness, bit_kernels, real_kernels, selection)
     for module in modules:
         for name, value in list(vars(module).items()):
             if hasattr(value, "py_func"):
                 monkeypatch.setattr(module, name, value.py_func)
-    draw = randomness.draw
+    philox = randomness.philox
 
-    def watched(seed, *coordinates):
-        used[tuple(map(int, coordinates))] += 1
-        return draw(seed, *coordinates)
+    def watched(number, index, generation, cell_and_purpose, *key):
+        used[tuple(map(int, (generation, cell_and_purpose, index, number)))] += 1
+        return philox(number, index, generation, cell_and_purpose, *key)
 
-    for module in modules:
-        monkeypatch.setattr(module, "draw", watched)
+    monkeypatch.setattr(randomness, "philox", watched)
     bred(coding, recipe, deme, cells=(0, 1))
     bred(coding, recipe, deme, cells=(0, 1), generation=2)
     first = 0  # the draws of the first demes, which both calls made
-    bred_by = Counter({coordinates: count for coordinates, count in used.items() if coordinates[1] != first})
-    assert {coordinates[1] for coordinates in bred_by} == {1, 2}
-    assert {coordinates[0] for coordinates in bred_by} == {0, 1}
+    bred_by = Counter({coordinates: count for coordinates, count in used.items() if coordinates[0] != first})
+    assert {generation for generation, *_ in bred_by} == {1, 2}
+    assert {cell // randomness._PURPOSES for _, cell, *_ in bred_by} == {0, 1}
     assert len(bred_by) > 10
-    assert max(bred_by.values()) == uses
-    assert len({count for coordinates, count in used.items() if coordinates[1] == first}) == 1
+    assert set(bred_by.values()) == {1}
+    assert len({count for coordinates, count in used.items() if coordinates[0] == first}) == 1
 
 
 def test_breeding_again_gives_the_same():

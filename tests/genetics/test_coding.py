@@ -1,12 +1,13 @@
-"""A lone individual's offspring: by rows, for one row by a compiled operator, and couple by couple."""
+"""What a coding does for rows of cells, its compiled operators do for one; and what genomes are made of."""
 
 import itertools
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from genetics import ONE_BIT, BitString, Keys, RealVector, Recipe
+from genetics import ONE_BIT, BitString, Keys, RealVector, Recipe, selection
 from genetics.coding import Alphabet, Immigrants
 
 compiled = settings(deadline=None)
@@ -41,42 +42,32 @@ def matings(draw):
 
 @compiled
 @given(matings())
-def test_to_mate_is_to_recombine_with_each_immigrant_in_turn(case):
+def test_the_operator_of_a_recipe_recombines_one_row_bit_for_bit(case):
     coding, recipe, keys, own, immigrants = case
-    guests = immigrants.genomes[immigrants.whence][:, :, : immigrants.each]  # (rows, slots, each, genome_bytes)
-    guests = guests.reshape(len(own), -1, coding.genome_bytes)
-    couples = np.stack([np.broadcast_to(own, guests.shape), guests], axis=2)
-    expected = coding.recombine(couples, recipe, keys)
-    if recipe.mutation == ONE_BIT:
-        coding.mutate_one(expected, keys)
-    offspring = coding.mate(own, immigrants, recipe, keys)
-    assert offspring.shape == (len(own), 2 * SLOTS * immigrants.each, coding.genome_bytes)
-    np.testing.assert_array_equal(offspring, expected)
+    couples = selection.couples_with(own, immigrants.genomes, immigrants.whence, immigrants.each)
+    before, expected = couples.copy(), coding.recombine(couples, recipe, keys)
+    assert expected.shape == (len(own), 2 * SLOTS * immigrants.each, coding.genome_bytes)
+    operator = coding.mating(recipe)
+    for row, cell in enumerate(keys.cells):
+        offspring = np.full(expected.shape[1:], 0xAA, np.uint8)
+        operator.function(couples[row], offspring, keys.seed, cell, keys.generation, operator.table)
+        np.testing.assert_array_equal(offspring, expected[row])
+    np.testing.assert_array_equal(couples, before)
 
 
 @compiled
 @given(matings())
-def test_the_operator_of_a_recipe_mates_one_row_bit_for_bit(case):
-    coding, recipe, keys, own, immigrants = case
-    before = own.copy(), immigrants.genomes.copy()
-    expected = coding.mate(own, immigrants, recipe, keys)
-    operator = coding.mating(recipe)
+def test_the_operator_of_the_one_bit_rule_changes_what_the_rule_changes(case):
+    coding, _, keys, own, _ = case
+    if isinstance(coding, RealVector):
+        with pytest.raises(ValueError, match="no bits"):
+            coding.straying()
+        return
+    expected, operator = own.copy(), coding.straying()
+    changed = coding.mutate_one(expected, keys)
     for row, cell in enumerate(keys.cells):
-        offspring = np.full(expected.shape[1:], 0xAA, np.uint8)
-        operator.function(
-            own[row, 0],
-            immigrants.genomes,
-            immigrants.whence[row],
-            immigrants.each,
-            offspring,
-            keys.seed,
-            cell,
-            keys.generation,
-            operator.table,
-        )
-        np.testing.assert_array_equal(offspring, expected[row])
-    np.testing.assert_array_equal(own, before[0])
-    np.testing.assert_array_equal(immigrants.genomes, before[1])
+        assert operator.function(own[row], keys.seed, cell, keys.generation, operator.table) == changed[row]
+    np.testing.assert_array_equal(own, expected)
 
 
 def test_an_alphabet_of_bits_admits_what_its_mask_leaves_open():

@@ -106,7 +106,6 @@ def test_a_pointer_knows_no_strides():
         pointers(np.zeros((4, 4))[:, ::2])
 
 
-def test_both_signatures_return_nothing_and_end_with_a_table():
-    for signature in (operators.FITNESS, operators.MATING):
-        assert signature.return_type == operators.types.none
+def test_all_signatures_end_with_a_table():
+    for signature in (operators.FITNESS, operators.MATING, operators.STRAYING):
         assert signature.args[-1] == operators.types.int64[:, ::1]

@@ -40,6 +40,18 @@ def test_the_best_come_first_and_of_equals_the_earlier_born(data, rows, deme):
     np.testing.assert_array_equal(selection.best(fitness, count), expected)
 
 
+@compiled
+@given(st.data())
+def test_an_individual_alone_is_coupled_with_each_of_its_immigrants_in_turn(data):
+    rows, senders, slots, count = (data.draw(st.integers(1, most)) for most in (3, 4, 4, 3))
+    named = st.lists(st.integers(0, senders - 1), min_size=slots, max_size=slots)
+    whence = np.array(data.draw(st.lists(named, min_size=rows, max_size=rows)))
+    own = np.arange(rows, dtype=np.uint8).reshape(rows, 1, 1)
+    emigrants = np.arange(100, 100 + senders * (count + 1), dtype=np.uint8).reshape(senders, count + 1, 1)
+    expected = [[[row, guest] for each in whence[row] for guest in emigrants[each, :count, 0]] for row in range(rows)]
+    assert selection.couples_with(own, emigrants, whence, count)[..., 0].tolist() == expected
+
+
 # Immigrants -------------------------------------------------------------------------------------------------------
 def admit(fitness, immigrant_fitness):
     """The (tag, fitness) of each place afterwards; immigrants are tagged from 100 on."""

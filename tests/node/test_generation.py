@@ -1,4 +1,4 @@
-"""A lone individual's generation in one compiled call: the same life as without it, and as in the simulator."""
+"""Generations in one compiled call: the same life as without it, and as in the simulator."""
 
 import random
 
@@ -9,7 +9,7 @@ from one_max import Bus, OneMax
 
 from genetics.operators import FITNESS, Operator, integers
 from node import Plan, simulate
-from node.cell import Cell, Start
+from node.cell import Cell, Publish, Start
 from problems import Run
 from problems.function import Function
 from wire.report import Report
@@ -29,6 +29,7 @@ ENDS = [
     {"target": -1.0, "stall": 7},
     {"target": -1.0, "seconds": 1e6},  # until somebody outside proposes a stop
 ]
+DEMES = [{}, {"deme": 6, "emigrants": 2}, {"deme": 2}, {}, {"deme": 9, "replacement": "offspring"}]
 WISH = (11, "cancel")  # at which generation of the root
 MOST = (1 << 64) - 1
 
@@ -54,15 +55,18 @@ def choices(name, shape):
         for spy in ("champion", "root"):
             for interval in (1, 3):
                 turn += 1
-                rule = {"topology": shape, "recipe": recipe, "spy": spy, "interval": interval}
+                rule = {"topology": shape, "recipe": recipe, "spy": spy, "interval": interval} | DEMES[
+                    turn % len(DEMES)
+                ]
                 yield rule | {"seed": MOST - turn if turn % 2 else turn} | ENDS[turn % len(ENDS)]
     if name != "rastrigin of reals":
-        yield {"topology": shape, "recipe": "paper", "mutation": "one-bit", "generations": 30}
+        for deme in (1, 7):
+            yield {"topology": shape, "deme": deme, "recipe": "paper", "mutation": "one-bit", "generations": 30}
 
 
-def reports_of(plan, mail=1):
+def reports_of(plan, mail=1, **bus):
     """What cells on a bus report."""
-    return Bus(plan, random.Random(mail), WISH if plan.run.seconds else None).run()
+    return Bus(plan, random.Random(mail), WISH if plan.run.seconds else None, **bus).run()
 
 
 def simulated(plan):
@@ -105,13 +109,18 @@ def test_every_kind_of_end_occurs_with_every_problem():
 def test_in_async_mode_too(shape, name):
     for settings in choices(name, shape):
         compiled, slow = (plan_of(name, problem, mode="async", **settings) for problem in (Function, Slow))
-        assert reports_of(compiled) == reports_of(slow), "the same mail in the same order"
+        same = {"at_once": (1,)}  # and the same mail in the same order
+        assert reports_of(compiled, **same) == reports_of(slow, **same)
         assert simulated(compiled) == simulated(slow)
 
 
 # Evaluations ----------------------------------------------------------------------------------------------------------
 class Watched(Function):
     """Counts the genomes that it is asked about in Python."""
+
+    @property
+    def judging(self):
+        return super().judging
 
     def evaluate(self, genomes):
         asked.append(len(genomes))
@@ -121,13 +130,28 @@ class Watched(Function):
 asked: list[int] = []
 
 
-@pytest.mark.parametrize(("deme", "cost", "batches"), [(1, 0.0, 1), (1, 0.001, 11), (2, 0.0, 11)])
-def test_only_a_lone_individual_with_a_compiled_fitness_lives_in_one_call(deme, cost, batches):
+@pytest.mark.parametrize("deme", [1, 5])
+@pytest.mark.parametrize("cost", [0.0, 0.001])
+def test_only_the_first_deme_is_evaluated_in_python(deme, cost):
     settings = {"topology": "torus 1x1", "deme": deme, "target": -1.0, "generations": 10}
     fields = {"kind": "function", "name": "onemax", "dimension": 30, "cost_us": cost}
     asked.clear()
     Bus(Plan(Watched.model_validate(fields), Run(**settings)), random.Random(1)).run()
-    assert len(asked) == batches, "the first deme, and else each generation"
+    assert asked == [deme]
+
+
+@pytest.mark.parametrize("deme", [1, 4])
+def test_no_more_generations_are_bred_at_once_than_up_to_the_next_message(deme):
+    plan = plan_of("onemax", topology="torus 1x2", deme=deme, interval=5, target=-1.0, generations=1000)
+    cell = Cell(plan, 0, job=1)
+    cell.step(events=[Start()])
+    (heard,) = Cell(plan, 1, job=1).step(events=[Start()])
+    assert cell.step([(1, heard.payload)], most=3) == []
+    assert cell.rows.generation == 3
+    (message,) = cell.step(most=1000)
+    assert isinstance(message, Publish)
+    assert cell.rows.generation == 5
+    assert not cell.ready
 
 
 # What is no fitness ---------------------------------------------------------------------------------------------------
@@ -178,6 +202,7 @@ def test_a_fitness_that_is_none_ends_the_cell_with_the_same_words(mode, infinite
     assert cell.state == slow.state == "failed"
     assert actions[:-1] == slowly[:-1]
     report, expected = actions[-1], slowly[-1]
+    assert report.generation == expected.generation
     assert isinstance(report, Report)
     value = "-inf" if infinite else "nan"
     assert report.error.startswith(f"breaking: evaluate must not return NaN or -inf, got {value} for genome ")
