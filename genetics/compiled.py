@@ -13,7 +13,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
 
-import numba
+# Bits must not depend on whether Intel's vector mathematics happens to be installed; numba asks when it is imported.
+os.environ.setdefault("NUMBA_DISABLE_INTEL_SVML", "1")
+
+import numba  # noqa: E402
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -69,5 +72,15 @@ def kernel(signature: Any, may_be_long: bool = False) -> Callable[[Function], Fu
 def subroutine(function: Function) -> Function:
     """A function that only kernels call; it is compiled into them."""
     compiler: Any = numba.njit(error_model="numpy")
+    compiled: Function = compiler(function)
+    return compiled
+
+
+def inlined(function: Function) -> Function:
+    """A `subroutine` that takes the place of its calls, because LLVM vectorises no loop with a call in it.
+
+    Without fast-math a lane computes what one number alone would, so the width of a machine's registers shows nowhere.
+    """
+    compiler: Any = numba.njit(error_model="numpy", forceinline=True)
     compiled: Function = compiler(function)
     return compiled

@@ -7,10 +7,9 @@ others, and a run can be replayed from any generation. The generator is Philox4x
 
 from typing import Any
 
-import numba
 import numpy as np
 
-from genetics.compiled import Function, subroutine
+from genetics.compiled import inlined, subroutine
 
 # What a draw is for. Two purposes never share a counter.
 INITIAL = 0
@@ -28,16 +27,6 @@ _MULTIPLIER_1 = np.uint64(0xCD9E8D57)
 _WEYL_0 = np.uint64(0x9E3779B9)
 _WEYL_1 = np.uint64(0xBB67AE85)
 _TO_UNIT = 2.0**-53
-
-
-def inlined(function: Function) -> Function:
-    """A `subroutine` that takes the place of its calls, because LLVM vectorises no loop with a call in it.
-
-    Without fast-math a lane computes what one number alone would, so the width of a machine's registers shows nowhere.
-    """
-    compiler: Any = numba.njit(error_model="numpy", forceinline=True)
-    compiled: Function = compiler(function)
-    return compiled
 
 
 @inlined

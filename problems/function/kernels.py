@@ -12,9 +12,8 @@ from numba import types
 
 from genetics.arrays import Fitness, Genomes
 from genetics.bit_kernels import integers_of
-from genetics.compiled import kernel, subroutine
+from genetics.compiled import inlined, kernel, subroutine
 from genetics.operators import FITNESS, Table, call_fitness, integers, reals
-from genetics.randomness import inlined
 
 
 @subroutine
