@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 # Bits must not depend on whether Intel's vector mathematics happens to be installed; numba asks when it is imported.
 os.environ.setdefault("NUMBA_DISABLE_INTEL_SVML", "1")
 
-import numba  # noqa: E402
+import numba
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
