@@ -12,18 +12,6 @@ from genetics.compiled import kernel, subroutine
 from genetics.randomness import SELECT, below, draw
 
 
-@kernel("int64[:,::1](float64[:,::1], int64)")
-def best(fitness: Fitness, count: int) -> Cells:
-    """The ``count`` best individuals of each row, best first: (rows, deme) to indices (rows, count)."""
-    chosen = np.empty((fitness.shape[0], count), np.int64)
-    for row in range(fitness.shape[0]):
-        if count == 1:
-            chosen[row, 0] = np.argmin(fitness[row])
-        else:
-            chosen[row] = np.argsort(fitness[row], kind="mergesort")[:count]
-    return chosen
-
-
 @subroutine
 def _worst(fitness: Any) -> Any:
     """Of several as bad, the latest born."""

@@ -30,16 +30,6 @@ def couples_by_rank(fitness, seed=1, generation=1, cells=None):
     return selection.couples_by_rank(np.array(fitness, dtype=float), np.uint64(seed), cells, generation)
 
 
-# The best ---------------------------------------------------------------------------------------------------------
-@compiled
-@given(st.data(), st.integers(1, 3), st.integers(1, 8))
-def test_the_best_come_first_and_of_equals_the_earlier_born(data, rows, deme):
-    fitness = data.draw(demes(rows, deme))
-    count = data.draw(st.integers(1, deme))
-    expected = [sorted(range(deme), key=lambda i: (row[i], i))[:count] for row in fitness]
-    np.testing.assert_array_equal(selection.best(fitness, count), expected)
-
-
 @compiled
 @given(st.data())
 def test_an_individual_alone_is_coupled_with_each_of_its_immigrants_in_turn(data):
