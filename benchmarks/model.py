@@ -1,0 +1,276 @@
+"""A model of how fast a lockstep torus of single individuals goes, held against what is measured here.
+
+Usage: python -m benchmarks.model [--calibrate 16,1024] [--predict 64,128,256] [--seconds 3] [--repeats 3]
+
+With n cells on K cores, p = max(1, n / K) of them on each, a generation takes
+
+    T = p (c(p) + e) + w + x
+
+- c(p) = a + b log2(max(1, p / p0)): CPU time of a node and generation without evaluations. Processes that share a core
+  spoil each other's caches, by as much again with every doubling beyond the p0 of the smaller calibration, and by
+  nothing below it: a core of its own can only be better.
+- e: CPU time of its evaluations.
+- w: what one waits for the last neighbour's message, beside all work: two processes woken, one on each side.
+- x: the network between machines, one way, if neighbours live on different ones. In lockstep everybody goes at the pace
+  of the slowest cycle of neighbours, so one such link is enough.
+
+Four numbers are fitted: a, b from the CPU times at two sizes; K, the cores that the nodes keep busy when there is work
+for all (the spy, the router and the kernel have the rest), at the larger; w on the largest torus with no more cells
+than the machine has cores. Everything else that is printed is predicted. Left out: variation between generations and
+between machines (the slowest of many delays in each exchange, so for many cores this is a bound, not an estimate), and
+bandwidth. Async nodes wait for nobody and breed on for as long as the scheduler lets them: w = x = b = 0.
+"""
+
+import argparse
+import os
+import statistics
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from math import log2
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import topologies
+from coordinator import LocalCluster
+from coordinator.scaling.experiment import torus_of
+from problems import ProblemFile
+from problems.file import parse
+
+_SHORT = 5  # generations of the job that is taken off the longer ones: what it costs to prepare and to stop
+_SLOTS = 4
+_EVALUATIONS = 2 * _SLOTS  # of a node in a generation
+
+
+class Measured(NamedTuple):
+    """A torus: its nodes, the seconds of a generation, and the nodes' CPU seconds, each."""
+
+    nodes: int
+    seconds: float
+    cpu: float
+
+    @property
+    def cores(self) -> float:
+        """How many the nodes keep busy."""
+        return self.nodes * self.cpu / self.seconds
+
+
+@dataclass(frozen=True)
+class Model:
+    """The fitted numbers, in seconds; see above.
+
+    Attributes:
+        cpu: a.
+        growth: b.
+        few: p0.
+        wait: w.
+        cores: K.
+    """
+
+    cpu: float
+    growth: float
+    few: float
+    wait: float
+    cores: float
+
+    @staticmethod
+    def fitted(small: Measured, large: Measured, alone: Measured) -> "Model":
+        """From two sizes, and a torus that has a core for each cell."""
+        cores = large.cores
+        growth = (large.cpu - small.cpu) / log2(large.nodes / small.nodes)
+        return Model(small.cpu, growth, small.nodes / cores, max(0.0, alone.seconds - alone.cpu), cores)
+
+    def cpu_of(self, nodes: int, cores: float) -> float:
+        """c(p)."""
+        return self.cpu + self.growth * log2(max(1.0, nodes / cores / self.few))
+
+    def seconds(
+        self,
+        nodes: int,
+        cores: float | None = None,
+        extra: float = 0.0,
+        network: float = 0.0,
+        waits: bool = True,
+    ) -> float:
+        """T; on the cores of the calibration, unless others are given.
+
+        Args:
+            nodes: n.
+            cores: K.
+            extra: CPU time of a generation beside a trivial one: e.
+            network: x.
+            waits: False in async mode.
+        """
+        cores = self.cores if cores is None else cores
+        each = max(1.0, nodes / cores)
+        if not waits:
+            return each * (self.cpu + extra)
+        return each * (self.cpu_of(nodes, cores) + extra) + self.wait + network
+
+
+def error(predicted: float, measured: float) -> float:
+    """Of a rate, in percent of what is measured."""
+    return 100.0 * (predicted / measured - 1.0)
+
+
+class Variant(NamedTuple):
+    """A kind of job."""
+
+    name: str
+    fields: str
+    run: dict[str, Any]
+
+    @property
+    def file(self) -> ProblemFile:
+        """The problem; its target is out of reach."""
+        text = f'kind = "function"\nname = "onemax"\ndimension = 64\n{self.fields}\n'
+        return parse(text, self.name, Path()).with_run(target=-1.0, **self.run)
+
+
+PLAIN = Variant("lockstep", "", {})
+
+
+def variants(cost: float) -> list[Variant]:
+    """What is predicted beside the trivial fitness: one that takes ``cost`` µs, and both in async mode."""
+    dear = f"cost_us = {cost:g}"
+    return [
+        Variant(f"lockstep, {cost:g} µs", dear, {}),
+        Variant("async", "", {"mode": "async"}),
+        Variant(f"async, {cost:g} µs", dear, {"mode": "async"}),
+    ]
+
+
+def measure(cluster: LocalCluster, variant: Variant, seconds: float, repeats: int) -> Measured:
+    """Jobs of at least so many ``seconds``, each less a short one: medians of both times."""
+    generations = 8 * _SHORT
+    while _run(cluster, variant, generations)[0] < seconds / 2:  # also warms up
+        generations *= 2
+    found = []
+    for _ in range(repeats):
+        short, long = _run(cluster, variant, _SHORT), _run(cluster, variant, 2 * generations)
+        found.append([(after - before) / (2 * generations - _SHORT) for before, after in zip(short, long, strict=True)])
+    nodes = cluster.topology.cells
+    taken, cpu = (statistics.median(each) for each in zip(*found, strict=True))
+    print(f"{nodes} nodes, {variant.name}: {1 / taken:.1f} generations/s", file=sys.stderr, flush=True)
+    return Measured(nodes, taken, cpu / nodes)
+
+
+def _run(cluster: LocalCluster, variant: Variant, generations: int) -> tuple[float, float]:
+    """Seconds, and CPU seconds of all nodes together."""
+    before = _nodes_cpu(cluster)
+    result = cluster.submit(variant.file, generations=generations).result()
+    assert result.generations == generations, result
+    return result.seconds, _nodes_cpu(cluster) - before
+
+
+def _nodes_cpu(cluster: LocalCluster) -> float:
+    return sum(used for name, used in cluster.cpu_seconds_by_process().items() if name.startswith("node"))
+
+
+def main() -> None:
+    """Calibrate, predict, compare, extrapolate."""
+    options = _options()
+    small, large = options.calibrate[0], options.calibrate[-1]
+    alone = max(square for square in (2, 4, 9) if square <= max(2, _cores()))
+    measured: dict[int, Measured] = {}
+    others: dict[tuple[str, int], Measured] = {}
+    for nodes in sorted({alone, *options.calibrate, *options.predict}):
+        asked = variants(options.cost_us) if nodes == small or nodes in options.predict[:2] else []
+        with LocalCluster(topology=torus_of(nodes)) as cluster:
+            measured[nodes] = measure(cluster, PLAIN, options.seconds, options.repeats)
+            for each in asked:
+                others[each.name, nodes] = measure(cluster, each, options.seconds, options.repeats)
+    model = Model.fitted(measured[small], measured[large], measured[alone])
+    print(_fit(model, alone), end="\n\n")
+    print("| | nodes | CPU µs of a node, measured | model | generations/s, measured | model | error |")
+    print("|---|---:|---:|---:|---:|---:|---:|")
+    for found in measured.values():
+        used = " (calibrates)" if found.nodes in (alone, small, large) else ""
+        print(_line(f"lockstep{used}", found, model.cpu_of(found.nodes, model.cores), model.seconds(found.nodes)))
+    for line in _other_lines(model, others, small):
+        print(line)
+    print()
+    print("\n".join(beyond(model, options.machines, options.machine_cores, options.network_us)))
+
+
+def _options() -> argparse.Namespace:
+    def sizes(text: str) -> list[int]:
+        return sorted(int(each) for each in text.split(","))
+
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--calibrate", type=sizes, default=[16, 1024], help="two sizes, of more nodes than cores")
+    parser.add_argument("--predict", type=sizes, default=[64, 128, 256], help="the first two also with other jobs")
+    parser.add_argument("--seconds", type=float, default=3.0, help="of a job")
+    parser.add_argument("--repeats", type=int, default=3, help="medians of so many")
+    parser.add_argument("--cost-us", type=float, default=50.0, help="of an evaluation that costs something")
+    parser.add_argument("--machines", type=int, default=100, help="of the large computer")
+    parser.add_argument("--machine-cores", type=int, default=100, help="of each of its machines")
+    parser.add_argument("--network-us", type=float, default=30.0, help="one way, between them")
+    return parser.parse_args()
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0))
+
+
+def _fit(model: Model, alone: int) -> str:
+    return (
+        f"{_cores()} cores here. Fitted: a = {model.cpu * 1e6:.1f} µs, b = {model.growth * 1e6:.1f} µs "
+        f"for each doubling beyond p0 = {model.few:.1f} processes a core, "
+        f"K = {model.cores:.2f} cores, w = {model.wait * 1e6:.0f} µs (on {torus_of(alone)})."
+    )
+
+
+def _line(name: str, found: Measured, cpu: float, seconds: float) -> str:
+    rate = 1.0 / found.seconds
+    return (
+        f"| {name} | {found.nodes} | {found.cpu * 1e6:.0f} | {cpu * 1e6:.0f} | {rate:,.1f} | {1.0 / seconds:,.1f} "
+        f"| {error(1.0 / seconds, rate):+.0f} % |"
+    )
+
+
+def _other_lines(model: Model, others: dict[tuple[str, int], Measured], small: int) -> Iterator[str]:
+    """What a job of another kind costs more is taken from the small torus, and predicted for the others."""
+    for (name, nodes), found in others.items():
+        extra = others[name, small].cpu - model.cpu
+        waits = not name.startswith("async")
+        cpu = (model.cpu_of(nodes, model.cores) if waits else model.cpu) + extra
+        used = " (CPU calibrates)" if nodes == small else ""
+        yield _line(f"{name}{used}", found, cpu, model.seconds(nodes, extra=extra, waits=waits))
+
+
+def beyond(model: Model, machines: int, cores: int, network_us: float) -> list[str]:
+    """What a computer of many machines would do, one cell on each core: a table, and the traffic."""
+    cells = machines * cores
+    torus = topologies.parse(torus_of(cells))
+    lines = [
+        f"One cell on each of {cells:,} cores ({torus.spec}), in lockstep:",
+        "",
+        "| | µs of a generation | generations/s | messages/s | news crosses the torus in |",
+        "|---|---:|---:|---:|---:|",
+    ]
+    costs = (0.0, 100.0, 1000.0, 10_000.0)
+    networks = dict.fromkeys((0.0, network_us, 10 * network_us))
+    for network in networks:
+        for cost in costs if network == network_us else costs[:1]:
+            seconds = model.seconds(cells, cells, _EVALUATIONS * cost * 1e-6, network * 1e-6)
+            lines.append(
+                f"| network {network:g} µs, evaluation {cost:g} µs | {seconds * 1e6:,.0f} | {1 / seconds:,.0f} "
+                f"| {_SLOTS * cells / seconds:,.0f} | {torus.diameter * seconds * 1e3:,.1f} ms |"
+            )
+    crossing = crossing_share(cores)
+    lines += [
+        "",
+        f"Of these messages {100 * crossing:.0f} % go from machine to machine, if each has a square of cells.",
+    ]
+    return lines
+
+
+def crossing_share(cells: int) -> float:
+    """The share of links that leave a square (or the most square block) of so many cells."""
+    rows, columns = (int(each) for each in torus_of(cells).removeprefix("torus ").split("x"))
+    return 2 * (rows + columns) / (_SLOTS * rows * columns)
+
+
+if __name__ == "__main__":
+    main()
