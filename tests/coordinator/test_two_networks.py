@@ -1,0 +1,99 @@
+"""Where no direct link is possible neighbours are heard through the router; two folders of sockets are two networks."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import pytest
+
+import supernode
+from coordinator.conductor import Conductor
+from coordinator.job import JobEntry, Order
+from node import Plan, simulate
+from spy.result import _history
+from wire import sessions
+from wire.keys import Keys
+
+SPEC = "torus 2x2"
+CLUSTER = "apart"
+PROCESS = """
+import ctypes, json, os, signal, sys
+from pathlib import Path
+ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # none outlives the test
+import node.links
+from node.berth import Berth
+role, folder, node_number, router = json.loads(sys.argv[1])
+node.links._DIRECT_WITHIN = 0.5
+berth = Berth("apart", node_number, "torus 2x2", Path(folder), router)
+if role == "router":
+    from coordinator.router import route
+    route(router, 1)
+elif role == "spy":
+    from spy.process import watch
+    watch(berth)
+else:
+    from node.process import live
+    live(berth)
+"""
+
+
+def start(role, folder, number, router):
+    arguments = json.dumps([role, str(folder), number, router])
+    return subprocess.Popen([sys.executable, "-c", PROCESS, arguments], stdout=subprocess.PIPE)
+
+
+@pytest.fixture
+def apart():
+    """A cluster whose upper and lower row of cells cannot reach each other; yields a session and the keys."""
+    with tempfile.TemporaryDirectory(dir="/dev/shm") as upper, tempfile.TemporaryDirectory(dir="/dev/shm") as lower:
+        router = sessions.unix_socket(Path(upper), "router")
+        processes = [start("router", upper, 0, router)]
+        assert processes[0].stdout.read(1) == b"!"
+        processes.append(start("spy", upper, 0, router))
+        processes += [start("node", upper if cell < 2 else lower, cell, router) for cell in range(4)]
+        session, keys = sessions.client(router), Keys(CLUSTER)
+        try:
+            wait_for(session, {keys.node(cell) for cell in range(4)} | {keys.spy})
+            yield session, keys
+        finally:
+            session.close()
+            for process in processes:
+                os.kill(process.pid, signal.SIGKILL)
+                process.wait()
+                process.stdout.close()
+
+
+def wait_for(session, awaited):
+    import threading
+
+    from wire.callbacks import direct
+
+    all_there = threading.Event()
+
+    def see(sample):
+        awaited.discard(str(sample.key_expr))
+        if not awaited:
+            all_there.set()
+
+    watchers = [session.liveliness().declare_subscriber(key, direct(see), history=True) for key in tuple(awaited)]
+    assert all_there.wait(60), awaited
+    for watcher in watchers:
+        watcher.undeclare()
+
+
+@pytest.mark.parametrize("mode", ["lockstep", "async"])
+def test_cells_on_two_networks_hear_each_other_through_the_router(apart, own_problem, mode):
+    session, keys = apart
+    file = supernode.load(own_problem("size = 64")).with_run(
+        topology=SPEC, target=-1.0, generations=40, seed=5, mode=mode
+    )
+    result = Conductor(JobEntry(Order(1, file, None)), session, keys).conduct(0.0, lambda: 0.0)
+    assert (result.status, result.generations) == ("exhausted", 40)
+    assert result.messages["received"] > result.messages["sent"] > 100, "each has two neighbours"
+    if mode == "lockstep":
+        assert result.messages["received"] == 2 * result.messages["sent"]
+        assert result.history_sha256 == _history(simulate(Plan.of(file)))
