@@ -8,8 +8,8 @@ With n cells on K cores, p = max(1, n / K) of them on each, a generation takes
 
 - c(p) = a + b (1 - sqrt(p0 / max(p, p0))): CPU time of a node and generation without evaluations. Processes that share
   a core push each other's state out of its caches. What is left of it when a turn comes is taken to fall as a root, as
-  caches do by rule of thumb; b is what it costs to find nothing left. Below p0, that of the smaller calibration, nothing
-  is gained: a core of one's own can only be better.
+  caches do by rule of thumb; b is what it costs to find nothing left. Below p0, that of the smaller calibration,
+  nothing is gained: a core of one's own can only be better.
 - e: CPU time of its evaluations.
 - w: what one waits for the last neighbour's message: processes are woken. Others on the same core work meanwhile.
 - x: the network between machines, one way, if neighbours live on different ones. In lockstep everybody goes at the pace
