@@ -4,13 +4,14 @@ Usage: python -m benchmarks.model [--calibrate 16,1024] [--predict 64,128,256] [
 
 With n cells on K cores, p = max(1, n / K) of them on each, a generation takes
 
-    T = p (c(p) + e) + w + x
+    T = max(p (c(p) + e), c(p) + e + w + x)
 
-- c(p) = a + b log2(max(1, p / p0)): CPU time of a node and generation without evaluations. Processes that share a core
-  spoil each other's caches, by as much again with every doubling beyond the p0 of the smaller calibration, and by
-  nothing below it: a core of its own can only be better.
+- c(p) = a + b (1 - sqrt(p0 / max(p, p0))): CPU time of a node and generation without evaluations. Processes that share
+  a core push each other's state out of its caches. What is left of it when a turn comes is taken to fall as a root, as
+  caches do by rule of thumb; b is what it costs to find nothing left. Below p0, that of the smaller calibration,
+  nothing is gained: a core of one's own can only be better.
 - e: CPU time of its evaluations.
-- w: what one waits for the last neighbour's message, beside all work: two processes woken, one on each side.
+- w: what one waits for the last neighbour's message: processes are woken. Others on the same core work meanwhile.
 - x: the network between machines, one way, if neighbours live on different ones. In lockstep everybody goes at the pace
   of the slowest cycle of neighbours, so one such link is enough.
 
@@ -19,6 +20,8 @@ for all (the spy, the router and the kernel have the rest), at the larger; w on 
 than the machine has cores. Everything else that is printed is predicted. Left out: variation between generations and
 between machines (the slowest of many delays in each exchange, so for many cores this is a bound, not an estimate), and
 bandwidth. Async nodes wait for nobody and breed on for as long as the scheduler lets them: w = x = b = 0.
+
+Other work on the machine shows as fewer cores busy than K, and then only the CPU times can be held against the model.
 """
 
 import argparse
@@ -26,13 +29,14 @@ import os
 import statistics
 import sys
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
-from math import log2
+from math import sqrt
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import topologies
-from coordinator import LocalCluster
+from coordinator import ClusterFailed, LocalCluster
 from coordinator.scaling.experiment import torus_of
 from problems import ProblemFile
 from problems.file import parse
@@ -61,14 +65,14 @@ class Model:
 
     Attributes:
         cpu: a.
-        growth: b.
+        cold: b.
         few: p0.
         wait: w.
         cores: K.
     """
 
     cpu: float
-    growth: float
+    cold: float
     few: float
     wait: float
     cores: float
@@ -76,13 +80,13 @@ class Model:
     @staticmethod
     def fitted(small: Measured, large: Measured, alone: Measured) -> "Model":
         """From two sizes, and a torus that has a core for each cell."""
-        cores = large.cores
-        growth = (large.cpu - small.cpu) / log2(large.nodes / small.nodes)
-        return Model(small.cpu, growth, small.nodes / cores, max(0.0, alone.seconds - alone.cpu), cores)
+        cold = (large.cpu - small.cpu) / (1.0 - sqrt(small.nodes / large.nodes))
+        wait = max(0.0, alone.seconds - alone.cpu)
+        return Model(small.cpu, cold, small.nodes / large.cores, wait, large.cores)
 
     def cpu_of(self, nodes: int, cores: float) -> float:
         """c(p)."""
-        return self.cpu + self.growth * log2(max(1.0, nodes / cores / self.few))
+        return self.cpu + self.cold * (1.0 - sqrt(min(1.0, self.few * cores / nodes)))
 
     def seconds(
         self,
@@ -105,11 +109,12 @@ class Model:
         each = max(1.0, nodes / cores)
         if not waits:
             return each * (self.cpu + extra)
-        return each * (self.cpu_of(nodes, cores) + extra) + self.wait + network
+        work = self.cpu_of(nodes, cores) + extra
+        return max(each * work, work + self.wait + network)
 
 
 def error(predicted: float, measured: float) -> float:
-    """Of a rate, in percent of what is measured."""
+    """In percent of what is measured."""
     return 100.0 * (predicted / measured - 1.0)
 
 
@@ -138,6 +143,19 @@ def variants(cost: float) -> list[Variant]:
         Variant("async", "", {"mode": "async"}),
         Variant(f"async, {cost:g} µs", dear, {"mode": "async"}),
     ]
+
+
+@contextmanager
+def _cluster_of(nodes: int) -> Iterator[LocalCluster]:
+    """A cluster that may take its time to end, without spoiling what was measured."""
+    cluster = LocalCluster(topology=torus_of(nodes))
+    try:
+        yield cluster
+    finally:
+        try:
+            cluster.close()
+        except ClusterFailed as failure:
+            print(f"{nodes} nodes: {failure}", file=sys.stderr, flush=True)
 
 
 def measure(cluster: LocalCluster, variant: Variant, seconds: float, repeats: int) -> Measured:
@@ -176,14 +194,14 @@ def main() -> None:
     others: dict[tuple[str, int], Measured] = {}
     for nodes in sorted({alone, *options.calibrate, *options.predict}):
         asked = variants(options.cost_us) if nodes == small or nodes in options.predict[:2] else []
-        with LocalCluster(topology=torus_of(nodes)) as cluster:
+        with _cluster_of(nodes) as cluster:
             measured[nodes] = measure(cluster, PLAIN, options.seconds, options.repeats)
             for each in asked:
                 others[each.name, nodes] = measure(cluster, each, options.seconds, options.repeats)
     model = Model.fitted(measured[small], measured[large], measured[alone])
     print(_fit(model, alone), end="\n\n")
-    print("| | nodes | CPU µs of a node, measured | model | generations/s, measured | model | error |")
-    print("|---|---:|---:|---:|---:|---:|---:|")
+    print("| | nodes | cores busy | CPU µs of a node | model | error | generations/s | model | error |")
+    print("|---|---:|---:|---:|---:|---:|---:|---:|---:|")
     for found in measured.values():
         used = " (calibrates)" if found.nodes in (alone, small, large) else ""
         print(_line(f"lockstep{used}", found, model.cpu_of(found.nodes, model.cores), model.seconds(found.nodes)))
@@ -215,17 +233,17 @@ def _cores() -> int:
 
 def _fit(model: Model, alone: int) -> str:
     return (
-        f"{_cores()} cores here. Fitted: a = {model.cpu * 1e6:.1f} µs, b = {model.growth * 1e6:.1f} µs "
-        f"for each doubling beyond p0 = {model.few:.1f} processes a core, "
-        f"K = {model.cores:.2f} cores, w = {model.wait * 1e6:.0f} µs (on {torus_of(alone)})."
+        f"{_cores()} cores here. Fitted: a = {model.cpu * 1e6:.0f} µs, b = {model.cold * 1e6:.0f} µs, "
+        f"p0 = {model.few:.1f} processes a core, K = {model.cores:.2f} cores, "
+        f"w = {model.wait * 1e6:.0f} µs (on {torus_of(alone)})."
     )
 
 
 def _line(name: str, found: Measured, cpu: float, seconds: float) -> str:
-    rate = 1.0 / found.seconds
+    rate, predicted = 1.0 / found.seconds, 1.0 / seconds
     return (
-        f"| {name} | {found.nodes} | {found.cpu * 1e6:.0f} | {cpu * 1e6:.0f} | {rate:,.1f} | {1.0 / seconds:,.1f} "
-        f"| {error(1.0 / seconds, rate):+.0f} % |"
+        f"| {name} | {found.nodes} | {found.cores:.2f} | {found.cpu * 1e6:.0f} | {cpu * 1e6:.0f} "
+        f"| {error(cpu, found.cpu):+.0f} % | {rate:,.1f} | {predicted:,.1f} | {error(predicted, rate):+.0f} % |"
     )
 
 

@@ -4,7 +4,7 @@ import pytest
 
 from benchmarks.model import Measured, Model, beyond, crossing_share, error
 
-MODEL = Model(cpu=60e-6, growth=30e-6, few=8.0, wait=80e-6, cores=2.0)
+MODEL = Model(cpu=60e-6, cold=160e-6, few=8.0, wait=80e-6, cores=2.0)
 
 
 def measured(nodes):
@@ -12,26 +12,28 @@ def measured(nodes):
 
 
 def test_it_finds_the_numbers_that_made_the_measurements():
-    large = measured(1024)._replace(seconds=1024 * MODEL.cpu_of(1024, 2.0) / 2.0)  # the wait does not count there
     alone = Measured(2, 20e-6 + 80e-6, 20e-6)
-    found = Model.fitted(measured(16), large, alone)
+    found = Model.fitted(measured(16), measured(1024), alone)
     assert found.cpu == pytest.approx(MODEL.cpu)
-    assert found.growth == pytest.approx(MODEL.growth)
+    assert found.cold == pytest.approx(MODEL.cold)
     assert found.few == pytest.approx(MODEL.few)
     assert found.wait == pytest.approx(MODEL.wait)
     assert found.cores == pytest.approx(MODEL.cores)
 
 
-def test_cpu_time_grows_with_every_doubling_beyond_the_first_size():
+def test_cpu_time_grows_with_the_processes_of_a_core_up_to_that_of_cold_caches():
     assert MODEL.cpu_of(16, 2.0) == pytest.approx(60e-6)
-    assert MODEL.cpu_of(64, 2.0) == pytest.approx(120e-6)
+    assert MODEL.cpu_of(64, 2.0) == pytest.approx(60e-6 + 80e-6)
+    assert MODEL.cpu_of(1 << 40, 2.0) == pytest.approx(60e-6 + 160e-6, rel=1e-4)
     assert MODEL.cpu_of(64, 8.0) == pytest.approx(60e-6)
     assert MODEL.cpu_of(2, 2.0) == pytest.approx(60e-6)
 
 
-def test_a_generation_is_the_work_of_a_core_and_a_wait():
-    assert MODEL.seconds(16) == pytest.approx(8 * 60e-6 + 80e-6)
-    assert MODEL.seconds(16, extra=100e-6) == pytest.approx(8 * 160e-6 + 80e-6)
+def test_a_generation_is_the_work_of_a_core_or_a_wait():
+    assert MODEL.seconds(16) == pytest.approx(8 * 60e-6)
+    assert MODEL.seconds(16, extra=100e-6) == pytest.approx(8 * 160e-6)
+    assert MODEL.seconds(4) == pytest.approx(60e-6 + 80e-6)
+    assert MODEL.seconds(2, extra=100e-6) == pytest.approx(160e-6 + 80e-6)
     assert MODEL.seconds(16, cores=16.0, network=50e-6) == pytest.approx(60e-6 + 80e-6 + 50e-6)
     assert MODEL.seconds(16, cores=1000.0) == pytest.approx(60e-6 + 80e-6)
     assert MODEL.seconds(64, network=1.0, waits=False) == pytest.approx(32 * 60e-6)
