@@ -87,6 +87,8 @@ def test_async_runs_have_the_same_result_type(cluster, own_problem):
     result = cluster.submit(supernode.load(own_problem()), mode="async").result()
     assert isinstance(result, Result)
     assert (result.status, result.mode) == ("solved", "async")
+    assert result.staleness["max"] >= result.staleness["mean"] >= 0
+    assert 0 <= result.staleness["again"] <= 1
     limited = cluster.submit(supernode.load(own_problem()), mode="async", target=-1.0, generations=30).result()
     assert (limited.status, limited.generations) == ("exhausted", 30)
 
