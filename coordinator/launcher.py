@@ -17,7 +17,8 @@ from coordinator.errors import ClusterFailed
 
 _PREFIX = "supernode-"
 _IN_MEMORY = Path("/dev/shm")
-_END_WITHIN = 5.0  # seconds
+_END_WITHIN = 60.0  # seconds: a thousand processes are gone in three, but machines may be busy
+_YOUNG = 5.0  # seconds
 _LONGEST_HOME = 60  # bytes
 _ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
@@ -130,7 +131,7 @@ def _remove_stale_folders() -> None:
     """Folders of clusters whose processes were all killed at once, so that nobody could clean up."""
     for folder in _home().glob(f"{_PREFIX}*"):
         try:
-            if folder.stat().st_uid != os.getuid() or time.time() - folder.stat().st_mtime < _END_WITHIN:
+            if folder.stat().st_uid != os.getuid() or time.time() - folder.stat().st_mtime < _YOUNG:
                 continue  # another's, or so young that its owner may not have locked it yet
             descriptor = _lock(folder)
         except OSError:
