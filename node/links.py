@@ -5,6 +5,7 @@ no direct link reaches (it lives on another network) is heard through the router
 what comes by both ways the cell ignores once.
 """
 
+import contextlib
 import threading
 from collections.abc import Callable
 from functools import partial
@@ -17,7 +18,7 @@ from node.berth import Berth
 from wire import sessions
 from wire.callbacks import direct, frequent
 
-_DIRECT_WITHIN = 10.0  # seconds that a direct link may take to come up; a thousand nodes start in less
+_DIRECT_WITHIN = 30.0  # seconds that a direct link may take to come up; a thousand nodes start in a third of it
 
 Hear = Callable[[int, zenoh.Sample], None]
 """Called on Zenoh's thread with the sender and its message."""
@@ -103,11 +104,19 @@ class Links:
             self._routed_out = self.control.declare_publisher(self.keys.out(self.node))
             self._routed_token = self.control.liveliness().declare_token(self.keys.routed(self.node))
             self.publish = self._publish_both_ways
+        elif self._routed_out is not None and not self._routed:
+            # Links are mutual: who is heard directly hears directly.
+            self.publish = self._out.put
+            self._routed_token.undeclare()  # type: ignore[no-untyped-call]
+            self._routed_out.undeclare()  # type: ignore[no-untyped-call]
+            self._routed_out = None
 
     def _publish_both_ways(self, payload: bytes) -> None:
-        assert self._routed_out is not None, "declared before"
+        routed = self._routed_out
         self._out.put(payload)
-        self._routed_out.put(payload)
+        if routed is not None:
+            with contextlib.suppress(zenoh.ZError):  # undeclared meanwhile, on the main thread
+                routed.put(payload)
 
     def _route(self, neighbour: int) -> list[Any]:
         """Listen to a neighbour through the router, and for its word that it listens too."""

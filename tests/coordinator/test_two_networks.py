@@ -6,9 +6,11 @@ import signal
 import subprocess
 import sys
 import tempfile
+import threading
 from pathlib import Path
 
 import pytest
+import zenoh
 
 import supernode
 from coordinator.conductor import Conductor
@@ -16,6 +18,7 @@ from coordinator.job import JobEntry, Order
 from node import Plan, simulate
 from spy.result import _history
 from wire import sessions
+from wire.callbacks import direct
 from wire.keys import Keys
 
 SPEC = "torus 2x2"
@@ -56,9 +59,16 @@ def apart():
         processes.append(start("spy", upper, 0, router))
         processes += [start("node", upper if cell < 2 else lower, cell, router) for cell in range(4)]
         session, keys = sessions.client(router), Keys(CLUSTER)
+
+        def join():
+            for here, there in ((upper, lower), (lower, upper)):
+                for socket in Path(here).glob("n*.sock"):
+                    if not socket.is_symlink():
+                        (Path(there) / socket.name).symlink_to(socket)
+
         try:
             wait_for(session, {keys.node(cell) for cell in range(4)} | {keys.spy})
-            yield session, keys
+            yield session, keys, join
         finally:
             session.close()
             for process in processes:
@@ -67,33 +77,38 @@ def apart():
                 process.stdout.close()
 
 
-def wait_for(session, awaited):
-    import threading
-
-    from wire.callbacks import direct
-
-    all_there = threading.Event()
+def wait_for(session, awaited, kind=zenoh.SampleKind.PUT, meanwhile=lambda: None):
+    """Wait until all tokens have come, or gone."""
+    happened = threading.Event()
 
     def see(sample):
-        awaited.discard(str(sample.key_expr))
-        if not awaited:
-            all_there.set()
+        if sample.kind == kind:
+            awaited.discard(str(sample.key_expr))
+            if not awaited:
+                happened.set()
 
     watchers = [session.liveliness().declare_subscriber(key, direct(see), history=True) for key in tuple(awaited)]
-    assert all_there.wait(60), awaited
+    meanwhile()
+    assert happened.wait(60), awaited
     for watcher in watchers:
         watcher.undeclare()
 
 
-@pytest.mark.parametrize("mode", ["lockstep", "async"])
-def test_cells_on_two_networks_hear_each_other_through_the_router(apart, own_problem, mode):
-    session, keys = apart
-    file = supernode.load(own_problem("size = 64")).with_run(
-        topology=SPEC, target=-1.0, generations=40, seed=5, mode=mode
-    )
-    result = Conductor(JobEntry(Order(1, file, None)), session, keys).conduct(0.0, lambda: 0.0)
-    assert (result.status, result.generations) == ("exhausted", 40)
-    assert result.messages["received"] > result.messages["sent"] > 100, "each has two neighbours"
-    if mode == "lockstep":
+def run(session, keys, number, file):
+    return Conductor(JobEntry(Order(number, file, None)), session, keys).conduct(0.0, lambda: 0.0)
+
+
+def test_cells_on_two_networks_hear_each_other_through_the_router_until_they_can_do_without(apart, own_problem):
+    session, keys, join = apart
+    file = supernode.load(own_problem("size = 64")).with_run(topology=SPEC, target=-1.0, generations=40, seed=5)
+    expected = _history(simulate(Plan.of(file)))
+    loose = run(session, keys, 1, file.with_run(mode="async"))
+    assert (loose.status, loose.generations) == ("exhausted", 40)
+    assert loose.messages["received"] > loose.messages["sent"] > 100, "each has two neighbours"
+    routed = run(session, keys, 2, file)
+    wait_for(session, {keys.routed(cell) for cell in range(4)}, zenoh.SampleKind.DELETE, join)
+    linked = run(session, keys, 3, file)
+    for result in (routed, linked):
         assert result.messages["received"] == 2 * result.messages["sent"]
-        assert result.history_sha256 == _history(simulate(Plan.of(file)))
+        assert result.messages["lost"] == 0
+        assert result.history_sha256 == expected
