@@ -7,7 +7,6 @@ time, and all of async mode, where breeding goes on while messages come in.
 """
 
 import contextlib
-import ctypes
 import json
 import os
 import queue
@@ -46,7 +45,6 @@ from wire.news import Counters, LogRecord
 from wire.report import Report
 from wire.strict import Rejected
 
-_LIBC = ctypes.CDLL(None)
 PATIENCE = 1.0  # seconds without a generation, at least, after which a lockstep node asks for what is missing
 MOST_REPORTS_PER_SECOND = 256  # of counters, over the whole cluster
 BRISK_SECONDS = 2e-3  # of processor time: a generation that takes less may be bred on the network thread
@@ -182,19 +180,18 @@ class NodeProcess:
             assignment = self.assignment
             if assignment is None:
                 continue
-            if assignment.busy:
+            while assignment.busy:
                 self._carry_on(assignment)
-                if not assignment.in_lockstep:
-                    # For the network thread and the neighbours, should they want this core (or Python): else a node
-                    # breeds hundreds of generations with the same immigrants until its turn is over.
-                    _LIBC.sched_yield()
+                if not self.mail.empty() or assignment.bred_at >= self._stats_due:
+                    break
             if assignment.cell.state == "running":
                 self._mind_the_time(assignment)
 
     def _open_mail(self) -> None:
         """Wait for mail unless there is something else to do, and do all that it asks for."""
-        with contextlib.suppress(queue.Empty):
-            self.mail.get(timeout=self._idle_seconds())()
+        if self.mail.empty():
+            with contextlib.suppress(queue.Empty):
+                self.mail.get(timeout=self._idle_seconds())()
         for _ in range(self.mail.qsize()):
             self.mail.get_nowait()()
 
@@ -210,7 +207,14 @@ class NodeProcess:
     def _carry_on(self, assignment: _Assignment) -> None:
         with assignment.turn:
             for action in assignment.step():
-                self._carry_out(assignment, action)
+                if type(action) is Publish:
+                    self.links.publish(action.payload)
+                else:
+                    self._carry_out(assignment, action)
+        if not assignment.in_lockstep:
+            # For the network thread and the neighbours, should they want this core (or Python): else a node breeds
+            # hundreds of generations with the same immigrants until its turn is over.
+            os.sched_yield()
 
     def _mind_the_time(self, assignment: _Assignment) -> None:
         """Ask for what a lockstep cell misses when it waits far longer than usual, and tell counters now and then."""
@@ -264,9 +268,7 @@ class NodeProcess:
         return Done(json.dumps(fingerprint()))
 
     def _carry_out(self, assignment: _Assignment, action: Action) -> None:
-        if isinstance(action, Publish):
-            self.links.publish(action.payload)
-        elif isinstance(action, Ask):
+        if isinstance(action, Ask):
             self._ask(assignment, action)
         elif isinstance(action, Answer):
             assert isinstance(action.question, zenoh.Query)
