@@ -10,16 +10,18 @@ With n cells on K cores, p = max(1, n / K) of them on each, a generation takes
   a core push each other's state out of its caches. What is left of it when a turn comes is taken to fall as a root, as
   caches do by rule of thumb; b is what it costs to find nothing left. Below p0, that of the smaller calibration,
   nothing is gained: a core of one's own can only be better.
+- K = K0 - k (sqrt(n) - sqrt(n0)): the cores that the nodes keep busy when there is work for all. The spy, the router
+  and the kernel have the rest, and the kernel's part grows with the processes (by much where it samples who uses which
+  memory): in some way between a logarithm and a straight line, and the root lies between the two.
 - e: CPU time of its evaluations.
 - w: what one waits for the last neighbour's message: processes are woken. Others on the same core work meanwhile.
 - x: the network between machines, one way, if neighbours live on different ones. In lockstep everybody goes at the pace
   of the slowest cycle of neighbours, so one such link is enough.
 
-Four numbers are fitted: a, b from the CPU times at two sizes; K, the cores that the nodes keep busy when there is work
-for all (the spy, the router and the kernel have the rest), at the larger; w on the largest torus with no more cells
-than the machine has cores. Everything else that is printed is predicted. Left out: variation between generations and
-between machines (the slowest of many delays in each exchange, so for many cores this is a bound, not an estimate), and
-bandwidth. Async nodes wait for nobody and breed on for as long as the scheduler lets them: w = x = b = 0.
+Five numbers are fitted: a and b from the CPU times, K0 and k from the cores kept busy, at two sizes; w on the largest
+torus with no more cells than the machine has cores. Everything else that is printed is predicted. Left out: variation
+between generations and between machines (the slowest of many delays in each exchange, so for many cores this is a
+bound, not an estimate), and bandwidth. Async nodes wait for nobody: w = x = 0.
 
 Other work on the machine shows as fewer cores busy than K, and then only the CPU times can be held against the model.
 """
@@ -66,26 +68,40 @@ class Model:
     Attributes:
         cpu: a.
         cold: b.
-        few: p0.
         wait: w.
-        cores: K.
+        least: n0, nodes.
+        cores: K0.
+        lost: k.
     """
 
     cpu: float
     cold: float
-    few: float
     wait: float
+    least: int
     cores: float
+    lost: float
 
     @staticmethod
     def fitted(small: Measured, large: Measured, alone: Measured) -> "Model":
         """From two sizes, and a torus that has a core for each cell."""
-        cold = (large.cpu - small.cpu) / (1.0 - sqrt(small.nodes / large.nodes))
+        left = sqrt(small.nodes / small.cores * large.cores / large.nodes)
+        cold = (large.cpu - small.cpu) / (1.0 - left)
         wait = max(0.0, alone.seconds - alone.cpu)
-        return Model(small.cpu, cold, small.nodes / large.cores, wait, large.cores)
+        lost = (small.cores - large.cores) / (sqrt(large.nodes) - sqrt(small.nodes))
+        return Model(small.cpu, cold, wait, small.nodes, small.cores, lost)
 
-    def cpu_of(self, nodes: int, cores: float) -> float:
-        """c(p)."""
+    @property
+    def few(self) -> float:
+        """p0."""
+        return self.least / self.cores
+
+    def cores_of(self, nodes: int) -> float:
+        """K."""
+        return self.cores - self.lost * max(0.0, sqrt(nodes) - sqrt(self.least))
+
+    def cpu_of(self, nodes: int, cores: float | None = None) -> float:
+        """c(p); on the cores of the calibration, unless others are given."""
+        cores = self.cores_of(nodes) if cores is None else cores
         return self.cpu + self.cold * (1.0 - sqrt(min(1.0, self.few * cores / nodes)))
 
     def seconds(
@@ -105,12 +121,10 @@ class Model:
             network: x.
             waits: False in async mode.
         """
-        cores = self.cores if cores is None else cores
+        cores = self.cores_of(nodes) if cores is None else cores
         each = max(1.0, nodes / cores)
-        if not waits:
-            return each * (self.cpu + extra)
         work = self.cpu_of(nodes, cores) + extra
-        return max(each * work, work + self.wait + network)
+        return max(each * work, work + self.wait + network) if waits else each * work
 
 
 def error(predicted: float, measured: float) -> float:
@@ -203,8 +217,9 @@ def main() -> None:
     print("| | nodes | cores busy | CPU µs of a node | model | error | generations/s | model | error |")
     print("|---|---:|---:|---:|---:|---:|---:|---:|---:|")
     for found in measured.values():
-        used = " (calibrates)" if found.nodes in (alone, small, large) else ""
-        print(_line(f"lockstep{used}", found, model.cpu_of(found.nodes, model.cores), model.seconds(found.nodes)))
+        if found.nodes != alone:
+            used = " (calibrates)" if found.nodes in (small, large) else ""
+            print(_line(f"lockstep{used}", found, model.cpu_of(found.nodes), model.seconds(found.nodes)))
     for line in _other_lines(model, others, small):
         print(line)
     print()
@@ -234,7 +249,7 @@ def _cores() -> int:
 def _fit(model: Model, alone: int) -> str:
     return (
         f"{_cores()} cores here. Fitted: a = {model.cpu * 1e6:.0f} µs, b = {model.cold * 1e6:.0f} µs, "
-        f"p0 = {model.few:.1f} processes a core, K = {model.cores:.2f} cores, "
+        f"p0 = {model.few:.1f} processes a core, K0 = {model.cores:.2f} cores, k = {model.lost:.4f}, "
         f"w = {model.wait * 1e6:.0f} µs (on {torus_of(alone)})."
     )
 
@@ -251,10 +266,9 @@ def _other_lines(model: Model, others: dict[tuple[str, int], Measured], small: i
     """What a job of another kind costs more is taken from the small torus, and predicted for the others."""
     for (name, nodes), found in others.items():
         extra = others[name, small].cpu - model.cpu
-        waits = not name.startswith("async")
-        cpu = (model.cpu_of(nodes, model.cores) if waits else model.cpu) + extra
         used = " (CPU calibrates)" if nodes == small else ""
-        yield _line(f"{name}{used}", found, cpu, model.seconds(nodes, extra=extra, waits=waits))
+        seconds = model.seconds(nodes, extra=extra, waits=not name.startswith("async"))
+        yield _line(f"{name}{used}", found, model.cpu_of(nodes) + extra, seconds)
 
 
 def beyond(model: Model, machines: int, cores: int, network_us: float) -> list[str]:

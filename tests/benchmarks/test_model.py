@@ -1,24 +1,31 @@
 """The arithmetic of the model of how fast a torus goes; nothing here is timed."""
 
+from dataclasses import astuple, replace
+
 import pytest
 
 from benchmarks.model import Measured, Model, beyond, crossing_share, error
 
-MODEL = Model(cpu=60e-6, cold=160e-6, few=8.0, wait=80e-6, cores=2.0)
+MODEL = Model(cpu=60e-6, cold=160e-6, wait=80e-6, least=16, cores=2.0, lost=0.0)
+LOSING = replace(MODEL, lost=0.02)
 
 
-def measured(nodes):
-    return Measured(nodes, MODEL.seconds(nodes), MODEL.cpu_of(nodes, MODEL.cores))
+def measured(model, nodes):
+    return Measured(nodes, model.seconds(nodes), model.cpu_of(nodes))
 
 
-def test_it_finds_the_numbers_that_made_the_measurements():
+@pytest.mark.parametrize("model", [MODEL, LOSING])
+def test_it_finds_the_numbers_that_made_the_measurements(model):
     alone = Measured(2, 20e-6 + 80e-6, 20e-6)
-    found = Model.fitted(measured(16), measured(1024), alone)
-    assert found.cpu == pytest.approx(MODEL.cpu)
-    assert found.cold == pytest.approx(MODEL.cold)
-    assert found.few == pytest.approx(MODEL.few)
-    assert found.wait == pytest.approx(MODEL.wait)
-    assert found.cores == pytest.approx(MODEL.cores)
+    found = Model.fitted(measured(model, 16), measured(model, 1024), alone)
+    assert astuple(found) == pytest.approx(astuple(model))
+
+
+def test_the_kernel_takes_more_of_the_cores_the_more_processes_there_are():
+    assert LOSING.cores_of(4) == LOSING.cores_of(16) == 2.0
+    assert LOSING.cores_of(64) == pytest.approx(2.0 - 0.08)
+    assert LOSING.cores_of(1024) == pytest.approx(2.0 - 0.56)
+    assert LOSING.seconds(1024) > MODEL.seconds(1024)
 
 
 def test_cpu_time_grows_with_the_processes_of_a_core_up_to_that_of_cold_caches():
@@ -36,7 +43,7 @@ def test_a_generation_is_the_work_of_a_core_or_a_wait():
     assert MODEL.seconds(2, extra=100e-6) == pytest.approx(160e-6 + 80e-6)
     assert MODEL.seconds(16, cores=16.0, network=50e-6) == pytest.approx(60e-6 + 80e-6 + 50e-6)
     assert MODEL.seconds(16, cores=1000.0) == pytest.approx(60e-6 + 80e-6)
-    assert MODEL.seconds(64, network=1.0, waits=False) == pytest.approx(32 * 60e-6)
+    assert MODEL.seconds(64, network=1.0, waits=False) == pytest.approx(32 * (60e-6 + 80e-6))
 
 
 def test_busy_cores_are_cpu_time_by_time():
