@@ -3,8 +3,9 @@
 Usage: python -m benchmarks.exchange [--torus 4x4,8x8] [--steps 100000]
 
 CPU time is that of all processes of the cluster (nodes, router, spy, zygote and coordinator) during the job, by the
-kernel's clock of each. The floor is measured before and after each size, in the same run on the same machine; only the
-ratio of the two means anything elsewhere.
+kernel's clock of each. The floor is measured before and after each size, in the same run on the same machine, as the
+difference of a long and a short exchange, without the processes' birth and death; only the ratio of the two means
+anything elsewhere.
 """
 
 import argparse
@@ -54,7 +55,7 @@ def row(spec: str, steps: int) -> list[str]:
     topology = topologies.parse(spec)
     generations = max(_LEAST, steps // topology.cells)
     file = parse(_PROBLEM, "benchmark", Path()).with_run(target=_NEVER)
-    floors = [measure(topology, generations)]
+    floors = [_floor(topology, generations)]
     with supernode.LocalCluster(topology=spec) as cluster:
         ready = cluster.seconds_to_ready
         idle = _idle_share(cluster)
@@ -63,7 +64,7 @@ def row(spec: str, steps: int) -> list[str]:
         result = cluster.submit(file, generations=generations).result()
         leaving = time.monotonic()
     gone = time.monotonic() - leaving
-    floors.append(measure(topology, generations))
+    floors.append(_floor(topology, generations))
     floor_rate, floor_cpu = (sum(each) / len(floors) for each in zip(*floors, strict=True))
     cpu = result.cpu_seconds / topology.cells / generations * 1e6
     return [
@@ -82,6 +83,14 @@ def row(spec: str, steps: int) -> list[str]:
         f"{result.messages['received'] / topology.cells / generations:g}",
         str(result.messages["lost"]),
     ]
+
+
+def _floor(topology: topologies.Topology, generations: int) -> tuple[float, float]:
+    """Generations per second, and CPU µs per node and generation, of plain datagrams."""
+    short = max(1, generations // 4)
+    (few_rate, few_cpu), (rate, cpu) = measure(topology, short), measure(topology, generations)
+    seconds = generations / rate - short / few_rate
+    return (generations - short) / seconds, (generations * cpu - short * few_cpu) / (generations - short)
 
 
 def _idle_share(cluster: supernode.LocalCluster) -> float:

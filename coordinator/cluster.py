@@ -50,9 +50,11 @@ class LocalCluster:
         self._submitted = 0
         self._closed = False
         self._launcher = Launcher(self.keys.cluster, self.topology.spec, self._on_death)
+        self._session: zenoh.Session | None = None
         try:
             self._connect()
         except BaseException:
+            self._disconnect()
             self._launcher.close()
             raise
         self.seconds_to_ready = time.monotonic() - called
@@ -110,7 +112,7 @@ class LocalCluster:
             current.mail.put(Failure(self._failure, closing=True))
         self._jobs.put(None)
         self._worker.join()
-        self._session.close()  # type: ignore[no-untyped-call]
+        self._disconnect()
         self._launcher.close()
 
     def _connect(self) -> None:
@@ -118,7 +120,7 @@ class LocalCluster:
         self._launcher.started.wait(_READY_WITHIN)
         self._raise_failure()
         endpoint = sessions.unix_socket(self._launcher.folder, "router")
-        self._session = sessions.client(endpoint)
+        session = self._session = sessions.client(endpoint)
         awaited = {self.keys.node(cell) for cell in range(self.topology.cells)} | {self.keys.spy}
 
         def see(sample: zenoh.Sample) -> None:
@@ -127,7 +129,7 @@ class LocalCluster:
                 self._changed.notify_all()
 
         watchers = [
-            self._session.liveliness().declare_subscriber(key, direct(see), history=True)
+            session.liveliness().declare_subscriber(key, direct(see), history=True)
             for key in (self.keys.any_node, self.keys.spy)
         ]
         with self._changed:
@@ -137,6 +139,11 @@ class LocalCluster:
             raise ClusterFailed(f"not ready within {_READY_WITHIN:.0f} s: {', '.join(sorted(awaited)[:4])}")
         for watcher in watchers:
             watcher.undeclare()  # type: ignore[no-untyped-call]
+
+    def _disconnect(self) -> None:
+        """Without it a session would look for its router for ever."""
+        if self._session is not None:
+            self._session.close()  # type: ignore[no-untyped-call]
 
     def _raise_failure(self) -> None:
         if self._failure is not None:
@@ -166,8 +173,9 @@ class LocalCluster:
                 if self._failure is not None:
                     job.mail.put(Failure(self._failure))
             try:
+                assert self._session is not None, "connected before there was a worker"
                 conductor = Conductor(job, self._session, self.keys)
-                job.end(conductor.conduct(self.seconds_to_ready, self.cpu_seconds))
+                job.end(conductor.conduct(self.seconds_to_ready, self.cpu_seconds_by_process))
             except Exception as error:  # a mistake in the problem, or else; whoever waits must hear of it
                 job.end(error)
             with self._changed:

@@ -67,7 +67,7 @@ class Conductor:
         self._cancelled = False
         self._questions = itertools.count()
 
-    def conduct(self, seconds_to_ready: float, cpu_seconds: Callable[[], float]) -> Result:
+    def conduct(self, seconds_to_ready: float, cpu_seconds: Callable[[], dict[str, float]]) -> Result:
         """Run the job to its end.
 
         Raises:
@@ -78,7 +78,8 @@ class Conductor:
             judgement = self._judgement()
         if judgement.best is not None:
             self._improve(judgement.best)
-        clocks = Clocks(self.seconds, seconds_to_ready, cpu_seconds() - used)
+        spent = sum(after - used[name] for name, after in cpu_seconds().items() if name in used)
+        clocks = Clocks(self.seconds, seconds_to_ready, spent)
         reports = sorted(self.reports, key=lambda report: report.cell)
         return result_of(str(self.number), self.file, reports, judgement, self.versions, clocks)
 
@@ -147,7 +148,10 @@ class Conductor:
             mail = self._next(deadline)
             if isinstance(mail, Wish):
                 deadline = None if mail.reason == "deadline" else deadline
-                self._tell(self.keys.control(ROOT), ProposeStop(self.number, mail.reason))
+                # In async mode the root may have ended before others.
+                root_ended = any(report.cell == ROOT for report in self.reports)
+                key = self.keys.every_control if root_ended else self.keys.control(ROOT)
+                self._tell(key, ProposeStop(self.number, mail.reason))
             elif isinstance(mail, Report):
                 self.reports.append(mail)
                 if mail.error is not None:

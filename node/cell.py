@@ -228,11 +228,11 @@ class Cell:
         rows, history = self.rows, self._history
         bred, size, flags, wrong = live_on(rows.generation, history.noted, min(most, history.room))
         rows.generation += bred
+        history.went_on(bred)
         if wrong >= 0:
             rows.generation += 1
             self.plan.evaluate(live_on.offspring[wrong][None])  # says what is wrong with it
             raise EvaluationFailed("the compiled fitness of an individual is none, though `evaluate` finds one")
-        history.went_on(bred)
         if flags & (REACHED | STALLED):
             rows.note_proposal(0, "target" if flags & REACHED else "stall")
         if size:

@@ -189,7 +189,7 @@ def live_on(table: Table, generation: int, noted: int, most: int) -> None:
     """Breed from ``generation`` on until there is something to say, but at most ``most`` generations.
 
     They are noted in the history from place ``noted`` on. What was done stands in the table, see above; an offspring
-    without a fitness ends it before anything is replaced.
+    without a fitness ends it.
     """
     settings, done = integers(table, _SETTINGS)[0], integers(table, _DONE)[0]
     done[:] = 0

@@ -47,7 +47,7 @@ from wire.strict import Rejected
 
 PATIENCE = 1.0  # seconds without a generation, at least, after which a lockstep node asks for what is missing
 MOST_REPORTS_PER_SECOND = 256  # of counters, over the whole cluster
-BRISK_SECONDS = 2e-3  # of processor time: a generation that takes less may be bred on the network thread
+BRISK_SECONDS = 2e-3  # of processor time: what is bred between two exchanges in less may be on the network thread
 _MEASURED_EVERY = 16  # steps: to ask for the time used costs as much as a message
 BRISK_BYTES = 1 << 14  # longer messages may have to wait for room to leave; on the network thread nothing may wait
 
@@ -86,6 +86,7 @@ class _Assignment:
         self.most = 1
         plan = cell.plan
         self._unmeasured = 0
+        self._interval = plan.run.interval
         self.in_lockstep = plan.run.mode == "lockstep"
         self._may_be_brisk = self.in_lockstep and plan.problem.any_thread and plan.limits.most_bytes <= BRISK_BYTES
 
@@ -112,7 +113,7 @@ class _Assignment:
             if measured:
                 each = (time.thread_time() - used) / bred
                 self.most = max(1, int(BRISK_SECONDS / max(each, 1e-6)))
-                self.brisk = self._may_be_brisk and each < BRISK_SECONDS
+                self.brisk = self._may_be_brisk and each * self._interval < BRISK_SECONDS
         return actions
 
 
@@ -142,7 +143,7 @@ class NodeProcess:
     # On the network thread --------------------------------------------------------------------------------------------
     def _hear(self, sender: int, sample: zenoh.Sample) -> None:
         assignment = self.assignment
-        if assignment is None:
+        if assignment is None or assignment.cell.ended:
             return
         news = assignment.news
         news.append((sender, sample.payload.to_bytes()))
@@ -164,6 +165,9 @@ class NodeProcess:
                         self.links.publish(action.payload)
                     else:
                         self.mail.put(partial(self._carry_out, assignment, action))
+            except Exception as error:
+                self.mail.put(partial(_fail, error))
+                return
             finally:
                 assignment.turn.release()
             if not assignment.brisk:
@@ -240,8 +244,13 @@ class NodeProcess:
         if isinstance(command, Prepare):
             _answer(query, self._prepare(command))
         elif assignment is None or command.job != assignment.cell.job:
+            if isinstance(command, Missed):
+                query.drop()  # type: ignore[no-untyped-call] # whoever missed it is at another job
+                return
             _answer(query, Refused(f"node {self.berth.node} is not at job {command.job}"))
         elif isinstance(command, Begin):
+            assignment.bred_at = time.monotonic()
+            self._questions_due = assignment.bred_at + PATIENCE
             assignment.begun = query
             assignment.events.append(Start())
         elif isinstance(command, ProposeStop):
@@ -311,6 +320,11 @@ class NodeProcess:
 
 def _nothing() -> None:
     """A task that only wakes the main thread."""
+
+
+def _fail(error: Exception) -> None:
+    """What went wrong on the network thread ends the process as if it had on the main one."""
+    raise error
 
 
 def _answer(query: zenoh.Query, answer: Done | Refused) -> None:

@@ -4,12 +4,12 @@ import contextlib
 import math
 import statistics
 import time
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 from coordinator.cluster import LocalCluster
-from coordinator.job import Job
 from coordinator.scaling.experiment import Case
 from coordinator.scaling.journal import Record
 from node import Plan, simulate
@@ -19,6 +19,7 @@ from spy.collector import Collector
 from spy.judge import judge
 from spy.result import Clocks, Result, best_known, result_of, stop_reasons, stopped_after
 from wire.exchange import Champion
+from wire.news import Improvement
 
 _CPU_IN_ONE_PROCESS = ("cpu_seconds", "node_cpu_seconds", "critical_cpu_seconds")
 _LEAST_CPU = 1e-6  # seconds; a quotient needs something to divide by
@@ -36,7 +37,7 @@ def run_on_nodes(
     """One run: what to write down of it, and the CPU seconds of each process, less those of preparing a job."""
     before = cluster.cpu_seconds_by_process()
     job = cluster.submit(file)
-    seconds = _last_improvement(job)
+    told = list(job.improvements())
     result = job.result()
     after = cluster.cpu_seconds_by_process()
     used = {name: after[name] - before[name] - preparation.get(name, 0.0) for name in before.keys() & after.keys()}
@@ -49,7 +50,7 @@ def run_on_nodes(
         "spy_cpu_seconds": used.get("spy"),
         "router_cpu_seconds": used.get("router"),
     }
-    return _record(case, result, seconds, cpu), used
+    return _record(case, result, _hit(told, result.target), cpu), used
 
 
 def run_in_process(file: ProblemFile, case: Case) -> Record:
@@ -62,8 +63,12 @@ def run_in_process(file: ProblemFile, case: Case) -> Record:
     collector = Collector(plan, job=1)
     began, used = time.monotonic(), time.process_time()
 
+    told: list[Improvement] = []
+
     def hear(champion: Champion | None) -> None:
-        collector.hear(champion, time.monotonic() - began)
+        better = collector.hear(champion, time.monotonic() - began)
+        if better is not None:
+            told.append(better)
 
     reports = simulate(plan, watch=lambda _, champion: hear(champion), outside=_Clock(file.run.seconds))
     cpu = max(time.process_time() - used, _LEAST_CPU)
@@ -71,8 +76,7 @@ def run_in_process(file: ProblemFile, case: Case) -> Record:
     hear(best_known(reports, file.run.spy))
     judgement = judge(collector, stopped_after(reports), stop_reasons(reports, file.run.mode))
     result = result_of("1", file, reports, judgement, fingerprint(), Clocks(seconds, 0.0, cpu))
-    found = None if judgement.best is None else judgement.best.seconds
-    return _record(case, result, found, dict.fromkeys(_CPU_IN_ONE_PROCESS, cpu))
+    return _record(case, result, _hit(told, result.target), dict.fromkeys(_CPU_IN_ONE_PROCESS, cpu))
 
 
 class _Clock:
@@ -85,7 +89,12 @@ class _Clock:
         return "deadline" if self.deadline is not None and time.monotonic() >= self.deadline else None
 
 
-def _record(case: Case, result: Result, seconds_to_best: float | None, cpu: dict[str, float | None]) -> Record:
+def _hit(told: Sequence[Improvement], target: float | None) -> Improvement | None:
+    """The first improvement that reached the target; cells breed on while the news travels, and may find better."""
+    return next((better for better in told if target is not None and better.fitness <= target), None)
+
+
+def _record(case: Case, result: Result, hit: Improvement | None, cpu: dict[str, float | None]) -> Record:
     """Flat, so that it is a row of a table."""
     staleness = result.staleness or {}
     return {
@@ -105,9 +114,9 @@ def _record(case: Case, result: Result, seconds_to_best: float | None, cpu: dict
         "fitness": result.fitness if math.isfinite(result.fitness) else None,
         "generations": result.generations,
         "evaluations": result.evaluations,
-        "evaluations_to_target": _evaluations_to_target(result),
+        "evaluations_to_target": _evaluations_to_target(result, hit),
         "seconds": result.seconds,
-        "seconds_to_target": seconds_to_best if result.solved else None,
+        "seconds_to_target": hit.seconds if result.solved and hit is not None else None,
         **{name: None if value is None or math.isnan(value) else round(value, 9) for name, value in cpu.items()},
         **{f"messages_{name}": result.messages[name] for name in ("sent", "received", "lost", "rejected")},
         "staleness_mean": staleness.get("mean"),
@@ -118,21 +127,13 @@ def _record(case: Case, result: Result, seconds_to_best: float | None, cpu: dict
     }
 
 
-def _evaluations_to_target(result: Result) -> int | None:
-    """By all nodes, up to the end of the generation in which the answer was born."""
-    if not result.solved or result.found_at is None:
+def _evaluations_to_target(result: Result, hit: Improvement | None) -> int | None:
+    """By all nodes, up to the end of the generation in which the answer was born; in async mode by their median one."""
+    if not result.solved or hit is None:
         return None
     first = result.nodes * result.deme
-    share: float = result.found_at["generation"] / max(1, result.generations)
+    share: float = hit.generation / max(1, result.generations)
     return min(result.evaluations, first + round((result.evaluations - first) * share))
-
-
-def _last_improvement(job: Job) -> float | None:
-    """Seconds from the start of the job to the best answer that was verified; waits for the end."""
-    seconds = None
-    for better in job.improvements():
-        seconds = better.seconds
-    return seconds
 
 
 def _is_node(name: str) -> bool:

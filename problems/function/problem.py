@@ -165,7 +165,8 @@ seed = 1
         function = self._compiled
         if self.cost_us == 0:
             return function
-        return Operator.of(kernels.costly, [function.address, round(1000 * self.cost_us)], function.table)
+        costly = Operator.of(kernels.costly, [function.address, round(1000 * self.cost_us)], function.table)
+        return costly._replace(kept=(*costly.kept, *function.kept))
 
     @cached_property
     def _compiled(self) -> Operator:

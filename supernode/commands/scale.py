@@ -67,7 +67,12 @@ def _add_grid(grid: argparse._ArgumentGroup) -> None:
         "--demes", metavar="N,N", type=_wholes, help="individuals on a node, weak and budget (the file's)"
     )
     grid.add_argument("--series", metavar="S,S", type=_among(_SERIES), help="strong, weak, budget (all)")
-    grid.add_argument("--population", metavar="N", type=_whole, help="strong: of all nodes (largest size × least deme)")
+    grid.add_argument(
+        "--population",
+        metavar="N",
+        type=_whole,
+        help="strong: of all nodes (least common multiple of sizes × deme)",
+    )
     grid.add_argument("--budget", metavar="N", type=_whole, help="budget: evaluations of all nodes (128 × population)")
     grid.add_argument("--sequential", metavar="N,N", type=_wholes, help="demes of the sequential reference (16,64,256)")
     grid.add_argument("--launches", metavar="N", type=_whole, help="launches of each size, for an interval (1)")

@@ -95,7 +95,7 @@ def wait_for(session, awaited, kind=zenoh.SampleKind.PUT, meanwhile=lambda: None
 
 
 def run(session, keys, number, file):
-    return Conductor(JobEntry(Order(number, file, None)), session, keys).conduct(0.0, lambda: 0.0)
+    return Conductor(JobEntry(Order(number, file, None)), session, keys).conduct(0.0, dict)
 
 
 def test_cells_on_two_networks_hear_each_other_through_the_router_until_they_can_do_without(apart, own_problem):
