@@ -19,7 +19,7 @@ With n cells on K cores, p = max(1, n / K) of them on each, a generation takes
   of the slowest cycle of neighbours, so one such link is enough.
 
 Five numbers are fitted: a and b from the CPU times, K0 and k from the cores kept busy, at two sizes; w on the largest
-of 1x2, 2x2 and 3x3 with no more cells than the machine has cores (nodes of 1x2 have one neighbour each). Everything else
+of 1x2, 2x2, 3x3 with no more cells than the machine has cores (nodes of 1x2 have one neighbour each). Everything else
 that is printed is predicted. Left out: variation between generations and between machines (the slowest of many delays
 in each exchange, so for many cores this is a bound, not an estimate), and bandwidth. Async nodes wait for nobody:
 w = x = 0.

@@ -1,0 +1,119 @@
+"""How many generations and evaluations tori of growing size need to solve a problem, and which speed-up that is.
+
+Usage: python -m benchmarks.speedup [--seeds 20] [--nodes 16,64,128,256,1024] [--sequential 64,256]
+
+Lockstep runs are the same, bit for bit, simulated or on processes, so the simulator makes them here. Two notions:
+
+- *strong, in evaluations*: the median evaluations of the best sequential algorithm (one deme on 1x1, the deme of
+  ``--sequential`` that needs fewest), over the median evaluations of one of the n nodes. It is super-linear where n
+  nodes together need fewer evaluations than one processor alone: efficiency above 1, with its whole interval.
+- *relative, in generations*: the median generations of the smallest torus over those of n nodes, beside n over the
+  smallest size. The population grows with the nodes, so this is no strong speed-up.
+
+Generations are those of the answer's birth; evaluations are those of all cells up to then. A run without an answer
+after ``--evaluations`` of all cells counts as dearer than any other.
+"""
+
+import argparse
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import problems
+from coordinator.scaling.experiment import torus_of
+from coordinator.scaling.statistics import median, ratio_of_medians
+from node import Plan, simulate
+from problems import ProblemFile
+from problems.file import parse
+from spy.result import best_known
+
+_PARTITION = 'kind = "function"\nname = "graph-partition"\n[graph]\nvertices = 64\nparts = 2\n'
+
+
+class Solved(NamedTuple):
+    """Of one run; infinite if it found nothing."""
+
+    generations: float
+    evaluations: float
+
+
+def main() -> None:
+    """Print a table for each problem."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--seeds", type=int, default=20, help="runs of each size")
+    parser.add_argument("--nodes", type=_numbers, default=(16, 64, 128, 256, 1024), help="sizes")
+    parser.add_argument("--sequential", type=_numbers, default=(64, 256), help="demes of the sequential algorithm")
+    parser.add_argument("--evaluations", type=int, default=1_000_000, help="of all cells, at most")
+    options = parser.parse_args()
+    office = problems.load(Path(__file__).resolve().parent.parent / "examples" / "mobile-robot.toml")
+    for name, file in (("mobile-robot.toml", office), ("graph-partition", parse(_PARTITION, "partition", Path()))):
+        print(f"\n{name}, {options.seeds} seeds\n")
+        for line in table(file.with_run(evaluations=options.evaluations), options):
+            print(line, flush=True)
+
+
+def _numbers(text: str) -> tuple[int, ...]:
+    return tuple(int(each) for each in text.split(","))
+
+
+def table(file: ProblemFile, options: argparse.Namespace) -> list[str]:
+    """The sequential algorithm, then a line for each size."""
+    alone = {deme: _runs(file, "torus 1x1", deme, options.seeds) for deme in options.sequential}
+    deme, reference = min(alone.items(), key=lambda each: _median(_evaluations(each[1])))
+    sequential = _evaluations(reference)
+    lines = [
+        f"Sequential: a deme of {deme}, solved {_share(reference)}, median {_median(sequential):,.0f} evaluations.",
+        "",
+        "| nodes | solved | generations | evaluations of all | of a node | strong speed-up | efficiency, 95 % "
+        "| fewer generations than the smallest, times | nodes, times |",
+        "|---:|---:|---:|---:|---:|---:|---:|---:|---:|",
+    ]
+    first = None
+    for nodes in options.nodes:
+        found = _runs(file, torus_of(nodes), 1, options.seeds)
+        generations, evaluations = _median([each.generations for each in found]), _evaluations(found)
+        first = first or (nodes, generations)
+        speed_up = _median(sequential) / _median(evaluations) * nodes
+        lines.append(
+            f"| {nodes} | {_share(found)} | {generations:,.0f} | {_median(evaluations):,.0f} "
+            f"| {_median(evaluations) / nodes:,.0f} | {speed_up:,.1f} | {_efficiency(sequential, evaluations)} "
+            f"| {first[1] / generations:.1f} | {nodes / first[0]:g} |"
+        )
+    return lines
+
+
+def _runs(file: ProblemFile, topology: str, deme: int, seeds: int) -> list[Solved]:
+    return [_run(Plan.of(file.with_run(topology=topology, deme=deme, seed=seed))) for seed in range(1, seeds + 1)]
+
+
+def _run(plan: Plan) -> Solved:
+    champion = best_known(simulate(plan), plan.run.spy)
+    if champion is None or plan.target is None or champion.fitness > plan.target:
+        return Solved(math.inf, math.inf)
+    each = plan.run.deme + champion.generation * plan.evaluations_per_generation
+    return Solved(champion.generation, each * plan.topology.cells)
+
+
+def _evaluations(runs: Sequence[Solved]) -> list[float]:
+    return [run.evaluations for run in runs]
+
+
+def _share(runs: Sequence[Solved]) -> str:
+    return f"{sum(run.generations < math.inf for run in runs)} of {len(runs)}"
+
+
+def _median(values: Sequence[float]) -> float:
+    estimate = median(values)
+    assert estimate is not None, "there are runs"
+    return estimate.value
+
+
+def _efficiency(sequential: Sequence[float], parallel: Sequence[float]) -> str:
+    """With its interval."""
+    found = ratio_of_medians(sequential, parallel)
+    return "" if found is None else f"{found.value:.2f} ({found.low:.2f} to {found.high:.2f})"
+
+
+if __name__ == "__main__":
+    main()
