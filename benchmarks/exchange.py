@@ -15,6 +15,7 @@ from pathlib import Path
 import supernode
 import topologies
 from benchmarks.datagram_floor import measure
+from coordinator.scaling.measure import memory_of_nodes
 from problems.file import parse
 
 _PROBLEM = 'kind = "function"\nname = "onemax"\ndimension = 64\n'
@@ -59,7 +60,7 @@ def row(spec: str, steps: int) -> list[str]:
     with supernode.LocalCluster(topology=spec) as cluster:
         ready = cluster.seconds_to_ready
         idle = _idle_share(cluster)
-        memory = sum(_pss(process) for name, process in cluster.processes.items() if name.startswith("node"))
+        memory = memory_of_nodes(cluster)
         cluster.submit(file, generations=_WARM_UP).result()
         result = cluster.submit(file, generations=generations).result()
         leaving = time.monotonic()
@@ -70,7 +71,7 @@ def row(spec: str, steps: int) -> list[str]:
     return [
         spec,
         f"{ready:.1f}",
-        f"{memory / topology.cells / 1e6:.1f}",
+        f"{memory / 1e6:.1f}",
         f"{100 * idle:.1f}",
         f"{gone:.1f}",
         f"{generations / result.seconds:,.1f}",
@@ -98,14 +99,6 @@ def _idle_share(cluster: supernode.LocalCluster) -> float:
     used = cluster.cpu_seconds()
     time.sleep(_IDLE_SECONDS)
     return (cluster.cpu_seconds() - used) / _IDLE_SECONDS
-
-
-def _pss(process: int) -> float:
-    """Proportional set size, bytes."""
-    for line in Path(f"/proc/{process}/smaps_rollup").read_text().splitlines():
-        if line.startswith("Pss:"):
-            return float(line.split()[1]) * 1024
-    raise ValueError(f"process {process} tells no PSS")
 
 
 if __name__ == "__main__":

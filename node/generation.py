@@ -44,9 +44,24 @@ _RECORDS, _OUT, _MATING_TABLE, _STRAYING_TABLE, _JUDGING_TABLE, _SETTINGS, _TARG
 _MATING, _STRAYING, _JUDGING, _EACH, _ELITIST, _SEED, _CELL, _FIRST_EVALUATIONS, _EVALUATIONS = range(9)
 _INTERVAL, _LOCKSTEP, _CHAMPION, _WITNESS, _STALL, _STOP_DISTANCE, _LIMIT = range(9, 16)
 
-# Columns of what was done: generations bred, the bytes of the message to send (0: none), flags, and the index of an
-# offspring whose fitness is none, or -1.
-_BRED, _SIZE, _FLAGS, _WRONG = range(4)
+
+class Bred(NamedTuple):
+    """What `Generations` has done.
+
+    Attributes:
+        generations: how many generations.
+        size: the bytes of the message to send, 0 if there is none.
+        flags: `REACHED`, `STALLED` and `STOPS`.
+        wrong: the index of an offspring in the generation after those whose fitness is none, or -1.
+    """
+
+    generations: int
+    size: int
+    flags: int
+    wrong: int
+
+
+_BRED, _SIZE, _FLAGS, _WRONG = range(len(Bred._fields))
 
 
 @subroutine
@@ -188,7 +203,7 @@ def _say(table: Any, settings: Any, now: Any, flags: Any, done: Any) -> Any:
 def live_on(table: Table, generation: int, noted: int, most: int) -> None:
     """Breed from ``generation`` on until there is something to say, but at most ``most`` generations.
 
-    They are noted in the history from place ``noted`` on. What was done stands in the table, see above; an offspring
+    They are noted in the history from place ``noted`` on. What was done stands in the table as `Bred`; an offspring
     without a fitness ends it.
     """
     settings, done = integers(table, _SETTINGS)[0], integers(table, _DONE)[0]
@@ -204,22 +219,6 @@ def live_on(table: Table, generation: int, noted: int, most: int) -> None:
         _record(octets(table, _RECORDS)[noted + done[_BRED]], now, octets(table, _DEME), reals(table, _DEME_FITNESS)[0])
         done[_BRED] += 1
         _say(table, settings, now, flags, done)
-
-
-class Done(NamedTuple):
-    """What `Generations` has done.
-
-    Attributes:
-        bred: how many generations.
-        size: the bytes of the message to send, 0 if there is none.
-        flags: `REACHED`, `STALLED` and `STOPS`.
-        wrong: the index of an offspring in the generation after those whose fitness is none, or -1.
-    """
-
-    bred: int
-    size: int
-    flags: int
-    wrong: int
 
 
 class Generations:
@@ -244,7 +243,7 @@ class Generations:
         couples = plan.slots * plan.run.emigrants if plan.run.deme == 1 else plan.run.deme
         addresses = (mating.address, 0 if straying is None else straying.address, judging.address)
         self.offspring = np.zeros((2 * couples, plan.coding.genome_bytes), np.uint8)
-        done = np.zeros((1, 4), np.int64)
+        done = np.zeros((1, len(Bred._fields)), np.int64)
         arrays = (
             *rows.messages,
             inbox.whences,
@@ -272,10 +271,10 @@ class Generations:
         self._live_on = partial(live_on, pointers(*arrays))
         self._done = done
 
-    def __call__(self, generation: int, noted: int, most: int) -> Done:
+    def __call__(self, generation: int, noted: int, most: int) -> Bred:
         """See `live_on`."""
         self._live_on(generation, noted, most)
-        return Done._make(self._done[0].tolist())
+        return Bred._make(self._done[0].tolist())
 
 
 def _settings(plan: Plan, rows: Rows, champion: bool, addresses: tuple[int, int, int]) -> Any:

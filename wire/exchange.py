@@ -1,7 +1,6 @@
 """The message that a node publishes to its neighbours in each exchange (and, at the root, to the spy).
 
-Cells keep messages as arrays (`Messages`), which compiled code reads, writes, packs and unpacks; an `Exchange` is one
-message as an object, for whoever looks at a few of them.
+Cells keep messages as arrays, which compiled code reads, writes, packs and unpacks.
 """
 
 import math
@@ -14,19 +13,16 @@ from genetics.arrays import Fitness, Genomes
 from genetics.coding import Alphabet
 from wire import exchange_kernels as kernels
 from wire.exchange_kernels import HEADER, NEVER, VERSION, Header
-from wire.strict import Rejected, count, fields, fitness, of
+from wire.strict import count, fields, fitness, of
 
 __all__ = [
     "NEVER",
     "REASONS",
     "VERSION",
     "Champion",
-    "Emigrant",
-    "Exchange",
     "Header",
     "Limits",
     "Messages",
-    "decode",
 ]
 
 _OVERHEAD = 256  # bytes of a message beside its genomes, more than enough
@@ -48,13 +44,6 @@ REASONS = {
 def most_bytes(genome_bytes: int, emigrants: int) -> int:
     """The longest message that can be right."""
     return _OVERHEAD + genome_bytes + emigrants * (_EACH + genome_bytes)
-
-
-class Emigrant(NamedTuple):
-    """An individual on its way to a neighbour."""
-
-    genome: bytes
-    fitness: float
 
 
 class Champion(NamedTuple):
@@ -141,71 +130,3 @@ class Messages(NamedTuple):
         header = self.header[row]
         born, birthplace = int(header[kernels.BORN]), int(header[kernels.BIRTHPLACE])
         return Champion(its_fitness, born, birthplace, self.genomes[row, -1].tobytes())
-
-
-@dataclass(frozen=True, slots=True)
-class Exchange:
-    """One node's news of one generation.
-
-    Attributes:
-        job: number of the job.
-        world: number of the world that the fitness values belong to.
-        generation: of the sender.
-        stop_at: the least generation of a stop that the sender knows, None if nobody proposed one.
-        emigrants: its best individuals, best first.
-        champion: None under the paper's spy, or while nothing feasible is known.
-        sent: how many messages the sender has published for this job, this one included.
-        evaluations: how many fitness calls it has made.
-    """
-
-    job: int
-    world: int
-    generation: int
-    stop_at: int | None
-    emigrants: tuple[Emigrant, ...]
-    champion: Champion | None
-    sent: int
-    evaluations: int
-
-    @staticmethod
-    def of(messages: Messages, row: int) -> "Exchange":
-        """One of the messages."""
-        job, world, generation, stop_at, sent, evaluations, *_ = messages.header[row].tolist()
-        emigrants = zip(messages.genomes[row, :-1], messages.fitness[row].tolist(), strict=False)
-        return Exchange(
-            job,
-            world,
-            generation,
-            None if stop_at == NEVER else stop_at,
-            tuple(Emigrant(genome.tobytes(), its_fitness) for genome, its_fitness in emigrants),
-            messages.champion(row),
-            sent,
-            evaluations,
-        )
-
-    def encode(self) -> bytes:
-        """As msgpack."""
-        genome_bytes = len(self.emigrants[0].genome)
-        messages = Messages.room(1, genome_bytes, len(self.emigrants))
-        stop_at = NEVER if self.stop_at is None else self.stop_at
-        champion = self.champion or Champion(math.inf, 0, 0, bytes(genome_bytes))
-        counts = (self.job, self.world, self.generation, stop_at, self.sent, self.evaluations)
-        messages.header[0] = (*counts, champion.generation, champion.cell)
-        everyone = [*self.emigrants, Emigrant(champion.genome, champion.fitness)]
-        messages.genomes[0] = [np.frombuffer(each.genome, np.uint8) for each in everyone]
-        messages.fitness[0] = [each.fitness for each in everyone]
-        room = most_bytes(genome_bytes, len(self.emigrants))
-        return messages.encode(0, True, np.empty(room, np.uint8))
-
-
-def decode(payload: bytes, limits: Limits) -> Exchange:
-    """The message in ``payload``.
-
-    Raises:
-        Rejected: whatever is wrong with it; nothing else is ever raised.
-    """
-    messages = Messages.room(1, limits.genome_bytes, limits.emigrants)
-    reason = messages.decode(0, payload, limits)
-    if reason is not None:
-        raise Rejected(reason)
-    return Exchange.of(messages, 0)

@@ -15,7 +15,9 @@ from genetics.compiled import kernel, subroutine
 
 Header = NDArray[np.int64]  # (..., HEADER)
 
-# Columns of a header.
+# Columns of a header: the numbers of the job and of the world that the fitness values belong to, the sender's
+# generation, the least generation of a stop that it knows, how many messages it has published for this job (this one
+# included), how many fitness calls it has made, and when and where the champion was born.
 JOB, WORLD, GENERATION, STOP_AT, SENT, EVALUATIONS, BORN, BIRTHPLACE = range(8)
 HEADER = 8
 

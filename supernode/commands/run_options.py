@@ -33,26 +33,31 @@ def add_run_options(parser: argparse.ArgumentParser) -> None:
     shape = run.add_mutually_exclusive_group()
     shape.add_argument("--torus", metavar="RxC", type=_torus, dest="topology", help="rows and columns (4x4)")
     shape.add_argument("--topology", metavar="SPEC", help='such as "torus 4x4"')
-    run.add_argument("--deme", metavar="N", type=_whole, help="individuals on each node (1)")
-    run.add_argument("--interval", metavar="N", type=_whole, help="generations between exchanges (1)")
-    run.add_argument("--emigrants", metavar="N", type=_whole, help="individuals sent in an exchange (1)")
+    run.add_argument("--deme", metavar="N", type=whole, help="individuals on each node (1)")
+    add_breeding_options(run)
     run.add_argument("--mode", choices=("lockstep", "async"), help="wait for neighbours, or do not (lockstep)")
-    run.add_argument("--recipe", choices=("tuned", "paper"), help="the best known operators, or the paper's (tuned)")
-    run.add_argument("--replacement", choices=("offspring", "elitist"), help="instead of the recipe's")
-    run.add_argument("--mutation", metavar="P", type=_mutation, help='probability a bit changes, or "one-bit"')
-    run.add_argument("--spy", choices=("champion", "root"), help="what news reaches the root (champion)")
-    run.add_argument("--seed", metavar="N", type=_whole, help="the same seed gives the same run (1)")
+    run.add_argument("--seed", metavar="N", type=whole, help="the same seed gives the same run (1)")
     end = parser.add_argument_group("when to stop (by default at the target, or after --stall 200)")
-    end.add_argument("--generations", metavar="N", type=_whole, help="after this generation")
-    end.add_argument("--evaluations", metavar="N", type=_whole, help="before more fitness calls than this")
-    end.add_argument("--seconds", metavar="S", type=_number, help="at this deadline")
-    end.add_argument("--target", metavar="F", type=_number, help="at this fitness, instead of the problem's own")
-    end.add_argument("--stall", metavar="N", type=_whole, help="after so many generations without a better champion")
+    end.add_argument("--generations", metavar="N", type=whole, help="after this generation")
+    end.add_argument("--evaluations", metavar="N", type=whole, help="before more fitness calls than this")
+    end.add_argument("--seconds", metavar="S", type=number, help="at this deadline")
+    end.add_argument("--target", metavar="F", type=number, help="at this fitness, instead of the problem's own")
+    end.add_argument("--stall", metavar="N", type=whole, help="after so many generations without a better champion")
     out = parser.add_argument_group("what to tell")
     out.add_argument("--log", metavar="FILE", help="write a run log, JSON Lines")
     out.add_argument("--plot", metavar="FILE", help="draw the result (PNG, SVG or PDF by the name's end)")
     out.add_argument("--json", action="store_true", help="print the result as one JSON object")
     out.add_argument("--quiet", action="store_true", help="no progress on stderr")
+
+
+def add_breeding_options(run: argparse._ArgumentGroup) -> None:
+    """How cells exchange and breed, wherever and for how long."""
+    run.add_argument("--interval", metavar="N", type=whole, help="generations between exchanges (1)")
+    run.add_argument("--emigrants", metavar="N", type=whole, help="individuals sent in an exchange (1)")
+    run.add_argument("--recipe", choices=("tuned", "paper"), help="the best known operators, or the paper's (tuned)")
+    run.add_argument("--replacement", choices=("offspring", "elitist"), help="instead of the recipe's")
+    run.add_argument("--mutation", metavar="P", type=_mutation, help='probability a bit changes, or "one-bit"')
+    run.add_argument("--spy", choices=("champion", "root"), help="what news reaches the root (champion)")
 
 
 def chosen_file(options: argparse.Namespace) -> "ProblemFile":
@@ -87,14 +92,16 @@ def _torus(text: str) -> str:
     return f"torus {text}"
 
 
-def _whole(text: str) -> int:
+def whole(text: str) -> int:
+    """The type of an option."""
     try:
         return int(text)
     except ValueError:
         raise argparse.ArgumentTypeError(f"expected a whole number, found {text!r}") from None
 
 
-def _number(text: str) -> float:
+def number(text: str) -> float:
+    """The type of an option."""
     try:
         return float(text)
     except ValueError:

@@ -58,10 +58,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_grid(grid: argparse._ArgumentGroup) -> None:
-    from supernode.commands.run_options import _whole
+    from supernode.commands.run_options import whole
 
     grid.add_argument("--nodes", metavar="N,N", type=_wholes, help="sizes: each the most square torus (16,64)")
-    grid.add_argument("--repeats", metavar="R", type=_whole, help="runs of each kind, seeds 1 to R (5)")
+    grid.add_argument("--repeats", metavar="R", type=whole, help="runs of each kind, seeds 1 to R (5)")
     grid.add_argument("--modes", metavar="M,M", type=_among(_MODES), help="lockstep, async (both)")
     grid.add_argument(
         "--demes", metavar="N,N", type=_wholes, help="individuals on a node, weak and budget (the file's)"
@@ -70,31 +70,26 @@ def _add_grid(grid: argparse._ArgumentGroup) -> None:
     grid.add_argument(
         "--population",
         metavar="N",
-        type=_whole,
+        type=whole,
         help="strong: of all nodes (least common multiple of sizes × deme)",
     )
-    grid.add_argument("--budget", metavar="N", type=_whole, help="budget: evaluations of all nodes (128 × population)")
+    grid.add_argument("--budget", metavar="N", type=whole, help="budget: evaluations of all nodes (128 × population)")
     grid.add_argument("--sequential", metavar="N,N", type=_wholes, help="demes of the sequential reference (16,64,256)")
-    grid.add_argument("--launches", metavar="N", type=_whole, help="launches of each size, for an interval (1)")
+    grid.add_argument("--launches", metavar="N", type=whole, help="launches of each size, for an interval (1)")
 
 
 def _add_run(run: argparse._ArgumentGroup) -> None:
-    from supernode.commands.run_options import _mutation, _number, _whole
+    from supernode.commands.run_options import add_breeding_options, number, whole
 
-    run.add_argument("--interval", metavar="N", type=_whole, help="generations between exchanges (1)")
-    run.add_argument("--emigrants", metavar="N", type=_whole, help="individuals sent in an exchange (1)")
-    run.add_argument("--recipe", choices=("tuned", "paper"), help="the best known operators, or the paper's (tuned)")
-    run.add_argument("--replacement", choices=("offspring", "elitist"), help="instead of the recipe's")
-    run.add_argument("--mutation", metavar="P", type=_mutation, help='probability a bit changes, or "one-bit"')
-    run.add_argument("--spy", choices=("champion", "root"), help="what news reaches the root (champion)")
-    run.add_argument("--target", metavar="F", type=_number, help="the fitness to reach, instead of the problem's own")
-    run.add_argument("--evaluations", metavar="N", type=_whole, help="limit of a run to target (1024 × population)")
-    run.add_argument("--generations", metavar="N", type=_whole, help="limit of a run on nodes (none)")
+    add_breeding_options(run)
+    run.add_argument("--target", metavar="F", type=number, help="the fitness to reach, instead of the problem's own")
+    run.add_argument("--evaluations", metavar="N", type=whole, help="limit of a run to target (1024 × population)")
+    run.add_argument("--generations", metavar="N", type=whole, help="limit of a run on nodes (none)")
     run.add_argument(
-        "--stall", metavar="N", type=_whole, help="limit of a run on nodes without a better champion (none)"
+        "--stall", metavar="N", type=whole, help="limit of a run on nodes without a better champion (none)"
     )
     run.add_argument(
-        "--seconds", metavar="S", type=_number, help="limit of any run; makes results depend on the machine"
+        "--seconds", metavar="S", type=number, help="limit of any run; makes results depend on the machine"
     )
 
 

@@ -1,7 +1,9 @@
-"""Exchange messages for tests: some that are right, and a slow reader of any, written with the msgpack library."""
+"""Exchange messages as objects, some that are right, and a slow reader of any, written with the msgpack library."""
 
 import math
 import struct
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import msgpack
 import numpy as np
@@ -9,7 +11,84 @@ from hypothesis import strategies as st
 
 from genetics import BitString, RealVector
 from genetics.coding import Alphabet
-from wire.exchange import NEVER, VERSION, Champion, Emigrant, Exchange, Limits
+from wire.exchange import NEVER, VERSION, Champion, Limits, Messages, most_bytes
+from wire.strict import Rejected
+
+
+class Emigrant(NamedTuple):
+    """An individual on its way to a neighbour."""
+
+    genome: bytes
+    fitness: float
+
+
+@dataclass(frozen=True, slots=True)
+class Exchange:
+    """One node's news of one generation.
+
+    Attributes:
+        job: number of the job.
+        world: number of the world that the fitness values belong to.
+        generation: of the sender.
+        stop_at: the least generation of a stop that the sender knows, None if nobody proposed one.
+        emigrants: its best individuals, best first.
+        champion: None under the paper's spy, or while nothing feasible is known.
+        sent: how many messages the sender has published for this job, this one included.
+        evaluations: how many fitness calls it has made.
+    """
+
+    job: int
+    world: int
+    generation: int
+    stop_at: int | None
+    emigrants: tuple[Emigrant, ...]
+    champion: Champion | None
+    sent: int
+    evaluations: int
+
+    @staticmethod
+    def of(messages: Messages, row: int) -> "Exchange":
+        """One of the messages."""
+        job, world, generation, stop_at, sent, evaluations, *_ = messages.header[row].tolist()
+        emigrants = zip(messages.genomes[row, :-1], messages.fitness[row].tolist(), strict=False)
+        return Exchange(
+            job,
+            world,
+            generation,
+            None if stop_at == NEVER else stop_at,
+            tuple(Emigrant(genome.tobytes(), its_fitness) for genome, its_fitness in emigrants),
+            messages.champion(row),
+            sent,
+            evaluations,
+        )
+
+    def encode(self) -> bytes:
+        """As msgpack."""
+        genome_bytes = len(self.emigrants[0].genome)
+        messages = Messages.room(1, genome_bytes, len(self.emigrants))
+        stop_at = NEVER if self.stop_at is None else self.stop_at
+        champion = self.champion or Champion(math.inf, 0, 0, bytes(genome_bytes))
+        counts = (self.job, self.world, self.generation, stop_at, self.sent, self.evaluations)
+        messages.header[0] = (*counts, champion.generation, champion.cell)
+        everyone = [*self.emigrants, Emigrant(champion.genome, champion.fitness)]
+        messages.genomes[0] = [np.frombuffer(each.genome, np.uint8) for each in everyone]
+        messages.fitness[0] = [each.fitness for each in everyone]
+        room = most_bytes(genome_bytes, len(self.emigrants))
+        return messages.encode(0, True, np.empty(room, np.uint8))
+
+
+def decode(payload: bytes, limits: Limits) -> Exchange:
+    """The message in ``payload``.
+
+    Raises:
+        Rejected: whatever is wrong with it; nothing else is ever raised.
+    """
+    messages = Messages.room(1, limits.genome_bytes, limits.emigrants)
+    reason = messages.decode(0, payload, limits)
+    if reason is not None:
+        raise Rejected(reason)
+    return Exchange.of(messages, 0)
+
 
 BITS = BitString(3, 5)
 REALS = RealVector(2, -1.0, 1.0)

@@ -4,12 +4,13 @@ import dataclasses
 
 import numpy as np
 import pytest
+from exchanges import Emigrant, decode
 from one_max import Bus, OneMax, plan_of
 
 from node import Cell, Plan
 from node.cell import Answer, Answered, Ask, Asked, Complain, Propose, Publish, Start, Waited
 from problems import Run
-from wire.exchange import Champion, Emigrant, decode
+from wire.exchange import Champion
 from wire.report import Report
 
 

@@ -5,12 +5,12 @@ import random
 
 import numpy as np
 import pytest
-from exchanges import read_slowly
+from exchanges import Emigrant, Exchange, decode, read_slowly
 from one_max import plan_of
 
 from node.inbox import NEXT, Inbox
 from node.kernels import TOLD
-from wire.exchange import Champion, Emigrant, Exchange, decode
+from wire.exchange import Champion
 from wire.report import Staleness
 from wire.strict import Rejected
 

@@ -14,8 +14,11 @@ from exchanges import (
     MESSAGE,
     MOST,
     REALS,
+    Emigrant,
+    Exchange,
     anything,
     bit_genomes,
+    decode,
     exchanges,
     limits_of,
     read_slowly,
@@ -24,7 +27,7 @@ from exchanges import (
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from wire.exchange import REASONS, VERSION, Champion, Emigrant, Exchange, decode
+from wire.exchange import REASONS, VERSION, Champion
 from wire.strict import Rejected
 
 compiled = settings(deadline=None)

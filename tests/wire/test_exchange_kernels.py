@@ -13,9 +13,11 @@ from exchanges import (
     MESSAGE,
     MOST,
     REALS,
+    Emigrant,
     anything,
     bit_genomes,
     counts,
+    decode,
     exchanges,
     limits_of,
     read_slowly,
@@ -25,7 +27,7 @@ from exchanges import (
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from wire.exchange import NEVER, REASONS, VERSION, Champion, Emigrant, Messages, decode
+from wire.exchange import NEVER, REASONS, VERSION, Champion, Messages
 from wire.exchange_kernels import BIRTHPLACE, BORN, GENERATION, hear_emigrants_only
 from wire.strict import Rejected
 
