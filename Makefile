@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: run test lint bench peers clean
+.PHONY: run test lint bench planners peers clean
 
 run: $(VENV)/core  ## sixteen processes plan the path of a mobile robot through an office floor
 	$(BIN)/supernode solve examples/mobile-robot.toml --seed 1 --plot office.png
@@ -19,6 +19,9 @@ lint: $(VENV)/test
 bench: $(VENV)/test  ## ratios and shares, measured side by side on this machine
 	$(BIN)/python -m benchmarks.exchange
 	$(BIN)/python -m benchmarks.arm_ik
+
+planners: $(VENV)/test  ## how good each planner is, against its exact answer: an hour or so; writes docs/results.md
+	$(BIN)/python -m benchmarks.planners
 
 peers: $(VENV)/core  ## beside pygmo, DEAP, propulate and pycellga: a quarter of an hour; writes docs/peers.md
 	$(BIN)/python -m benchmarks.peers

@@ -1,12 +1,13 @@
 """How much of the cores a cluster spends on evaluation when evaluations are costly, in lockstep and asynchronously.
 
-Usage: python -m benchmarks.costly [--torus 4x4,8x8,16x16] [--microseconds 500] [--seconds 20]
+Usage: python -m benchmarks.costly [--torus 4x4,8x8,16x16] [--demes 1,8] [--microseconds 500] [--seconds 20]
 
 Each evaluation takes that much processor time of its thread (`function` with `cost_us`), whatever else runs; the share
 is the evaluations' time over the time of all cores from the start to the last stop.
 """
 
 import argparse
+import itertools
 import os
 from pathlib import Path
 
@@ -18,22 +19,24 @@ def main() -> None:
     """Print a table, a line for each size and mode."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--torus", default="4x4,8x8,16x16", help="sizes")
+    parser.add_argument("--demes", default="1,8", help="individuals on a node: it evaluates twice as many, 8 if alone")
     parser.add_argument("--microseconds", type=float, default=500.0, help="of each evaluation")
     parser.add_argument("--seconds", type=float, default=20.0, help="of each run")
     options = parser.parse_args()
     file = parse(_problem(options.microseconds), "benchmark", Path()).with_run(target=-1.0, seconds=options.seconds)
     cores = len(os.sched_getaffinity(0))
-    print(f"| torus | mode | evaluations' share of {cores} cores | cores busy | generations/s | staleness |")
-    print("|---|---|---|---|---|---|")
+    print(f"| torus | deme | mode | evaluations' share of {cores} cores | cores busy | generations/s | staleness |")
+    print("|---|---|---|---|---|---|---|")
     for shape in options.torus.split(","):
         with supernode.LocalCluster(topology=f"torus {shape}") as cluster:
-            for mode in ("lockstep", "async"):
-                cluster.submit(file, mode=mode, generations=2).result()
-                result = cluster.submit(file, mode=mode).result()
+            for deme, mode in itertools.product(options.demes.split(","), ("lockstep", "async")):
+                settings = {"mode": mode, "deme": int(deme)}
+                cluster.submit(file, **settings, generations=2).result()
+                result = cluster.submit(file, **settings).result()
                 share = result.evaluations * options.microseconds * 1e-6 / result.seconds / cores
                 stale = "" if result.staleness is None else f"{result.staleness['mean']:.2f}"
                 print(
-                    f"| {shape} | {mode} | {share:.3f} | {result.cpu_seconds / result.seconds:.2f} "
+                    f"| {shape} | {deme} | {mode} | {share:.3f} | {result.cpu_seconds / result.seconds:.2f} "
                     f"| {result.generations / result.seconds:.1f} | {stale} |",
                     flush=True,
                 )

@@ -7,19 +7,21 @@ from genetics.arrays import Cells, Fitness, Genomes
 from genetics.bit_string import BitString
 from genetics.coding import Coding, Keys
 from genetics.real_vector import RealVector
-from genetics.recipe import ONE_BIT, Crossover, Recipe, Replacement, evaluations_per_generation
+from genetics.recipe import ONE_BIT, Pairing, Recipe, Replacement, evaluations_per_generation
+from genetics.sequence import Sequence
 
 __all__ = [
     "ONE_BIT",
     "BitString",
     "Cells",
     "Coding",
-    "Crossover",
     "Fitness",
     "Genomes",
     "Keys",
+    "Pairing",
     "RealVector",
     "Recipe",
     "Replacement",
+    "Sequence",
     "evaluations_per_generation",
 ]

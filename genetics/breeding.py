@@ -95,13 +95,25 @@ def _breed_island(
     keys: Keys,
     apart: bool,
 ) -> None:
-    """The sequential recipe (§3.1 steps 3 to 5) at constant size."""
-    couples = selection.couples_by_rank(fitness, keys.seed, keys.cells, keys.generation)
+    """A sequential recipe, such as that of §3.1 steps 3 to 5, at constant size."""
+    couples = selection.pairs(
+        fitness,
+        keys.seed,
+        keys.cells,
+        keys.generation,
+        recipe.couples(fitness.shape[1]),
+        recipe.pairing == "better-half",
+        recipe.most_selections,
+    )
     rows = np.arange(len(genomes))
     parents = genomes[rows[:, None, None], couples]
     offspring = coding.recombine(parents, recipe, keys)
     offspring_fitness = _evaluate(evaluate, offspring, apart)
-    selection.replace_families(genomes, fitness, couples, offspring, offspring_fitness, recipe.replacement == "elitist")
+    elitist = recipe.replacement == "elitist"
+    if recipe.renewal is None:
+        selection.replace_families(genomes, fitness, couples, offspring, offspring_fitness, elitist)
+    else:
+        selection.replace_worst(genomes, fitness, offspring, offspring_fitness, elitist)
     if recipe.mutation == ONE_BIT:
         changed = coding.mutate_one(genomes, keys)
         fitness[rows, changed] = _evaluate(evaluate, genomes[rows, changed, None], apart)[:, 0]

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 
-from genetics.arrays import Cells, Fitness, Genomes
+from genetics.arrays import Cells, Fitness, Genomes, writable
 from genetics.recipe import Recipe
 
 if TYPE_CHECKING:
@@ -26,21 +26,37 @@ class Alphabet(NamedTuple):
         mask: the bits that may be set, shape (genome_bytes,).
         low: where genomes are float64 numbers the least of each, shape (genes,); else empty.
         high: and the greatest.
+        items: where genomes are sequences, the limits of `genetics.sequence`; else empty.
     """
 
     mask: Genomes
     low: Fitness
     high: Fitness
+    items: Cells
 
     @staticmethod
     def of_bits(mask: Genomes) -> "Alphabet":
         """Of genomes that are not numbers."""
-        return Alphabet(mask, np.empty(0), np.empty(0))
+        return Alphabet(mask, np.empty(0), np.empty(0), np.empty(0, np.int64))
+
+    @staticmethod
+    def of_reals(low: Fitness, high: Fitness) -> "Alphabet":
+        """Of genomes that are float64 numbers."""
+        return Alphabet(np.full(8 * low.size, 0xFF, np.uint8), low, high, np.empty(0, np.int64))
+
+    @staticmethod
+    def of_items(genome_bytes: int, items: Cells) -> "Alphabet":
+        """Of genomes that are sequences."""
+        return Alphabet(np.full(genome_bytes, 0xFF, np.uint8), np.empty(0), np.empty(0), items)
 
     def admits(self, genome: Genomes) -> bool:
         """Whether the coding could have made ``genome``, of any size."""
         if genome.size != self.mask.size or np.any(genome & ~self.mask):
             return False
+        if self.items.size:
+            from genetics.sequence_kernels import is_sound
+
+            return bool(is_sound(writable(genome), self.items))
         genes = genome.view(np.float64) if self.low.size else self.low
         return bool(np.all((genes >= self.low) & (genes <= self.high)))
 
@@ -62,14 +78,16 @@ class Immigrants(NamedTuple):
 
 
 class Coding(Protocol):
-    """How individuals are coded into a fixed number of bytes, and how coded individuals are made and mixed.
+    """How individuals are coded into bytes, and how coded individuals are made and mixed.
+
+    All genomes of a job have room for the longest; a shorter one ends in zeros, which do not travel.
 
     ``rows`` below is the number of cells handled at once: 1 in a node, all of them in the simulator.
     """
 
     @property
     def genome_bytes(self) -> int:
-        """The size of one genome."""
+        """The room for one genome: the size of the longest."""
         ...
 
     def check(self, recipe: Recipe) -> None:

@@ -12,8 +12,8 @@ from numba import carray, types  # type: ignore[attr-defined]
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from genetics.arrays import Fitness, Genomes, writable
-from genetics.compiled import subroutine
+from genetics.arrays import Cells, Fitness, Genomes, writable
+from genetics.compiled import kernel, subroutine
 
 Table = NDArray[np.int64]  # (arrays, 3): address, rows, columns
 
@@ -23,6 +23,8 @@ FITNESS = types.void(types.uint8[:, ::1], types.float64[::1], _TABLE)
 MATING = types.void(types.uint8[:, :, ::1], types.uint8[:, ::1], types.uint64, types.int64, types.int64, _TABLE)
 """Couples (n, 2, genome_bytes), two offspring of each (2 * n, genome_bytes) to be filled, seed, cell, generation, and
 the table."""
+FOUNDING = types.void(types.uint8[:, ::1], types.uint64, types.int64, types.int64, _TABLE)
+"""A first deme (n, genome_bytes) to be filled, zeros before, seed, cell, generation, and the table."""
 STRAYING = types.int64(types.uint8[:, ::1], types.uint64, types.int64, types.int64, _TABLE)
 """Individuals (n, genome_bytes) one of which is changed, seed, cell, generation, and the table; returns which."""
 
@@ -148,3 +150,34 @@ def call_straying(
     return types.int64(types.int64, *STRAYING.args), lambda target, builder, _, arguments: _call(
         target, builder, arguments, STRAYING
     )
+
+
+@_intrinsic  # type: ignore[untyped-decorator]
+def call_founding(context: Any, address: Any, deme: Any, seed: Any, cell: Any, generation: Any, table: Any) -> Any:
+    """Call a function of signature FOUNDING."""
+    return types.void(types.int64, *FOUNDING.args), lambda target, builder, _, arguments: _call(
+        target, builder, arguments, FOUNDING
+    )
+
+
+# For many rows at once -------------------------------------------------------------------------------------------------
+@kernel("void(int64, uint8[:,:,::1], uint64, int64[::1], int64, int64[:,::1])")
+def found_rows(address: int, demes: Genomes, seed: np.uint64, cells: Cells, generation: int, table: Table) -> None:
+    """First demes (rows, deme, genome_bytes), each by a function of signature FOUNDING."""
+    for row in range(cells.size):
+        call_founding(address, demes[row], seed, cells[row], generation, table)
+
+
+@kernel("void(int64, uint8[:,:,:,::1], uint8[:,:,::1], uint64, int64[::1], int64, int64[:,::1])")
+def mate_rows(
+    address: int,
+    couples: Genomes,
+    offspring: Genomes,
+    seed: np.uint64,
+    cells: Cells,
+    generation: int,
+    table: Table,
+) -> None:
+    """Couples (rows, n, 2, genome_bytes) to offspring (rows, 2 * n, genome_bytes), by a function of signature MATING."""
+    for row in range(cells.size):
+        call_mating(address, couples[row], offspring[row], seed, cells[row], generation, table)

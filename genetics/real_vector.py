@@ -85,8 +85,7 @@ class RealVector:
     @cached_property
     def alphabet(self) -> Alphabet:
         """Numbers within the bounds."""
-        mask = np.full(self.genome_bytes, 0xFF, np.uint8)
-        return Alphabet(mask, np.full(self.dimension, float(self.low)), np.full(self.dimension, float(self.high)))
+        return Alphabet.of_reals(np.full(self.dimension, float(self.low)), np.full(self.dimension, float(self.high)))
 
     @cached_property
     def _kernels(self) -> Any:

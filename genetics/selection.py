@@ -103,27 +103,64 @@ def _by_rank(order: Any, bits: Any) -> Any:
 
 
 @subroutine
-def pair_by_rank(fitness: Any, seed: Any, cell: Any, generation: Any, couples: Any) -> Any:
-    """`couples_by_rank` for one row."""
+def _by_rank_at_most(order: Any, bits: Any, chosen: Any, most: Any) -> Any:
+    """`_by_rank` among those who were ``chosen`` less than ``most`` times; among all, if nobody is left."""
+    count = order.size
+    tickets = 0
+    for place in range(count):
+        if chosen[place] < most:
+            tickets += count - place
+    if tickets == 0:
+        return _by_rank(order, bits)
+    ticket = below(bits, tickets)
+    for place in range(count):
+        if chosen[place] < most:
+            ticket -= count - place
+            if ticket < 0:
+                chosen[place] += 1
+                return order[place]
+    return order[0]
+
+
+@subroutine
+def pair(
+    fitness: Any, seed: Any, cell: Any, generation: Any, better_half: Any, most_selections: Any, couples: Any
+) -> Any:
+    """`pairs` for one row."""
     order = np.argsort(fitness, kind="mergesort")
     bits = np.empty(couples.size, np.uint64)
     for parent in range(bits.size):  # a loop of its own, which LLVM can vectorise
         bits[parent] = draw(seed, cell, generation, SELECT, parent >> 1, parent & 1)
-    for couple in range(couples.shape[0]):
-        for turn in range(2):
-            couples[couple, turn] = _by_rank(order, bits[2 * couple + turn])
+    chosen = np.zeros(fitness.size if most_selections > 0 else 0, np.int64)
+    for parent in range(bits.size):
+        if better_half:
+            mate = order[below(bits[parent], (fitness.size + 1) // 2)]
+        elif most_selections > 0:
+            mate = _by_rank_at_most(order, bits[parent], chosen, most_selections)
+        else:
+            mate = _by_rank(order, bits[parent])
+        couples[parent >> 1, parent & 1] = mate
 
 
-@kernel("int64[:,:,::1](float64[:,::1], uint64, int64[::1], int64)")
-def couples_by_rank(fitness: Fitness, seed: np.uint64, cells: Cells, generation: int) -> Cells:
-    """As many couples as individuals, by rank (Ahuactzin et al. 1992, §3.1 steps 3 and 4).
+@kernel("int64[:,:,::1](float64[:,::1], uint64, int64[::1], int64, int64, boolean, int64)")
+def pairs(
+    fitness: Fitness,
+    seed: np.uint64,
+    cells: Cells,
+    generation: int,
+    count: int,
+    better_half: bool,
+    most_selections: int,
+) -> Cells:
+    """``count`` couples of each row, by rank (Ahuactzin et al. 1992, §3.1 steps 3 and 4), or among the better half.
 
-    Returns indices into each row's deme, shape (rows, deme, 2).
+    By rank nobody is chosen more than ``most_selections`` times, if that is positive and there are others. Returns
+    indices into each row's deme, shape (rows, count, 2).
     """
-    rows, deme = fitness.shape
-    couples = np.empty((rows, deme, 2), np.int64)
+    rows = fitness.shape[0]
+    couples = np.empty((rows, count, 2), np.int64)
     for row in range(rows):
-        pair_by_rank(fitness[row], seed, cells[row], generation, couples[row])
+        pair(fitness[row], seed, cells[row], generation, better_half, most_selections, couples[row])
     return couples
 
 
@@ -185,3 +222,31 @@ def replace_families(
     """
     for row in range(fitness.shape[0]):
         leave_families(genomes[row], fitness[row], couples[row], offspring[row], offspring_fitness[row], elitist)
+
+
+@subroutine
+def renew(genomes: Any, fitness: Any, offspring: Any, offspring_fitness: Any, elitist: Any) -> Any:
+    """`replace_worst` for one row."""
+    order = np.argsort(fitness, kind="mergesort")
+    stay = fitness.size - offspring_fitness.size
+    best = order[0]
+    champion, champion_fitness = genomes[best].copy(), fitness[best]
+    for child in range(offspring_fitness.size):
+        genomes[order[stay + child]] = offspring[child]
+        fitness[order[stay + child]] = offspring_fitness[child]
+    if elitist and champion_fitness < np.min(fitness):
+        worst = np.argmax(fitness)
+        genomes[worst] = champion
+        fitness[worst] = champion_fitness
+
+
+@kernel("void(uint8[:,:,::1], float64[:,::1], uint8[:,:,::1], float64[:,::1], boolean)")
+def replace_worst(
+    genomes: Genomes, fitness: Fitness, offspring: Genomes, offspring_fitness: Fitness, elitist: bool
+) -> None:
+    """Offspring take the places of the worst, of equal ones the latest born, whatever they are worth themselves.
+
+    With ``elitist`` the best of the old deme takes the worst place if offspring took all and none is as good.
+    """
+    for row in range(fitness.shape[0]):
+        renew(genomes[row], fitness[row], offspring[row], offspring_fitness[row], elitist)

@@ -24,7 +24,7 @@ from genetics.operators import (
     reals,
 )
 from genetics.recipe import ONE_BIT
-from genetics.selection import admit_to, first_unsound, leave_families, pair_by_rank, pair_with, take_place
+from genetics.selection import admit_to, first_unsound, leave_families, pair, pair_with, renew, take_place
 from node.history import History
 from node.inbox import NEXT, Inbox, turn
 from node.kernels import OWN, TOLD, believe_one, note_staleness, tell_one
@@ -43,6 +43,7 @@ _RECORDS, _OUT, _MATING_TABLE, _STRAYING_TABLE, _JUDGING_TABLE, _SETTINGS, _TARG
 # Columns of the settings.
 _MATING, _STRAYING, _JUDGING, _EACH, _ELITIST, _SEED, _CELL, _FIRST_EVALUATIONS, _EVALUATIONS = range(9)
 _INTERVAL, _LOCKSTEP, _CHAMPION, _WITNESS, _STALL, _STOP_DISTANCE, _LIMIT = range(9, 16)
+_FAMILIES, _BETTER_HALF, _MOST_SELECTIONS = range(16, 19)
 
 
 class Bred(NamedTuple):
@@ -94,7 +95,7 @@ def _listen(table: Any, settings: Any, now: Any) -> Any:
 
 @subroutine
 def _couple(table: Any, settings: Any, whence: Any, now: Any) -> Any:
-    """Fill the couples: an individual alone with each of its immigrants, which an island has taken in, then by rank."""
+    """Fill the couples: an individual alone with each of its immigrants, which an island has taken in, then its own."""
     deme, deme_fitness, couples = octets(table, _DEME), reals(table, _DEME_FITNESS)[0], octets(table, _COUPLES)
     heard, each = _heard(table, deme.shape[1]), settings[_EACH]
     paired = couples.reshape(couples.shape[0] // 2, 2, deme.shape[1])
@@ -104,7 +105,8 @@ def _couple(table: Any, settings: Any, whence: Any, now: Any) -> Any:
     if (now - 1) % settings[_INTERVAL] == 0:
         admit_to(deme, deme_fitness, heard, reals(table, _FITNESS), whence, each, OWN)
     parents = integers(table, _PARENTS)
-    pair_by_rank(deme_fitness, np.uint64(settings[_SEED]), settings[_CELL], now, parents)
+    seed, better_half = np.uint64(settings[_SEED]), settings[_BETTER_HALF] != 0
+    pair(deme_fitness, seed, settings[_CELL], now, better_half, settings[_MOST_SELECTIONS], parents)
     for couple in range(parents.shape[0]):
         paired[couple, 0], paired[couple, 1] = deme[parents[couple, 0]], deme[parents[couple, 1]]
     return paired
@@ -135,7 +137,10 @@ def _breed(table: Any, settings: Any, whence: Any, now: Any) -> Any:
     if alone:
         take_place(deme, deme_fitness, offspring, offspring_fitness, elitist)
     else:
-        leave_families(deme, deme_fitness, integers(table, _PARENTS), offspring, offspring_fitness, elitist)
+        if settings[_FAMILIES]:
+            leave_families(deme, deme_fitness, integers(table, _PARENTS), offspring, offspring_fitness, elitist)
+        else:
+            renew(deme, deme_fitness, offspring, offspring_fitness, elitist)
         if settings[_STRAYING]:
             changed = _stray(table, settings, deme, now)
             offspring[0] = deme[changed]
@@ -240,7 +245,8 @@ class Generations:
         judging, mating = plan.problem.judging, plan.coding.mating(plan.recipe)
         assert judging is not None, "only for a compiled fitness"
         straying = plan.coding.straying() if plan.recipe.mutation == ONE_BIT else None
-        couples = plan.slots * plan.run.emigrants if plan.run.deme == 1 else plan.run.deme
+        alone = plan.run.deme == 1
+        couples = plan.slots * plan.run.emigrants if alone else plan.recipe.couples(plan.run.deme)
         addresses = (mating.address, 0 if straying is None else straying.address, judging.address)
         self.offspring = np.zeros((2 * couples, plan.coding.genome_bytes), np.uint8)
         done = np.zeros((1, len(Bred._fields)), np.int64)
@@ -296,6 +302,9 @@ def _settings(plan: Plan, rows: Rows, champion: bool, addresses: tuple[int, int,
             -1 if rows.stall is None else rows.stall,
             plan.stop_distance,
             rows.limit,
+            plan.recipe.renewal is None,
+            plan.recipe.pairing == "better-half",
+            plan.recipe.most_selections,
         ],
         np.int64,
     )

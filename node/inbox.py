@@ -27,8 +27,8 @@ from wire.report import Staleness
 NEXT, _SPARE, _LACKING, _KEPT, _REFUSED, _LOST = range(6)
 
 # Places in the table of pointers.
-_HEADER, _GENOMES, _FITNESS, _MASK, _LOW, _HIGH, _NAMES, _SENDERS, _WHENCES, _LATEST, _SPARES = range(11)
-_COUNTS, _LIMITS = 11, 12
+_HEADER, _GENOMES, _FITNESS, _MASK, _LOW, _HIGH, _ITEMS, _NAMES, _SENDERS, _WHENCES, _LATEST, _SPARES = range(12)
+_COUNTS, _LIMITS = 12, 13
 # Columns of the limits; the interval is 0 in async mode.
 _MOST_BYTES, _CELLS, _JOB, _INTERVAL, _CHAMPIONS = range(5)
 
@@ -82,7 +82,8 @@ def _take_in(table: Any, limits: Any, payload: Any, number: Any, counts: Any) ->
     several = fitness.shape[1]
     genomes = octets(table, _GENOMES)[row * several : (row + 1) * several]
     mask, low, high = octets(table, _MASK)[0], reals(table, _LOW)[0], reals(table, _HIGH)[0]
-    if read_message(payload, limits[_MOST_BYTES], limits[_CELLS], mask, low, high, header, genomes, fitness[row]) < 0:
+    most_bytes, cells, items = limits[_MOST_BYTES], limits[_CELLS], integers(table, _ITEMS)[0]
+    if read_message(payload, most_bytes, cells, mask, low, high, items, header, genomes, fitness[row]) < 0:
         return False
     latest = integers(table, _LATEST)
     if header[JOB] == limits[_JOB] and _is_of_use(header, limits[_INTERVAL], latest, number, counts):

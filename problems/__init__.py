@@ -3,10 +3,11 @@
 from problems.errors import BadInput, EvaluationFailed
 from problems.file import ProblemFile, load
 from problems.guard import guarded
-from problems.problem import Problem, RecipeName, Solution, Table, Verdict, quantity
+from problems.problem import Answer, Problem, RecipeName, Solution, Table, Verdict, quantity
 from problems.run import Run
 
 __all__ = [
+    "Answer",
     "BadInput",
     "EvaluationFailed",
     "Problem",

@@ -8,7 +8,7 @@ import numpy as np
 
 from genetics.arrays import Evaluate, Fitness, Genomes
 from problems.errors import BadInput, EvaluationFailed, shorten
-from problems.problem import Problem, Solution, Verdict
+from problems.problem import Answer, Problem, Solution, Verdict
 
 _ANYTHING = (Exception, SystemExit)
 
@@ -75,6 +75,24 @@ def checked(problem: Problem, solution: Solution) -> Verdict:
             f"{problem.kind}: check must return a supernode.Verdict of a fitness and objections, got {verdict!r}"
         )
     return verdict
+
+
+def foretold(problem: Problem) -> Answer:
+    """What ``problem.oracle`` returns.
+
+    Raises:
+        BadInput: if there is no oracle for this problem.
+        EvaluationFailed: if it raises anything else, or returns no answer.
+    """
+    try:
+        answer = problem.oracle()
+    except BadInput:
+        raise
+    except _ANYTHING as error:
+        raise _raised(problem, "oracle", error) from error
+    if not isinstance(answer, Answer) or math.isnan(answer.fitness):
+        raise EvaluationFailed(f"{problem.kind}: oracle must return a supernode.Answer, got {shorten(answer)}")
+    return answer
 
 
 def described(problem: Problem, solution: Solution) -> str:

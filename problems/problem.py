@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 from abc import abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
 import numpy as np
@@ -46,6 +46,26 @@ class Verdict:
     def feasible(self) -> bool:
         """Whether the solution is acceptable."""
         return not self.objections
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What an oracle knows of a problem.
+
+    Attributes:
+        meaning: what the figure is: the ``"optimum"`` among all coded solutions or all solutions at all, as the
+            ``method`` says; or a ``"lower bound"`` or ``"upper bound"`` of it.
+        fitness: the figure; +inf if there is surely no feasible solution.
+        method: how it was got, in words.
+        solution: one that has that fitness, as `Problem.decode` would say it, if the method finds any.
+        figures: whatever else it tells, such as the fewest moves of any path.
+    """
+
+    meaning: Literal["optimum", "lower bound", "upper bound"]
+    fitness: float
+    method: str
+    solution: Solution | None = None
+    figures: Mapping[str, float | int | bool] = field(default_factory=dict)
 
 
 class Table(BaseModel):
@@ -152,6 +172,14 @@ class Problem(Table):
             raise BadInput(f"solution: expected a field 'genome' that codes an individual of {self.kind}")
         fitness = float(self.evaluate(genome[None])[0])
         return Verdict(fitness, () if np.isfinite(fitness) else ("the individual is infeasible",))
+
+    def oracle(self) -> Answer:
+        """The optimum, or a bound, by an exact method that shares no code with `evaluate` and is no genetic algorithm.
+
+        Raises:
+            BadInput: if there is none for this problem.
+        """
+        raise BadInput(f"problems of kind {self.kind!r} have no oracle")
 
     def draw(self, figure: Figure, solution: Solution | None, populations: Populations) -> None:
         """Draw the problem's world, and the solution in it if there is one, onto an empty figure.

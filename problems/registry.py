@@ -94,5 +94,5 @@ def warm_up() -> None:
     for target in _BUILT_IN.values():
         module = importlib.import_module(target.partition(":")[0])
         importlib.import_module(f"{module.__name__}.kernels")
-    for kernels in ("bit_kernels", "real_kernels", "selection"):
+    for kernels in ("bit_kernels", "real_kernels", "selection", "sequence_kernels"):
         importlib.import_module(f"genetics.{kernels}")

@@ -1,5 +1,6 @@
 """The settings of a run: the ``[run]`` table of a problem file, and the options of the commands."""
 
+from dataclasses import replace
 from typing import Annotated, Literal
 
 from pydantic import Field, field_validator, model_validator
@@ -58,10 +59,10 @@ class Run(Table):
     def breeding(self, problem: Problem) -> Recipe:
         """The problem's recipe with this run's own choices put in."""
         base = problem.recipe(self.recipe, self.deme)
-        return Recipe(
-            base.crossover,
-            base.mutation if self.mutation is None else self.mutation,
-            self.replacement or base.replacement,
+        return replace(
+            base,
+            mutation=base.mutation if self.mutation is None else self.mutation,
+            replacement=self.replacement or base.replacement,
         )
 
     def last_generation(self, recipe: Recipe) -> int | None:

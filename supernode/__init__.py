@@ -21,11 +21,12 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from coordinator import ClusterFailed, Job, LocalCluster
     from genetics import BitString, RealVector, Recipe
-    from problems import BadInput, Problem, ProblemFile, Table, Verdict, load, quantity
+    from problems import Answer, BadInput, Problem, ProblemFile, Table, Verdict, load, quantity
     from spy.result import Result
     from wire.news import Improvement
 
 _HOMES = {
+    "Answer": "problems",
     "BadInput": "problems",
     "BitString": "genetics",
     "ClusterFailed": "coordinator",
@@ -44,6 +45,7 @@ _HOMES = {
 }
 
 __all__ = [
+    "Answer",
     "BadInput",
     "BitString",
     "ClusterFailed",

@@ -17,6 +17,7 @@ _COMMANDS = {
     "solve": "solve a problem on a cluster of processes started for it",
     "simulate": "the same job in this process: bit-identical to a lockstep solve",
     "check": "verify a result independently of the code that found it",
+    "oracle": "the exact optimum of a problem, or a bound, where there is one",
     "scale": "measure how a problem scales with the number of nodes; a table, plots and a report",
     "problems": "the kinds of problem, or the fields of one",
     "init": "write a commented problem file to start from",

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from genetics.arrays import Cells, Fitness, Genomes
 from genetics.compiled import kernel, subroutine
+from genetics.sequence_kernels import is_sound_sequence
 
 Header = NDArray[np.int64]  # (..., HEADER)
 
@@ -119,11 +120,13 @@ def _array_of(count: Any, payload: Any, at: Any) -> Any:
 
 
 @subroutine
-def _is_in_alphabet(genome: Any, mask: Any, low: Any, high: Any) -> Any:
+def _is_in_alphabet(genome: Any, mask: Any, low: Any, high: Any, items: Any) -> Any:
     """See `genetics.coding.Alphabet`."""
     for place in range(genome.size):
         if genome[place] & ~mask[place]:
             return False
+    if items.size:
+        return is_sound_sequence(genome, items)
     if low.size:
         genes = genome.view(np.float64)
         for gene in range(low.size):
@@ -133,8 +136,8 @@ def _is_in_alphabet(genome: Any, mask: Any, low: Any, high: Any) -> Any:
 
 
 @subroutine
-def _genome(payload: Any, at: Any, genome: Any, mask: Any, low: Any, high: Any) -> Any:
-    """Fill ``genome``; returns where the next value starts."""
+def _genome(payload: Any, at: Any, genome: Any, mask: Any, low: Any, high: Any, items: Any) -> Any:
+    """Fill ``genome``, with zeros beyond what came; returns where the next value starts."""
     tag = _tag(payload, at)
     if not _BIN_8 <= tag <= _BIN_8 + 2:
         return _other(tag)
@@ -146,11 +149,11 @@ def _genome(payload: Any, at: Any, genome: Any, mask: Any, low: Any, high: Any) 
         return -NOT_MSGPACK
     if end - start > genome.size:
         return -GENOME_TOO_LONG
-    if end - start < genome.size:
-        return -NO_SUCH_GENOME
-    for place in range(genome.size):
+    for place in range(end - start):
         genome[place] = payload[start + place]
-    return end if _is_in_alphabet(genome, mask, low, high) else -NO_SUCH_GENOME
+    for place in range(end - start, genome.size):
+        genome[place] = 0
+    return end if _is_in_alphabet(genome, mask, low, high, items) else -NO_SUCH_GENOME
 
 
 @subroutine
@@ -181,14 +184,14 @@ def _counts(payload: Any, at: Any, header: Any, first: Any, past: Any) -> Any:
 
 
 @subroutine
-def _emigrants(payload: Any, at: Any, mask: Any, low: Any, high: Any, genomes: Any, fitness: Any) -> Any:
+def _emigrants(payload: Any, at: Any, mask: Any, low: Any, high: Any, items: Any, genomes: Any, fitness: Any) -> Any:
     emigrants = fitness.size - 1
     at = _array_of(emigrants, payload, at)
     for number in range(emigrants):
         if at >= 0:
             at = _array_of(2, payload, at)
         if at >= 0:
-            at = _genome(payload, at, genomes[number], mask, low, high)
+            at = _genome(payload, at, genomes[number], mask, low, high, items)
         if at >= 0:
             at = _fitness(payload, at, fitness, number)
     return at
@@ -196,7 +199,7 @@ def _emigrants(payload: Any, at: Any, mask: Any, low: Any, high: Any, genomes: A
 
 @subroutine
 def _champion(
-    payload: Any, at: Any, cells: Any, mask: Any, low: Any, high: Any, header: Any, genome: Any, fitness: Any
+    payload: Any, at: Any, cells: Any, mask: Any, low: Any, high: Any, items: Any, header: Any, genome: Any, fitness: Any
 ) -> Any:
     last = fitness.size - 1
     if _tag(payload, at) == _NIL:
@@ -212,7 +215,7 @@ def _champion(
     if at >= 0:
         header[BIRTHPLACE], at = _count(payload, at, cells)
     if at >= 0:
-        at = _genome(payload, at, genome, mask, low, high)
+        at = _genome(payload, at, genome, mask, low, high, items)
     return at
 
 
@@ -224,6 +227,7 @@ def read_message(
     mask: Any,
     low: Any,
     high: Any,
+    items: Any,
     header: Any,
     genomes: Any,
     fitness: Any,
@@ -249,9 +253,9 @@ def read_message(
     else:
         at = _counts(payload, at, header, STOP_AT, SENT)
     if at >= 0:
-        at = _emigrants(payload, at, mask, low, high, genomes, fitness)
+        at = _emigrants(payload, at, mask, low, high, items, genomes, fitness)
     if at >= 0:
-        at = _champion(payload, at, cells, mask, low, high, header, genomes[-1], fitness)
+        at = _champion(payload, at, cells, mask, low, high, items, header, genomes[-1], fitness)
     if at >= 0:
         at = _array_of(2, payload, at)
     at = _counts(payload, at, header, SENT, BORN)
@@ -268,6 +272,7 @@ def read_message(
         types.uint8[::1],
         types.float64[::1],
         types.float64[::1],
+        types.int64[::1],
         types.int64[:, ::1],
         types.uint8[:, :, ::1],
         types.float64[:, ::1],
@@ -281,6 +286,7 @@ def decode(
     mask: Genomes,
     low: Fitness,
     high: Fitness,
+    items: Cells,
     header: Header,
     genomes: Genomes,
     fitness: Fitness,
@@ -288,7 +294,9 @@ def decode(
 ) -> int:
     """`read_message` into one row of the arrays; returns 0, or minus the reason why the message is refused."""
     bytes_of = np.frombuffer(payload, np.uint8)
-    end: int = read_message(bytes_of, most_bytes, cells, mask, low, high, header[row], genomes[row], fitness[row])
+    end: int = read_message(
+        bytes_of, most_bytes, cells, mask, low, high, items, header[row], genomes[row], fitness[row]
+    )
     return min(0, end)
 
 
@@ -345,13 +353,17 @@ def _put_fitness(out: Any, at: Any, fitness: Any, number: Any) -> Any:
 
 @subroutine
 def _put_genome(out: Any, at: Any, genome: Any) -> Any:
+    """Zeros at its end, where a genome of another length may go on, do not travel."""
+    length = genome.size
+    while length > 0 and genome[length - 1] == 0:
+        length -= 1
     size, tag = 1, _BIN_8
-    while genome.size >> (8 * size) != 0:
+    while length >> (8 * size) != 0:
         size, tag = 2 * size, tag + 1
-    at = _put(out, at, tag, np.uint64(genome.size), size)
-    for place in range(genome.size):
+    at = _put(out, at, tag, np.uint64(length), size)
+    for place in range(length):
         out[at + place] = genome[place]
-    return at + genome.size
+    return at + length
 
 
 @subroutine

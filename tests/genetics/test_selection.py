@@ -27,7 +27,8 @@ def tagged(count, start=0, rows=1):
 
 def couples_by_rank(fitness, seed=1, generation=1, cells=None):
     cells = np.arange(len(fitness)) if cells is None else np.array(cells)
-    return selection.couples_by_rank(np.array(fitness, dtype=float), np.uint64(seed), cells, generation)
+    fitness = np.array(fitness, dtype=float)
+    return selection.pairs(fitness, np.uint64(seed), cells, generation, fitness.shape[1], False, 0)
 
 
 @compiled

@@ -142,9 +142,9 @@ MESSAGE = Exchange(
 
 
 def values_of(message):
-    """What travels, as nested lists of plain values."""
-    emigrants = [list(emigrant) for emigrant in message.emigrants]
-    champion = None if message.champion is None else list(message.champion)
+    """What travels, as nested lists of plain values: genomes go without the zeros at their ends."""
+    emigrants = [[genome.rstrip(b"\0"), its_fitness] for genome, its_fitness in message.emigrants]
+    champion = None if message.champion is None else [*message.champion[:3], message.champion.genome.rstrip(b"\0")]
     counters = [message.sent, message.evaluations]
     return [VERSION, message.job, message.world, message.generation, message.stop_at, emigrants, champion, counters]
 
@@ -158,8 +158,11 @@ def read_slowly(payload, limits):
     def is_fitness(value):
         return type(value) is float and not math.isnan(value) and value != -math.inf
 
+    def whole(genome):
+        return genome.ljust(limits.genome_bytes, b"\0")
+
     def is_genome(value):
-        return type(value) is bytes and limits.alphabet.admits(np.frombuffer(value, np.uint8))
+        return type(value) is bytes and limits.alphabet.admits(np.frombuffer(bytearray(whole(value)), np.uint8))
 
     def has(value, size):
         return type(value) is list and len(value) == size
@@ -190,6 +193,6 @@ def read_slowly(payload, limits):
         return None
     _, job, world, generation, stop_at, emigrants, champion, (sent, evaluations) = value
     # A champion of infinite fitness stands for none.
-    best = None if champion is None or champion[0] == math.inf else Champion(*champion)
-    told = tuple(Emigrant(*each) for each in emigrants)
+    best = None if champion is None or champion[0] == math.inf else Champion(*champion[:3], whole(champion[3]))
+    told = tuple(Emigrant(whole(genome), its_fitness) for genome, its_fitness in emigrants)
     return Exchange(job, world, generation, stop_at, told, best, sent, evaluations)

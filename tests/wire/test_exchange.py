@@ -185,8 +185,8 @@ def test_a_genome_is_bytes(place, name, value):
 @pytest.mark.parametrize(
     ("genome", "why"),
     [
-        (b"", "no such genome"),
-        (b"\x00", "no such genome"),
+        (b"", None),  # zeros at the end do not travel
+        (b"\x00", None),
         (b"\x00\x01", "no such genome"),  # a bit beyond the length
         (b"\x00\x00\x00", "genome too long"),
         (bytes(200), "genome too long"),

@@ -1,0 +1,125 @@
+"""Genomes of variable length: sequences of items, each of a few whole numbers.
+
+A genome is an array of uint16 numbers: how many items there are, their genes one item after another, and zeros up to
+the room for the longest. So demes stay arrays, and what is mixed, kept and sent is mixed, kept and sent like any other
+genome. What the items mean, and how they are made and crossed, a planner says in compiled functions.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable
+from functools import cached_property
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from genetics.arrays import Cells, Genomes
+from genetics.coding import Alphabet, Keys
+from genetics.recipe import ONE_BIT, Recipe
+
+if TYPE_CHECKING:
+    from genetics.operators import Operator
+
+Items = NDArray[np.int64]  # (items, genes of an item)
+
+MOST_GENE = 0xFFFF
+
+
+class Sequence(ABC):
+    """Sequences of ``least`` to ``most`` items whose genes are each within ``genes``, pairs of the least and greatest.
+
+    Raises:
+        ValueError: if that is not in order, or does not fit into 16 bits.
+    """
+
+    crossovers: ClassVar[tuple[str, ...]]
+    """The names of crossovers that a recipe may ask for."""
+
+    def __init__(self, least: int, most: int, genes: Iterable[tuple[int, int]]) -> None:
+        self.least, self.most, self.genes = least, most, tuple(genes)
+        if not 0 <= least <= most <= MOST_GENE:
+            raise ValueError(f"expected 0 to {MOST_GENE} items, found {least} to {most}")
+        if not self.genes or not all(0 <= low <= high <= MOST_GENE for low, high in self.genes):
+            raise ValueError(f"expected bounds of genes between 0 and {MOST_GENE}, found {self.genes}")
+        self._matings: dict[Recipe, Operator] = {}
+
+    @property
+    def width(self) -> int:
+        """The number of genes of an item."""
+        return len(self.genes)
+
+    @property
+    def genome_bytes(self) -> int:
+        """Two for the number of items, and for each gene of the most items."""
+        return 2 * (1 + self.most * self.width)
+
+    @abstractmethod
+    def founding(self) -> "Operator":
+        """How first demes are made, as an operator of signature FOUNDING."""
+
+    @abstractmethod
+    def mating(self, recipe: Recipe) -> "Operator":
+        """How couples are crossed and mutated, as an operator of signature MATING."""
+
+    def check(self, recipe: Recipe) -> None:
+        """Refuse a recipe that is not for these sequences."""
+        if recipe.crossover not in self.crossovers:
+            expected = " or ".join(map(repr, self.crossovers))
+            raise ValueError(f"these individuals cross by {expected}, found {recipe.crossover!r}")
+        if recipe.mutation == ONE_BIT:
+            raise ValueError("these individuals are no bit strings: 'mutation' is a probability, found 'one-bit'")
+
+    def random(self, keys: Keys, deme: int) -> Genomes:
+        """First demes, as `founding` makes them."""
+        from genetics.operators import found_rows
+
+        demes = np.zeros((len(keys.cells), deme, self.genome_bytes), np.uint8)
+        operator = self.founding()
+        found_rows(operator.address, demes, keys.seed, keys.cells, keys.generation, operator.table)
+        return demes
+
+    def recombine(self, couples: Genomes, recipe: Recipe, keys: Keys) -> Genomes:
+        """What `mating` makes of them."""
+        from genetics.operators import mate_rows
+
+        rows, count, _, size = couples.shape
+        offspring = np.zeros((rows, 2 * count, size), np.uint8)
+        if recipe not in self._matings:
+            self._matings[recipe] = self.mating(recipe)
+        operator = self._matings[recipe]
+        mate_rows(operator.address, couples, offspring, keys.seed, keys.cells, keys.generation, operator.table)
+        return offspring
+
+    def mutate_one(self, individuals: Genomes, keys: Keys) -> Cells:
+        """Not for sequences: `check` has refused the recipe that asks for it."""
+        raise ValueError("these individuals have no bits to flip")
+
+    def straying(self) -> "Operator":
+        """Likewise."""
+        raise ValueError("these individuals have no bits to flip")
+
+    @cached_property
+    def alphabet(self) -> Alphabet:
+        """The number of items and all genes are within their limits, and zeros follow."""
+        limits = [self.least, self.most, *(bound for gene in self.genes for bound in gene)]
+        return Alphabet.of_items(self.genome_bytes, np.array(limits, np.int64))
+
+    def items(self, genome: Genomes) -> Items:
+        """The items that a genome, shape (genome_bytes,), holds: (items, genes of an item)."""
+        numbers = np.ascontiguousarray(genome).view(np.uint16).astype(np.int64)
+        return numbers[1 : 1 + numbers[0] * self.width].reshape(-1, self.width)
+
+    def encode(self, items: Items) -> Genomes:
+        """The inverse of `items`.
+
+        Raises:
+            ValueError: if these are no items of such a sequence.
+        """
+        items = np.asarray(items, np.int64).reshape(-1, self.width)
+        numbers = np.zeros(self.genome_bytes // 2, np.int64)
+        low, high = np.array(self.genes).T
+        if not self.least <= len(items) <= self.most or np.any((items < low) | (items > high)):
+            raise ValueError(f"expected {self.least} to {self.most} items within {self.genes}, found {items.tolist()}")
+        numbers[0] = len(items)
+        numbers[1 : 1 + items.size] = items.ravel()
+        return numbers.astype(np.uint16).view(np.uint8)

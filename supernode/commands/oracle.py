@@ -1,0 +1,59 @@
+"""The exact optimum of a problem, or a bound, where there is one: no genetic algorithm here."""
+
+import argparse
+import contextlib
+import json
+import math
+import sys
+import time
+from typing import TYPE_CHECKING
+
+from supernode import exits
+
+if TYPE_CHECKING:
+    from problems import Answer
+
+EXAMPLE = "supernode oracle examples/arm-ik.toml"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The problem."""
+    parser.add_argument("problem", metavar="PROBLEM.toml", help="the problem file")
+    parser.add_argument("--json", action="store_true", help="print the answer as one JSON object")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Print the figure, how it was got and how long it took."""
+    from problems import BadInput, load
+    from problems.guard import foretold
+
+    file = load(options.problem)
+    with contextlib.redirect_stdout(sys.stderr):  # a user's module may print
+        problem = file.problem()
+        started = time.perf_counter()
+        try:
+            answer = foretold(problem)
+        except BadInput as error:
+            raise BadInput(f"{options.problem}: {error}") from error
+        seconds = time.perf_counter() - started
+    print(_json(answer, seconds) if options.json else _words(answer, seconds))
+    return exits.OK
+
+
+def _json(answer: "Answer", seconds: float) -> str:
+    return json.dumps(
+        {
+            "meaning": answer.meaning,
+            "fitness": answer.fitness if math.isfinite(answer.fitness) else None,
+            "method": answer.method,
+            "seconds": seconds,
+            "figures": dict(answer.figures),
+            "solution": answer.solution,
+        }
+    )
+
+
+def _words(answer: "Answer", seconds: float) -> str:
+    figure = f"{answer.meaning} {answer.fitness:.9g}" if math.isfinite(answer.fitness) else "no feasible solution"
+    figures = [f"{name}: {value:.6g}" for name, value in answer.figures.items()]
+    return "\n".join([figure, f"by {answer.method}, in {seconds:.3g} s", *figures])
