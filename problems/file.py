@@ -108,6 +108,10 @@ def load(path: str | Path) -> ProblemFile:
     path = Path(path)
     loaded = parse(_text(path), str(path), path.resolve().parent)
     if registry.is_built_in(loaded.kind):
+        try:
+            loaded = replace(loaded, fields=registry.find(loaded.kind).gather(loaded.fields, loaded.folder))
+        except BadInput as error:
+            raise BadInput(f"{path}: {error}") from error
         loaded.problem()
     elif ":" not in loaded.kind:
         loaded.problem()  # says which kinds there are

@@ -10,6 +10,7 @@ import json
 from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
 import numpy as np
@@ -117,6 +118,22 @@ class Problem(Table):
         own = vars(cls)
         if "judging" not in own and ("evaluate" in own or "coding" in own):
             cls.judging = Problem.judging  # type: ignore[method-assign]
+
+    @classmethod
+    def gather(cls, fields: dict[str, Any], folder: Path) -> dict[str, Any]:
+        """The fields of a problem file with what other files hold in the place of their names (maps, meshes, paths).
+
+        Called once, where a problem file is read, for built-in kinds: what nodes get, and what a problem's digest is
+        made of, then names no file. ``fields`` are as they were written, not yet checked.
+
+        Args:
+            fields: plain values.
+            folder: of the problem file; names of others are relative to it.
+
+        Raises:
+            BadInput: names the field, and the file that cannot be read.
+        """
+        return fields
 
     @property
     @abstractmethod
