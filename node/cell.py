@@ -40,7 +40,7 @@ class Start:
 
 
 class Answered(NamedTuple):
-    """A neighbour has answered a question with its message: that had been lost."""
+    """A neighbour has answered a question with its message: that was lost, or is late."""
 
     sender: int
     payload: bytes
@@ -124,7 +124,8 @@ class Cell:
         self._out = np.empty(plan.limits.most_bytes, np.uint8)
         self._outbox: dict[int, bytes] = {}  # the last two, by generation, for neighbours that miss one
         self._complaints: set[tuple[int, str]] = set()
-        self._answered = 0  # messages that were lost at first
+        self._answered = 0  # messages that had not come when they were asked for
+        self._answers_of_no_use = 0
         self._history = History(1, plan.run.deme, plan.coding.genome_bytes)
         self._live_on: Generations | None = None  # from the start on, where that is possible
 
@@ -168,8 +169,9 @@ class Cell:
 
     @property
     def lost(self) -> int:
-        """How many messages did not come when they were sent: none in lockstep, unless links fail."""
-        return self._answered + self.inbox.lost
+        """How many messages did not come: none in lockstep, unless links fail. What only came late was not lost."""
+        came_late = self.inbox.of_no_use - self._answers_of_no_use
+        return max(0, self._answered - came_late) + self.inbox.lost
 
     @property
     def champion(self) -> Champion | None:
@@ -179,9 +181,10 @@ class Cell:
     def _take(self, events: Sequence[Event], actions: list[Action]) -> None:
         for event in events:
             if isinstance(event, Answered):
-                kept = self.inbox.kept
+                kept, of_no_use = self.inbox.kept, self.inbox.of_no_use
                 self._hear([(event.sender, event.payload)], actions)
                 self._answered += self.inbox.kept - kept
+                self._answers_of_no_use += self.inbox.of_no_use - of_no_use
             elif isinstance(event, Asked):
                 if event.generation in self._outbox:
                     actions.append(Answer(event.question, self._outbox[event.generation]))

@@ -23,8 +23,8 @@ from wire.exchange_kernels import GENERATION, JOB, PAYLOAD, SENT, only_emigrants
 from wire.report import Staleness
 
 # What an inbox counts: the number of the next exchange, spare rows, neighbours whose messages are lacking, and messages
-# kept, refused and (in async mode) lost.
-NEXT, _SPARE, _LACKING, _KEPT, _REFUSED, _LOST = range(6)
+# kept, refused, (in async mode) lost, and sound but of no use, such as those that come again.
+NEXT, _SPARE, _LACKING, _KEPT, _REFUSED, _LOST, _OF_NO_USE = range(7)
 
 # Places in the table of pointers.
 _HEADER, _GENOMES, _FITNESS, _MASK, _LOW, _HIGH, _ITEMS, _NAMES, _SENDERS, _WHENCES, _LATEST, _SPARES = range(12)
@@ -86,12 +86,16 @@ def _take_in(table: Any, limits: Any, payload: Any, number: Any, counts: Any) ->
     if read_message(payload, most_bytes, cells, mask, low, high, items, header, genomes, fitness[row]) < 0:
         return False
     latest = integers(table, _LATEST)
-    if header[JOB] == limits[_JOB] and _is_of_use(header, limits[_INTERVAL], latest, number, counts):
+    if header[JOB] != limits[_JOB]:
+        return True
+    if _is_of_use(header, limits[_INTERVAL], latest, number, counts):
         if not limits[_CHAMPIONS]:
             only_emigrants(header, genomes, fitness[row], integers(table, _SENDERS)[0, number])
         place = _note(header, limits[_INTERVAL], latest, number, counts)
         _swap(row, integers(table, _WHENCES)[place], octets(table, _NAMES)[number], spare, counts)
         counts[_KEPT] += 1
+    else:
+        counts[_OF_NO_USE] += 1
     return True
 
 
@@ -151,7 +155,7 @@ class Inbox:
         self.used = np.zeros(len(slots), np.int64)
         self.staleness = np.zeros(len(Staleness._fields), np.int64)
         spare = np.arange(2, 3 + exchanges * others)
-        self.counts = np.zeros(6, np.int64)
+        self.counts = np.zeros(7, np.int64)
         self.counts[_SPARE] = len(spare)
         self.counts[_LACKING] = others
         self.lacking = partial(self.counts.item, _LACKING)
@@ -185,6 +189,11 @@ class Inbox:
     def lost(self) -> int:
         """In async mode: how many are known not to have come."""
         return self.counts.item(_LOST)
+
+    @property
+    def of_no_use(self) -> int:
+        """How many were sound, but too late, too early, or the same again."""
+        return self.counts.item(_OF_NO_USE)
 
     def missing(self) -> list[int]:
         """In lockstep: the neighbours whose messages have not come."""

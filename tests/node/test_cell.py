@@ -115,8 +115,10 @@ def test_it_asks_for_what_is_missing_and_counts_it_as_lost_when_it_is_the_answer
     cell.step(events=[Answered(*each) for each in heard(plan, (1, 3))])
     assert cell.rows.generation == 1
     assert cell.lost == 2
-    assert cell.step(heard(plan, (1, 3))) == [], "it had been late only"
-    assert (cell.lost, cell.inbox.kept) == (2, 4)
+    assert cell.step(heard(plan, (1,))) == [], "it had been late only"
+    assert (cell.lost, cell.inbox.kept) == (1, 4)
+    cell.step(events=[Answered(*each) for each in heard(plan, (3,))])
+    assert cell.lost == 1, "to be answered twice finds nothing that was lost"
 
 
 def test_what_comes_before_the_answer_was_not_lost():
