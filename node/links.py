@@ -40,8 +40,8 @@ class Links:
     def __init__(self, berth: Berth, hear: Hear, later: Callable[[Task], None]) -> None:
         self.keys = berth.keys
         self.node = berth.node
-        self.slots = topologies.parse(berth.topology).neighbours(berth.node)
-        self.neighbours = tuple(dict.fromkeys(other for other in self.slots if other != berth.node))
+        slots = topologies.parse(berth.topology).neighbours(berth.node)
+        self.neighbours = tuple(dict.fromkeys(other for other in slots if other != berth.node))
         self._hear = hear
         self._later = later
         self._changed = threading.Condition()
@@ -54,12 +54,12 @@ class Links:
         self._wait()
 
     def _open(self, berth: Berth) -> None:
-        """Of two neighbours the one to whom the other is north or west connects: mostly the other was there first.
+        """Of two neighbours the one with the higher number connects: the other was forked before it.
 
         A node declares its token after its subscriptions, on the same link: who sees the token may publish to it.
         """
-        links = {other for other in self.slots[0::3] if other != self.node}
-        self.data = sessions.peer(berth.data_endpoint, [berth.data_endpoint_of(other) for other in sorted(links)])
+        there = sorted(other for other in self.neighbours if other < berth.node)
+        self.data = sessions.peer(berth.data_endpoint, [berth.data_endpoint_of(other) for other in there])
         self.control = sessions.client(berth.router)
         self._out = self.data.declare_publisher(self.keys.out(self.node))
         self._subscribers = [self._subscribe(self.data, other) for other in self.neighbours]

@@ -19,6 +19,7 @@ _COMMANDS = {
     "check": "verify a result independently of the code that found it",
     "oracle": "the exact optimum of a problem, or a bound, where there is one",
     "scale": "measure how a problem scales with the number of nodes; a table, plots and a report",
+    "topology": "cells, degree and diameter of a topology, and a drawing",
     "problems": "the kinds of problem, or the fields of one",
     "init": "write a commented problem file to start from",
 }

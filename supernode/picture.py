@@ -1,6 +1,7 @@
 """Pictures of results, in the manner of the papers' figures."""
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -8,6 +9,9 @@ from node.plan import Plan
 from problems import BadInput, ProblemFile
 from problems.problem import Populations
 from spy.result import Result
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _FORMATS = ("png", "svg", "pdf")
 
@@ -33,6 +37,15 @@ def save_picture(result: Result, file: ProblemFile, name: str) -> None:
     plan = Plan.of(file)
     figure = Figure(figsize=(8, 6), layout="constrained")
     plan.problem.draw(figure, result.solution, _populations(result, plan))
+    save(figure, name)
+
+
+def save(figure: "Figure", name: str) -> None:
+    """Write a picture in the format that its name ends with.
+
+    Raises:
+        BadInput: if the file cannot be written.
+    """
     try:
         figure.savefig(name, dpi=150)
     except OSError as error:

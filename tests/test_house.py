@@ -35,6 +35,7 @@ HARMLESS = {
     "heapq",
     "itertools",
     "math",
+    "networkx",
     "numba",
     "numpy",
     "operator",

@@ -1,23 +1,69 @@
 """From the text that people write to a topology."""
 
 import re
+from collections.abc import Callable
+from functools import cache
 
+from topologies.graphs import Complete, Hypercube, RandomRegular, Ring, SmallWorld
+from topologies.grids import Grid, Moore, Torus
 from topologies.topology import Topology
-from topologies.torus import Torus
 
 MOST_CELLS = 1 << 20
+EXAMPLES = (
+    "torus 4x4",
+    "moore 4x4",
+    "grid 4x4",
+    "ring 16",
+    "complete 16",
+    "hypercube 4",
+    "random-regular 16 4 seed 1",
+    "small-world 16 4 0.1 seed 1",
+)
+
+_SHAPE = r"(\d{1,7})\s*[x×]\s*(\d{1,7})"
+_COUNT = r"(\d{1,7})"
+_SEED = r"(?:\s+seed\s+(\d{1,18}))?"
 
 
+def _whole(match: re.Match[str]) -> list[int]:
+    return [int(group) for group in match.groups()]
+
+
+def _seed(text: str | None) -> int:
+    return 1 if text is None else int(text)
+
+
+_KINDS: tuple[tuple[str, Callable[[re.Match[str]], Topology]], ...] = (
+    (rf"torus\s+{_SHAPE}", lambda match: Torus(*_whole(match))),
+    (rf"moore\s+{_SHAPE}", lambda match: Moore(*_whole(match))),
+    (rf"grid\s+{_SHAPE}", lambda match: Grid(*_whole(match))),
+    (rf"ring\s+{_COUNT}", lambda match: Ring(*_whole(match))),
+    (rf"complete\s+{_COUNT}", lambda match: Complete(*_whole(match))),
+    (r"hypercube\s+(\d{1,2})", lambda match: Hypercube(*_whole(match))),
+    (
+        rf"random-regular\s+{_COUNT}\s+{_COUNT}{_SEED}",
+        lambda match: RandomRegular(int(match[1]), int(match[2]), _seed(match[3])),
+    ),
+    (
+        rf"small-world\s+{_COUNT}\s+{_COUNT}\s+(\d*\.?\d+(?:e-?\d+)?){_SEED}",
+        lambda match: SmallWorld(int(match[1]), int(match[2]), float(match[3]), _seed(match[4])),
+    ),
+)
+
+
+@cache
 def parse(spec: str) -> Topology:
-    """The topology named by ``spec``, such as ``"torus 8x8"``.
+    """The topology named by ``spec``, such as ``"torus 8x8"``: see `EXAMPLES`.
 
     Raises:
         ValueError: says what was expected and what was found.
     """
-    match = re.fullmatch(r"\s*torus\s+(\d{1,7})\s*[x×]\s*(\d{1,7})\s*", spec)
-    if match is None:
-        raise ValueError(f'expected a topology such as "torus 4x4", found {spec!r}')
-    torus = Torus(int(match[1]), int(match[2]))
-    if torus.cells > MOST_CELLS:
-        raise ValueError(f"expected at most {MOST_CELLS} cells, found {torus.cells}")
-    return torus
+    for pattern, make in _KINDS:
+        match = re.fullmatch(rf"\s*{pattern}\s*", spec)
+        if match is not None:
+            topology = make(match)
+            if topology.cells > MOST_CELLS:
+                raise ValueError(f"expected at most {MOST_CELLS} cells, found {topology.cells}")
+            return topology
+    examples = ", ".join(f'"{example}"' for example in EXAMPLES)
+    raise ValueError(f"expected a topology such as {examples}, found {spec!r}")

@@ -32,7 +32,7 @@ def add_run_options(parser: argparse.ArgumentParser) -> None:
     run = parser.add_argument_group("how to run (each wins over the file's [run] table)")
     shape = run.add_mutually_exclusive_group()
     shape.add_argument("--torus", metavar="RxC", type=_torus, dest="topology", help="rows and columns (4x4)")
-    shape.add_argument("--topology", metavar="SPEC", help='such as "torus 4x4"')
+    shape.add_argument("--topology", metavar="SPEC", help='such as "torus 4x4" or "ring 16"')
     run.add_argument("--deme", metavar="N", type=whole, help="individuals on each node (1)")
     add_breeding_options(run)
     run.add_argument("--mode", choices=("lockstep", "async"), help="wait for neighbours, or do not (lockstep)")

@@ -201,6 +201,30 @@ def test_small_shapes_where_neighbours_coincide(own_problem, shape):
     assert result.history_sha256 == history(replay(file, topology=topology, generations=20, target=-1.0, deme=4))
 
 
+@pytest.mark.parametrize("deme", [1, 4])
+@pytest.mark.parametrize(
+    "topology",
+    [
+        "moore 3x4",
+        "grid 3x3",
+        "ring 7",
+        "complete 6",
+        "hypercube 3",
+        "random-regular 10 3",
+        "small-world 12 4 0.3",
+    ],
+)
+def test_any_topology_is_replayed_bit_for_bit(own_problem, topology, deme):
+    file = supernode.load(own_problem())
+    run = {"generations": 12, "target": -1.0, "deme": deme}
+    with supernode.LocalCluster(topology=topology) as cluster:
+        result = cluster.submit(file, **run).result()
+    assert result.history_sha256 == history(replay(file, topology=topology, **run))
+    links = {(cell, other) for cell, slots in enumerate(cluster.topology.table().tolist()) for other in slots}
+    each = sum(cell != other for cell, other in links)
+    assert result.messages == {"sent": 12 * cluster.topology.cells, "received": 12 * each, "lost": 0, "rejected": 0}
+
+
 def test_a_closed_cluster_says_so(own_problem):
     cluster = supernode.LocalCluster(torus=(1, 1))
     cluster.close()

@@ -13,7 +13,7 @@ import pytest
 import supernode
 from supernode.__main__ import main
 
-COMMANDS = ("solve", "simulate", "check", "problems", "init")
+COMMANDS = ("solve", "simulate", "check", "topology", "problems", "init")
 
 
 def run(*arguments, **options):
@@ -168,8 +168,8 @@ def test_check_accepts_rejects_and_cannot_read(own_problem, tmp_path, capsys):
     [
         (["--deme", "x"], "error: --deme: expected a whole number, found 'x'"),
         (["--deme", "0"], "options: deme: expected greater than or equal to 1, found 0"),
-        (["--torus", "0x4"], "options: topology: expected a torus of at least 1 row and 1 column, found 0 x 4"),
-        (["--torus", "four"], 'expected a topology such as "torus 4x4", found'),
+        (["--torus", "0x4"], "options: topology: expected at least 1 row and 1 column, found 0 x 4"),
+        (["--torus", "four"], 'expected a topology such as "torus 4x4", '),
         (["--seconds", "nan"], "found NaN"),
         (["--seconds", "-1"], "found -1"),
         (["--target", "inf"], "target"),
@@ -329,3 +329,28 @@ def test_ctrl_c_while_a_problem_is_being_prepared(own_problem, tmp_path):
     out, _ = process.communicate(timeout=20)
     assert time.monotonic() - began < 5
     assert (process.returncode, json.loads(out)["status"]) == (130, "cancelled")
+
+
+@pytest.mark.parametrize(
+    ("spec", "words"),
+    [
+        ("torus 4x4", "torus 4x4: 16 cells, degree 4, diameter 4"),
+        ("grid 2x3", "grid 2x3: 6 cells, degree 2 to 3, diameter 3"),
+        ("small-world 20 4 0.2", "small-world 20 4 0.2 seed 1: 20 cells, degree 2 to 5, diameter 5"),
+    ],
+)
+def test_a_topology_is_told_and_drawn(capsys, tmp_path, spec, words):
+    picture = tmp_path / "topology.svg"
+    assert in_process(capsys, "topology", spec, "--plot", picture) == (0, words + "\n", "")
+    assert picture.stat().st_size > 2000
+    code, out, _ = in_process(capsys, "topology", spec, "--json")
+    told = json.loads(out)
+    assert (code, f"{told['topology']}: {told['cells']} cells") == (0, words.partition(",")[0])
+    assert len(told["neighbours"]) == told["cells"]
+
+
+def test_what_is_no_topology_is_one_error_line(capsys):
+    code, out, err = in_process(capsys, "topology", "donut 4")
+    assert (code, out) == (2, "")
+    assert err.startswith("error: SPEC: expected a topology such as")
+    assert len(err.splitlines()) == 1

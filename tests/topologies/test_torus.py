@@ -138,7 +138,6 @@ def test_the_largest_torus_may_be_asked_for(spec):
         ("torus axb", "'torus axb'"),
         ("torus4x4", "'torus4x4'"),
         ("TORUS 4x4", "'TORUS 4x4'"),
-        ("ring 4", "'ring 4'"),
         ("4x4", "'4x4'"),
         ("torus 4x4; rm", "'torus 4x4; rm'"),
         ("", "''"),
