@@ -66,7 +66,8 @@ def pointers(*arrays: NDArray[Any]) -> Table:
     The arrays must outlive the table.
     """
     assert all(each.flags.c_contiguous for each in arrays), "a pointer knows no strides"
-    return np.array([[each.ctypes.data, prod(each.shape[:-1]), each.shape[-1]] for each in arrays], np.int64)
+    rows = [[each.ctypes.data, prod(each.shape[:-1]), each.shape[-1]] for each in arrays]
+    return np.array(rows, np.int64).reshape(-1, 3)
 
 
 def _plain(value: Any) -> NDArray[Any]:
@@ -160,7 +161,7 @@ def call_founding(context: Any, address: Any, deme: Any, seed: Any, cell: Any, g
     )
 
 
-# For many rows at once -------------------------------------------------------------------------------------------------
+# For many rows at once ------------------------------------------------------------------------------------------------
 @kernel("void(int64, uint8[:,:,::1], uint64, int64[::1], int64, int64[:,::1])")
 def found_rows(address: int, demes: Genomes, seed: np.uint64, cells: Cells, generation: int, table: Table) -> None:
     """First demes (rows, deme, genome_bytes), each by a function of signature FOUNDING."""
@@ -178,6 +179,6 @@ def mate_rows(
     generation: int,
     table: Table,
 ) -> None:
-    """Couples (rows, n, 2, genome_bytes) to offspring (rows, 2 * n, genome_bytes), by a function of signature MATING."""
+    """Couples (rows, n, 2, bytes) to offspring (rows, 2 * n, bytes), by a function of signature MATING."""
     for row in range(cells.size):
         call_mating(address, couples[row], offspring[row], seed, cells[row], generation, table)

@@ -26,6 +26,9 @@ class Recipe:
             of it is a generation that replaces the one before.
         most_selections: how often one individual may be a parent in a generation of an island, by rank; 0 for any
             number of times.
+
+    Raises:
+        ValueError: if the renewal is no share.
     """
 
     crossover: str = "one-point"
@@ -35,9 +38,13 @@ class Recipe:
     renewal: float | None = None
     most_selections: int = 0
 
+    def __post_init__(self) -> None:
+        if self.renewal is not None and not 0 < self.renewal <= 1:
+            raise ValueError(f"expected a renewal above 0, at most 1, found {self.renewal}")
+
     def couples(self, deme: int) -> int:
         """How many couples an island has in a generation."""
-        return deme if self.renewal is None else max(1, int(deme * self.renewal) // 2)
+        return deme if self.renewal is None else max(1, round(deme * self.renewal) // 2)
 
 
 def evaluations_per_generation(deme: int, slots: int, recipe: Recipe) -> int:

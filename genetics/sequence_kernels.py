@@ -8,7 +8,7 @@ from genetics.arrays import Cells, Genomes
 from genetics.compiled import kernel, subroutine
 
 LEAST, MOST = 0, 1
-"""Places in the limits: the fewest and the most items; after them the least and the greatest of each gene of an item."""
+"""Places in the limits: the fewest and the most items; then the least and the greatest of each gene of an item."""
 
 
 @subroutine

@@ -199,7 +199,16 @@ def _emigrants(payload: Any, at: Any, mask: Any, low: Any, high: Any, items: Any
 
 @subroutine
 def _champion(
-    payload: Any, at: Any, cells: Any, mask: Any, low: Any, high: Any, items: Any, header: Any, genome: Any, fitness: Any
+    payload: Any,
+    at: Any,
+    cells: Any,
+    mask: Any,
+    low: Any,
+    high: Any,
+    items: Any,
+    header: Any,
+    genome: Any,
+    fitness: Any,
 ) -> Any:
     last = fitness.size - 1
     if _tag(payload, at) == _NIL:
