@@ -1,5 +1,6 @@
 """The breeding rule: one row at a time or many, a deme of one and an island."""
 
+import dataclasses
 import itertools
 from collections import Counter
 
@@ -7,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from lists import Lists
 
 from genetics import (
     BitString,
@@ -37,9 +39,22 @@ real_recipes = [
         ("blend", "uniform"), (0.0, 0.3, 1.0), ("offspring", "elitist")
     )
 ]
-breeds = st.one_of(
+island_rules = st.sampled_from(
+    [
+        {"renewal": renewal} | pairing
+        for renewal in (0.3, 0.5, 1.0, None)
+        for pairing in ({}, {"pairing": "better-half"}, {"most_selections": 2})
+    ]
+)
+list_recipes = [Recipe("splice", rate, replacement) for rate in (0.0, 0.3) for replacement in ("offspring", "elitist")]
+families = st.one_of(
     st.tuples(st.builds(BitString, st.integers(1, 5), st.integers(1, 20)), st.sampled_from(bit_recipes)),
     st.tuples(st.just(RealVector(3, -2.0, 5.0)), st.sampled_from(real_recipes)),
+    st.tuples(st.just(Lists()), st.sampled_from(list_recipes)),
+)
+breeds = st.one_of(
+    families,
+    st.tuples(families, island_rules).map(lambda drawn: (drawn[0][0], dataclasses.replace(drawn[0][1], **drawn[1]))),
 )
 
 
@@ -163,6 +178,32 @@ def test_a_bred_deme_is_sound(breed_of, deme, seed, exchange):
 )
 def test_evaluations_of_a_generation(deme, slots, mutation, count):
     assert evaluations_per_generation(deme, slots, Recipe(mutation=mutation)) == count
+
+
+@pytest.mark.parametrize(
+    ("deme", "renewal", "couples"),
+    [(2, 0.1, 1), (2, 1.0, 1), (3, 1.0, 1), (7, 0.5, 2), (10, 0.5, 2), (100, 0.58, 29), (100, 1.0, 50), (9, None, 9)],
+)
+def test_an_island_has_a_couple_for_every_two_places_that_it_renews(deme, renewal, couples):
+    recipe = Recipe(renewal=renewal)
+    assert recipe.couples(deme) == couples
+    assert evaluations_per_generation(deme, 4, recipe) == 2 * couples
+    assert evaluations_per_generation(deme, 4, Recipe(mutation="one-bit", renewal=renewal)) == 2 * couples + 1
+    assert evaluations_per_generation(1, 4, recipe) == 8
+
+
+@pytest.mark.parametrize("renewal", [0.0, -0.5, 1.1, float("nan")])
+def test_what_is_no_share_is_no_renewal(renewal):
+    with pytest.raises(ValueError, match="expected a renewal above 0, at most 1, found"):
+        Recipe(renewal=renewal)
+
+
+def test_a_renewed_deme_keeps_its_better_part():
+    (old_genomes, old_fitness), (genomes, fitness) = bred(BitString(4, 16), Recipe(renewal=0.4), 10, exchange=False)
+    best = np.argsort(old_fitness[0], kind="stable")[:6]
+    np.testing.assert_array_equal(genomes[0, best], old_genomes[0, best])
+    np.testing.assert_array_equal(fitness[0, best], old_fitness[0, best])
+    assert (genomes[0] != old_genomes[0]).any(axis=1).sum() == 4
 
 
 def test_an_individual_is_crossed_with_each_immigrant_in_the_order_of_the_neighbours():

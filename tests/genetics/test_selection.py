@@ -193,6 +193,44 @@ def test_every_ticket_belongs_to_one_individual(deme):
             assert selection._by_rank(order, bits) == deme - weight
 
 
+# Other ways to couple ---------------------------------------------------------------------------------------------
+def coupled(fitness, count, *, better_half=False, most=0, seed=1):
+    fitness = np.array(fitness, dtype=float)
+    return selection.pairs(fitness, np.uint64(seed), np.arange(len(fitness)), 1, count, better_half, most)
+
+
+@pytest.mark.parametrize(("deme", "half"), [(2, 1), (3, 2), (6, 3), (7, 4)])
+def test_of_the_better_half_anyone_mates_as_often(deme, half):
+    fitness = np.random.default_rng(deme).permutation(deme).astype(float)
+    chosen = coupled(np.tile(fitness, (4000, 1)), 5, better_half=True)
+    assert chosen.shape == (4000, 5, 2)
+    shares = np.bincount(chosen.ravel(), minlength=deme) / chosen.size
+    np.testing.assert_allclose(shares, np.where(fitness < half, 1 / half, 0.0), atol=0.01)
+
+
+@compiled
+@given(st.data(), st.integers(1, 3), st.integers(2, 9), st.integers(1, 3))
+def test_nobody_is_chosen_too_often_while_there_are_others(data, rows, deme, most):
+    count = data.draw(st.integers(1, 2 * deme))
+    chosen = coupled(data.draw(demes(rows, deme)), count, most=most, seed=data.draw(st.integers(0, 1000)))
+    assert chosen.shape == (rows, count, 2)
+    for row in range(rows):
+        first = chosen[row].ravel()[: most * deme]  # by then everybody has had their turns
+        assert np.bincount(first, minlength=deme).max() <= most
+
+
+def test_a_limit_that_is_never_met_changes_no_proportion():
+    fitness = np.tile([2.0, 0.0, 1.0], (20_000, 1))
+    chosen = coupled(fitness, 1, most=2)
+    np.testing.assert_allclose(np.bincount(chosen.ravel()) / chosen.size, [1 / 6, 1 / 2, 1 / 3], atol=0.01)
+
+
+def test_who_has_had_their_turns_leaves_the_others_in_proportion():
+    chosen = coupled(np.tile([0.0, 1.0, 2.0], (20_000, 1)), 1, most=1)[:, 0]
+    after_the_best = chosen[chosen[:, 0] == 0, 1]
+    np.testing.assert_allclose(np.bincount(after_the_best) / len(after_the_best), [0, 2 / 3, 1 / 3], atol=0.015)
+
+
 # Replacement of an individual alone -------------------------------------------------------------------------------
 def replace_local(fitness, offspring_fitness, *, elitist):
     genomes, local = tagged(1), np.array([[fitness]], dtype=float)
@@ -302,6 +340,52 @@ def test_families_leave_their_best_and_elitism_never_loses_the_best(data, rows, 
             assert fitness[row].tolist() == of_families
         fitness_of = {**dict(enumerate(before[row])), **{100 + tag: value for tag, value in enumerate(children[row])}}
         assert [fitness_of[tag] for tag in genomes[row, :, 0].tolist()] == fitness[row].tolist()
+
+
+# Replacement of the worst ------------------------------------------------------------------------------------------
+def replace_worst(fitness, offspring_fitness, *, elitist=False):
+    genomes, deme = tagged(len(fitness)), np.array([fitness], dtype=float)
+    offspring = tagged(len(offspring_fitness), start=100)
+    selection.replace_worst(genomes, deme, offspring, np.array([offspring_fitness], dtype=float), elitist)
+    return list(zip(genomes[0, :, 0].tolist(), deme[0].tolist(), strict=True))
+
+
+def test_offspring_take_the_places_of_the_worst_whatever_they_are_worth():
+    assert replace_worst([4, 1, 3, 2], [9, 5]) == [(101, 5), (1, 1), (100, 9), (3, 2)]
+
+
+def test_of_equal_worst_the_latest_born_are_replaced():
+    assert replace_worst([4, 4, 1, 4], [5, 6]) == [(0, 4), (100, 5), (2, 1), (101, 6)]
+    assert replace_worst([INF, 1, INF], [7]) == [(0, INF), (1, 1), (100, 7)]
+
+
+def test_a_whole_generation_may_be_replaced():
+    assert replace_worst([1, 2], [5, 6]) == [(100, 5), (101, 6)]
+
+
+def test_with_elitism_the_best_of_a_generation_that_is_replaced_takes_the_worst_place():
+    assert replace_worst([2, 1], [5, 6], elitist=True) == [(1, 1), (100, 5)]
+    assert replace_worst([2, 1], [5, 1], elitist=True) == [(101, 1), (100, 5)]
+
+
+@compiled
+@given(st.data(), st.integers(1, 3), st.integers(2, 8), st.booleans())
+def test_who_is_not_among_the_worst_stays_and_elitism_never_loses_the_best(data, rows, deme, elitist):
+    count = data.draw(st.integers(1, deme))
+    before, children = data.draw(demes(rows, deme)), data.draw(demes(rows, count)).reshape(rows, count)
+    genomes, fitness = tagged(deme, rows=rows), before.copy()
+    selection.replace_worst(genomes, fitness, tagged(count, 100, rows), children, elitist)
+    for row in range(rows):
+        fitness_of = {**dict(enumerate(before[row])), **{100 + tag: value for tag, value in enumerate(children[row])}}
+        tags = genomes[row, :, 0].tolist()
+        assert [fitness_of[tag] for tag in tags] == fitness[row].tolist()
+        kept = sorted(range(deme), key=lambda tag, row=row: (before[row, tag], tag))[: deme - count]
+        expected = {*kept, *range(100, 100 + count)}
+        if elitist and before[row].min() < min(fitness_of[tag] for tag in expected):
+            assert fitness[row].min() == before[row].min()
+            assert len(expected - set(tags)) == 1
+        else:
+            assert set(tags) == expected
 
 
 # Compiled and in Python -------------------------------------------------------------------------------------------

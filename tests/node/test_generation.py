@@ -1,12 +1,15 @@
 """Generations in one compiled call: the same life as without it, and as in the simulator."""
 
 import random
+from dataclasses import replace
 
 import numba
 import numpy as np
 import pytest
+from lists import Adding, AddingSlowly
 from one_max import Bus, OneMax
 
+from genetics import Recipe
 from genetics.operators import FITNESS, Operator, integers
 from node import Plan, simulate
 from node.cell import Cell, Publish, Start
@@ -112,6 +115,44 @@ def test_in_async_mode_too(shape, name):
         same = {"at_once": (1,)}  # and the same mail in the same order
         assert reports_of(compiled, **same) == reports_of(slow, **same)
         assert simulated(compiled) == simulated(slow)
+
+
+# Islands of other rules, and genomes of variable length --------------------------------------------------------------
+RULES = [
+    {},
+    {"renewal": 0.5},
+    {"renewal": 1.0, "replacement": "elitist"},
+    {"renewal": 1.0, "pairing": "better-half"},
+    {"renewal": 0.4, "most_selections": 1, "replacement": "elitist"},
+    {"most_selections": 2},
+    {"pairing": "better-half", "replacement": "elitist"},
+]
+
+
+def ruled(problem, recipe, fields, **run):
+    """The plan of a problem whose recipe is another."""
+    kind = type(problem.__name__, (problem,), {"__module__": __name__, "recipe": lambda *_: recipe})
+    return Plan(kind.model_validate(fields), Run(**run))
+
+
+@pytest.mark.parametrize("rule", RULES)
+@pytest.mark.parametrize(
+    ("compiled", "slow", "fields", "recipe"),
+    [
+        (Adding, AddingSlowly, {"kind": "adding"}, Recipe("splice", 0.1)),
+        (Function, Slow, {"kind": "function"} | PROBLEMS["onemax"], Recipe("uniform", 0.02)),
+        (Function, Slow, {"kind": "function"} | PROBLEMS["trap"], Recipe("one-point", "one-bit")),
+    ],
+)
+def test_whatever_the_rule_of_an_island_it_lives_the_same_with_and_without(compiled, slow, fields, recipe, rule):
+    for deme, shape in ((1, "torus 2x3"), (2, "torus 2x2"), (7, "torus 1x2"), (10, "torus 1x1")):
+        settings = {"topology": shape, "deme": deme, "target": -1.0, "generations": 25, "seed": deme}
+        its_recipe = replace(recipe, **rule)
+        fast = ruled(compiled, its_recipe, fields, **settings)
+        assert fast.problem.judging is not None
+        reports = reports_of(fast)
+        assert reports == reports_of(ruled(slow, its_recipe, fields, **settings), mail=2) == simulated(fast)
+        assert {report.evaluations for report in reports} == {deme + 25 * fast.evaluations_per_generation}
 
 
 # Evaluations ----------------------------------------------------------------------------------------------------------

@@ -10,6 +10,7 @@ import pytest
 from exchanges import (
     BITS,
     LIMITS,
+    LISTS,
     MESSAGE,
     MOST,
     REALS,
@@ -20,6 +21,7 @@ from exchanges import (
     decode,
     exchanges,
     limits_of,
+    list_genomes,
     read_slowly,
     real_genomes,
     values_of,
@@ -33,14 +35,21 @@ from wire.strict import Rejected
 
 compiled = settings(deadline=None)
 OF_REALS = limits_of(REALS, 1)
+OF_LISTS = limits_of(LISTS)
 messages = st.one_of(
     exchanges(bit_genomes, 2, 16).map(lambda message: (message, LIMITS)),
     exchanges(real_genomes, 1, 16).map(lambda message: (message, OF_REALS)),
+    exchanges(list_genomes, 2, 16).map(lambda message: (message, OF_LISTS)),
 )
 NUMBERS = dataclasses.replace(
     MESSAGE,
     emigrants=(Emigrant(struct.pack("2d", 0.5, -1.0), -2.0),),
     champion=Champion(-2.5, 3, 0, struct.pack("2d", 1.0, -0.0)),
+)
+PACKED = dataclasses.replace(
+    MESSAGE,
+    emigrants=(Emigrant(struct.pack("7H", 1, 9, 512, 0, 0, 0, 0), -2.0), Emigrant(bytes(14), math.inf)),
+    champion=Champion(-2.5, 3, 0, struct.pack("7H", 3, 0, 1000, 1, 256, 2, 7)),
 )
 
 
@@ -69,6 +78,15 @@ def test_a_whole_large_deme_may_emigrate(emigrants):
     payload = message.encode()
     assert payload == msgpack.packb(values_of(message))
     assert decode(payload, anything(1, emigrants)) == message
+
+
+@compiled
+@given(exchanges(list_genomes, 2, 16))
+def test_zeros_at_the_end_of_a_genome_do_not_travel(message):
+    everyone = [each.genome for each in message.emigrants] + [message.champion.genome if message.champion else b""]
+    payload = message.encode()
+    assert len(payload) < 100 + sum(len(genome.rstrip(b"\0")) for genome in everyone)
+    assert decode(payload, OF_LISTS) == message
 
 
 @compiled
@@ -194,6 +212,7 @@ BASES = [
     pytest.param(MESSAGE, LIMITS, id="bits"),
     pytest.param(dataclasses.replace(MESSAGE, champion=None, stop_at=None), LIMITS, id="no champion"),
     pytest.param(NUMBERS, OF_REALS, id="numbers"),
+    pytest.param(PACKED, OF_LISTS, id="lists"),
 ]
 
 
