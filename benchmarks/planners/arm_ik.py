@@ -124,8 +124,7 @@ def _head(worlds: int, trials: Sequence[Sequence[Trial]]) -> list[str]:
         "| asked | reached by tuned, 8 × 8 | plain binary | paper |",
         "|---|---|---|---|",
         f"| the optimum in ≥ 99 % of runs | {tuned} | {binary} | {paper} |",
-        "| median evaluations until found ≤ 10 % of all "
-        f"| {total / CODES:.1%} total, {distinct / CODES:.1%} distinct | | |",
+        f"| median evaluations until found ≤ 10 % of all | {_of_all(total)} total, {_of_all(distinct)} distinct | | |",
     ]
 
 
@@ -149,4 +148,8 @@ def _line(entry: Entry, trials: Sequence[Trial]) -> str:
     head = f"| {where} | {entry.recipe} | {entry.code} | {share(trial.found for trial in trials)} |"
     total, distinct = _medians(trials)
     most = np.quantile([trial.total for trial in trials if trial.found] or [np.nan], 0.9)
-    return f"{head} {total:,.0f} | {most:,.0f} | {total / CODES:.1%} | {distinct:,.0f} | {distinct / CODES:.1%} |"
+    return f"{head} {total:,.0f} | {most:,.0f} | {_of_all(total)} | {distinct:,.0f} | {_of_all(distinct)} |"
+
+
+def _of_all(evaluations: float) -> str:
+    return f"{100 * evaluations / CODES:.1f} %"

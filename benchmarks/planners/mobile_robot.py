@@ -26,12 +26,14 @@ class Floor(NamedTuple):
     """What came of one floor.
 
     Attributes:
+        file: the floor.
         outcomes: each entry's run.
         answer: what the oracle knows.
         rivals: what each of them found.
         hard: whether none of many random individuals solves it.
     """
 
+    file: ProblemFile
     outcomes: list[Outcome]
     answer: Answer
     rivals: list[ompl_se2.Way]
@@ -50,7 +52,7 @@ def section(quick: bool) -> str:
     """Run everything on all floors."""
     numbers = range(1, (4 if quick else WORLDS) + 1)
     floors = list(on_all_cores(_on_floor, numbers))
-    timed = _on_a_cluster(numbers)
+    timed = _on_a_cluster([floor.file for floor in floors])
     return "\n".join([*_head(floors, timed), "", *_recipes(floors), "", *_rivals(floors, timed)])
 
 
@@ -59,7 +61,7 @@ def _on_floor(number: int) -> Floor:
     outcomes = [run(file, seed=number, recipe=recipe, topology=topology) for recipe, topology in ENTRIES]
     problem: Any = file.problem()
     rivals = [ompl_se2.plan(problem, planner, number) for planner in ompl_se2.PLANNERS]
-    return Floor(outcomes, problem.oracle(), rivals, _is_hard(file))
+    return Floor(file, outcomes, problem.oracle(), rivals, _is_hard(file))
 
 
 def _is_hard(file: ProblemFile) -> bool:
@@ -68,17 +70,16 @@ def _is_hard(file: ProblemFile) -> bool:
     return bool(np.all(plan.evaluate(guesses) > 0.0))
 
 
-def _on_a_cluster(numbers: Sequence[int]) -> list[Timed]:
+def _on_a_cluster(files: Sequence[ProblemFile]) -> list[Timed]:
     """One job after the other on the same processes, which are up before the first is handed in."""
     with supernode.LocalCluster(topology="torus 4x4") as cluster:
-        cluster.submit(robot_world(0), generations=2).result()
-        return [_timed(cluster, number) for number in numbers]
+        cluster.submit(files[0], generations=2).result()
+        return [_timed(cluster, file, seed) for seed, file in enumerate(files, start=1)]
 
 
-def _timed(cluster: supernode.LocalCluster, number: int) -> Timed:
-    file = robot_world(number)
+def _timed(cluster: supernode.LocalCluster, file: ProblemFile, seed: int) -> Timed:
     began = time.perf_counter()
-    result = cluster.submit(file, seed=number).result()
+    result = cluster.submit(file, seed=seed).result()
     return Timed(result.solved and result.feasible, result.seconds, time.perf_counter() - began)
 
 

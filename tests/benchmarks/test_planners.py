@@ -15,7 +15,6 @@ from problems import load, registry
 from problems.arm_ik.oracle import enumerate_best
 from problems.mobile_robot.checker import objection_to
 
-
 OFFICE = Path(__file__).resolve().parents[2] / "examples" / "mobile-robot.toml"
 
 
