@@ -18,7 +18,7 @@ lint: $(VENV)/test
 
 bench: $(VENV)/test  ## ratios and shares, measured side by side on this machine
 	$(BIN)/python -m benchmarks.exchange
-	$(BIN)/python -m benchmarks.arm_ik
+	$(BIN)/python -m benchmarks.evaluations
 
 planners: $(VENV)/test  ## how good each planner is, against its exact answer: an hour or so; writes docs/results.md
 	$(BIN)/python -m benchmarks.planners

@@ -67,9 +67,10 @@ def _free_cells(problem: MobileRobot) -> NDArray[np.bool_]:
         shapely.Point(each.center).buffer(each.radius) if isinstance(each, Circle) else each.polygon
         for each in problem.obstacles
     ]
-    clearance = shapely.distance(shapely.points(x, y), shapely.union_all(solids))
+    everything = shapely.union_all(solids)
+    shapely.prepare(everything)
     walls = np.minimum(np.minimum(x - x0, x1 - x), np.minimum(y - y0, y1 - y))
-    free: NDArray[np.bool_] = np.minimum(clearance, walls) >= needed
+    free: NDArray[np.bool_] = (walls >= needed) & ~shapely.dwithin(everything, shapely.points(x, y), needed)
     return free
 
 

@@ -92,6 +92,10 @@ def foretold(problem: Problem) -> Answer:
         raise _raised(problem, "oracle", error) from error
     if not isinstance(answer, Answer) or math.isnan(answer.fitness):
         raise EvaluationFailed(f"{problem.kind}: oracle must return a supernode.Answer, got {shorten(answer)}")
+    try:
+        json.dumps([answer.solution, dict(answer.figures)])
+    except (TypeError, ValueError, RecursionError) as error:
+        raise EvaluationFailed(f"{problem.kind}: oracle must answer in plain JSON values: {error}") from error
     return answer
 
 

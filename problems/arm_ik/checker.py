@@ -7,7 +7,7 @@ that only touch.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
@@ -39,15 +39,32 @@ class ArmSolution(Table):
 def judge(problem: ArmIk, solution: Solution) -> Verdict:
     """The distance of the tip to the target, inf in collision, and all that is wrong with the solution."""
     claimed = _parsed(problem.arm, solution)
-    joints = _joints(problem.arm, claimed.configuration)
+    joints = joints_of(problem.arm, claimed.configuration)
     distance = float(abs(joints[-1] - complex(*problem.target)))
-    collisions = [*_obstacles_hit(problem, joints), *_links_touching(problem, joints)]
+    collisions = list(_collisions(problem, joints))
     objections = [
         *_limits_exceeded(problem.arm, claimed.configuration),
         *collisions,
         *_wrong_claims(problem.arm, claimed, joints[-1], distance),
     ]
     return Verdict(np.inf if collisions else distance, tuple(objections))
+
+
+def is_free(problem: ArmIk, configuration: Sequence[float]) -> bool:
+    """Whether the arm touches nothing there."""
+    return next(_collisions(problem, joints_of(problem.arm, configuration)), None) is None
+
+
+def joints_of(arm: Arm, configuration: Sequence[float]) -> Joints:
+    """The base, the joints and the tip, as complex numbers, m."""
+    turns = np.cumprod(np.exp(1j * np.array(configuration)))
+    return complex(*arm.base) + np.concatenate([[0], np.cumsum(arm.links * turns)])
+
+
+def links_of(joints: Joints) -> list[shapely.LineString]:
+    """The links, without their thickness."""
+    points = np.column_stack([joints.real, joints.imag])
+    return [shapely.LineString(points[link : link + 2]) for link in range(len(points) - 1)]
 
 
 def obstacle_at_base(problem: ArmIk) -> int | None:
@@ -70,14 +87,10 @@ def _parsed(arm: Arm, solution: Solution) -> ArmSolution:
     return claimed
 
 
-def _joints(arm: Arm, configuration: list[float]) -> Joints:
-    turns = np.cumprod(np.exp(1j * np.array(configuration)))
-    return complex(*arm.base) + np.concatenate([[0], np.cumsum(arm.links * turns)])
-
-
-def _links(joints: Joints) -> list[shapely.LineString]:
-    points = np.column_stack([joints.real, joints.imag])
-    return [shapely.LineString(points[link : link + 2]) for link in range(len(points) - 1)]
+def _collisions(problem: ArmIk, joints: Joints) -> Iterator[str]:
+    links = links_of(joints)
+    yield from _obstacles_hit(problem, links)
+    yield from _links_touching(problem, links)
 
 
 def _is_near(shape: shapely.Geometry, obstacle: Obstacle, limit: float) -> bool:
@@ -94,17 +107,16 @@ def _is_hit(link: shapely.LineString, obstacle: Obstacle, radius: float) -> bool
     return bool(link.intersects(core))
 
 
-def _obstacles_hit(problem: ArmIk, joints: Joints) -> Iterator[str]:
-    for number, link in enumerate(_links(joints), start=1):
+def _obstacles_hit(problem: ArmIk, links: list[shapely.LineString]) -> Iterator[str]:
+    for number, link in enumerate(links, start=1):
         for index, obstacle in enumerate(problem.obstacles):
             if _is_hit(link, obstacle, problem.arm.radius):
                 yield f"link {number} is in obstacles[{index}]"
 
 
-def _links_touching(problem: ArmIk, joints: Joints) -> Iterator[str]:
+def _links_touching(problem: ArmIk, links: list[shapely.LineString]) -> Iterator[str]:
     if not problem.self_collision:
         return
-    links = _links(joints)
     for one in range(len(links)):
         for other in range(one + 2, len(links)):
             if _are_in_each_other(links[one], links[other], 2 * problem.arm.radius):

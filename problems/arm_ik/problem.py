@@ -13,7 +13,7 @@ from genetics.arrays import Fitness, Genomes
 from genetics.recipe import ONE_BIT, Recipe
 from problems.arm_ik import checker
 from problems.plane import Obstacle, Shapes
-from problems.problem import CodedProblem, Populations, RecipeName, Solution, Table, Verdict, quantity
+from problems.problem import Answer, CodedProblem, Populations, RecipeName, Solution, Table, Verdict, quantity
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -202,6 +202,12 @@ seed = 1
     def check(self, solution: Solution) -> Verdict:
         """See `problems.arm_ik.checker`, which shares no code with `evaluate`."""
         return checker.judge(self, solution)
+
+    def oracle(self) -> Answer:
+        """See `problems.arm_ik.oracle`: enumeration of few codes, else the arm's reach and a local solver."""
+        from problems.arm_ik import oracle
+
+        return oracle.foretell(self)
 
     def draw(self, figure: Figure, solution: Solution | None, populations: Populations) -> None:
         """The arm in its world; for two links beside it the configuration space (figures 1 to 3 of the paper)."""

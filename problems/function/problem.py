@@ -13,7 +13,7 @@ from genetics.arrays import Fitness, Genomes, writable
 from genetics.recipe import Recipe
 from problems.function import checker
 from problems.function.graph import Graph
-from problems.problem import CodedProblem, Populations, RecipeName, Solution, Verdict, quantity
+from problems.problem import Answer, CodedProblem, Populations, RecipeName, Solution, Verdict, quantity
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -134,11 +134,18 @@ seed = 1
             return 0.0
         if self.bits == 0:
             return _REAL_TARGET
+        return float(checker.value(self.name, self.nearest_to_optimum)) + _ROUNDING
+
+    @property
+    def nearest_to_optimum(self) -> NDArray[np.float64]:
+        """Of a function of numbers, the point whose code is nearest to the optimum, shape (dimension,)."""
+        assert self.bounds is not None, "a point is of numbers"
         low, high = self.bounds
         best = 1.0 if self.name == "rosenbrock" else 0.0
-        steps = (1 << self.bits) - 1
-        nearest = low + (high - low) * round((best - low) / (high - low) * steps) / steps
-        return float(checker.value(self.name, np.full(self.dimension, nearest))) + _ROUNDING
+        if self.bits > 0:
+            steps = (1 << self.bits) - 1
+            best = low + (high - low) * round((best - low) / (high - low) * steps) / steps
+        return np.full(self.dimension, best)
 
     def recipe(self, name: RecipeName, deme: int) -> Recipe:
         """Tuned bit strings: uniform crossover (but for the trap, whose blocks it would tear) and more mutation."""
@@ -222,6 +229,12 @@ seed = 1
     def check(self, solution: Solution) -> Verdict:
         """See `problems.function.checker`, which shares no code with `evaluate`."""
         return checker.judge(self, solution)
+
+    def oracle(self) -> Answer:
+        """See `problems.function.oracle`: the optimum is known, or else a value that is hardly above it."""
+        from problems.function import oracle
+
+        return oracle.foretell(self)
 
     def draw(self, figure: Figure, solution: Solution | None, populations: Populations) -> None:
         """A map of the first two parameters; the bits; or the graph's edges, sorted by parts."""

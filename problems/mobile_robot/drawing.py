@@ -40,6 +40,7 @@ def draw(problem: MobileRobot, figure: Figure, solution: Solution | None, popula
     draw_obstacles(axes, problem.obstacles)
     if populations:
         _draw_population(problem, axes, populations)
+        figure.legend(loc="outside lower center", ncols=2, frameon=False)
     if solution is not None:
         _draw_path(problem, axes, np.array(solution["path"]))
     _draw_robot(problem, axes, problem.start, START, "start")
@@ -130,5 +131,6 @@ def _draw_population(problem: MobileRobot, axes: Axes, populations: Populations)
     """Where the individuals of the first and the last generation end."""
     for generation, marker, color in ((min(populations), "x", "0.45"), (max(populations), "+", "#8a4fbf")):
         ends = np.array([problem.decode(genome)["path"][-1] for genome in populations[generation]])
-        axes.plot(*ends[:, :2].T, marker, color=color, markersize=5, zorder=5.5, label=f"generation {generation}")
-    axes.legend(loc="upper right", framealpha=0.9, fontsize="small")
+        axes.plot(
+            *ends[:, :2].T, marker, color=color, markersize=6, zorder=5.5, label=f"ends in generation {generation}"
+        )

@@ -13,7 +13,7 @@ from genetics.recipe import Recipe
 from problems.mobile_robot import checker
 from problems.mobile_robot.arrays import SLIMMEST, floor_arrays, is_wide, robot_arrays
 from problems.plane import Obstacle, Point, simple_polygon
-from problems.problem import CodedProblem, Populations, RecipeName, Solution, Table, Verdict, quantity
+from problems.problem import Answer, CodedProblem, Populations, RecipeName, Solution, Table, Verdict, quantity
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -188,6 +188,12 @@ seed = 1
     def check(self, solution: Solution) -> Verdict:
         """See `problems.mobile_robot.checker`, which shares no code with `evaluate`."""
         return checker.judge(self, solution)
+
+    def oracle(self) -> Answer:
+        """See `problems.mobile_robot.oracle`: a visibility graph; for a polygon also slices of its headings."""
+        from problems.mobile_robot import oracle
+
+        return oracle.foretell(self)
 
     def draw(self, figure: Figure, solution: Solution | None, populations: Populations) -> None:
         """The floor and the swept robot (figure 6 of the paper)."""

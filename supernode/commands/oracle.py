@@ -44,13 +44,17 @@ def _json(answer: "Answer", seconds: float) -> str:
     return json.dumps(
         {
             "meaning": answer.meaning,
-            "fitness": answer.fitness if math.isfinite(answer.fitness) else None,
+            "fitness": _finite(answer.fitness),
             "method": answer.method,
             "seconds": seconds,
-            "figures": dict(answer.figures),
+            "figures": {name: _finite(value) for name, value in answer.figures.items()},
             "solution": answer.solution,
         }
     )
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
 
 
 def _words(answer: "Answer", seconds: float) -> str:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 EXAMPLE = "supernode scale examples/mobile-robot.toml --nodes 16,64 --repeats 5 -o office-scaling"
 
-_LIBRARIES = ("pyarrow", "scipy", "jinja2")
+_LIBRARIES = ("pyarrow", "jinja2")
 _SERIES = ("strong", "weak", "budget")
 _MODES = ("lockstep", "async")
 _OF_THE_EXPERIMENT = (

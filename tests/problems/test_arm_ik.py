@@ -1,6 +1,7 @@
 """The arm-ik planner: its file, its coding, its evaluation, its judge, its oracle and its pictures."""
 
 import itertools
+import json
 import subprocess
 import sys
 from pathlib import Path
@@ -15,7 +16,7 @@ from genetics import Recipe
 from node import Plan, simulate
 from problems import BadInput, load
 from problems.arm_ik import ArmIk
-from problems.arm_ik.oracle import enumerate_best, out_of_reach
+from problems.arm_ik.oracle import enumerate_best, out_of_reach, solve_locally
 from problems.file import parse
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
@@ -238,19 +239,80 @@ def test_enumeration_equals_brute_force_by_the_judge():
         best = min(best, problem.check({"configuration": angles, "tip": [x, y], "distance": distance}).fitness)
     fitness, configuration = enumerate_best(problem)
     assert fitness == pytest.approx(best, abs=1e-12)
-    assert problem.distances(configuration[None])[0] == fitness
+    assert problem.distances(configuration[None])[0] == pytest.approx(fitness, abs=1e-12)
 
 
-def test_enumeration_beyond_one_batch():
-    problem = template_problem(bits=9)
-    fitness, _ = enumerate_best(problem)
-    assert fitness <= enumerate_best(template_problem(bits=8))[0]
-    assert fitness <= problem.evaluate(genomes_of(problem, 100_000)).min()
+@pytest.mark.parametrize(("links", "bits"), [([1.0], 10), ([1.0, 0.8], 7), ([1.0, 0.8, 0.5], 4), ([0.9] * 4, 3)])
+@pytest.mark.parametrize("limited", [False, True])
+def test_enumeration_finds_the_best_that_evaluation_knows(links, bits, limited):
+    limits = {"limits": [[-2.0, 2.5]] * len(links)} if limited else {}
+    problem = template_problem(arm={"links": links, "radius": 0.04} | limits, bits=bits)
+    everything = itertools.product(range(1 << bits), repeat=len(links))
+    best = problem.distances(problem.configurations(np.array(list(everything)))).min()
+    assert enumerate_best(problem)[0] == pytest.approx(best, abs=1e-12)
 
 
-def test_enumeration_is_for_two_links():
-    with pytest.raises(BadInput, match="expected an arm of 2 links"):
-        enumerate_best(arm_ik(1.0))
+def test_enumeration_is_of_few_bits():
+    with pytest.raises(BadInput, match="enumeration: expected at most 22 bits in all, found 24"):
+        enumerate_best(arm_ik(bits=12))
+
+
+def test_the_oracle_of_few_codes_enumerates_them():
+    problem = template_problem()
+    answer = problem.oracle()
+    assert (answer.meaning, answer.method) == ("optimum", "enumeration of all 65536 coded configurations")
+    verdict = problem.check(json.loads(json.dumps(answer.solution)))
+    assert verdict.feasible
+    assert verdict.fitness == pytest.approx(answer.fitness, abs=1e-12)
+
+
+def test_the_oracle_knows_when_no_code_is_free():
+    cage = [{"shape": "circle", "center": [0.3 * np.cos(a), 0.3 * np.sin(a)], "radius": 0.2} for a in range(7)]
+    answer = arm_ik(obstacles=cage, bits=4).oracle()
+    assert (answer.meaning, answer.fitness, answer.solution) == ("optimum", np.inf, None)
+
+
+def test_the_oracle_of_many_codes_hits_the_target():
+    problem = load(EXAMPLES / "arm-ik-6.toml").problem()
+    answer = problem.oracle()
+    assert (answer.meaning, answer.figures) == ("optimum", {"lower_bound": 0.0})
+    assert answer.fitness < 1e-6
+    verdict = problem.check(json.loads(json.dumps(answer.solution)))
+    assert verdict.feasible
+    assert verdict.fitness == pytest.approx(answer.fitness, abs=1e-9)
+
+
+def test_the_oracle_of_many_codes_stretches_for_what_is_out_of_reach():
+    answer = arm_ik(1.0, 0.7, 0.5, target=[2.0, 2.0]).oracle()
+    assert answer.meaning == "optimum"
+    assert answer.fitness == pytest.approx(np.hypot(2, 2) - 2.2, abs=1e-6)
+    assert answer.figures["lower_bound"] == pytest.approx(np.hypot(2, 2) - 2.2)
+
+
+def test_the_oracle_of_many_codes_gives_bounds_where_obstacles_are_in_the_way():
+    post = {"shape": "circle", "center": [0.9, 0.7], "radius": 0.3}
+    problem = arm_ik(1.0, 0.7, 0.5, obstacles=[post], arm={"radius": 0.05})
+    answer = problem.oracle()
+    assert (answer.meaning, answer.figures) == ("upper bound", {"lower_bound": 0.0})
+    assert answer.fitness == pytest.approx(0.35, abs=1e-3), "the tip touches the post"
+    assert problem.check(json.loads(json.dumps(answer.solution))).feasible
+
+
+def test_the_oracle_of_many_codes_says_so_if_it_finds_nothing_free():
+    cage = [{"shape": "circle", "center": [0.3 * np.cos(a), 0.3 * np.sin(a)], "radius": 0.2} for a in range(7)]
+    answer = arm_ik(1.0, 0.7, 0.5, obstacles=cage, target=[3.0, 0.0]).oracle()
+    assert (answer.meaning, answer.solution) == ("lower bound", None)
+    assert answer.fitness == pytest.approx(0.8)
+
+
+@pytest.mark.parametrize("limited", [False, True])
+def test_the_local_solver_is_as_good_as_enumeration(limited):
+    """Codes are some of all configurations; where it is worse it is stuck in a local minimum."""
+    limits = {"limits": [[-2.0, 2.5]] * 3} if limited else {}
+    for target in ([1.2, 0.9], [-0.6, 1.4], [0.3, -0.2], [-1.7, -0.9]):
+        problem = template_problem(target=target, arm={"links": [1.0, 0.7, 0.5], "radius": 0.04} | limits, bits=5)
+        configuration = solve_locally(problem)
+        assert problem.distances(configuration[None])[0] <= enumerate_best(problem)[0] + 1e-9
 
 
 def test_reach_in_closed_form():

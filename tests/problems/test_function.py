@@ -1,5 +1,7 @@
 """Known functions: their values, files, codings, judge and recipes."""
 
+import itertools
+import json
 import time
 from pathlib import Path
 
@@ -282,6 +284,43 @@ def test_every_field_says_what_it_is_and_in_which_unit():
         for name, field in table["properties"].items():
             assert field["description"], name
             assert "unit" in field or name == "kind", name
+
+
+# Oracle ---------------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("fields", EVERY, ids=label)
+def test_the_oracle_knows_a_solution_that_solves(fields):
+    problem = function(**fields)
+    answer = problem.oracle()
+    verdict = problem.check(json.loads(json.dumps(answer.solution)))
+    assert verdict.feasible
+    assert verdict.fitness == pytest.approx(answer.fitness, abs=1e-12)
+    assert answer.fitness <= problem.solved_at
+    known = problem.graph is None and not (problem.bits and problem.name != "sphere")
+    assert answer.meaning == ("optimum" if known else "upper bound")
+
+
+@pytest.mark.parametrize("fields", [{"name": "onemax", "dimension": 10}, {"name": "trap", "dimension": 10}], ids=label)
+def test_no_bits_are_better_than_the_oracle_says(fields):
+    problem = function(**fields)
+    everything = problem.coding.encode(np.array(list(itertools.product((0, 1), repeat=10))))
+    assert problem.evaluate(everything).min() == problem.oracle().fitness
+
+
+@pytest.mark.parametrize("name", REAL)
+def test_no_codes_are_better_than_the_oracle_says(name):
+    problem = function(name=name, dimension=2, bits=7)
+    everything = problem.coding.encode(np.array(list(itertools.product(range(128), repeat=2))))
+    answer = problem.oracle()
+    best = problem.evaluate(everything).min()
+    assert answer.figures["lower_bound"] <= best <= answer.fitness + 1e-12
+    if answer.meaning == "optimum":
+        assert best == pytest.approx(answer.fitness, abs=1e-12)
+
+
+def test_some_partition_is_as_good_as_the_planted_one():
+    problem = function(name="graph-partition", graph={"vertices": 10, "p_in": 0.9, "p_out": 0.1})
+    everything = problem.coding.encode(np.array(list(itertools.product((0, 1), repeat=10))))
+    assert problem.evaluate(everything).min() <= problem.oracle().fitness == 0.0
 
 
 # Runs -----------------------------------------------------------------------------------------------------------------

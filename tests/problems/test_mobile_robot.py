@@ -14,11 +14,12 @@ from scipy import ndimage
 
 from genetics import Recipe
 from node import Plan, simulate
-from problems import BadInput, ProblemFile, load
+from problems import BadInput, ProblemFile, Run, load
 from problems.file import parse
 from problems.mobile_robot import MobileRobot
+from problems.mobile_robot.oracle import shortest_way
 from problems.plane import Circle
-from spy.result import best_known
+from spy.result import best_known, stop_reasons
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "mobile-robot.toml"
 WALL = {"shape": "box", "center": [4.0, 2.0], "size": [0.2, 4.0]}  # from the lower bound up, a gap above
@@ -252,6 +253,127 @@ def test_what_is_no_solution_is_refused_in_one_line(change):
     assert str(error.value).startswith("solution: ")
 
 
+# Oracle ---------------------------------------------------------------------------------------------------------------
+def agreed(problem, answer):
+    """The answer's solution, which the judge accepts."""
+    solution = json.loads(json.dumps(answer.solution))
+    assert problem.check(solution).objections == ()
+    assert solution["length"] == pytest.approx(answer.figures["shortest_length_at_most"])
+    return solution
+
+
+def test_where_nothing_is_in_the_way_the_shortest_way_is_straight():
+    problem = problem_of(obstacles=[], robot={"radius": 0.3})
+    answer = problem.oracle()
+    assert (answer.meaning, answer.fitness) == ("optimum", 0.0)
+    assert answer.figures == pytest.approx({"shortest_length_at_least": 6.0, "shortest_length_at_most": 6.0})
+    assert len(agreed(problem, answer)["commands"]) == 3
+
+
+def test_the_shortest_way_over_a_wall_is_two_tangents_and_two_arcs():
+    problem = problem_of(robot={"radius": 0.3}, start=[1.0, 1.0, 0.0], goal=[7.0, 1.0, 0.0])
+    away = np.hypot(2.9, 3.0)
+    climb = np.arctan2(3.0, 2.9) + np.arcsin(0.3 / away)
+    exact = 2 * (np.sqrt(away**2 - 0.3**2) + 0.3 * climb) + 0.2
+    answer = problem.oracle()
+    agreed(problem, answer)
+    assert answer.figures["shortest_length_at_least"] < exact < answer.figures["shortest_length_at_most"]
+    assert answer.figures["shortest_length_at_most"] - answer.figures["shortest_length_at_least"] < 2e-3
+
+
+@pytest.mark.parametrize("number", range(12))
+def test_the_shortest_way_is_that_of_brute_force(number):
+    """Over all pairs of corners, whether they are tangent or not."""
+    generator = np.random.default_rng(number)
+    solids = [shapely.MultiPoint(generator.uniform(0, 4, 2) + generator.uniform(0, 1.6, (4, 2))) for _ in range(7)]
+    free = shapely.box(0, 0, 5, 5).difference(shapely.union_all([each.convex_hull for each in solids]))
+    start, goal = (0.0, 0.0), (5.0, 5.0)
+    whole = shapely.get_parts(free)[[part.covers(shapely.Point(start)) for part in shapely.get_parts(free)]][0]
+    places = np.concatenate([[start, goal], shapely.get_coordinates(whole)])
+    one, other = np.triu_indices(len(places), 1)
+    seen = shapely.covers(whole, shapely.linestrings(np.stack([places[one], places[other]], axis=1)))
+    lengths = np.full((len(places), len(places)), np.inf)
+    lengths[one[seen], other[seen]] = np.linalg.norm(places[one] - places[other], axis=1)[seen]
+    lengths = np.minimum(lengths, lengths.T)
+    for through in range(len(places)):
+        lengths = np.minimum(lengths, lengths[:, through, None] + lengths[through])
+    way = shortest_way(free, start, goal)
+    if np.isinf(lengths[0, 1]):
+        assert way is None
+    else:
+        assert np.linalg.norm(np.diff(way, axis=0), axis=1).sum() == pytest.approx(lengths[0, 1])
+
+
+@pytest.mark.parametrize("robot", [{"vertices": HOOK}, {"radius": 0.3}], ids=["concave", "disc"])
+def test_the_oracle_never_denies_a_way_and_none_is_shorter_than_it_says(robot):
+    told = 0
+    for number in range(6):
+        problem = crowded(number, robot=robot)
+        answer = problem.oracle()
+        genomes = genomes_of(problem, 200)
+        fitness = problem.evaluate(genomes)
+        assert answer.fitness <= fitness.min()
+        if answer.solution is not None:
+            agreed(problem, answer)
+        for genome in genomes[fitness == 0.0]:
+            assert problem.decode(genome)["length"] >= answer.figures["shortest_length_at_least"] - 1e-9
+        told += answer.meaning == "optimum" or answer.fitness > 0.0
+    assert told > 3
+
+
+@pytest.mark.parametrize("robot", [{"vertices": HOOK}, {"radius": 0.3}], ids=["concave", "disc"])
+def test_behind_a_closed_wall_the_oracle_says_how_near_the_robot_gets(robot):
+    closed = WALL | {"center": [4.0, 3.0], "size": [0.2, 6.0]}
+    problem = problem_of(robot=robot, obstacles=[closed])
+    answer = problem.oracle()
+    assert (answer.meaning, answer.solution) == ("lower bound", None)
+    assert answer.method.endswith("the goal is out of reach")
+    assert 3.1 < answer.fitness < 3.5
+    assert problem.evaluate(genomes_of(problem, 500)).min() >= answer.fitness
+
+
+BEAM = {"vertices": [[-0.9, -0.15], [0.9, -0.15], [0.9, 0.15], [-0.9, 0.15]]}
+
+
+def door(width):
+    walls = [WALL | {"center": [4.0, side * (3.0 + width / 2) + 3.0], "size": [0.2, 6.0]} for side in (-1, 1)]
+    return problem_of(robot=BEAM, obstacles=walls, start=[1.5, 3.0, 1.5708], goal=[6.5, 3.0, 1.5708])
+
+
+def test_a_beam_gets_through_a_door_lengthwise():
+    answer = door(0.4).oracle()
+    assert (answer.meaning, answer.fitness, answer.solution) == ("optimum", 0.0, None)
+    assert answer.method.startswith("120 slices of the headings")
+    assert answer.figures == pytest.approx({"shortest_length_at_least": 5.0})
+    assert simulate(Plan(door(0.4).for_recipe("tuned", 1), Run()))[0].champion.fitness == 0.0
+
+
+def test_a_beam_does_not_get_around_a_narrow_corner():
+    """A ladder gets around a corner of corridors a and b wide if it is no longer than (a^⅔ + b^⅔)^1.5."""
+    slit = [WALL | {"center": [4.0, y], "size": [2.0, 2.8]} for y in (1.4, 4.6)]
+    behind = WALL | {"center": [5.7, 3.5], "size": [0.2, 5.0]}
+    fields = {"robot": BEAM, "obstacles": [*slit, behind], "start": [1.5, 3.0, 1.5708], "goal": [7.0, 3.0, 1.5708]}
+    answer = problem_of(**fields).oracle()
+    assert answer.method == "120 slices of the headings: the goal is out of reach"
+    assert 1.3 < answer.fitness < 3.0
+    short = {"vertices": [[-0.3, -0.15], [0.3, -0.15], [0.3, 0.15], [-0.3, 0.15]]}
+    assert problem_of(**fields | {"robot": short}).oracle().meaning == "optimum"
+
+
+def test_a_door_just_as_wide_as_the_beam_leaves_the_oracle_in_doubt():
+    answer = door(0.31).oracle()
+    assert (answer.meaning, answer.fitness) == ("lower bound", 0.0)
+    assert answer.method.endswith("cannot tell whether the robot gets through")
+
+
+@pytest.mark.parametrize("robot", [{"vertices": HOOK}, {"radius": 0.3}], ids=["concave", "disc"])
+def test_who_starts_at_the_goal_only_turns(robot):
+    problem = problem_of(robot=robot, goal=[1.0, 1.0, 2.0])
+    answer = problem.oracle()
+    assert (answer.meaning, answer.fitness) == ("optimum", 0.0)
+    assert agreed(problem, answer)["commands"] == [["rotate", pytest.approx(2.0)]]
+
+
 # Problem files --------------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize(
     ("fields", "expected"),
@@ -375,6 +497,17 @@ def test_no_path_of_the_office_is_monotone_in_x_or_in_y_but_there_are_paths():
         assert not _reachable_monotonically(grid, first)[last]
     regions, _ = ndimage.label(_free_cells(problem, problem.robot.circumscribed_radius))
     assert regions[start] == regions[goal] > 0
+
+
+def test_an_unsolvable_floor_ends_as_stalled_with_the_best_found():
+    closed = WALL | {"center": [4.0, 3.0], "size": [0.2, 6.0]}
+    plan = Plan(problem_of(robot={"radius": 0.3}, obstacles=[closed]), Run(stall=30))
+    reports = simulate(plan)
+    assert stop_reasons(reports, "lockstep") == ("stall",)
+    champion = best_known(reports, "champion")
+    assert plan.problem.oracle().fitness <= champion.fitness < 4.0
+    (objection,) = plan.problem.check(plan.problem.decode(np.frombuffer(champion.genome, np.uint8))).objections
+    assert objection.startswith("the path ends")
 
 
 def test_the_template_is_solved():

@@ -13,7 +13,8 @@ import pytest
 import supernode
 from supernode.__main__ import main
 
-COMMANDS = ("solve", "simulate", "check", "topology", "problems", "init")
+ARM = Path(__file__).resolve().parents[2] / "examples" / "arm-ik.toml"
+COMMANDS = ("solve", "simulate", "check", "oracle", "topology", "problems", "init")
 
 
 def run(*arguments, **options):
@@ -163,6 +164,91 @@ def test_check_accepts_rejects_and_cannot_read(own_problem, tmp_path, capsys):
     assert in_process(capsys, "check", path, tmp_path / "none.json")[0] == 2
 
 
+def test_the_oracle_answers_in_words(capsys):
+    code, out, err = in_process(capsys, "oracle", ARM)
+    figure, method = out.splitlines()
+    assert (code, err) == (0, "")
+    assert figure.startswith("optimum 0.00")
+    assert method.startswith("by enumeration of all 65536 coded configurations, in ")
+    assert method.endswith(" s")
+
+
+def test_the_oracle_answers_in_json_and_the_check_accepts_its_solution(tmp_path, capsys):
+    code, out, err = in_process(capsys, "oracle", ARM, "--json")
+    answer = json.loads(out)
+    assert (code, err, len(out.splitlines())) == (0, "", 1)
+    assert list(answer) == ["meaning", "fitness", "method", "seconds", "figures", "solution"]
+    result = tmp_path / "result.json"
+    result.write_text(json.dumps(answer["solution"]))
+    code, out, _ = in_process(capsys, "check", ARM, result)
+    assert (code, out) == (0, f"accepted: fitness {answer['fitness']:g}\n")
+
+
+ORACLE = """
+class Knowing(OneMax):
+    def oracle(self):
+        print("thinking")
+        if self.trouble == "raises":
+            raise RuntimeError("the oracle is silent")
+        if self.trouble == "nan":
+            return supernode.Answer("optimum", float("nan"), "a guess")
+        if self.trouble == "count":
+            return 3
+        if self.trouble == "objects":
+            return supernode.Answer("optimum", 0.0, "a guess", {"x": object()})
+        if self.trouble == "none":
+            return supernode.Answer("optimum", float("inf"), "proof")
+        return supernode.Answer("upper bound", 1.5, "a guess", None, {"fewest": 7, "longest": float("inf")})
+"""
+
+
+def knowing(own_problem, trouble=""):
+    """A problem file of one's own with an oracle."""
+    path = own_problem(f'trouble = "{trouble}"')
+    module = path.with_name("own_module.py")
+    module.write_text(module.read_text() + ORACLE)
+    path.write_text(path.read_text().replace("OneMax", "Knowing"))
+    return path
+
+
+def test_the_oracle_of_a_users_problem(own_problem, capsys):
+    code, out, err = in_process(capsys, "oracle", knowing(own_problem))
+    figure, method, *figures = out.splitlines()
+    assert (code, figure, figures) == (0, "upper bound 1.5", ["fewest: 7", "longest: inf"])
+    assert method.startswith("by a guess, in ")
+    assert err == "thinking\n", "what the module prints is no part of the answer"
+    _, out, _ = in_process(capsys, "oracle", knowing(own_problem), "--json")
+    assert json.loads(out)["figures"] == {"fewest": 7, "longest": None}
+
+
+def test_what_cannot_be_solved_has_no_figure(own_problem, capsys):
+    path = knowing(own_problem, "none")
+    assert in_process(capsys, "oracle", path)[1].splitlines()[0] == "no feasible solution"
+    assert json.loads(in_process(capsys, "oracle", path, "--json")[1])["fitness"] is None
+
+
+@pytest.mark.parametrize(
+    ("trouble", "said"),
+    [
+        ("raises", "oracle raised RuntimeError: the oracle is silent"),
+        ("nan", "oracle must return a supernode.Answer"),
+        ("count", "oracle must return a supernode.Answer, got 3"),
+        ("objects", "oracle must answer in plain JSON values"),
+    ],
+)
+def test_an_oracle_that_breaks_is_one_error_line(own_problem, capsys, trouble, said):
+    code, out, err = in_process(capsys, "oracle", knowing(own_problem, trouble))
+    assert (code, out) == (1, "")
+    assert err.splitlines()[-1].startswith(f"error: own_module:Knowing: {said}")
+
+
+def test_a_problem_without_an_oracle_says_so_in_one_line(own_problem, capsys):
+    path = own_problem()
+    code, out, err = in_process(capsys, "oracle", path)
+    assert (code, out) == (2, "")
+    assert err == f"error: {path}: problems of kind 'own_module:OneMax' have no oracle\n"
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
@@ -202,7 +288,7 @@ def test_bad_files_get_one_line_and_exit_code_2(tmp_path, capsys):
         path = tmp_path / name
         if text is not None:
             path.write_text(text)
-        for command in ("solve", "simulate"):
+        for command in ("solve", "simulate", "oracle"):
             code, out, err = in_process(capsys, command, path)
             assert (code, out) == (2, "")
             (error,) = [line for line in err.splitlines() if "error" in line]
