@@ -31,10 +31,11 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 Points = NDArray[np.float64]  # (n, 2), m
 
-_ARC = 32  # sides of a polygon that stand for a quarter of a circle
-_AROUND = 1.0 / np.cos(np.pi / 4.0 / _ARC)  # by this much larger, such a polygon encloses its circle
+_ARC = 32  # sides of a polygon that stand for a quarter of a circle; of shorter arcs a side may be half as long again
+_AROUND = 1.0 / np.cos(1.5 * np.pi / 4.0 / _ARC)  # by this much larger, such a polygon encloses its circle
 _SLICES = 120  # of the headings
 _HALF_SLICE = np.pi / _SLICES
+_HEADINGS = 2.0 * _HALF_SLICE * np.arange(_SLICES)  # in their middles
 
 
 def foretell(problem: MobileRobot) -> Answer:
@@ -59,9 +60,9 @@ def foretell(problem: MobileRobot) -> Answer:
 
 def _by_slices(problem: MobileRobot, figures: dict[str, float]) -> Answer:
     method = f"{_SLICES} slices of the headings"
-    if _away_in_slices(problem, surely=True) == 0.0:
+    if _best_in_slices(problem, surely=True) == 0.0:
         return Answer("optimum", 0.0, f"{method}, for any number of commands", None, figures)
-    away = _away_in_slices(problem, surely=False)
+    away = _best_in_slices(problem, surely=False)
     if away > 0.0:
         return Answer("lower bound", away, f"{method}: the goal is out of reach")
     return Answer("lower bound", 0.0, f"{method}, which cannot tell whether the robot gets through", None, figures)
@@ -104,12 +105,13 @@ def _free(problem: MobileRobot, radius: float, surely: bool) -> shapely.Geometry
 
 
 def _grown(obstacle: Obstacle, radius: float, surely: bool) -> shapely.Geometry:
-    core, radius = (
-        (shapely.Point(obstacle.center), radius + obstacle.radius)
-        if isinstance(obstacle, Circle)
-        else (obstacle.polygon, radius)
-    )
-    return core.buffer(radius * _AROUND if surely else radius - TOLERANCE, quad_segs=_ARC)
+    """By at least the radius, or at most; piece by piece, since GEOS rounds what is hardly concave."""
+    if isinstance(obstacle, Circle):
+        pieces, radius = [shapely.Point(obstacle.center)], radius + obstacle.radius
+    else:
+        pieces = [shapely.Polygon(piece) for piece in _convex(obstacle.polygon)]
+    by = radius * _AROUND if surely else radius - TOLERANCE
+    return shapely.union_all([piece.buffer(by, quad_segs=_ARC) for piece in pieces])
 
 
 def _part_at(free: shapely.Geometry, place: tuple[float, float]) -> shapely.Geometry:
@@ -125,11 +127,11 @@ def _length(way: Points) -> float:
 # The shortest way of a point ------------------------------------------------------------------------------------------
 def shortest_way(free: shapely.Geometry, start: tuple[float, float], goal: tuple[float, float]) -> Points | None:
     """The corners of the shortest way through polygons, both ends included, shape (n, 2); None if there is none."""
-    if start == goal:
-        return np.array([start])
     part = _part_at(free, start)
     if not part.covers(shapely.Point(goal)):
         return None
+    if start == goal:
+        return np.array([start])
     places, before, after = _corners(part, start, goal)
     pairs = _tangents(places, before, after)
     shapely.prepare(part)
@@ -203,8 +205,8 @@ def _shorter(turn: float) -> float:
 
 
 # Slices of the headings of a polygon ----------------------------------------------------------------------------------
-def _away_in_slices(problem: MobileRobot, surely: bool) -> float:
-    """How near to the goal (its place, or its pose, for 0) the robot gets from slice to slice; inf, if nowhere."""
+def _best_in_slices(problem: MobileRobot, surely: bool) -> float:
+    """The least fitness of all poses that the robot gets to from slice to slice; 0 for the goal, or if in doubt."""
     parts = [list(_parts(_free_in_slice(problem, number, surely))) for number in range(_SLICES)]
     firsts = np.cumsum([0, *map(len, parts)])
     pairs = [
@@ -222,10 +224,13 @@ def _away_in_slices(problem: MobileRobot, surely: bool) -> float:
         return np.inf if surely else 0.0
     if goal is not None and labels[start] == labels[goal]:
         return 0.0
-    place = shapely.Point(problem.goal[:2])
-    flat = [part for several in parts for part in several]
-    reached = [part.distance(place) for part, label in zip(flat, labels, strict=True) if label == labels[start]]
-    return float(max(min(reached), np.nextafter(0.0, 1.0)))
+    place, radius = shapely.Point(problem.goal[:2]), problem.robot.circumscribed_radius
+    fitness = [
+        part.distance(place) + radius * max(0.0, abs(_shorter(heading - problem.goal[2])) - _HALF_SLICE)
+        for heading, several in zip(_HEADINGS, parts, strict=True)
+        for part in several
+    ]
+    return float(max(np.min(np.array(fitness)[labels == labels[start]]), np.nextafter(0.0, 1.0)))
 
 
 def _parts(free: shapely.Geometry) -> Iterator[shapely.Polygon]:
@@ -243,7 +248,7 @@ def _number_at(pose: tuple[float, float, float], parts: list[list[shapely.Polygo
 
 def _free_in_slice(problem: MobileRobot, number: int, surely: bool) -> shapely.Geometry:
     """Where the reference point may be at all headings of a slice, or at most at any of them."""
-    body = _body(problem, 2.0 * _HALF_SLICE * number, surely)
+    body = _body(problem, _HEADINGS[number], surely)
     if not body:
         return shapely.box(*problem.bounds).buffer(problem.robot.circumscribed_radius)
     corners = np.concatenate(body)

@@ -17,7 +17,7 @@ from node import Plan, simulate
 from problems import BadInput, ProblemFile, Run, load
 from problems.file import parse
 from problems.mobile_robot import MobileRobot
-from problems.mobile_robot.oracle import shortest_way
+from problems.mobile_robot.oracle import _grown, shortest_way
 from problems.plane import Circle
 from spy.result import best_known, stop_reasons
 
@@ -304,6 +304,33 @@ def test_the_shortest_way_is_that_of_brute_force(number):
         assert np.linalg.norm(np.diff(way, axis=0), axis=1).sum() == pytest.approx(lengths[0, 1])
 
 
+@pytest.mark.parametrize("number", range(5))
+def test_grown_obstacles_enclose_the_true_ones_or_are_enclosed(number):
+    generator = np.random.default_rng(number)
+    radius = float(generator.uniform(0.1, 1.0))
+    bearings = np.sort(generator.uniform(0, 2 * np.pi, 9))
+    corners = generator.uniform(0.5, 1.0, (9, 1)) * np.column_stack([np.cos(bearings), np.sin(bearings)])
+    star, disc = shapely.Polygon(corners), shapely.Point(1.0, 2.0)
+    for fields, core, extent in (
+        ({"shape": "polygon", "vertices": corners.tolist()}, star, radius),
+        ({"shape": "circle", "center": [1.0, 2.0], "radius": 0.7}, disc, radius + 0.7),
+    ):
+        (obstacle,) = problem_of(start=[5, 5, 0], goal=[7, 5, 0], robot={"radius": 0.1}, obstacles=[fields]).obstacles
+        larger, smaller = (_grown(obstacle, radius, surely) for surely in (True, False))
+        assert larger.exterior.distance(core) >= extent - 1e-12
+        assert shapely.distance(shapely.points(smaller.exterior.coords), core).max() <= extent
+        assert larger.area / smaller.area < 1.01
+
+
+def test_who_cannot_turn_where_it_stands_has_no_way_to_its_other_heading():
+    lane = [WALL | {"center": [4.0, y], "size": [8.0, 2.0]} for y in (1.7, 4.3)]
+    answer = problem_of(robot=BEAM, obstacles=lane, start=[4.0, 3.0, 0.0], goal=[4.0, 3.0, np.pi]).oracle()
+    assert answer.method == "120 slices of the headings: the goal is out of reach"
+    most = np.arcsin(0.6 / np.hypot(1.8, 0.3)) - np.arctan2(0.3, 1.8)  # that it turns in a lane of 0.6 m
+    exact = np.hypot(0.9, 0.15) * (np.pi - most)
+    assert 0.9 * exact < answer.fitness < exact
+
+
 @pytest.mark.parametrize("robot", [{"vertices": HOOK}, {"radius": 0.3}], ids=["concave", "disc"])
 def test_the_oracle_never_denies_a_way_and_none_is_shorter_than_it_says(robot):
     told = 0
@@ -328,7 +355,7 @@ def test_behind_a_closed_wall_the_oracle_says_how_near_the_robot_gets(robot):
     answer = problem.oracle()
     assert (answer.meaning, answer.solution) == ("lower bound", None)
     assert answer.method.endswith("the goal is out of reach")
-    assert 3.1 < answer.fitness < 3.5
+    assert 3.1 < answer.fitness < 3.7
     assert problem.evaluate(genomes_of(problem, 500)).min() >= answer.fitness
 
 
@@ -355,7 +382,7 @@ def test_a_beam_does_not_get_around_a_narrow_corner():
     fields = {"robot": BEAM, "obstacles": [*slit, behind], "start": [1.5, 3.0, 1.5708], "goal": [7.0, 3.0, 1.5708]}
     answer = problem_of(**fields).oracle()
     assert answer.method == "120 slices of the headings: the goal is out of reach"
-    assert 1.3 < answer.fitness < 3.0
+    assert 3.0 < answer.fitness <= problem_of(**fields).evaluate(genomes_of(problem_of(**fields), 2000)).min()
     short = {"vertices": [[-0.3, -0.15], [0.3, -0.15], [0.3, 0.15], [-0.3, 0.15]]}
     assert problem_of(**fields | {"robot": short}).oracle().meaning == "optimum"
 
