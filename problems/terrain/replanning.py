@@ -1,0 +1,24 @@
+"""A living population in a changed world: the old paths, led on from where the robot stands now (Fries, §3.5)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from genetics.arrays import Genomes, writable
+
+if TYPE_CHECKING:
+    from problems.terrain.problem import Terrain
+
+
+def led_on(old: Terrain, new: Terrain, genomes: Genomes) -> Genomes:
+    """Genomes of ``old``, (.., genome_bytes), as first ones for ``new``, the same map with another start or cells.
+
+    Each path goes straight from the new start to its own nearest cell, and on from there. Obstacles may well lie on
+    it: the fitness of the new world says so.
+    """
+    from problems.terrain import kernels
+
+    led: Genomes = kernels.led_on(
+        writable(genomes.reshape(-1, genomes.shape[-1])), *(each.judging.table for each in (old, new))
+    )
+    return led.reshape(genomes.shape)
