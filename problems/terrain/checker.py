@@ -103,7 +103,8 @@ def _hindrance(problem: Terrain, here: Cell, there: Cell) -> str | None:
 
     if not is_free(*there):
         return "is impassable" if 0 <= there[0] < len(blocked) and 0 <= there[1] < len(blocked[0]) else "is off the map"
-    if not (problem.corner_cutting or (is_free(here[0], there[1]) and is_free(there[0], here[1]))):
+    is_diagonal = here[0] != there[0] and here[1] != there[1]
+    if is_diagonal and not (problem.corner_cutting or (is_free(here[0], there[1]) and is_free(there[0], here[1]))):
         return "cuts a corner"
     return None
 

@@ -27,6 +27,7 @@ from problems.terrain.walking import GOAL, START, walk, world_of
 
 _MORE = 4  # the first place in the table after the world
 _MOST_LEGS = 3  # of a first path of straight lines
+_MOST_VIA = 3  # places of a detour
 
 
 # Fitness --------------------------------------------------------------------------------------------------------------
@@ -105,6 +106,21 @@ def found_lines(deme: Genomes, seed: np.uint64, cell: int, generation: int, tabl
 
 
 # Crossing -------------------------------------------------------------------------------------------------------------
+@subroutine
+def _flip_bits(
+    numbers: Any, width: Any, rate: Any, seed: Any, cell: Any, generation: Any, individual: Any
+) -> Any:
+    """Change each bit of each block with a probability."""
+    if rate <= 0.0:
+        return
+    for block in range(np.int64(numbers[0])):
+        gene = np.int64(numbers[1 + block])
+        for bit in range(width):
+            if unit(draw(seed, cell, generation, MUTATE, individual, block * width + bit)) < rate:
+                gene ^= 1 << bit
+        numbers[1 + block] = gene
+
+
 @kernel(MATING)
 def one_point(
     couples: Genomes, offspring: Genomes, seed: np.uint64, cell: int, generation: int, table: Table
@@ -138,18 +154,13 @@ def one_point(
 
 
 @subroutine
-def _flip_bits(
-    numbers: Any, width: Any, rate: Any, seed: Any, cell: Any, generation: Any, individual: Any
-) -> Any:
-    """Change each bit of each block with a probability."""
-    if rate <= 0.0:
-        return
-    for block in range(np.int64(numbers[0])):
-        gene = np.int64(numbers[1 + block])
-        for bit in range(width):
-            if unit(draw(seed, cell, generation, MUTATE, individual, block * width + bit)) < rate:
-                gene ^= 1 << bit
-        numbers[1 + block] = gene
+def _near(world: Any, cell: Any, bits: Any, more_bits: Any) -> Any:
+    """A random cell of the map within some rows and columns of another; any scale is as likely."""
+    rows, columns = world.classes.shape
+    reach = 1 + np.int64(max(rows, columns) * 2.0 ** (-4.0 * unit(more_bits)))
+    row = cell // columns - reach + below(bits, 2 * reach + 1)
+    column = cell % columns - reach + below(bits << np.uint64(32), 2 * reach + 1)
+    return min(max(row, 0), rows - 1) * columns + min(max(column, 0), columns - 1)
 
 
 @kernel(MATING)
@@ -157,8 +168,8 @@ def merge(couples: Genomes, offspring: Genomes, seed: np.uint64, cell: int, gene
     """Each offspring is the best path over the cells of both parents and a small window or a detour.
 
     After the world the table has the probability of a detour, then how far the window reaches from its middle. The
-    window lies around a random cell of one parent's path; a detour leads from one such cell straight to a random cell
-    nearby, around which the window lies, and back to another.
+    window lies around a random cell of one parent's path; a detour leads from one such cell by straight lines to one
+    or a few random cells, each near the one before and with a window around it, and back to another.
     """
     world, room = world_of(table), room_for(world_of(table))
     rate, reach = reals(table, _MORE)[0, 0], integers(table, _MORE + 1)[0, 0]
@@ -168,31 +179,26 @@ def merge(couples: Genomes, offspring: Genomes, seed: np.uint64, cell: int, gene
         stamp = 1 + number
         mark_path(world, room, stamp, numbers_of(other), bits)
         length = mark_path(world, room, stamp, numbers_of(own), bits)
-        draws = (
-            draw(seed, cell, generation, CROSS, number, 0),
-            draw(seed, cell, generation, CROSS, number, 1),
-            draw(seed, cell, generation, CROSS, number, 2),
-        )
-        middle = np.int64(room.trail[below(draws[0], length)])
+        middle = np.int64(room.trail[below(draw(seed, cell, generation, CROSS, number, 0), length)])
         if unit(draw(seed, cell, generation, MUTATE, number, 0)) < rate:
-            via = _near(world, middle, draws[1], draw(seed, cell, generation, MUTATE, number, 1))
-            mark_line(world, room, stamp, middle, via)
-            mark_line(world, room, stamp, via, np.int64(room.trail[below(draws[2], length)]))
-            middle = via
-        mark_window(world, room, stamp, middle, reach)
+            places = 1 + below(draw(seed, cell, generation, MUTATE, number, 1), _MOST_VIA)
+            for place in range(2, 2 + 2 * places, 2):
+                via = _near(
+                    world,
+                    middle,
+                    draw(seed, cell, generation, MUTATE, number, place),
+                    draw(seed, cell, generation, MUTATE, number, place + 1),
+                )
+                mark_line(world, room, stamp, middle, via)
+                mark_window(world, room, stamp, via, reach)
+                middle = via
+            back = room.trail[below(draw(seed, cell, generation, CROSS, number, 1), length)]
+            mark_line(world, room, stamp, middle, np.int64(back))
+        else:
+            mark_window(world, room, stamp, middle, reach)
         numbers = numbers_of(offspring[number])
         if not write_path(room, find_best(world, room, stamp), bits, numbers):
             numbers[:] = numbers_of(own)
-
-
-@subroutine
-def _near(world: Any, cell: Any, bits: Any, more_bits: Any) -> Any:
-    """A random cell of the map within some rows and columns of another; any scale is as likely."""
-    rows, columns = world.classes.shape
-    reach = 1 + np.int64(max(rows, columns) * 2.0 ** (-4.0 * unit(more_bits)))
-    row = cell // columns - reach + below(bits, 2 * reach + 1)
-    column = cell % columns - reach + below(bits << np.uint64(32), 2 * reach + 1)
-    return min(max(row, 0), rows - 1) * columns + min(max(column, 0), columns - 1)
 
 
 # Replanning -----------------------------------------------------------------------------------------------------------

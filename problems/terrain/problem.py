@@ -153,9 +153,11 @@ seed = 1
     @classmethod
     def gather(cls, fields: dict[str, Any], folder: Path) -> dict[str, Any]:
         """The rows of a map in the place of its file's name."""
-        name = fields.get("file")
-        if not isinstance(name, str):
+        if "file" not in fields:
             return fields
+        name = fields["file"]
+        if not isinstance(name, str):
+            raise BadInput(f"file: expected the name of a map, found {shorten(name)}")
         if "map" in fields:
             raise BadInput("map: expected either map or file, found both")
         others = {field: value for field, value in fields.items() if field != "file"}
