@@ -103,8 +103,9 @@ def _caves(generator: np.random.Generator, side: int) -> Cells:
 
 
 def with_obstacles_on(problem: Terrain, path: list[list[int]], generator: np.random.Generator) -> dict[str, Any]:
-    """The fields of the same problem a while later: the robot stands a tenth to a third along its path, and blocks
-    have appeared on what is left of it.
+    """The fields of the same problem a while later.
+
+    The robot stands a tenth to a third along its path, and one to three blocks have appeared on what is left of it.
     """
     characters = np.array([list(row) for row in problem.map])
     side = max(characters.shape)

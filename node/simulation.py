@@ -59,9 +59,7 @@ def simulate(
     return _lockstep(plan, watch, snapshot, outside, demes)
 
 
-def _lockstep(
-    plan: Plan, watch: Watch, snapshot: Snapshot, outside: Outside, demes: Genomes | None
-) -> list[Report]:
+def _lockstep(plan: Plan, watch: Watch, snapshot: Snapshot, outside: Outside, demes: Genomes | None) -> list[Report]:
     cells = np.arange(plan.topology.cells)
     neighbours = plan.topology.table()
     rows = Rows(plan, cells, Messages.room(len(cells), plan.coding.genome_bytes, plan.run.emigrants))

@@ -50,8 +50,8 @@ def impassable(problem: Terrain) -> NDArray[np.bool_]:
     if problem.robot_radius > 0.0:
         from scipy import ndimage
 
-        # An obstacle is a square, whose nearest point to the centre of another cell is a corner or the middle of a side:
-        # on a grid twice as fine both are points.
+        # An obstacle is a square; its nearest point to the centre of another cell is a corner or the middle of a side.
+        # On a grid twice as fine these are points.
         fine = np.zeros((2 * blocked.shape[0] + 1, 2 * blocked.shape[1] + 1), bool)
         for row in range(3):
             for column in range(3):

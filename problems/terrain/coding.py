@@ -30,7 +30,9 @@ class Moves(Sequence):
 
     crossovers: ClassVar[tuple[str, ...]] = ("one-point", "merge")
 
-    def __init__(self, world: tuple[NDArray[Any], ...], side: int, most: int, founders: Literal["random", "lines"]):
+    def __init__(
+        self, world: tuple[NDArray[Any], ...], side: int, most: int, founders: Literal["random", "lines"]
+    ) -> None:
         self.bits = (side - 1).bit_length()
         super().__init__(1, most, [(0, (4 << self.bits) - 1)])
         self.world, self.side, self.founders = world, side, founders

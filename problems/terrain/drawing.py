@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.colors import to_rgb
+from matplotlib.patches import Patch
 from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 
@@ -117,19 +118,20 @@ def _draw_populations(problem: Terrain, axes: Axes, populations: Populations) ->
 
 def _draw_membership(problem: Terrain, axes: Axes, colors: dict[str, Color]) -> None:
     """The difficulties as fuzzy numbers: how far each degree belongs to each."""
-    greatest = 1.0
+    greatest, handles = 1.0, []
     for name, color in colors.items():
-        for label, (a, b, c) in _triangles(problem, name).items():
+        for (label, (a, b, c)), style in zip(_triangles(problem, name).items(), ("-", "--", ":"), strict=False):
             greatest = max(greatest, c)
-            axes.fill([a, b, c], [0.0, 1.0, 0.0], facecolor=color, edgecolor="black", linewidth=1.2, alpha=0.8)
-            if a == c:
-                axes.plot([a, a], [0.0, 1.0], color="black", linewidth=1.8)
-            axes.annotate(
-                label, (b, 1.0), xytext=(0, 4), textcoords="offset points", rotation=60, ha="left", va="bottom"
-            )
+            axes.fill([a, b, c], [0.0, 1.0, 0.0], facecolor=color, alpha=0.5)
+            edge: dict[str, Any] = {"edgecolor": "black", "linestyle": style, "linewidth": 1.4}
+            axes.fill([a, b, c], [0.0, 1.0, 0.0], facecolor="none", **edge)
+            handles.append(Patch(facecolor=color, label=label, **edge))
     axes.set_xlim(0.0, 1.1 * greatest)
-    axes.set_ylim(0.0, 1.0)
+    axes.set_ylim(0.0, 1.05)
     axes.set_box_aspect(0.7)
     axes.spines[["top", "right"]].set_visible(False)
     axes.set_xlabel(f"difficulty (compared by {problem.rank})")
     axes.set_ylabel("membership")
+    axes.legend(
+        handles=handles, loc="lower left", bbox_to_anchor=(0.0, 1.03), frameon=False, handlelength=3.0, handleheight=1.4
+    )

@@ -107,9 +107,7 @@ def found_lines(deme: Genomes, seed: np.uint64, cell: int, generation: int, tabl
 
 # Crossing -------------------------------------------------------------------------------------------------------------
 @subroutine
-def _flip_bits(
-    numbers: Any, width: Any, rate: Any, seed: Any, cell: Any, generation: Any, individual: Any
-) -> Any:
+def _flip_bits(numbers: Any, width: Any, rate: Any, seed: Any, cell: Any, generation: Any, individual: Any) -> Any:
     """Change each bit of each block with a probability."""
     if rate <= 0.0:
         return
@@ -122,9 +120,7 @@ def _flip_bits(
 
 
 @kernel(MATING)
-def one_point(
-    couples: Genomes, offspring: Genomes, seed: np.uint64, cell: int, generation: int, table: Table
-) -> None:
+def one_point(couples: Genomes, offspring: Genomes, seed: np.uint64, cell: int, generation: int, table: Table) -> None:
     """One-point crossover of some couples, then bit mutation (§3.3).
 
     After the world the table has [the crossover rate, the probability that a bit changes]. The point lies between any

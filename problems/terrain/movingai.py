@@ -22,7 +22,9 @@ def read(path: Path) -> list[str]:
     words = [line.split() for line in lines[:4]]
     keys = ["type", "height", "width", "map"]
     if [each[0] for each in words if each] != keys or words[0][1:] != ["octile"]:
-        raise BadInput(f"file: expected lines 'type octile', 'height ..', 'width ..', 'map', found {shorten(lines[:4])}")
+        raise BadInput(
+            f"file: expected lines 'type octile', 'height ..', 'width ..', 'map', found {shorten(lines[:4])}"
+        )
     rows = lines[4:]
     while rows and not rows[-1].strip():
         rows.pop()

@@ -117,7 +117,7 @@ seed = 1
         "", "the rows of the map, one character a cell, the first row at the top; or give 'file'"
     )
     file: str | None = quantity(
-        "", "a MovingAI map beside the problem file, instead of 'map': its rows are put there when it is read", default=None
+        "", "a MovingAI map beside the problem file, instead of 'map', where its rows are put", default=None
     )
     terrain: dict[str, str] = quantity(
         "",

