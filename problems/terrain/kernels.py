@@ -17,7 +17,7 @@ from genetics.sequence_kernels import clear_after, numbers_of
 from problems.terrain.search import (
     find_best,
     line_steps,
-    mark_line,
+    mark_way,
     mark_path,
     mark_window,
     room_for,
@@ -28,6 +28,7 @@ from problems.terrain.walking import GOAL, START, walk, world_of
 _MORE = 4  # the first place in the table after the world
 _MOST_LEGS = 3  # of a first path of straight lines
 _MOST_VIA = 3  # places of a detour
+_WALLS = 4  # steps along walls for each cell of the longer side
 
 
 # Fitness --------------------------------------------------------------------------------------------------------------
@@ -169,13 +170,17 @@ def merge(couples: Genomes, offspring: Genomes, seed: np.uint64, cell: int, gene
     """
     world, room = world_of(table), room_for(world_of(table))
     rate, reach = reals(table, _MORE)[0, 0], integers(table, _MORE + 1)[0, 0]
-    bits = _bits_for(world)
+    bits, walls = _bits_for(world), _WALLS * max(world.classes.shape[0], world.classes.shape[1])
     for number in range(2 * couples.shape[0]):
         own, other = couples[number // 2, number % 2], couples[number // 2, 1 - number % 2]
         stamp = 1 + number
         mark_path(world, room, stamp, numbers_of(other), bits)
-        length = mark_path(world, room, stamp, numbers_of(own), bits)
+        length, hits = mark_path(world, room, stamp, numbers_of(own), bits)
         middle = np.int64(room.trail[below(draw(seed, cell, generation, CROSS, number, 0), length)])
+        if hits > 0:
+            hit = np.int64(room.hits[below(draw(seed, cell, generation, CROSS, number, 2), hits)])
+            here, there = np.int64(room.trail[hit]), np.int64(room.trail[hit + 1])
+            mark_way(world, room, stamp, here, there, walls)
         if unit(draw(seed, cell, generation, MUTATE, number, 0)) < rate:
             places = 1 + below(draw(seed, cell, generation, MUTATE, number, 1), _MOST_VIA)
             for place in range(2, 2 + 2 * places, 2):
@@ -185,13 +190,11 @@ def merge(couples: Genomes, offspring: Genomes, seed: np.uint64, cell: int, gene
                     draw(seed, cell, generation, MUTATE, number, place),
                     draw(seed, cell, generation, MUTATE, number, place + 1),
                 )
-                mark_line(world, room, stamp, middle, via)
-                mark_window(world, room, stamp, via, reach)
+                mark_way(world, room, stamp, middle, via, walls)
                 middle = via
             back = room.trail[below(draw(seed, cell, generation, CROSS, number, 1), length)]
-            mark_line(world, room, stamp, middle, np.int64(back))
-        else:
-            mark_window(world, room, stamp, middle, reach)
+            mark_way(world, room, stamp, middle, np.int64(back), walls)
+        mark_window(world, room, stamp, middle, reach)
         numbers = numbers_of(offspring[number])
         if not write_path(room, find_best(world, room, stamp), bits, numbers):
             numbers[:] = numbers_of(own)
@@ -206,7 +209,7 @@ def led_on(genomes: Genomes, old_table: Table, new_table: Table) -> Genomes:
     begin, goal = _place(new, START), _place(new, GOAL)
     led = np.zeros_like(genomes)
     for individual in range(genomes.shape[0]):
-        count = mark_path(old, room, 1, numbers_of(genomes[individual]), bits)
+        count, _ = mark_path(old, room, 1, numbers_of(genomes[individual]), bits)
         joint, nearest = 0, np.inf
         for place in range(count):
             cell = np.int64(room.trail[place])

@@ -11,7 +11,7 @@ import numpy as np
 
 from genetics.compiled import subroutine
 from genetics.sequence_kernels import clear_after
-from problems.terrain.walking import D_COLUMN, D_ROW, GOAL, START, is_clear, length_of, turn_of
+from problems.terrain.walking import D_COLUMN, D_ROW, GOAL, START, is_clear, is_passable, length_of, turn_of
 
 HAIR = 1e-7  # what a turn costs: of paths as good the straighter is found
 
@@ -28,6 +28,7 @@ class Room(NamedTuple):
     came: Any  # (cells,): the heading by which a cell is entered
     steps: Any  # (cells,): headings of a path
     trail: Any  # (cells,): the cells of the path that is being changed
+    hits: Any  # (cells,): places in the trail from which a step is blocked
     keys: Any  # (8 * cells + 1,): a heap's, the costs of cells when they were put into it
     heap: Any  # (8 * cells + 1,): and the cells
 
@@ -43,6 +44,7 @@ def room_for(world: Any) -> Any:
         np.empty(cells, np.int8),
         np.empty(8 * cells, np.int8),
         np.empty(cells, np.int32),
+        np.empty(cells, np.int32),
         np.empty(8 * cells + 1),
         np.empty(8 * cells + 1, np.int32),
     )
@@ -56,16 +58,60 @@ def is_on_map(world: Any, row: Any, column: Any) -> Any:
 
 
 @subroutine
-def mark_line(world: Any, room: Any, stamp: Any, begin: Any, end: Any) -> Any:
-    """The cells nearest to the straight line between two cells of the map."""
+def heading_of(d_row: Any, d_column: Any) -> Any:
+    """Of a step to a neighbouring cell."""
+    for heading in range(8):
+        if D_ROW[heading] == d_row and D_COLUMN[heading] == d_column:
+            return heading
+    return 0
+
+
+@subroutine
+def mark_wall(world: Any, room: Any, stamp: Any, cell: Any, heading: Any, side: Any, most: Any) -> Any:
+    """The cells along what blocks a step from a passable cell, with that at the right hand (side 1) or the left (-1).
+
+    At most so many steps, or until the same cell again; returns how many are left.
+    """
+    columns = world.classes.shape[1]
+    row, column = cell // columns, cell % columns
+    while most > 0:
+        tried = 0
+        while tried < 8 and not is_clear(world, row + D_ROW[heading], column + D_COLUMN[heading], heading):
+            heading = (heading + side) & 7
+            tried += 1
+        if tried == 8:
+            return most
+        row, column = row + D_ROW[heading], column + D_COLUMN[heading]
+        room.marked[row * columns + column] = stamp
+        most -= 1
+        if row * columns + column == cell:
+            return most
+        heading = (heading - 3 * side) & 7
+    return most
+
+
+@subroutine
+def mark_way(world: Any, room: Any, stamp: Any, begin: Any, end: Any, most: Any) -> Any:
+    """The cells nearest to the straight line between two cells of the map, and those along what blocks it.
+
+    The latter at most so many.
+    """
     columns = world.classes.shape[1]
     row, column = begin // columns, begin % columns
     d_row, d_column = end // columns - row, end % columns - column
     steps = max(abs(d_row), abs(d_column))
     room.marked[begin] = stamp
+    at_row, at_column = row, column
     for step in range(1, steps + 1):
-        at_row = row + (2 * step * d_row + steps) // (2 * steps)
-        at_column = column + (2 * step * d_column + steps) // (2 * steps)
+        to_row = row + (2 * step * d_row + steps) // (2 * steps)
+        to_column = column + (2 * step * d_column + steps) // (2 * steps)
+        heading = heading_of(to_row - at_row, to_column - at_column)
+        if most > 0 and is_passable(world, at_row, at_column) and not is_clear(world, to_row, to_column, heading):
+            cell, half = at_row * columns + at_column, most // 2
+            most = mark_wall(world, room, stamp, cell, heading, 1, half) + mark_wall(
+                world, room, stamp, cell, heading, -1, half
+            )
+        at_row, at_column = to_row, to_column
         room.marked[at_row * columns + at_column] = stamp
 
 
@@ -73,13 +119,14 @@ def mark_line(world: Any, room: Any, stamp: Any, begin: Any, end: Any) -> Any:
 def mark_path(world: Any, room: Any, stamp: Any, numbers: Any, bits: Any) -> Any:
     """The cells of a genome's path until the goal; of one that goes astray until there, and a line on to the goal.
 
-    They are listed in the trail, at most as many as the map has; returns how many.
+    They are listed in the trail, at most as many as the map has, and those from which a step is blocked in the hits.
+    Returns how many both are.
     """
     columns = world.classes.shape[1]
     row, column = world.settings[START], world.settings[START + 1]
     goal = world.settings[GOAL] * columns + world.settings[GOAL + 1]
     heading = np.int64(numbers[1]) & 7
-    at, count, astray = row * columns + column, 1, False
+    at, count, hits, astray = row * columns + column, 1, 0, False
     room.marked[at], room.trail[0] = stamp, at
     for block in range(2, numbers[0] + 1):
         gene = np.int64(numbers[block])
@@ -89,14 +136,18 @@ def mark_path(world: Any, room: Any, stamp: Any, numbers: Any, bits: Any) -> Any
             astray = not is_on_map(world, row, column)
             if astray or at == goal or count == room.trail.size:
                 break
+            if is_passable(world, row - D_ROW[heading], column - D_COLUMN[heading]):
+                if not is_clear(world, row, column, heading):
+                    room.hits[hits] = count - 1
+                    hits += 1
             at = row * columns + column
             room.marked[at], room.trail[count] = stamp, at
             count += 1
         if astray or at == goal:
             break
     if at != goal:
-        mark_line(world, room, stamp, at, goal)
-    return count
+        mark_way(world, room, stamp, at, goal, 0)
+    return count, hits
 
 
 @subroutine
@@ -202,9 +253,7 @@ def line_steps(world: Any, room: Any, count: Any, begin: Any, end: Any) -> Any:
     at_row, at_column = 0, 0
     for step in range(1, steps + 1):
         to_row, to_column = (2 * step * d_row + steps) // (2 * steps), (2 * step * d_column + steps) // (2 * steps)
-        for heading in range(8):
-            if D_ROW[heading] == to_row - at_row and D_COLUMN[heading] == to_column - at_column:
-                room.steps[count] = heading
+        room.steps[count] = heading_of(to_row - at_row, to_column - at_column)
         at_row, at_column = to_row, to_column
         count += 1
     return count
