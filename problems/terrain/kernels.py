@@ -201,15 +201,36 @@ def merge(couples: Genomes, offspring: Genomes, seed: np.uint64, cell: int, gene
 
 
 # Replanning -----------------------------------------------------------------------------------------------------------
-@kernel("uint8[:,::1](uint8[:,::1], int64[:,::1], int64[:,::1])")
-def led_on(genomes: Genomes, old_table: Table, new_table: Table) -> Genomes:
+@subroutine
+def _mend(world: Any, room: Any, stamp: Any, bits: Any, walls: Any, reach: Any, numbers: Any) -> Any:
+    """The best path over a path's own cells, those along whatever blocks it, and windows there."""
+    _, hits = mark_path(world, room, stamp, numbers, bits)
+    if hits == 0:
+        return
+    last = -2
+    for place in range(hits):
+        hit = np.int64(room.hits[place])
+        if hit > last + reach:  # else the window before reaches here
+            here, there = np.int64(room.trail[hit]), np.int64(room.trail[hit + 1])
+            mark_way(world, room, stamp, here, there, walls)
+            mark_window(world, room, stamp, here, reach)
+            last = hit
+    unmended = numbers.copy()
+    if not write_path(room, find_best(world, room, stamp), bits, numbers):
+        numbers[:] = unmended
+
+
+@kernel("uint8[:,::1](uint8[:,::1], int64[:,::1], int64[:,::1], int64)")
+def led_on(genomes: Genomes, old_table: Table, new_table: Table, reach: int) -> Genomes:
     """See `problems.terrain.replanning.led_on`; the tables are those of the old and the new fitness."""
     old, new = world_of(old_table), world_of(new_table)
     room, bits, columns = room_for(old), _bits_for(old), old.classes.shape[1]
     begin, goal = _place(new, START), _place(new, GOAL)
+    walls = _WALLS * max(old.classes.shape[0], columns)
     led = np.zeros_like(genomes)
     for individual in range(genomes.shape[0]):
-        count, _ = mark_path(old, room, 1, numbers_of(genomes[individual]), bits)
+        numbers = numbers_of(led[individual])
+        count, _ = mark_path(old, room, 2 * individual + 1, numbers_of(genomes[individual]), bits)
         joint, nearest = 0, np.inf
         for place in range(count):
             cell = np.int64(room.trail[place])
@@ -222,6 +243,7 @@ def led_on(genomes: Genomes, old_table: Table, new_table: Table) -> Genomes:
         for place in range(joint + 1, count):
             steps = line_steps(new, room, steps, np.int64(room.trail[place - 1]), np.int64(room.trail[place]))
         steps = line_steps(new, room, steps, np.int64(room.trail[count - 1]), goal)
-        if not write_path(room, steps, bits, numbers_of(led[individual])):
-            write_path(room, line_steps(new, room, 0, begin, goal), bits, numbers_of(led[individual]))
+        if not write_path(room, steps, bits, numbers):
+            write_path(room, line_steps(new, room, 0, begin, goal), bits, numbers)
+        _mend(new, room, 2 * individual + 2, bits, walls, reach, numbers)
     return led

@@ -13,12 +13,12 @@ if TYPE_CHECKING:
 def led_on(old: Terrain, new: Terrain, genomes: Genomes) -> Genomes:
     """Genomes of ``old``, (.., genome_bytes), as first ones for ``new``, the same map with another start or cells.
 
-    Each path goes straight from the new start to its own nearest cell, and on from there. Obstacles may well lie on
-    it: the fitness of the new world says so.
+    Each path goes straight from the new start to its own nearest cell, and on from there. Where obstacles have come to
+    lie on it, it is mended once in the way of the tuned recipe: along what blocks it, and in a small window there.
     """
     from problems.terrain import kernels
 
     led: Genomes = kernels.led_on(
-        writable(genomes.reshape(-1, genomes.shape[-1])), *(each.judging.table for each in (old, new))
+        writable(genomes.reshape(-1, genomes.shape[-1])), *(each.judging.table for each in (old, new)), new.coding.reach
     )
     return led.reshape(genomes.shape)
