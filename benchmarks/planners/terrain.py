@@ -113,9 +113,9 @@ _HEAD = """\
 ## terrain
 
 Fuzzy terrain (Fries), worlds {first} to {last} of `benchmarks/terrain_worlds.py`: by turns rooms with doors, clutter
-and caves, half of the passable cells easy, moderate or difficult; in half of the worlds corners may be cut. The world's
-number is the seed of its run. tuned: `--torus 4x4 --stall 50`; paper: `--torus 1x1 --deme 40 --recipe paper --stall 200`.
-The optimum is the oracle's, Dijkstra's algorithm by scipy. Times are of one core, medians.
+and caves, half of the passable cells easy, moderate or difficult; in half of the worlds corners may be cut. The
+world's number is the seed of its run. tuned: `--torus 4x4 --stall 50`; paper: `--recipe paper --torus 1x1
+--deme 40 --stall 200`. The optimum is the oracle's, Dijkstra's algorithm by scipy. Times are of one core, medians.
 
 `python -m benchmarks.planners --only terrain`
 
@@ -147,9 +147,9 @@ def _replanning(replanned: list[Replanned | None]) -> str:
     evaluations = [_times(each.scratch[0], each.live[0]) for each in found]
     seconds = [_times(each.scratch[1], each.live[1]) for each in found]
     return (
-        f"Replanning on {REPLANNING_SIDE} × {REPLANNING_SIDE} cells ({len(found)} worlds where a way is left): the robot"
-        " has gone a tenth to a third of its path when one to three blocks appear on the rest of it. From the living"
-        " population (`problems.terrain.replanning.led_on`, its time included) and from scratch, until within"
+        f"Replanning on {REPLANNING_SIDE} × {REPLANNING_SIDE} cells ({len(found)} worlds where a way is left): the"
+        " robot has gone a tenth to a third of its path when one to three blocks appear on the rest of it. From the"
+        " living population (`problems.terrain.replanning.led_on`, its time included) and from scratch, until within"
         f" {MARGINS[REPLANNING_SIDE]:.0%} of the new optimum; asked for: at least {MANY_TIMES:g} times faster.\n\n"
         "| | from the living population | from scratch | times faster, median | at least"
         f" {MANY_TIMES:g} times faster |\n|---|---|---|---|---|\n"

@@ -17,8 +17,8 @@ from genetics.sequence_kernels import clear_after, numbers_of
 from problems.terrain.search import (
     find_best,
     line_steps,
-    mark_way,
     mark_path,
+    mark_way,
     mark_window,
     room_for,
     write_path,
@@ -207,7 +207,7 @@ def _mend(world: Any, room: Any, stamp: Any, bits: Any, walls: Any, reach: Any, 
     _, hits = mark_path(world, room, stamp, numbers, bits)
     if hits == 0:
         return
-    last = -2
+    last = -1 - reach
     for place in range(hits):
         hit = np.int64(room.hits[place])
         if hit > last + reach:  # else the window before reaches here

@@ -18,7 +18,6 @@ def led_on(old: Terrain, new: Terrain, genomes: Genomes) -> Genomes:
     """
     from problems.terrain import kernels
 
-    led: Genomes = kernels.led_on(
-        writable(genomes.reshape(-1, genomes.shape[-1])), *(each.judging.table for each in (old, new)), new.coding.reach
-    )
+    flat = writable(genomes.reshape(-1, genomes.shape[-1]))
+    led: Genomes = kernels.led_on(flat, old.judging.table, new.judging.table, new.coding.reach)
     return led.reshape(genomes.shape)

@@ -136,10 +136,10 @@ def mark_path(world: Any, room: Any, stamp: Any, numbers: Any, bits: Any) -> Any
             astray = not is_on_map(world, row, column)
             if astray or at == goal or count == room.trail.size:
                 break
-            if is_passable(world, row - D_ROW[heading], column - D_COLUMN[heading]):
-                if not is_clear(world, row, column, heading):
-                    room.hits[hits] = count - 1
-                    hits += 1
+            was_passable = is_passable(world, row - D_ROW[heading], column - D_COLUMN[heading])
+            if was_passable and not is_clear(world, row, column, heading):
+                room.hits[hits] = count - 1
+                hits += 1
             at = row * columns + column
             room.marked[at], room.trail[count] = stamp, at
             count += 1

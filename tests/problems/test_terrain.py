@@ -432,7 +432,7 @@ def test_a_living_population_is_led_on_in_a_changed_world():
         assert walked[-1] == list(new.goal)
     changed = Plan(new, Run(stall=30))
     best = best_known(simulate(changed, demes=led), "champion")
-    assert best.fitness <= 1.01 * new.oracle().fitness
+    assert best.fitness <= 1.05 * new.oracle().fitness
     unchanged = led_on(old, old, demes)
     np.testing.assert_allclose(old.evaluate(unchanged[:, 0]), old.evaluate(demes[:, 0]), rtol=1e-9)
 
