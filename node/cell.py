@@ -18,6 +18,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from genetics import Genomes
 from node.generation import REACHED, STALLED, STOPS, Generations
 from node.history import History
 from node.inbox import Inbox
@@ -36,7 +37,9 @@ State = Literal["prepared", "running", "stopped", "failed"]
 # Events ---------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class Start:
-    """Every cell is prepared: begin."""
+    """Every cell is prepared: begin, with a deme that lived before, (deme, genome_bytes), if one is given."""
+
+    deme: Genomes | None = None
 
 
 class Answered(NamedTuple):
@@ -189,18 +192,18 @@ class Cell:
                 if event.generation in self._outbox:
                     actions.append(Answer(event.question, self._outbox[event.generation]))
             elif isinstance(event, Start):
-                self._begin(actions)
+                self._begin(event.deme, actions)
             elif isinstance(event, Propose):
                 if not self.ended:
                     self.rows.propose(0, event.reason)
             else:
                 actions += self._questions()
 
-    def _begin(self, actions: list[Action]) -> None:
+    def _begin(self, deme: Genomes | None, actions: list[Action]) -> None:
         if self.state == "prepared":
             self.state = "running"
             rows, plan = self.rows, self.plan
-            rows.begin()
+            rows.begin(None if deme is None else deme[None])
             if plan.problem.judging is not None:
                 self._live_on = Generations(plan, rows, self.inbox, self._history, self._tells_champion, self._out)
             self._generation_done(actions)

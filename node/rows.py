@@ -70,10 +70,10 @@ class Rows:
         """Whether emigrants leave in this generation."""
         return self.generation % self._interval == 0
 
-    def begin(self) -> None:
-        """Draw and evaluate the first demes (§6, steps 1 and 2)."""
+    def begin(self, demes: Genomes | None = None) -> None:
+        """Draw the first demes, unless they are given, (rows, deme, genome_bytes), and evaluate them (§6, 1 and 2)."""
         plan = self.plan
-        self.genomes = plan.coding.random(plan.keys(self.cells, 0), plan.run.deme)
+        self.genomes = plan.coding.random(plan.keys(self.cells, 0), plan.run.deme) if demes is None else demes.copy()
         self.fitness = judge(self.genomes, self._evaluate, self._apart)
         self._tell()
 

@@ -40,26 +40,33 @@ def _never() -> Reason | None:
 
 
 def simulate(
-    plan: Plan, watch: Watch = _ignore, snapshot: Snapshot = _ignore, outside: Outside = _never
+    plan: Plan,
+    watch: Watch = _ignore,
+    snapshot: Snapshot = _ignore,
+    outside: Outside = _never,
+    demes: Genomes | None = None,
 ) -> list[Report]:
     """Run the job to its end; the reports are in the order of the cells.
+
+    ``demes``, (cells, deme, genome_bytes), are the first ones if they are given, such as the last of another world:
+    they are evaluated anew.
 
     Raises:
         EvaluationFailed: if the problem breaks.
     """
     if plan.run.mode == "async":
-        return _Delays(plan, watch, outside).run()
-    return _lockstep(plan, watch, snapshot, outside)
+        return _Delays(plan, watch, outside, demes).run()
+    return _lockstep(plan, watch, snapshot, outside, demes)
 
 
-def _lockstep(plan: Plan, watch: Watch, snapshot: Snapshot, outside: Outside) -> list[Report]:
+def _lockstep(plan: Plan, watch: Watch, snapshot: Snapshot, outside: Outside, demes: Genomes | None) -> list[Report]:
     cells = np.arange(plan.topology.cells)
     neighbours = plan.topology.table()
     rows = Rows(plan, cells, Messages.room(len(cells), plan.coding.genome_bytes, plan.run.emigrants))
     heard = rows.messages.copy()
     history = History(len(cells), plan.run.deme, plan.coding.genome_bytes)
     published = 0
-    rows.begin()
+    rows.begin(demes)
     while True:
         history.note(rows.generation, rows.genomes, rows.fitness)
         snapshot(rows.generation, rows.genomes, rows.fitness)
@@ -147,11 +154,11 @@ def _bytes_of(genomes: Genomes) -> list[bytes]:
 class _Delays:
     """Cells in async mode: each generation takes an exponential time of mean 1, each message one of mean 0.1."""
 
-    def __init__(self, plan: Plan, watch: Watch, outside: Outside) -> None:
+    def __init__(self, plan: Plan, watch: Watch, outside: Outside, demes: Genomes | None) -> None:
         self.watch = watch
         self.outside = outside
         self.cells = [Cell(plan, number, job=1) for number in range(plan.topology.cells)]
-        self.events: list[list[Event]] = [[Start()] for _ in self.cells]
+        self.events: list[list[Event]] = [[Start(None if demes is None else demes[cell.cell])] for cell in self.cells]
         self.news: list[list[Message]] = [[] for _ in self.cells]
         self.reports: dict[int, Report] = {}
         self.best: Champion | None = None

@@ -29,6 +29,21 @@ def test_async_with_a_limit_ends_there_everywhere():
     assert {report.generation for report in reports} == {25}
 
 
+def test_the_first_demes_may_be_given_and_are_evaluated_anew():
+    for mode in ("lockstep", "async"):
+        plan = plan_of(mode=mode, deme=3, target=-1.0, generations=4)
+        lived = simulate(plan)
+        demes = np.stack([np.frombuffer(report.deme, np.uint8).reshape(3, -1) for report in lived])
+        begun = simulate(plan_of(mode=mode, deme=3, target=-1.0, generations=0), demes=demes)
+        assert [report.deme for report in begun] == [report.deme for report in lived]
+        assert {report.evaluations for report in begun} == {3}
+        assert [report.champion.fitness for report in begun] == plan.evaluate(demes.reshape(48, -1)).reshape(16, 3).min(
+            axis=1
+        ).tolist()
+        simulate(plan, demes=demes)
+        assert demes.tobytes() == b"".join(report.deme for report in lived), "what is given stays as it is"
+
+
 def test_somebody_outside_can_stop_it():
     asked = iter([None] * 10 + ["cancel"] + [None] * 1000)
     for mode in ("lockstep", "async"):

@@ -1,0 +1,134 @@
+"""The judge of terrain solutions: scipy and plain arithmetic along the path; nothing that `evaluate` uses."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from itertools import pairwise
+from math import dist, isclose, sqrt
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import ValidationError
+
+from problems.errors import first_line
+from problems.problem import Solution, Verdict
+from problems.terrain.solution import EIGHTH, STEPS, Cell, TerrainSolution
+
+if TYPE_CHECKING:
+    from problems.terrain.problem import Terrain
+
+TOLERANCE = 1e-6
+HAIR = 1e-12  # contact at exactly the radius is free
+Triangle = tuple[float, float, float]
+
+
+def judge(problem: Terrain, solution: Solution) -> Verdict:
+    """What the path is worth, and all that is wrong with it."""
+    claimed = _parsed(solution)
+    cost, blocked, astray = 0.0, 0, []
+    for number, (here, there) in enumerate(pairwise(claimed.path), start=1):
+        step = (there[0] - here[0], there[1] - here[1])
+        if step not in STEPS:
+            astray.append(f"step {number} of the path, {list(here)} to {list(there)}, leads to no neighbouring cell")
+        elif (hindrance := _hindrance(problem, here, there)) is not None:
+            blocked += 1
+            astray.append(f"step {number} of the path, to {list(there)}, {hindrance}")
+        else:
+            cost += dist(here, there) * ranked(problem, difficulty(problem, there, STEPS.index(step)))
+    away = dist(claimed.path[-1], problem.goal)
+    objections = [*_wrong_ends(problem, claimed, away), *astray, *_wrong_claims(claimed, cost)]
+    if away == 0.0 and blocked == 0:
+        return Verdict(cost, tuple(objections))
+    return Verdict(dearest(problem) * (1 + blocked) + away, tuple(objections))
+
+
+def impassable(problem: Terrain) -> NDArray[np.bool_]:
+    """The cells where the robot cannot stand, (rows, columns): obstacles, and what is too near to them."""
+    blocked = np.array([[character not in problem.legend for character in row] for row in problem.map])
+    if problem.robot_radius > 0.0:
+        from scipy import ndimage
+
+        # An obstacle is a square; its nearest point to the centre of another cell is a corner or the middle of a side.
+        # On a grid twice as fine these are points.
+        fine = np.zeros((2 * blocked.shape[0] + 1, 2 * blocked.shape[1] + 1), bool)
+        for row in range(3):
+            for column in range(3):
+                fine[row : row + 2 * blocked.shape[0] : 2, column : column + 2 * blocked.shape[1] : 2] |= blocked
+        if fine.any():
+            blocked = ndimage.distance_transform_edt(~fine)[1::2, 1::2] < 2.0 * problem.robot_radius * (1.0 - HAIR)
+    return blocked
+
+
+def difficulty(problem: Terrain, cell: Cell, heading: int) -> Triangle:
+    """Of a step into a passable cell."""
+    found = problem.difficulties[problem.legend[problem.map[cell[0]][cell[1]]]]
+    if isinstance(found, tuple):
+        return found
+    towards, rise = STEPS[heading], STEPS[("E", "NE", "N", "NW", "W", "SW", "S", "SE").index(found.uphill)]
+    cosine = (towards[0] * rise[0] + towards[1] * rise[1]) / (dist(towards, (0, 0)) * dist(rise, (0, 0)))
+    return found.up if cosine > 0.1 else found.down if cosine < -0.1 else found.across
+
+
+def ranked(problem: Terrain, triangle: Triangle) -> float:
+    """A fuzzy number as one: sums and multiples of triangles are ranked as the sums and multiples of their ranks."""
+    return {"optimistic": triangle[0], "pessimistic": triangle[2], "centroid": sum(triangle) / 3}[problem.rank]
+
+
+def dearest(problem: Terrain) -> float:
+    """K: √2·n²·(the highest difficulty on the map)."""
+    characters = set("".join(problem.map)) & problem.legend.keys()
+    found = [problem.difficulties[problem.legend[character]] for character in characters]
+    triangles = [
+        each for one in found for each in ([one] if isinstance(one, tuple) else [one.up, one.across, one.down])
+    ]
+    side = max(len(problem.map), len(problem.map[0]))
+    return sqrt(2.0) * side**2 * max(ranked(problem, each) for each in triangles)
+
+
+def _parsed(solution: Solution) -> TerrainSolution:
+    try:
+        return TerrainSolution.model_validate_json(json.dumps(solution), strict=True)
+    except ValidationError as error:
+        raise first_line(error, TerrainSolution, "solution") from error
+
+
+def _hindrance(problem: Terrain, here: Cell, there: Cell) -> str | None:
+    """Why a step cannot be taken, if it cannot."""
+    blocked = problem.impassable
+
+    def is_free(row: int, column: int) -> bool:
+        return 0 <= row < blocked.shape[0] and 0 <= column < blocked.shape[1] and not blocked[row, column]
+
+    if not is_free(*there):
+        return "is impassable" if 0 <= there[0] < len(blocked) and 0 <= there[1] < len(blocked[0]) else "is off the map"
+    is_diagonal = here[0] != there[0] and here[1] != there[1]
+    if is_diagonal and not (problem.corner_cutting or (is_free(here[0], there[1]) and is_free(there[0], here[1]))):
+        return "cuts a corner"
+    return None
+
+
+def _wrong_ends(problem: Terrain, claimed: TerrainSolution, away: float) -> Iterator[str]:
+    if claimed.path[0] != problem.start:
+        yield f"the path starts at {list(claimed.path[0])}, not at {list(problem.start)}"
+    if away > 0.0:
+        yield f"the path ends {away:.3g} cells from the goal"
+
+
+def _wrong_claims(claimed: TerrainSolution, cost: float) -> Iterator[str]:
+    if not isclose(claimed.cost, cost, rel_tol=TOLERANCE, abs_tol=TOLERANCE):
+        yield f"the path costs {cost:g}, not {claimed.cost:g}"
+    row, column = claimed.path[0]
+    led = [(row, column)]
+    for number, (heading, cells) in enumerate(claimed.moves, start=1):
+        eighths = round(heading / EIGHTH)
+        if abs(heading - eighths * EIGHTH) > TOLERANCE:
+            yield f"move {number} heads for {heading:g} rad, which is no multiple of π/4"
+        d_row, d_column = STEPS[eighths % 8]
+        led += [(row + d_row * step, column + d_column * step) for step in range(1, min(cells, len(claimed.path)) + 1)]
+        row, column = led[-1]
+        if len(led) > len(claimed.path):
+            break
+    if led != claimed.path:
+        yield "the path does not go where the moves lead"

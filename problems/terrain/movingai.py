@@ -1,0 +1,38 @@
+"""Maps of the MovingAI benchmark sets (Sturtevant, "Benchmarks for grid-based pathfinding", 2012)."""
+
+from pathlib import Path
+
+from problems.errors import BadInput, shorten
+
+
+def read(path: Path) -> list[str]:
+    """The rows of a map of type octile.
+
+    Raises:
+        BadInput: one line that names the file, what was expected and what was found.
+    """
+    try:
+        lines = path.read_text(encoding="ascii").splitlines()
+    except FileNotFoundError as error:
+        raise BadInput(f"file: expected a map, found no such file as {path}") from error
+    except UnicodeDecodeError as error:
+        raise BadInput(f"file: expected a map in ASCII, found {error} in {path}") from error
+    except OSError as error:
+        raise BadInput(f"file: expected a readable map, found {error.strerror}: {path}") from error
+    words = [line.split() for line in lines[:4]]
+    keys = ["type", "height", "width", "map"]
+    if [each[0] for each in words if each] != keys or words[0][1:] != ["octile"]:
+        raise BadInput(
+            f"file: expected lines 'type octile', 'height ..', 'width ..', 'map', found {shorten(lines[:4])}"
+        )
+    rows = lines[4:]
+    while rows and not rows[-1].strip():
+        rows.pop()
+    height, width = words[1][1:], words[2][1:]
+    widths = sorted({len(row) for row in rows})
+    if height != [str(len(rows))] or [width] != [[str(each)] for each in widths]:
+        raise BadInput(
+            f"file: expected height {' '.join(height)} and width {' '.join(width)} as {path.name} says, "
+            f"found {len(rows)} rows of {' or '.join(map(str, widths)) or 'no'} characters"
+        )
+    return rows

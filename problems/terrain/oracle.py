@@ -1,0 +1,74 @@
+"""The exact answer that terrain is held against: Dijkstra's algorithm over all cells, by scipy."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse import csgraph
+
+from problems.problem import Answer
+from problems.terrain import checker
+from problems.terrain.solution import STEPS, told
+
+if TYPE_CHECKING:
+    from problems.terrain.problem import Terrain
+
+METHOD = "Dijkstra's algorithm over all cells"
+
+
+def easiest(problem: Terrain) -> Answer:
+    """The cost of the easiest path of all, whether or not there are blocks enough to code it, and such a path."""
+    blocked = problem.impassable
+    columns = blocked.shape[1]
+    start, goal = (row * columns + column for row, column in (problem.start, problem.goal))
+    costs, before = csgraph.dijkstra(_graph(problem, blocked), indices=start, return_predecessors=True)
+    if not np.isfinite(costs[goal]):
+        return Answer("optimum", np.inf, METHOD)
+    cells = [goal]
+    while cells[-1] != start:
+        cells.append(int(before[cells[-1]]))
+    path = np.column_stack(np.divmod(cells[::-1], columns))
+    headings = np.array([STEPS.index(tuple(step)) for step in np.diff(path, axis=0).tolist()], np.int64)
+    return Answer(
+        "optimum", float(costs[goal]), METHOD, told(problem.start, headings, costs[goal]), {"cells": len(cells)}
+    )
+
+
+def _graph(problem: Terrain, blocked: NDArray[np.bool_]) -> sparse.csr_array:
+    """From each cell to its neighbours, weighed by what the step costs."""
+    rows, columns = blocked.shape
+    numbers = np.arange(rows * columns).reshape(rows, columns)
+    free = np.pad(~blocked, 1)
+    tails, heads, weights = [], [], []
+    for heading, (d_row, d_column) in enumerate(STEPS):
+        is_open = _shifted(free, 0, 0) & _shifted(free, d_row, d_column)
+        if d_row and d_column and not problem.corner_cutting:
+            is_open &= _shifted(free, d_row, 0) & _shifted(free, 0, d_column)
+        tail = numbers[is_open]
+        head = tail + d_row * columns + d_column
+        tails.append(tail)
+        heads.append(head)
+        weights.append(np.hypot(d_row, d_column) * _difficulties(problem, heading).ravel()[head])
+    edges = (np.concatenate(weights), (np.concatenate(tails), np.concatenate(heads)))
+    return sparse.csr_array(edges, shape=(rows * columns, rows * columns))
+
+
+def _shifted(padded: NDArray[np.bool_], d_row: int, d_column: int) -> NDArray[np.bool_]:
+    """What lies a step from each cell."""
+    rows, columns = padded.shape[0] - 2, padded.shape[1] - 2
+    return padded[1 + d_row : 1 + d_row + rows, 1 + d_column : 1 + d_column + columns]
+
+
+def _difficulties(problem: Terrain, heading: int) -> NDArray[np.float64]:
+    """Of a step into each cell by a heading, ranked; NaN where it is impassable."""
+    characters = np.array([list(row) for row in problem.map])
+    ranks = np.full(characters.shape, np.nan)
+    for character in problem.legend:
+        places = np.argwhere(characters == character)
+        if len(places):
+            first = (int(places[0][0]), int(places[0][1]))
+            ranks[characters == character] = checker.ranked(problem, checker.difficulty(problem, first, heading))
+    return ranks

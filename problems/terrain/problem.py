@@ -1,0 +1,295 @@
+"""Grid navigation on terrain of fuzzy difficulty (Fries): schema and behaviour."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import AfterValidator, Field, field_validator, model_validator
+
+from genetics.arrays import Fitness, Genomes, writable
+from genetics.recipe import Recipe
+from problems.errors import BadInput, shorten
+from problems.problem import Answer, Populations, Problem, RecipeName, Solution, Table, Verdict, quantity
+from problems.terrain import checker, movingai
+from problems.terrain.arrays import world_arrays
+from problems.terrain.solution import told
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from genetics.operators import Operator
+    from problems.terrain.coding import Moves
+
+MOST_SIDE = 1024
+IMPASSABLE = "impassable"
+
+Place = tuple[Annotated[int, Field(ge=0)], Annotated[int, Field(ge=0)]]
+Compass = Literal["E", "NE", "N", "NW", "W", "SW", "S", "SE"]
+
+
+def _ordered(triangle: tuple[float, float, float]) -> tuple[float, float, float]:
+    if not triangle[0] <= triangle[1] <= triangle[2]:
+        raise ValueError(f"expected a triangle [a, b, c] with a <= b <= c, found {list(triangle)}")
+    return triangle
+
+
+Degree = Annotated[float, Field(ge=1e-3, le=1e6)]
+Fuzzy = Annotated[tuple[Degree, Degree, Degree], AfterValidator(_ordered)]
+
+
+class Slope(Table):
+    """A difficulty that depends on the heading: within 45° of uphill, across, or within 45° of downhill (§3.4)."""
+
+    uphill: Compass = quantity("", 'where it rises: "N" is towards row 0, "E" towards greater columns')
+    up: Fuzzy = quantity("", "difficulty of a step up: a triangle [a, b, c]")
+    across: Fuzzy = quantity("", "of a step across")
+    down: Fuzzy = quantity("", "of a step down")
+
+
+DIFFICULTIES: dict[str, Fuzzy | Slope] = {  # figure 5 bears no numbers: these are stand-ins
+    "clear": (1.0, 1.0, 1.0),
+    "easy": (1.0, 1.25, 1.5),
+    "moderate": (1.25, 1.5, 2.0),
+    "difficult": (2.0, 3.0, 4.0),
+}
+TERRAIN = {".": "clear", "G": "clear", "S": "clear"}
+
+
+class Terrain(Problem):
+    """Find the easiest way from a cell to another, as a list of turns and straight moves."""
+
+    about: ClassVar[str] = "a path over terrain of fuzzy difficulty, on a grid"
+    template: ClassVar[str] = """\
+kind = "terrain"
+start = [13, 2]                 # row, column; row 0 is the first of the map
+goal = [2, 12]
+map = [                         # or: file = "x.map", a map of MovingAI, beside this file
+    "................",
+    "................",
+    "......####......",
+    ".........#......",
+    ".........#..mmm.",
+    "...dddd..#..mmm.",
+    "...dddd..#..mmm.",
+    "...dddd..#..mmm.",
+    ".........####.##",
+    "................",
+    "####.####.......",
+    "........#..eee..",
+    "........#..eee..",
+    "........#..eee..",
+    "........#.......",
+    "........#.......",
+]
+corner_cutting = true           # whether a diagonal step may pass the corner of an impassable cell
+rank = "centroid"               # of fuzzy costs; or "pessimistic", "optimistic"
+robot_radius = 0.0              # cells; impassable cells are thickened by it
+
+[terrain]                       # what a character of the map is; ".", "G" and "S" are clear, all else is impassable
+e = "easy"
+m = "moderate"
+d = "difficult"
+
+[difficulty]                    # triangular fuzzy numbers, by which a step's length is multiplied
+easy = [1.0, 1.25, 1.5]
+moderate = [1.25, 1.5, 2.0]
+difficult = [2.0, 3.0, 4.0]
+# [difficulty.hill]             # by heading
+# uphill = "N"
+# up = [2.0, 3.0, 4.0]
+# across = [1.25, 1.5, 2.0]
+# down = [1.0, 1.0, 1.25]
+
+[run]                           # what the command line does not say
+topology = "torus 4x4"
+seed = 1
+"""
+    batches_alike: ClassVar[bool] = True
+    any_thread: ClassVar[bool] = True
+
+    start: Place = quantity("cell", "where the robot stands: [row, column]")
+    goal: Place = quantity("cell", "where it shall go: [row, column]")
+    map: Annotated[list[str], Field(min_length=1, max_length=MOST_SIDE)] = quantity(
+        "", "the rows of the map, one character a cell, the first row at the top; or give 'file'"
+    )
+    file: str | None = quantity(
+        "", "a MovingAI map beside the problem file, instead of 'map', where its rows are put", default=None
+    )
+    terrain: dict[str, str] = quantity(
+        "",
+        "what a character of the map is: the name of a difficulty, or \"impassable\"; '.', 'G' and 'S' are clear "
+        "unless told, all others impassable",
+        default_factory=dict,
+    )
+    difficulty: dict[str, Fuzzy | Slope] = quantity(
+        "",
+        "triangular fuzzy numbers [a, b, c] by which a step's length is multiplied, or a table of them by heading; "
+        "beside clear, easy, moderate and difficult, or instead of them",
+        default_factory=dict,
+    )
+    corner_cutting: bool = quantity(
+        "", "whether a diagonal step may pass the corner of an impassable cell", default=True
+    )
+    rank: Literal["centroid", "pessimistic", "optimistic"] = quantity(
+        "", "how fuzzy costs [a, b, c] are compared: by (a + b + c)/3, by c, or by a", default="centroid"
+    )
+    robot_radius: float = quantity(
+        "cell", "a cell is impassable if its centre is nearer than this to one", default=0.0, ge=0.0, le=64.0
+    )
+    blocks: int | None = quantity(
+        "", "the most blocks of a genome; if not given, 4 to each cell of the longer side", default=None, ge=1, le=16384
+    )
+    founders: Literal["random", "lines"] | None = quantity(
+        "",
+        "how first paths are made: of random blocks, or of straight lines through random cells; if not given, the "
+        'recipe\'s: tuned "lines", paper "random"',
+        default=None,
+    )
+
+    @classmethod
+    def gather(cls, fields: dict[str, Any], folder: Path) -> dict[str, Any]:
+        """The rows of a map in the place of its file's name."""
+        if "file" not in fields:
+            return fields
+        name = fields["file"]
+        if not isinstance(name, str):
+            raise BadInput(f"file: expected the name of a map, found {shorten(name)}")
+        if "map" in fields:
+            raise BadInput("map: expected either map or file, found both")
+        others = {field: value for field, value in fields.items() if field != "file"}
+        return others | {"map": movingai.read(folder / name)}
+
+    @field_validator("map")
+    @classmethod
+    def _rectangular(cls, rows: list[str]) -> list[str]:
+        for number, row in enumerate(rows):
+            if len(row) != len(rows[0]) or not 1 <= len(row) <= MOST_SIDE:
+                raise ValueError(
+                    f"expected rows of the same length, 1 to {MOST_SIDE}, found {len(row)} characters in row {number}"
+                    f" and {len(rows[0])} in row 0"
+                )
+        return rows
+
+    @field_validator("terrain")
+    @classmethod
+    def _by_character(cls, terrain: dict[str, str]) -> dict[str, str]:
+        for character in terrain:
+            if len(character) != 1:
+                raise ValueError(f"expected one character for each terrain, found {character!r}")
+        return terrain
+
+    @model_validator(mode="after")
+    def _names_are_known(self) -> Self:
+        for character, name in self.terrain.items():
+            if name != IMPASSABLE and name not in self.difficulties:
+                expected = ", ".join([*self.difficulties, IMPASSABLE])
+                raise ValueError(f"terrain.{character}: expected one of {expected}, found {shorten(name)}")
+        return self
+
+    @model_validator(mode="after")
+    def _stands_free(self) -> Self:
+        for name, (row, column) in (("start", self.start), ("goal", self.goal)):
+            if not (row < len(self.map) and column < len(self.map[0])):
+                raise ValueError(
+                    f"{name}: expected a cell of the map, {len(self.map)} rows of {len(self.map[0])}, "
+                    f"found [{row}, {column}]"
+                )
+            if self.impassable[row, column]:
+                raise ValueError(
+                    f"{name}: expected a cell where the robot stands free, found [{row}, {column}], which is "
+                    f"{self.map[row][column]!r}" + (" or too near to an impassable one" if self.robot_radius else "")
+                )
+        return self
+
+    @cached_property
+    def difficulties(self) -> dict[str, Fuzzy | Slope]:
+        """All difficulties by name."""
+        return DIFFICULTIES | self.difficulty
+
+    @cached_property
+    def legend(self) -> dict[str, str]:
+        """The name of the difficulty of each character that is passable."""
+        return {character: name for character, name in (TERRAIN | self.terrain).items() if name != IMPASSABLE}
+
+    @cached_property
+    def impassable(self) -> NDArray[np.bool_]:
+        """The cells where the robot cannot stand, (rows, columns); for validation, `check` and the oracle."""
+        return checker.impassable(self)
+
+    def for_recipe(self, name: RecipeName, deme: int) -> Self:
+        """The founders that the recipe wants, unless the file chooses."""
+        if self.founders is not None:
+            return self
+        founders = "lines" if name == "tuned" else "random"
+        return self.model_validate(self.model_dump(exclude_unset=True) | {"founders": founders})
+
+    @cached_property
+    def coding(self) -> Moves:
+        """Blocks of a direction and a length (§3.1)."""
+        from problems.terrain.coding import Moves
+
+        side = max(len(self.map), len(self.map[0]))
+        most = max(64, 4 * side) if self.blocks is None else self.blocks
+        return Moves(world_arrays(self), side, most, self.founders or "lines")
+
+    def recipe(self, name: RecipeName, deme: int) -> Recipe:
+        """§3.3 where it is stated, or the best path within those of both parents and a small window."""
+        if name == "tuned":
+            return Recipe("merge", 0.5, "elitist")
+        if deme == 1:
+            return Recipe("one-point", 0.02, "offspring")
+        return Recipe("one-point", 0.02, "elitist", renewal=0.5)
+
+    def evaluate(self, genomes: Genomes) -> Fitness:
+        """The cost of a clear path to the goal, or more than any such: (n, genome_bytes) to (n,)."""
+        return self._compiled.fitness(genomes)
+
+    @property
+    def judging(self) -> Operator:
+        """`evaluate` as compiled code, whatever the fields: nothing of it is left to Python."""
+        return self._compiled
+
+    def decode(self, genome: Genomes) -> Solution:
+        """``{"path": [[row, column], ..], "cost": c, "moves": [[heading, cells], ..]}``.
+
+        The heading is in rad, 0 towards greater columns, π/2 towards row 0. The cost is that of the passable cells
+        that the path enters: the fitness, if it is clear and leads to the goal.
+        """
+        from problems.terrain import kernels
+
+        moves, cost = kernels.follow(writable(genome), self._compiled.table)
+        return told(self.start, np.repeat(moves[:, 0], moves[:, 1]), cost)
+
+    def describe(self, solution: Solution) -> str:
+        """The moves, as one would call them out to the robot."""
+        moves = solution["moves"]
+        calls = [f"heading {np.degrees(heading):4.0f}°, {cells} cells" for heading, cells in moves]
+        return "\n".join([f"cost {solution['cost']:.6g}, {len(moves)} moves, {len(solution['path'])} cells:", *calls])
+
+    def check(self, solution: Solution) -> Verdict:
+        """See `problems.terrain.checker`, which shares no code with `evaluate`."""
+        return checker.judge(self, solution)
+
+    def oracle(self) -> Answer:
+        """The easiest of all paths, by Dijkstra's algorithm."""
+        from problems.terrain import oracle
+
+        return oracle.easiest(self)
+
+    def draw(self, figure: Figure, solution: Solution | None, populations: Populations) -> None:
+        """The map and the path (figures 7 to 10 of the paper), and the difficulties (figure 5)."""
+        from problems.terrain import drawing
+
+        drawing.draw(self, figure, solution, populations)
+
+    @cached_property
+    def _compiled(self) -> Operator:
+        """The fitness, and the table of all kernels."""
+        from genetics.operators import Operator
+        from problems.terrain import kernels
+
+        return Operator.of(kernels.evaluate, *self.coding.world)

@@ -1,0 +1,23 @@
+"""A living population in a changed world: the old paths, led on from where the robot stands now (Fries, §3.5)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from genetics.arrays import Genomes, writable
+
+if TYPE_CHECKING:
+    from problems.terrain.problem import Terrain
+
+
+def led_on(old: Terrain, new: Terrain, genomes: Genomes) -> Genomes:
+    """Genomes of ``old``, (.., genome_bytes), as first ones for ``new``, the same map with another start or cells.
+
+    Each path goes straight from the new start to its own nearest cell, and on from there. Where obstacles have come to
+    lie on it, it is mended once in the way of the tuned recipe: along what blocks it, and in a small window there.
+    """
+    from problems.terrain import kernels
+
+    flat = writable(genomes.reshape(-1, genomes.shape[-1]))
+    led: Genomes = kernels.led_on(flat, old.judging.table, new.judging.table, new.coding.reach)
+    return led.reshape(genomes.shape)

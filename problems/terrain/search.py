@@ -1,0 +1,286 @@
+"""The best path within some cells of a map: how the tuned recipe crosses two paths, and mends one in a small window.
+
+Cells are marked (those of both parents, a window, a detour), and of all paths over marked cells the one of least
+fitness is found by Dijkstra's algorithm. A step that is not clear may be taken too, for the penalty that the fitness
+has for it: paths through obstacles are crossed and mended like others. All are subroutines of the kernels.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from genetics.compiled import subroutine
+from genetics.sequence_kernels import clear_after
+from problems.terrain.walking import D_COLUMN, D_ROW, GOAL, START, is_clear, is_passable, length_of, turn_of
+
+HAIR = 1e-7  # what a turn costs: of paths as good the straighter is found
+
+
+class Room(NamedTuple):
+    """What searches write to; a mark or a cost counts only where its stamp is that of the search.
+
+    Room that is not used is not touched, so it costs nothing on a large map.
+    """
+
+    marked: Any  # (cells,): by which search
+    reached: Any  # (cells,): by which search
+    cost: Any  # (cells,)
+    came: Any  # (cells,): the heading by which a cell is entered
+    steps: Any  # (cells,): headings of a path
+    trail: Any  # (cells,): the cells of the path that is being changed
+    hits: Any  # (cells,): places in the trail from which a step is blocked
+    keys: Any  # (8 * cells + 1,): a heap's, the costs of cells when they were put into it
+    heap: Any  # (8 * cells + 1,): and the cells
+
+
+@subroutine
+def room_for(world: Any) -> Any:
+    """For searches of stamps 1 and up."""
+    cells = world.classes.size
+    return Room(
+        np.zeros(cells, np.int32),
+        np.zeros(cells, np.int32),
+        np.empty(cells),
+        np.empty(cells, np.int8),
+        np.empty(8 * cells, np.int8),
+        np.empty(cells, np.int32),
+        np.empty(cells, np.int32),
+        np.empty(8 * cells + 1),
+        np.empty(8 * cells + 1, np.int32),
+    )
+
+
+# Marks ----------------------------------------------------------------------------------------------------------------
+@subroutine
+def is_on_map(world: Any, row: Any, column: Any) -> Any:
+    """Passable or not."""
+    return 0 <= row < world.classes.shape[0] and 0 <= column < world.classes.shape[1]
+
+
+@subroutine
+def heading_of(d_row: Any, d_column: Any) -> Any:
+    """Of a step to a neighbouring cell."""
+    for heading in range(8):
+        if D_ROW[heading] == d_row and D_COLUMN[heading] == d_column:
+            return heading
+    return 0
+
+
+@subroutine
+def mark_wall(world: Any, room: Any, stamp: Any, cell: Any, heading: Any, side: Any, most: Any) -> Any:
+    """The cells along what blocks a step from a passable cell, with that at the right hand (side 1) or the left (-1).
+
+    At most so many steps, or until the same cell again; returns how many are left.
+    """
+    columns = world.classes.shape[1]
+    row, column = cell // columns, cell % columns
+    while most > 0:
+        tried = 0
+        while tried < 8 and not is_clear(world, row + D_ROW[heading], column + D_COLUMN[heading], heading):
+            heading = (heading + side) & 7
+            tried += 1
+        if tried == 8:
+            return most
+        row, column = row + D_ROW[heading], column + D_COLUMN[heading]
+        room.marked[row * columns + column] = stamp
+        most -= 1
+        if row * columns + column == cell:
+            return most
+        heading = (heading - 3 * side) & 7
+    return most
+
+
+@subroutine
+def mark_way(world: Any, room: Any, stamp: Any, begin: Any, end: Any, most: Any) -> Any:
+    """The cells nearest to the straight line between two cells of the map, and those along what blocks it.
+
+    The latter at most so many.
+    """
+    columns = world.classes.shape[1]
+    row, column = begin // columns, begin % columns
+    d_row, d_column = end // columns - row, end % columns - column
+    steps = max(abs(d_row), abs(d_column))
+    room.marked[begin] = stamp
+    at_row, at_column = row, column
+    for step in range(1, steps + 1):
+        to_row = row + (2 * step * d_row + steps) // (2 * steps)
+        to_column = column + (2 * step * d_column + steps) // (2 * steps)
+        heading = heading_of(to_row - at_row, to_column - at_column)
+        if most > 0 and is_passable(world, at_row, at_column) and not is_clear(world, to_row, to_column, heading):
+            cell, half = at_row * columns + at_column, most // 2
+            most = mark_wall(world, room, stamp, cell, heading, 1, half) + mark_wall(
+                world, room, stamp, cell, heading, -1, half
+            )
+        at_row, at_column = to_row, to_column
+        room.marked[at_row * columns + at_column] = stamp
+
+
+@subroutine
+def mark_path(world: Any, room: Any, stamp: Any, numbers: Any, bits: Any) -> Any:
+    """The cells of a genome's path until the goal; of one that goes astray until there, and a line on to the goal.
+
+    They are listed in the trail, at most as many as the map has, and those from which a step is blocked in the hits.
+    Returns how many both are.
+    """
+    columns = world.classes.shape[1]
+    row, column = world.settings[START], world.settings[START + 1]
+    goal = world.settings[GOAL] * columns + world.settings[GOAL + 1]
+    heading = np.int64(numbers[1]) & 7
+    at, count, hits, astray = row * columns + column, 1, 0, False
+    room.marked[at], room.trail[0] = stamp, at
+    for block in range(2, numbers[0] + 1):
+        gene = np.int64(numbers[block])
+        heading = (heading + turn_of(gene, bits)) & 7
+        for _ in range(length_of(gene, bits)):
+            row, column = row + D_ROW[heading], column + D_COLUMN[heading]
+            astray = not is_on_map(world, row, column)
+            if astray or at == goal or count == room.trail.size:
+                break
+            was_passable = is_passable(world, row - D_ROW[heading], column - D_COLUMN[heading])
+            if was_passable and not is_clear(world, row, column, heading):
+                room.hits[hits] = count - 1
+                hits += 1
+            at = row * columns + column
+            room.marked[at], room.trail[count] = stamp, at
+            count += 1
+        if astray or at == goal:
+            break
+    if at != goal:
+        mark_way(world, room, stamp, at, goal, 0)
+    return count, hits
+
+
+@subroutine
+def mark_window(world: Any, room: Any, stamp: Any, center: Any, reach: Any) -> Any:
+    """A square of cells around one, cut off at the edges of the map."""
+    rows, columns = world.classes.shape
+    row, column = center // columns, center % columns
+    for r in range(max(0, row - reach), min(rows, row + reach + 1)):
+        for c in range(max(0, column - reach), min(columns, column + reach + 1)):
+            room.marked[r * columns + c] = stamp
+
+
+# Dijkstra -------------------------------------------------------------------------------------------------------------
+@subroutine
+def _push(room: Any, size: Any, key: Any, cell: Any) -> Any:
+    place = size
+    while place > 0 and room.keys[(place - 1) >> 1] > key:
+        parent = (place - 1) >> 1
+        room.keys[place], room.heap[place] = room.keys[parent], room.heap[parent]
+        place = parent
+    room.keys[place], room.heap[place] = key, cell
+    return size + 1
+
+
+@subroutine
+def _pop(room: Any, size: Any) -> Any:
+    """Takes the first out, which the caller has read."""
+    size -= 1
+    key, cell = room.keys[size], room.heap[size]
+    place = 0
+    while 2 * place + 1 < size:
+        child = 2 * place + 1
+        if child + 1 < size and room.keys[child + 1] < room.keys[child]:
+            child += 1
+        if room.keys[child] >= key:
+            break
+        room.keys[place], room.heap[place] = room.keys[child], room.heap[child]
+        place = child
+    room.keys[place], room.heap[place] = key, cell
+    return size
+
+
+@subroutine
+def find_best(world: Any, room: Any, stamp: Any) -> Any:
+    """The path of least fitness from the start to the goal over marked cells, which are connected.
+
+    Fills ``steps`` with its headings and returns how many there are.
+    """
+    columns = world.classes.shape[1]
+    start = world.settings[START] * columns + world.settings[START + 1]
+    goal = world.settings[GOAL] * columns + world.settings[GOAL + 1]
+    room.cost[start], room.reached[start], room.came[start] = 0.0, stamp, -1
+    size = _push(room, 0, 0.0, start)
+    while size > 0:
+        key, cell = room.keys[0], room.heap[0]
+        if cell == goal:
+            break
+        size = _pop(room, size)
+        if key > room.cost[cell]:
+            continue
+        row, column = cell // columns, cell % columns
+        for heading in range(8):
+            to_row, to_column = row + D_ROW[heading], column + D_COLUMN[heading]
+            if not is_on_map(world, to_row, to_column):
+                continue
+            to = to_row * columns + to_column
+            if room.marked[to] != stamp:
+                continue
+            if is_clear(world, to_row, to_column, heading):
+                cost = key + world.costs[world.classes[to_row, to_column], heading]
+            else:
+                cost = key + world.penalty
+            if heading != room.came[cell]:
+                cost += HAIR
+            if room.reached[to] != stamp or cost < room.cost[to]:
+                room.cost[to], room.reached[to], room.came[to] = cost, stamp, heading
+                size = _push(room, size, cost, to)
+    return _trace(world, room, start, goal)
+
+
+@subroutine
+def _trace(world: Any, room: Any, start: Any, goal: Any) -> Any:
+    """Fill ``steps`` with the headings that led to the goal."""
+    columns = world.classes.shape[1]
+    cell, count = goal, 0
+    while cell != start:
+        heading = room.came[cell]
+        room.steps[count] = heading
+        cell -= D_ROW[heading] * columns + D_COLUMN[heading]
+        count += 1
+    room.steps[:count] = room.steps[:count][::-1].copy()
+    return count
+
+
+# Paths as blocks ------------------------------------------------------------------------------------------------------
+@subroutine
+def line_steps(world: Any, room: Any, count: Any, begin: Any, end: Any) -> Any:
+    """Append the headings of the closest approximation to a straight line (§3.2); returns how many there are then."""
+    columns = world.classes.shape[1]
+    row, column = begin // columns, begin % columns
+    d_row, d_column = end // columns - row, end % columns - column
+    steps = max(abs(d_row), abs(d_column))
+    at_row, at_column = 0, 0
+    for step in range(1, steps + 1):
+        to_row, to_column = (2 * step * d_row + steps) // (2 * steps), (2 * step * d_column + steps) // (2 * steps)
+        room.steps[count] = heading_of(to_row - at_row, to_column - at_column)
+        at_row, at_column = to_row, to_column
+        count += 1
+    return count
+
+
+@subroutine
+def write_path(room: Any, count: Any, bits: Any, numbers: Any) -> Any:
+    """The first ``count`` steps as blocks; a sharp turn takes blocks of no length. Whether there was room for all."""
+    most = numbers.size - 1
+    heading = np.int64(room.steps[0]) if count > 0 else 0
+    numbers[1] = heading
+    blocks, step = 1, 0
+    while step < count:
+        now, run = np.int64(room.steps[step]), 1
+        while step + run < count and room.steps[step + run] == now and run + 1 < 1 << bits:
+            run += 1
+        turn = ((now - heading + 4) & 7) - 4
+        side = 1 if turn > 0 else -1
+        while abs(turn) > 1 and blocks < most:
+            numbers[1 + blocks] = (1 if side > 0 else 2) << bits
+            turn -= side
+            blocks += 1
+        if blocks == most:
+            break
+        numbers[1 + blocks] = ((1 if turn > 0 else 2 if turn < 0 else 0) << bits) | run
+        heading = now
+        step += run
+        blocks += 1
+    clear_after(numbers, blocks, 1)
+    return step == count

@@ -1,0 +1,33 @@
+"""What a solution of a terrain problem is made of."""
+
+from __future__ import annotations
+
+from itertools import groupby
+from typing import Annotated
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from problems.problem import Solution, Table
+
+EIGHTH = np.pi / 4.0  # rad
+STEPS = ((0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1), (1, 0), (1, 1))
+"""Rows and columns of a step by heading, 0 towards greater columns, anticlockwise; row 0 is at the top."""
+
+Cell = tuple[int, int]
+
+
+class TerrainSolution(Table):
+    """See `Terrain.decode`."""
+
+    path: Annotated[list[Cell], Field(min_length=1)]
+    cost: Annotated[float, Field(ge=0)]
+    moves: list[tuple[float, Annotated[int, Field(ge=1)]]]
+
+
+def told(start: Cell, headings: NDArray[np.int64], cost: float) -> Solution:
+    """The path of some steps, each an eighth of a turn from 0 to 7, as plain values."""
+    places = np.cumsum([start, *(STEPS[heading] for heading in headings)], axis=0)
+    moves = [[heading * EIGHTH, len(list(run))] for heading, run in groupby(headings.tolist())]
+    return {"path": places.tolist(), "cost": float(cost), "moves": moves}

@@ -1,0 +1,91 @@
+"""What a genome's blocks do on a map (Fries, §3.1 and §3.4): subroutines of the kernels.
+
+Headings are eighths of a turn: 0 towards greater columns, then anticlockwise; row 0 is at the top.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from genetics.compiled import subroutine
+from genetics.operators import integers, reals
+
+D_ROW = np.array([0, -1, -1, -1, 0, 1, 1, 1])
+D_COLUMN = np.array([1, 1, 0, -1, -1, -1, 0, 1])
+START, GOAL, CUTS_CORNERS = 0, 2, 4  # places in the settings
+
+
+class World(NamedTuple):
+    """A map, and the way that is sought on it."""
+
+    settings: Any  # row and column of the start, of the goal; whether corners may be cut
+    penalty: Any  # K: dearer than any clear path
+    classes: Any  # (rows, columns): what each cell is, -1 impassable
+    costs: Any  # (classes, 8): of a step into such a cell, by heading
+
+
+@subroutine
+def world_of(table: Any) -> Any:
+    """From the first four arrays of a table."""
+    return World(integers(table, 0)[0], reals(table, 1)[0, 0], integers(table, 2), reals(table, 3))
+
+
+@subroutine
+def is_passable(world: Any, row: Any, column: Any) -> Any:
+    """Whether this is a cell of the map that is not impassable."""
+    rows, columns = world.classes.shape
+    return 0 <= row < rows and 0 <= column < columns and world.classes[row, column] >= 0
+
+
+@subroutine
+def is_clear(world: Any, row: Any, column: Any, heading: Any) -> Any:
+    """Whether the step by which a cell is entered is free; a corner that must not be cut blocks it."""
+    if not is_passable(world, row, column):
+        return False
+    if heading % 2 == 0 or world.settings[CUTS_CORNERS] != 0:
+        return True
+    return is_passable(world, row - D_ROW[heading], column) and is_passable(world, row, column - D_COLUMN[heading])
+
+
+@subroutine
+def turn_of(gene: Any, bits: Any) -> Any:
+    """The direction of a block, relative to the heading: 00 and 11 ahead, 01 left, 10 right (§3.1)."""
+    direction = gene >> bits
+    return 1 if direction == 1 else -1 if direction == 2 else 0
+
+
+@subroutine
+def length_of(gene: Any, bits: Any) -> Any:
+    """Its length in cells."""
+    return gene & ((1 << bits) - 1)
+
+
+@subroutine
+def walk(world: Any, numbers: Any, bits: Any, moves: Any) -> Any:
+    """Go where the blocks lead, at most until the goal (§3.1, §3.4).
+
+    The rows of ``moves`` become the heading and the cells gone of each block after the first. Returns the fitness, the
+    cost of the clear steps, and how many rows were filled.
+    """
+    row, column = world.settings[START], world.settings[START + 1]
+    goal_row, goal_column = world.settings[GOAL], world.settings[GOAL + 1]
+    heading = np.int64(numbers[1]) & 7
+    cost, blocked, block = 0.0, 0, 0
+    while block + 1 < numbers[0] and not (row == goal_row and column == goal_column):
+        gene = np.int64(numbers[block + 2])
+        heading = (heading + turn_of(gene, bits)) & 7
+        left = length_of(gene, bits)
+        moves[block, 0], moves[block, 1] = heading, 0
+        while left > 0 and not (row == goal_row and column == goal_column):
+            row, column = row + D_ROW[heading], column + D_COLUMN[heading]
+            if is_clear(world, row, column, heading):
+                cost += world.costs[world.classes[row, column], heading]
+            else:
+                blocked += 1
+            moves[block, 1] += 1
+            left -= 1
+        block += 1
+    away = np.hypot(np.float64(goal_row - row), np.float64(goal_column - column))
+    if away == 0.0 and blocked == 0:
+        return cost, cost, block
+    return world.penalty * (1.0 + blocked) + away, cost, block
