@@ -13,6 +13,7 @@ _BUILT_IN = {
     "arm-ik": "problems.arm_ik:ArmIk",
     "function": "problems.function:Function",
     "mobile-robot": "problems.mobile_robot:MobileRobot",
+    "sphere-path": "problems.sphere_path:SpherePath",
 }
 _read: set[str] = set()  # the names of modules that were read from beside problem files
 
