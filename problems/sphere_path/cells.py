@@ -2,10 +2,10 @@
 
 The box of all configurations is halved again and again along its longest side. A cell at whose centre the vehicle has a
 greater gap to all obstacles than any point of it moves within the cell is free. A cell that is not, and whose enclosing
-sphere lies within ``accuracy`` of configurations in collision, is closed by that sphere. So every configuration in
-collision is in some sphere, and no configuration farther than ``accuracy`` from all of those is. (Pitt-Francis and
-Featherstone, to whom the paper refers, make hierarchies of spheres of solids; the box is halved here because a
-configuration space need not be that of a solid.)
+sphere lies within ``accuracy`` of a configuration in collision, is closed by that sphere. So every configuration in
+collision is in some sphere, and no configuration farther than ``accuracy`` from all of those is. What is deep inside is
+not closed by larger spheres: the deeper a path goes through, the more it crosses. (Pitt-Francis and Featherstone, to
+whom the paper refers, make hierarchies of spheres of solids; a configuration space need not be that of a solid.)
 
 What becomes of each cell, level by level, is all that need be kept: that is what travels to the nodes, as a text.
 """
@@ -22,13 +22,12 @@ from problems.sphere_path.space import Space
 
 Floats = NDArray[np.float64]
 Kinds = NDArray[np.uint8]  # (cells,)
-Clearance = Callable[[Floats], tuple[Floats, Floats]]
-"""Of configurations (n, axes) in their own units: the gap between vehicle and obstacles, (n,) m, 0 in collision; and the
-radius of a ball of configurations about it that are surely all in collision, (n,) m, 0 if that is not known."""
+Clearance = Callable[[Floats], Floats]
+"""The gap between vehicle and obstacles, (n,) m, 0 in collision, at configurations (n, axes) in their own units."""
 
 FREE, CLOSED, HALVED = 0, 1, 2
-MOST_CELLS = 1 << 22
 MOST_SPHERES = 1 << 17
+_MOST_CELLS = 1 << 18  # of one size
 
 
 @dataclass(frozen=True)
@@ -71,20 +70,18 @@ def subdivide(space: Space, translations: int, accuracy: float, clearance: Clear
         kinds.append(_kinds(level, space, translations, accuracy, clearance))
         spheres += np.count_nonzero(kinds[-1] == CLOSED)
         level = level.halved(kinds[-1] == HALVED)
-        if spheres > MOST_SPHERES or len(level.centres) > MOST_CELLS:
+        if spheres > MOST_SPHERES or len(level.centres) > _MOST_CELLS:
             raise ValueError(f"accuracy: expected one that needs at most {MOST_SPHERES:,} spheres, found {accuracy:g}")
     return base64.b64encode(zlib.compress(np.concatenate(kinds).tobytes(), 9)).decode()
 
 
 def _kinds(level: _Level, space: Space, translations: int, accuracy: float, clearance: Clearance) -> Kinds:
-    gap, depth = clearance(level.centres / space.scale)
+    gap = clearance(level.centres / space.scale)
     radius = float(np.linalg.norm(level.half))
     # No point of the vehicle is farther from any of its axes of rotation than the radius that angles are scaled by.
     moved = float(np.linalg.norm(level.half[:translations]) + level.half[translations:].sum())
     free = gap > moved
-    close = radius + np.where(gap > 0.0, gap, -depth) <= accuracy
-    if np.any(space.periodic & (radius > space.span / 4.0)):
-        close[:] = False  # else a sphere could meet itself around the axis
+    close = radius + gap <= accuracy
     kinds: Kinds = np.where(free, FREE, np.where(close, CLOSED, HALVED)).astype(np.uint8)
     return kinds
 
@@ -114,7 +111,7 @@ def spheres_of(code: str, space: Space) -> Floats:
 
 def _unpacked(code: str) -> Kinds:
     try:
-        unpacked = zlib.decompressobj().decompress(base64.b64decode(code, validate=True), 4 * MOST_CELLS)
+        unpacked = zlib.decompressobj().decompress(base64.b64decode(code, validate=True), 64 * _MOST_CELLS)
     except (ValueError, zlib.error) as error:
         raise ValueError("expected a code of cells, found another text") from error
     return np.frombuffer(unpacked, np.uint8)

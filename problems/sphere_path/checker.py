@@ -45,9 +45,7 @@ def judge(problem: SpherePath, solution: Solution) -> Verdict:
         *_wrong_claims(claimed, crossed, length),
         *(_collisions(problem, path) if problem.vehicle is not None else _crossings(crossed)),
     ]
-    straight = float(np.linalg.norm(problem.space.shorter(places[-1] - places[0])))
-    detour = 1.0 - straight / length if length > 0.0 else 0.0
-    return Verdict(crossed + problem.length_weight * max(0.0, detour), tuple(objections))
+    return Verdict(crossed + problem.length_weight * problem.space.detour(places), tuple(objections))
 
 
 def crossed_by(problem: SpherePath, places: Floats) -> int:

@@ -146,7 +146,7 @@ def _draw_path(problem: SpherePath, axes: Any, path: Floats) -> None:
 
 def _draw_solid(axes: Any, triangles: Floats, color: str, alpha: float, zorder: float) -> None:
     faces = triangles[:: max(1, len(triangles) // _MOST_FACES)]
-    solid = Poly3DCollection(faces, facecolor=color, edgecolor="none", alpha=alpha, shade=True, zorder=zorder)
+    solid = Poly3DCollection(faces, facecolors=[color], edgecolors="none", alpha=alpha, shade=True, zorder=zorder)
     axes.add_collection3d(solid)
 
 
@@ -157,7 +157,7 @@ def _draw_spheres(axes: Any, spheres: Floats) -> None:
     faces = np.stack([ball[:-1, :-1], ball[1:, :-1], ball[1:, 1:], ball[:-1, 1:]], axis=2).reshape(-1, 4, 3)
     shown = np.concatenate([np.empty((0, 4, 3)), *(faces * radius + centre for *centre, radius in spheres)])
     body = Poly3DCollection(
-        shown, facecolor=SPHERE, edgecolor="none", alpha=0.22, shade=True, lightsource=LightSource(225, 45), zorder=1
+        shown, facecolors=[SPHERE], edgecolors="none", alpha=0.22, shade=True, lightsource=LightSource(225, 45), zorder=1
     )
     axes.add_collection3d(body)
 

@@ -26,7 +26,6 @@ class _Floor:
     def __init__(self, obstacles: Sequence[Obstacle]) -> None:
         circles = [each for each in obstacles if isinstance(each, Circle)]
         self.solids = shapely.union_all([each.polygon for each in obstacles if not isinstance(each, Circle)])
-        self.outlines = self.solids.boundary
         self.centres = shapely.points(np.array([each.center for each in circles]).reshape(-1, 2))
         self.radii = np.array([each.radius for each in circles])
 
@@ -35,15 +34,6 @@ class _Floor:
         to_solids = np.nan_to_num(shapely.distance(shapes, self.solids), nan=np.inf)  # nan: there is none
         to_circles = shapely.distance(shapes[:, None], self.centres) - self.radii
         return np.maximum(0.0, np.minimum(to_solids, to_circles.min(axis=1, initial=np.inf)))
-
-    def depths(self, points: Floats) -> Floats:
-        """How deep points, (.., 2), lie in an obstacle; 0 if they do not."""
-        places = shapely.points(points)
-        in_circles = self.radii - shapely.distance(places[..., None], self.centres)
-        depths: Floats = np.maximum(0.0, in_circles.max(axis=-1, initial=0.0))
-        within = shapely.intersects(places, self.solids)
-        depths[within] = np.maximum(depths[within], shapely.distance(places[within], self.outlines))
-        return depths
 
 
 def in_the_plane(vehicle: Vehicle, obstacles: Sequence[Obstacle]) -> Clearance:
@@ -55,13 +45,10 @@ def in_the_plane(vehicle: Vehicle, obstacles: Sequence[Obstacle]) -> Clearance:
     return lambda configurations: _polygon(floor, corners, configurations)
 
 
-def _disc(floor: _Floor, radius: float, configurations: Floats) -> tuple[Floats, Floats]:
-    away = floor.gaps(shapely.points(configurations))
-    return np.maximum(0.0, away - radius), np.maximum(0.0, radius - away + floor.depths(configurations))
+def _disc(floor: _Floor, radius: float, configurations: Floats) -> Floats:
+    return np.maximum(0.0, floor.gaps(shapely.points(configurations)) - radius)
 
 
-def _polygon(floor: _Floor, corners: Floats, configurations: Floats) -> tuple[Floats, Floats]:
+def _polygon(floor: _Floor, corners: Floats, configurations: Floats) -> Floats:
     turned = np.einsum("nij,cj->nci", rotations(configurations[:, 2:], 2), corners) + configurations[:, None, :2]
-    gaps = floor.gaps(shapely.polygons(turned))
-    # A corner moves farther than the configuration, by this at most.
-    return gaps, floor.depths(turned).max(axis=1) / np.sqrt(configurations.shape[1] - 1)
+    return floor.gaps(shapely.polygons(turned))

@@ -5,7 +5,8 @@ A path is the start, the coded nodes and the goal, joined by straight segments. 
 
 The table (see `genetics.operators`): bits of each component, whether by Gray code, nodes; for each axis, in rows, the
 place of code 0, the step from one code to the next, the period (0 if there is none), the start and the goal; the length
-weight and the length of the straight way; and the fields of `problems.sphere_path.hierarchy.Hierarchy`.
+weight, the length of the straight way, that of the box's diagonal and the widest radius; and the fields of
+`problems.sphere_path.hierarchy.Hierarchy`.
 """
 
 from typing import Any, NamedTuple
@@ -17,6 +18,7 @@ from genetics.arrays import Cells, Fitness, Genomes
 from genetics.bit_kernels import integers_of
 from genetics.compiled import kernel, subroutine
 from genetics.operators import FITNESS, Table, integers, reals
+from problems.sphere_path.hierarchy import TOGETHER
 
 Floats = NDArray[np.float64]
 
@@ -24,26 +26,37 @@ _LOW, _STEP, _PERIOD, _START, _GOAL = range(5)  # rows of the axes
 
 
 class Way(NamedTuple):
-    """A path, and what is asked of it again and again."""
+    """A path, and room for what is asked of it."""
 
     codes: Any  # (nodes · axes,)
     places: Any  # (nodes + 2, axes): start, nodes, goal
-    steps: Any  # (nodes + 1, axes): from each place to the next
-    inverse: Any  # (nodes + 1,): 1 / squared length of each segment, 0 if it has none
-    offset: Any  # (axes,): room for `_segment_is_near`
-    turned: Any  # (axes,): likewise
+    origin: Any  # (axes,): where a segment begins, within the bounds
+    step: Any  # (axes,): from there to its end
+    begin: Any  # (axes,): where an image of it begins
+    turn: Any  # (axes,): which image, in periods
+    first: Any  # (axes,): the first one
+    last: Any  # (axes,): and the last one
+    along: Any  # (TOGETHER,): of several obstacles, the nearest place on the segment
+    squared: Any  # (TOGETHER,): and the squared distance
+    counted: Any  # (groups, TOGETHER): which obstacles were crossed already
 
 
 @subroutine
 def _room_for(table: Any) -> Any:
     nodes, count = integers(table, 0)[0, 2], reals(table, 1).shape[1]
+    groups = reals(table, 6).shape[0] // (count + 1)
     way = Way(
         np.empty(nodes * count, np.int64),
         np.empty((nodes + 2, count)),
-        np.empty((nodes + 1, count)),
-        np.empty(nodes + 1),
         np.empty(count),
-        np.empty(count, np.int64),
+        np.empty(count),
+        np.empty(count),
+        np.empty(count),
+        np.empty(count),
+        np.empty(count),
+        np.empty(TOGETHER),
+        np.empty(TOGETHER),
+        np.empty((groups, TOGETHER), np.bool_),
     )
     way.places[0] = reals(table, 1)[_START]
     return way
@@ -54,101 +67,138 @@ def _follow(genome: Any, table: Any, way: Any) -> Any:
     """Decode a genome into a path, unwrapped; returns its length."""
     layout, axes = integers(table, 0)[0], reals(table, 1)
     integers_of(genome, layout[0], layout[1] != 0, way.codes)
-    count = axes.shape[1]
+    count, last = axes.shape[1], way.places.shape[0] - 1
     length = 0.0
-    for segment in range(way.inverse.size):
+    for row in range(1, last + 1):
         squared = 0.0
         for axis in range(count):
-            if segment == way.inverse.size - 1:
+            if row == last:
                 place = axes[_GOAL, axis]
             else:
-                place = axes[_LOW, axis] + axes[_STEP, axis] * way.codes[segment * count + axis]
-            step = place - way.places[segment, axis]
-            period = axes[_PERIOD, axis]
-            if period > 0.0:
-                step -= period * np.floor(step / period + 0.5)
-                place = way.places[segment, axis] + step
-            way.places[segment + 1, axis] = place
-            way.steps[segment, axis] = step
+                place = axes[_LOW, axis] + axes[_STEP, axis] * way.codes[(row - 1) * count + axis]
+            step = place - way.places[row - 1, axis]
+            if axes[_PERIOD, axis] > 0.0:
+                step -= axes[_PERIOD, axis] * np.floor(step / axes[_PERIOD, axis] + 0.5)
+                place = way.places[row - 1, axis] + step
+            way.places[row, axis] = place
             squared += step * step
-        way.inverse[segment] = 1.0 / squared if squared > 0.0 else 0.0
         length += np.sqrt(squared)
     return length
 
 
 @subroutine
-def _squared_distance(offset: Any, step: Any, inverse: Any) -> Any:
-    """Of the point ``offset`` to the segment from the origin to ``step``."""
+def _is_near(way: Any, sphere: Any, inverse: Any) -> Any:
+    """Whether the segment comes nearer to a bounding sphere's centre than its radius."""
     along = 0.0
-    for axis in range(offset.size):
-        along += offset[axis] * step[axis]
+    for axis in range(way.step.size):
+        along += (sphere[axis] - way.begin[axis]) * way.step[axis]
     share = min(1.0, max(0.0, along * inverse))
     squared = 0.0
-    for axis in range(offset.size):
-        away = offset[axis] - share * step[axis]
+    for axis in range(way.step.size):
+        away = sphere[axis] - way.begin[axis] - share * way.step[axis]
         squared += away * away
-    return squared
+    return squared < sphere[-1] * sphere[-1]
 
 
 @subroutine
-def _segment_is_near(way: Any, segment: Any, sphere: Any, periods: Any) -> Any:
-    """Whether a segment comes nearer to a sphere's centre than its reach, or to that of one of its images.
+def _count_group(way: Any, obstacles: Any, counted: Any, inverse: Any) -> Any:
+    """How many obstacles of a group the segment crosses that were not counted yet."""
+    along, squared, axes = way.along, way.squared, way.step.size
+    along[:], squared[:] = 0.0, 0.0
+    for axis in range(axes):
+        begin, step = way.begin[axis], way.step[axis]
+        for lane in range(TOGETHER):
+            along[lane] += (obstacles[axis, lane] - begin) * step
+    for axis in range(axes):
+        begin, step = way.begin[axis], way.step[axis]
+        for lane in range(TOGETHER):
+            away = obstacles[axis, lane] - begin - min(1.0, max(0.0, along[lane] * inverse)) * step
+            squared[lane] += away * away
+    crossed = 0
+    for lane in range(TOGETHER):
+        if squared[lane] < obstacles[axes, lane] and not counted[lane]:
+            counted[lane] = True
+            crossed += 1
+    return crossed
 
-    Along a periodic axis the image nearest to the segment's begin counts, and the next one in the segment's sense: the
-    segment is half a period long at most, so any other is at least that far away. A sphere that reaches farther, which
-    only a bounding one may, counts as near.
+
+@subroutine
+def _count(way: Any, table: Any) -> Any:
+    """How many obstacles the segment crosses that were not counted yet, without those of groups that are not near."""
+    spheres, following, group, obstacles = reals(table, 3), integers(table, 4)[0], integers(table, 5)[0], reals(table, 6)
+    rows = spheres.shape[1]
+    squared = 0.0
+    for axis in range(rows - 1):
+        squared += way.step[axis] * way.step[axis]
+    inverse = 1.0 / squared if squared > 0.0 else 0.0
+    crossed, place = 0, 0
+    while place < following.size:
+        if not _is_near(way, spheres[place], inverse):
+            place = following[place]
+            continue
+        which = group[place]
+        if which >= 0:
+            members = obstacles[which * rows : (which + 1) * rows]
+            crossed += _count_group(way, members, way.counted[which], inverse)
+        place += 1
+    return crossed
+
+
+@subroutine
+def _turn_to_first(way: Any, axes: Any, widest: Any) -> Any:
+    """Choose the images of a segment that may be near to an obstacle, and begin with the first.
+
+    Along a periodic axis obstacles have their centres within the bounds and are of the ``widest`` radius at most, which
+    is half a period at most; a segment is no longer than half a period. So the next image on either side will do.
     """
-    step, reach, turnable = way.steps[segment], sphere[-1], 0
-    for axis in range(step.size):
-        offset, period = sphere[axis] - way.places[segment, axis], periods[axis]
+    for axis in range(way.step.size):
+        low, period = axes[_LOW, axis], axes[_PERIOD, axis]
+        way.first[axis] = way.last[axis] = 0.0
         if period > 0.0:
-            if reach > 0.5 * period:
-                return True
-            offset -= period * np.floor(offset / period + 0.5)
-            if offset * step[axis] < 0.0 and period - abs(offset) - abs(step[axis]) < reach:
-                way.turned[turnable] = axis
-                turnable += 1
-        way.offset[axis] = offset
-    for choice in range(1 << turnable):
-        for bit in range(turnable):
-            axis = way.turned[bit]
-            # Of the two images on either side of the begin, that which the choice says.
-            if ((choice >> bit) & 1 == 1) == (way.offset[axis] * step[axis] < 0.0):
-                way.offset[axis] -= np.copysign(periods[axis], way.offset[axis])
-        if _squared_distance(way.offset, step, way.inverse[segment]) < reach * reach:
-            return True
-    return False
+            way.origin[axis] -= period * np.floor((way.origin[axis] - low) / period)
+            end = way.origin[axis] + way.step[axis]
+            if max(way.origin[axis], end) - period > low - widest:
+                way.first[axis] = -1.0
+            if min(way.origin[axis], end) < low + widest:
+                way.last[axis] = 1.0
+        way.turn[axis] = way.first[axis]
+        way.begin[axis] = way.origin[axis] + period * way.turn[axis]
 
 
 @subroutine
-def _is_near(way: Any, sphere: Any, periods: Any) -> Any:
-    """Whether any segment of a path comes nearer to a sphere's centre than its reach."""
-    for segment in range(way.inverse.size):
-        if _segment_is_near(way, segment, sphere, periods):
+def _turn_to_next(way: Any, axes: Any) -> Any:
+    """Go on to the next image, as an odometer does; whether there is one."""
+    for axis in range(way.step.size):
+        more = way.turn[axis] < way.last[axis]
+        way.turn[axis] = way.turn[axis] + 1.0 if more else way.first[axis]
+        way.begin[axis] = way.origin[axis] + axes[_PERIOD, axis] * way.turn[axis]
+        if more:
             return True
     return False
 
 
 @subroutine
 def _crossed(way: Any, table: Any) -> Any:
-    """The number of obstacles crossed, each counted once; what a bounding sphere holds is skipped if that is not near."""
-    periods, spheres, following = reals(table, 1)[_PERIOD], reals(table, 3), integers(table, 4)[0]
-    crossed, sphere = 0, 0
-    while sphere < following.size:
-        if _is_near(way, spheres[sphere], periods):
-            crossed += following[sphere] == sphere + 1
-            sphere += 1
-        else:
-            sphere = following[sphere]
+    """The number of obstacles crossed, each counted once, however many segments cross it."""
+    axes, widest = reals(table, 1), reals(table, 2)[0, 3]
+    way.counted[:] = False
+    crossed = 0
+    for segment in range(way.places.shape[0] - 1):
+        for axis in range(way.step.size):
+            way.origin[axis] = way.places[segment, axis]
+            way.step[axis] = way.places[segment + 1, axis] - way.places[segment, axis]
+        _turn_to_first(way, axes, widest)
+        crossed += _count(way, table)
+        while _turn_to_next(way, axes):
+            crossed += _count(way, table)
     return crossed
 
 
 @subroutine
 def _judge(genome: Any, table: Any, way: Any) -> Any:
     weights = reals(table, 2)[0]
-    length = _follow(genome, table, way)
-    detour = (length - weights[1]) / length if length > 0.0 else 0.0
-    return _crossed(way, table) + weights[0] * max(0.0, detour)
+    detour = max(0.0, _follow(genome, table, way) - weights[1])
+    return _crossed(way, table) + weights[0] * detour / (detour + weights[2])
 
 
 @kernel(FITNESS, may_be_long=True)

@@ -35,9 +35,10 @@ def answer(problem: SpherePath) -> Answer:
     obstacles = problem.obstacle_spheres
     if len(obstacles) == 1 and not problem.space.periodic.any():
         length = around(straight[0], straight[-1], obstacles[0, :-1], float(obstacles[0, -1]))
-        detour = 1.0 - length_of(straight) / length
+        detour = length - length_of(straight)
         method = "the shortest way around one sphere, by two tangents and an arc, bounds aside"
-        return Answer("lower bound", problem.length_weight * detour, method, figures={"length": length})
+        fitness = problem.length_weight * detour / (detour + problem.space.diagonal)
+        return Answer("lower bound", fitness, method, figures={"length": length})
     raise BadInput(
         f"oracle: expected one sphere, or random ones that leave a corridor free, found {len(obstacles)} spheres"
     )
@@ -46,8 +47,7 @@ def answer(problem: SpherePath) -> Answer:
 def _of_path(problem: SpherePath, places: Floats, method: str) -> Answer:
     """A path that crosses nothing is the best there is, unless its length counts."""
     length = length_of(places)
-    detour = 1.0 - length_of(problem.straight) / length if length > 0.0 else 0.0
-    fitness = problem.length_weight * max(0.0, detour)
+    fitness = problem.length_weight * problem.space.detour(places)
     solution = {"path": (places / problem.space.scale).tolist(), "crossed": 0, "length": length}
     return Answer("upper bound" if fitness else "optimum", fitness, method, solution, {"length": length})
 

@@ -108,7 +108,7 @@ seed = 1
     bits: int = quantity("bit", "p, of each component of a node", default=8, ge=1, le=62)
     periodic: list[bool] | None = quantity("", "which axes close upon themselves; none if not given", default=None)
     length_weight: float = quantity(
-        "", "what an endless detour costs, a share of one crossing: 0 if only crossings count", default=0.0, ge=0, lt=1
+        "", "w: a detour of length x costs w·x/(x + the diagonal of the bounds); below 1, so crossings count first", default=0.0, ge=0, lt=1
     )
     spheres: list[Annotated[list[Place], Field(min_length=3, max_length=8)]] | None = quantity(
         "as the axes", "obstacles: [centre.., radius]", default=None, max_length=cells.MOST_SPHERES
@@ -264,7 +264,10 @@ seed = 1
 
     @property
     def solved_at(self) -> float:
-        """No obstacle is crossed: any such path is worth no more than the length weight, any other at least 1."""
+        """No obstacle is crossed: any such path is worth less than the length weight, if that counts, any other at least 1.
+
+        A run ends there. To go on for shorter paths, ask for less: ``--target 0`` with a stall or a deadline.
+        """
         return self.length_weight
 
     @cached_property
@@ -336,12 +339,13 @@ seed = 1
 
         space = self.space
         codes = (1 << self.bits) - np.where(space.periodic, 0, 1)
-        tree = hierarchy_of(self.obstacle_spheres - [*np.zeros(len(self.start)), CONTACT])
+        obstacles = self.obstacle_spheres - [*np.zeros(len(self.start)), CONTACT]
+        middle = space.low + space.span / 2.0
+        obstacles[:, :-1] = middle + space.shorter(obstacles[:, :-1] - middle)  # the image within the bounds
         return Operator.of(
             kernels.evaluate,
             [self.bits, self.coding.gray, self.nodes],
             np.array([space.low, space.span / codes, space.periods, *self.ends]),
-            [self.length_weight, length_of(self.straight)],
-            tree.spheres,
-            tree.following,
+            [self.length_weight, length_of(self.straight), space.diagonal, obstacles[:, -1].max(initial=0.0)],
+            *hierarchy_of(obstacles),
         )

@@ -78,9 +78,8 @@ def in_space(vehicle: Vehicle, obstacle: Floats) -> Clearance:
     return _Solid(vehicle.mesh.triangles, obstacle).clearance
 
 
-def _ball(obstacle: Floats, radius: float, configurations: Floats) -> tuple[Floats, Floats]:
-    away = signed_distances(np.ascontiguousarray(configurations), obstacle)
-    return np.maximum(0.0, away - radius), np.maximum(0.0, radius - away)
+def _ball(obstacle: Floats, radius: float, configurations: Floats) -> Floats:
+    return np.maximum(0.0, signed_distances(np.ascontiguousarray(configurations), obstacle) - radius)
 
 
 class _Solid:
@@ -95,17 +94,15 @@ class _Solid:
         # One point of each connected part tells whether that part lies within the other solid.
         self._own_parts, self._parts = parts(vehicle), parts(obstacle)
 
-    def clearance(self, configurations: Floats) -> tuple[Floats, Floats]:
+    def clearance(self, configurations: Floats) -> Floats:
         """See `problems.sphere_path.cells.Clearance`."""
         turns = rotations(configurations[:, 3:], 3)
         places = configurations[:, :3]
         gaps = np.array([self._gap(turn, place) for turn, place in zip(turns, places, strict=True)])
-        inner = np.einsum("nij,pj->npi", turns, self._own_parts) + places[:, None]
-        depths = _depths(inner, self.obstacle)
-        outer = np.einsum("nji,npj->npi", turns, self._parts - places[:, None])
-        swallowed = _depths(outer, self.vehicle) > 0.0
-        gaps[swallowed | (depths > 0.0)] = 0.0
-        return gaps, depths / np.sqrt(configurations.shape[1] - 2)
+        within = np.einsum("nij,pj->npi", turns, self._own_parts) + places[:, None]
+        around = np.einsum("nji,npj->npi", turns, self._parts - places[:, None])
+        gaps[_any_in(within, self.obstacle) | _any_in(around, self.vehicle)] = 0.0
+        return gaps
 
     def _gap(self, turn: Floats, place: Floats) -> float:
         import fcl
@@ -114,10 +111,10 @@ class _Solid:
         return max(0.0, fcl.distance(self._moving, self._still, fcl.DistanceRequest(), fcl.DistanceResult()))
 
 
-def _depths(points: Floats, solid: Floats) -> Floats:
-    """How deep the deepest of each group of points, (n, points, 3), lies in a solid, (n,)."""
+def _any_in(points: Floats, solid: Floats) -> NDArray[np.bool_]:
+    """Whether any of each group of points, (n, points, 3), lies in a solid, (n,)."""
     distances = signed_distances(np.ascontiguousarray(points.reshape(-1, 3)), solid)
-    return np.maximum(0.0, -distances.reshape(points.shape[:2]).min(axis=1))
+    return np.any(distances.reshape(points.shape[:2]) < 0.0, axis=1)
 
 
 def surface(triangles: Floats) -> Any:

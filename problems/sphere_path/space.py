@@ -42,6 +42,19 @@ class Space:
         """The period of each axis, as a length; 0 if it has none."""
         return np.where(self.periodic, self.span, 0.0)
 
+    @property
+    def diagonal(self) -> float:
+        """The length of the box's diagonal."""
+        return float(np.linalg.norm(self.span))
+
+    def detour(self, path: Floats) -> float:
+        """By how much a path, shape (rows, axes), is longer than the straight way, as a share in [0, 1).
+
+        A length x is x / (x + diagonal): 1/2 if the detour is as long as the diagonal.
+        """
+        detour = max(0.0, length_of(path) - float(np.linalg.norm(self.shorter(path[-1] - path[0]))))
+        return detour / (detour + self.diagonal)
+
     def shorter(self, step: Floats) -> Floats:
         """The same difference of places, (.., axes) lengths, but the shorter way along periodic axes."""
         periods = np.where(self.periodic, self.span, 1.0)

@@ -114,10 +114,10 @@ def _read(name: str, field: str, folder: Path) -> Floats:
     path = folder / name
     if path.suffix.lower() not in (".stl", ".obj"):
         raise BadInput(f"{field}.file: expected a file that ends in .stl or .obj, found {shorten(name)}")
+    if not path.is_file():
+        raise BadInput(f"{field}.file: expected a file beside the problem file, found no {shorten(name)}")
     try:
         triangles = np.array(trimesh.load_mesh(path, process=False).triangles, np.float64)
-    except OSError as error:
-        raise BadInput(f"{field}.file: expected a readable file, found {name}: {error.strerror}") from error
     except Exception as error:  # whatever its parsers raise
         raise BadInput(f"{field}.file: expected a mesh in {name}, found {type(error).__name__}: {error}") from error
     if not 0 < len(triangles) <= MOST_TRIANGLES or not np.isfinite(triangles).all():
@@ -139,7 +139,10 @@ def unpacked(text: str) -> Floats:
         ValueError: if that is another text.
     """
     try:
-        data = zlib.decompressobj().decompress(base64.b64decode(text, validate=True), 4 + 48 * MOST_TRIANGLES)
+        stream = zlib.decompressobj()
+        data = stream.decompress(base64.b64decode(text, validate=True), 4 + 48 * MOST_TRIANGLES)
+        if not stream.eof:
+            raise ValueError
         count = int(np.frombuffer(data[:4], "<i4")[0])
         corners = np.frombuffer(data[4 : 4 + 12 * count], "<f4").reshape(count, 3)
         triangles = corners[np.frombuffer(data[4 + 12 * count :], "<i4").reshape(-1, 3)].astype(np.float64)
