@@ -14,7 +14,13 @@ SIDE = 10.0
 NODES = 6
 CORRIDOR = 3
 CLEARANCE = 0.2
-CROWDS = {3: (120, (0.8, 2.2)), 4: (400, (1.0, 2.6)), 5: (900, (1.4, 3.2)), 6: (1600, (2.0, 4.0)), 7: (2500, (2.5, 4.5))}
+CROWDS = {
+    3: (120, (0.8, 2.2)),
+    4: (400, (1.0, 2.6)),
+    5: (900, (1.4, 3.2)),
+    6: (1600, (2.0, 4.0)),
+    7: (2500, (2.5, 4.5)),
+}
 """Spheres and their radii, by axes: so many that about one in ten thousand random paths, or fewer, is free."""
 
 

@@ -102,7 +102,9 @@ def _draw_projections(problem: SpherePath, figure: Figure, path: Floats | None, 
             nodes = path[1:-1] if not problem.periodic else np.empty((0, len(problem.start)))
             axes.plot(*nodes[:, pair].T, "o", color="white", markeredgecolor=PATH, markersize=5, zorder=5)
         for place, color, name in ((problem.start, START, "start"), (problem.goal, GOAL, "goal")):
-            axes.plot(*np.array(place)[pair], "o", color=color, markersize=9, markeredgecolor="white", zorder=6, label=name)
+            axes.plot(
+                *np.array(place)[pair], "o", color=color, markersize=9, markeredgecolor="white", zorder=6, label=name
+            )
         axes.set_xlim(*problem.bounds[first])
         axes.set_ylim(*problem.bounds[first + 1])
         axes.set_aspect("equal")
@@ -157,7 +159,13 @@ def _draw_spheres(axes: Any, spheres: Floats) -> None:
     faces = np.stack([ball[:-1, :-1], ball[1:, :-1], ball[1:, 1:], ball[:-1, 1:]], axis=2).reshape(-1, 4, 3)
     shown = np.concatenate([np.empty((0, 4, 3)), *(faces * radius + centre for *centre, radius in spheres)])
     body = Poly3DCollection(
-        shown, facecolors=[SPHERE], edgecolors="none", alpha=0.22, shade=True, lightsource=LightSource(225, 45), zorder=1
+        shown,
+        facecolors=[SPHERE],
+        edgecolors="none",
+        alpha=0.22,
+        shade=True,
+        lightsource=LightSource(225, 45),
+        zorder=1,
     )
     axes.add_collection3d(body)
 
@@ -171,7 +179,9 @@ def _draw_floor(problem: SpherePath, figure: Figure, path: Floats | None) -> Non
     if path is not None:
         bodies = [_body(problem, pose) for pose in _along(path, problem.space.scale, _POSES)]
         axes.add_collection(PatchCollection(bodies, facecolor=PATH, alpha=0.10, edgecolor="none", zorder=3))
-        axes.add_collection(PatchCollection(bodies, facecolor="none", edgecolor=PATH, alpha=0.5, linewidth=0.7, zorder=3))
+        axes.add_collection(
+            PatchCollection(bodies, facecolor="none", edgecolor=PATH, alpha=0.5, linewidth=0.7, zorder=3)
+        )
         axes.plot(*path[:, :2].T, color=PATH, linewidth=1.8, zorder=4)
         axes.plot(*path[1:-1, :2].T, "o", color="white", markeredgecolor=PATH, markersize=5, zorder=5)
     for place, color, name in ((problem.start, START, "start"), (problem.goal, GOAL, "goal")):

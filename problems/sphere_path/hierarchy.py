@@ -93,7 +93,10 @@ def hierarchy_of(obstacles: Floats) -> Hierarchy:
     groups, rows = -(-len(obstacles) // TOGETHER), obstacles.shape[1]
     count = max(0, 2 * groups - 1)
     tree = Hierarchy(
-        np.empty((count, rows)), np.empty(count, np.int64), np.empty(count, np.int64), np.zeros((groups * rows, TOGETHER))
+        np.empty((count, rows)),
+        np.empty(count, np.int64),
+        np.empty(count, np.int64),
+        np.zeros((groups * rows, TOGETHER)),
     )
     if count:
         _fill(np.ascontiguousarray(obstacles, np.float64), *tree)

@@ -125,7 +125,12 @@ def _count_group(way: Any, obstacles: Any, counted: Any, inverse: Any) -> Any:
 @subroutine
 def _count(way: Any, table: Any) -> Any:
     """How many obstacles the segment crosses that were not counted yet, without those of groups that are not near."""
-    spheres, following, group, obstacles = reals(table, 3), integers(table, 4)[0], integers(table, 5)[0], reals(table, 6)
+    spheres, following, group, obstacles = (
+        reals(table, 3),
+        integers(table, 4)[0],
+        integers(table, 5)[0],
+        reals(table, 6),
+    )
     rows = spheres.shape[1]
     squared = 0.0
     for axis in range(rows - 1):

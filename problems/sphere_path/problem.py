@@ -33,7 +33,7 @@ Axes = Annotated[list[Place], Field(min_length=2, max_length=7)]
 
 _FULL_TURN = 2.0 * np.pi
 _ANGLES = {(2, 2): 0, (2, 3): 1, (3, 3): 0, (3, 4): 1, (3, 6): 3}  # of vehicles, by dimensions of the world and axes
-_FLIPS = 4.0  # bits changed in an offspring, on average, by the tuned recipe
+_FLIPS = 8.0  # bits changed in an offspring, on average, by the tuned recipe
 
 
 class Random(Table):
@@ -42,8 +42,12 @@ class Random(Table):
     seed: int = quantity("", "the same seed gives the same spheres", ge=0, lt=1 << 63)
     count: int = quantity("", "spheres", ge=0, le=cells.MOST_SPHERES)
     radius: tuple[Radius, Radius] = quantity("as the axes", "[least, greatest] radius")
-    corridor: int = quantity("", "places of a hidden path that the spheres leave free; 0: there is none", default=0, ge=0, le=100)
-    clearance: float = quantity("as the axes", "by which start, goal and hidden path are clear", default=0.0, ge=0, le=1e6)
+    corridor: int = quantity(
+        "", "places of a hidden path that the spheres leave free; 0: there is none", default=0, ge=0, le=100
+    )
+    clearance: float = quantity(
+        "as the axes", "by which start, goal and hidden path are clear", default=0.0, ge=0, le=1e6
+    )
 
     @field_validator("radius")
     @classmethod
@@ -108,7 +112,11 @@ seed = 1
     bits: int = quantity("bit", "p, of each component of a node", default=8, ge=1, le=62)
     periodic: list[bool] | None = quantity("", "which axes close upon themselves; none if not given", default=None)
     length_weight: float = quantity(
-        "", "w: a detour of length x costs w·x/(x + the diagonal of the bounds); below 1, so crossings count first", default=0.0, ge=0, lt=1
+        "",
+        "w: a detour of length x costs w·x/(x + the diagonal of the bounds); below 1, so crossings count first",
+        default=0.0,
+        ge=0,
+        lt=1,
     )
     spheres: list[Annotated[list[Place], Field(min_length=3, max_length=8)]] | None = quantity(
         "as the axes", "obstacles: [centre.., radius]", default=None, max_length=cells.MOST_SPHERES
@@ -164,7 +172,9 @@ seed = 1
                     raise ValueError(f"{name}[{axis}]: expected {low:g} to {high:g}, found {place[axis]:g}")
         for number, sphere in enumerate(self.spheres or []):
             if len(sphere) != count + 1:
-                raise ValueError(f"spheres[{number}]: expected {count} numbers and a radius, found {len(sphere)} in all")
+                raise ValueError(
+                    f"spheres[{number}]: expected {count} numbers and a radius, found {len(sphere)} in all"
+                )
             if sphere[-1] <= 0.0:
                 raise ValueError(f"spheres[{number}]: expected a radius greater than 0, found {sphere[-1]:g}")
 

@@ -60,7 +60,11 @@ def signed_distances(points: Floats, triangles: Floats) -> Floats:
     for row in range(points.shape[0]):
         squared, angle = np.inf, 0.0
         for number in range(triangles.shape[0]):
-            a, b, c = triangles[number, 0] - points[row], triangles[number, 1] - points[row], triangles[number, 2] - points[row]
+            a, b, c = (
+                triangles[number, 0] - points[row],
+                triangles[number, 1] - points[row],
+                triangles[number, 2] - points[row],
+            )
             squared = min(squared, _squared_to_triangle(a, b, c, np.cross(b - a, c - a)))
             la, lb, lc = np.sqrt(_dot(a, a)), np.sqrt(_dot(b, b)), np.sqrt(_dot(c, c))
             across = la * lb * lc + _dot(a, b) * lc + _dot(b, c) * la + _dot(c, a) * lb

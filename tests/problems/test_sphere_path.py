@@ -84,7 +84,12 @@ def box(centre, size):
 
 def frame():
     """A wall across x = 2 with a window in it."""
-    walls = [([2, 2, 0.5], [0.4, 4, 1]), ([2, 2, 3.5], [0.4, 4, 1]), ([2, 0.6, 2], [0.4, 1.2, 2]), ([2, 3.4, 2], [0.4, 1.2, 2])]
+    walls = [
+        ([2, 2, 0.5], [0.4, 4, 1]),
+        ([2, 2, 3.5], [0.4, 4, 1]),
+        ([2, 0.6, 2], [0.4, 1.2, 2]),
+        ([2, 3.4, 2], [0.4, 1.2, 2]),
+    ]
     return np.concatenate([box(np.array(centre), np.array(size)) for centre, size in walls])
 
 
@@ -109,8 +114,17 @@ def brute_crossed(problem, path):
         nearest = np.inf
         for begin, end in itertools.pairwise(path):
             for shift in shifts:
-                image = centre + shift * space.periods + space.periods * np.round((begin - centre) / np.where(space.periodic, space.span, 1.0))
-                found = optimize.minimize_scalar(lambda t: np.linalg.norm(begin + t * (end - begin) - image), bounds=(0, 1), method="bounded", options={"xatol": 1e-12})
+                image = (
+                    centre
+                    + shift * space.periods
+                    + space.periods * np.round((begin - centre) / np.where(space.periodic, space.span, 1.0))
+                )
+                found = optimize.minimize_scalar(
+                    lambda t: np.linalg.norm(begin + t * (end - begin) - image),
+                    bounds=(0, 1),
+                    method="bounded",
+                    options={"xatol": 1e-12},
+                )
                 nearest = min(nearest, found.fun, np.linalg.norm(begin - image), np.linalg.norm(end - image))
         assert abs(nearest - radius) > 1e-6, "too near to say"
         crossed += nearest < radius
@@ -138,19 +152,30 @@ def test_fitness_and_check_agree_in_any_number_of_dimensions(axes, is_periodic):
 
 
 def test_contact_at_exactly_the_radius_is_free():
-    problem = made(start=[1.0, 5.0], goal=[9.0, 5.0], spheres=[[5.0, 7.0, 2.0]], bits=1, bounds=[[1.0, 9.0], [5.0, 7.0]])
+    problem = made(
+        start=[1.0, 5.0], goal=[9.0, 5.0], spheres=[[5.0, 7.0, 2.0]], bits=1, bounds=[[1.0, 9.0], [5.0, 7.0]]
+    )
     genome = problem.coding.encode(np.array([[0, 0] * 3]))
     assert problem.evaluate(genome)[0] == 0.0
     assert problem.check(problem.decode(genome[0])).feasible
 
 
 def test_along_a_periodic_axis_a_path_goes_the_shorter_way_unwrapped():
-    problem = made(start=[3.0, 0.0], goal=[-3.0, 1.0], bounds=[TURN, [0.0, 1.0]], periodic=[True, False], nodes=1, spheres=[[0.0, 0.5, 1.0]])
+    problem = made(
+        start=[3.0, 0.0],
+        goal=[-3.0, 1.0],
+        bounds=[TURN, [0.0, 1.0]],
+        periodic=[True, False],
+        nodes=1,
+        spheres=[[0.0, 0.5, 1.0]],
+    )
     places = [problem.decode(genome)["path"] for genome in some_genomes(problem, 50)]
     steps = np.diff(np.array(places)[:, :, 0], axis=1)
     assert np.abs(steps).max() <= np.pi + 1e-12
     assert {round(float(path[-1][0] + 3.0) / (2 * np.pi), 9) for path in places} >= {1.0}
-    free = made(start=[3.0, 0.0], goal=[-3.0, 1.0], bounds=[TURN, [0.0, 1.0]], periodic=[True, False], spheres=[[0.0, 0.5, 1.0]])
+    free = made(
+        start=[3.0, 0.0], goal=[-3.0, 1.0], bounds=[TURN, [0.0, 1.0]], periodic=[True, False], spheres=[[0.0, 0.5, 1.0]]
+    )
     assert free.oracle().fitness == 0.0
 
 
@@ -195,12 +220,18 @@ def random_configurations(problem, count, seed=3):
 VEHICLES = {
     "cart": lambda: cart(),
     "cart that does not turn": lambda: cart(start=[0.8, 1.8], goal=[3.3, 1.0], bounds=[[0.0, 4.0]] * 2, periodic=None),
-    "disc": lambda: cart(start=[0.8, 1.8], goal=[3.5, 1.0], bounds=[[0.0, 4.0]] * 2, periodic=None, vehicle={"radius": 0.3}),
+    "disc": lambda: cart(
+        start=[0.8, 1.8], goal=[3.5, 1.0], bounds=[[0.0, 4.0]] * 2, periodic=None, vehicle={"radius": 0.3}
+    ),
     "ball": lambda: window({"radius": 0.3}),
     "plank": lambda: window({"mesh": {"packed": packed(box(np.zeros(3), np.array([0.8, 0.2, 0.2])))}}),
     "plank that turns": lambda: window(
         {"mesh": {"packed": packed(box(np.zeros(3), np.array([0.6, 0.2, 0.2])))}},
-        start=[0.7, 2.0, 0.9, 0.0], goal=[3.3, 2.0, 3.0, 1.0], bounds=[[0.0, 4.0]] * 3 + [TURN], periodic=[False] * 3 + [True], accuracy=0.4,
+        start=[0.7, 2.0, 0.9, 0.0],
+        goal=[3.3, 2.0, 3.0, 1.0],
+        bounds=[[0.0, 4.0]] * 3 + [TURN],
+        periodic=[False] * 3 + [True],
+        accuracy=0.4,
     ),
 }
 
@@ -306,7 +337,14 @@ def test_signed_distances_of_a_box():
 def test_what_is_swallowed_has_no_gap():
     room, crumb = packed(box(np.zeros(3), np.full(3, 4.0))), packed(box(np.zeros(3), np.full(3, 0.2)))
     for inner, outer in ((crumb, room), (room, crumb)):
-        problem = window({"mesh": {"packed": inner}}, start=[9.0] * 3, goal=[9.0] * 3, bounds=[[-10, 10]] * 3, mesh={"packed": outer}, accuracy=4.0)
+        problem = window(
+            {"mesh": {"packed": inner}},
+            start=[9.0] * 3,
+            goal=[9.0] * 3,
+            bounds=[[-10, 10]] * 3,
+            mesh={"packed": outer},
+            accuracy=4.0,
+        )
         assert in_space(problem.vehicle, problem.mesh.triangles)(np.zeros((1, 3)))[0] == 0.0
 
 
@@ -365,7 +403,9 @@ def test_check_finds_a_collision_in_the_world():
     path = [[0.8, 1.8, 0.0], [0.8, 3.2, 0.0], [3.5, 3.2, 0.0], [3.5, 1.0, 1.0]]
     places = np.array(path) * problem.space.scale
     verdict = problem.check({"path": path, "crossed": 0, "length": length_of(places)})
-    assert any(each.startswith("segment 2 of the path: the vehicle meets an obstacle at [1.2") for each in verdict.objections)
+    assert any(
+        each.startswith("segment 2 of the path: the vehicle meets an obstacle at [1.2") for each in verdict.objections
+    )
 
 
 # Oracle ---------------------------------------------------------------------------------------------------------------
@@ -389,13 +429,17 @@ def test_the_way_around_one_sphere_is_the_limit_of_short_paths(axes):
     side = generator.normal(size=axes)
     bow = np.sin(np.linspace(0, np.pi, corners + 2)[1:-1])[:, None] * side / np.linalg.norm(side) * 4.0
     first = np.linspace(start, goal, corners + 2)[1:-1] + bow
-    found = optimize.minimize(penalty, first.ravel(), constraints={"type": "ineq", "fun": clear}, method="SLSQP", options={"maxiter": 300})
+    found = optimize.minimize(
+        penalty, first.ravel(), constraints={"type": "ineq", "fun": clear}, method="SLSQP", options={"maxiter": 300}
+    )
     assert exact <= found.fun + 1e-6
     assert found.fun == pytest.approx(exact, rel=4e-3)
 
 
 def test_the_way_around_one_sphere_in_the_plane_by_hand():
-    assert around(np.array([-2.0, 0.0]), np.array([2.0, 0.0]), np.zeros(2), 1.0) == pytest.approx(2 * 3**0.5 + np.pi / 3)
+    assert around(np.array([-2.0, 0.0]), np.array([2.0, 0.0]), np.zeros(2), 1.0) == pytest.approx(
+        2 * 3**0.5 + np.pi / 3
+    )
     assert around(np.array([-2.0, 1.0]), np.array([2.0, 1.0]), np.zeros(2), 1.0) == pytest.approx(4.0)
 
 
@@ -451,7 +495,12 @@ def test_a_walled_goal_ends_as_stalled_with_the_fewest_crossed():
 
 def test_the_papers_recipe_renews_half_of_an_island():
     recipe = made().recipe("paper", 100)
-    assert (recipe.pairing, recipe.renewal, recipe.crossover, recipe.couples(100)) == ("better-half", 0.5, "uniform", 25)
+    assert (recipe.pairing, recipe.renewal, recipe.crossover, recipe.couples(100)) == (
+        "better-half",
+        0.5,
+        "uniform",
+        25,
+    )
     best, _ = outcome(crowd(3, 10), topology="torus 1x1", deme=100, recipe="paper")
     assert best.fitness == 0.0
 
@@ -471,28 +520,61 @@ BAD_FILES = [
     (HEAD + "spheres = [[5, 5]]", "spheres[0]: expected at least 3 items"),
     (HEAD + "spheres = [[5, 5, 5, 1]]", "spheres[0]: expected 2 numbers and a radius, found 4 in all"),
     (HEAD + "spheres = [[5, 5, 0]]", "spheres[0]: expected a radius greater than 0, found 0"),
-    (HEAD + "spheres = [[5, 5, 1], [1, 2, 1.5]]", "start: expected a place clear of all obstacles, found [1.0, 1.0] in spheres[1]"),
+    (
+        HEAD + "spheres = [[5, 5, 1], [1, 2, 1.5]]",
+        "start: expected a place clear of all obstacles, found [1.0, 1.0] in spheres[1]",
+    ),
     (HEAD + "spheres = [[9, 9, 1]]", "goal: expected a place clear of all obstacles, found [9.0, 9.0] in spheres[0]"),
     (HEAD + "spheres = []\nperiodic = [true]", "periodic: expected 2, as many as start has, found 1"),
-    (HEAD + "spheres = [[5, 5, 6]]\nperiodic = [true, false]", "spheres[0]: expected a radius of at most half a period, 5, found 6"),
+    (
+        HEAD + "spheres = [[5, 5, 6]]\nperiodic = [true, false]",
+        "spheres[0]: expected a radius of at most half a period, 5, found 6",
+    ),
     (HEAD + "random = {seed = 1, count = 9, radius = [2, 1]}", "random.radius: expected [least, greatest], found [2"),
-    (HEAD + "random = {seed = 1, count = 9, radius = [20, 20]}", "random.count: expected at most 0, for which there is room, found 9"),
-    (HEAD + "random = {seed = 1, count = 9, radius = [1, 1], corridor = 9}", "random.corridor: expected at most nodes, 4"),
+    (
+        HEAD + "random = {seed = 1, count = 9, radius = [20, 20]}",
+        "random.count: expected at most 0, for which there is room, found 9",
+    ),
+    (
+        HEAD + "random = {seed = 1, count = 9, radius = [1, 1], corridor = 9}",
+        "random.corridor: expected at most nodes, 4",
+    ),
     (HEAD + "spheres = []\nlength_weight = 1.0", "length_weight: expected less than 1, found 1.0"),
     (HEAD + "spheres = []\nnodes = 0", "nodes: expected greater than or equal to 1, found 0"),
     (HEAD + "spheres = []\nradius = 1", "radius: unknown field"),
     (HEAD + "spheres = []\nmesh.packed = ''", "mesh: expected packed triangles, found another text"),
-    (HEAD + "spheres = []\naccuracy = 0.1\nobstacles = [{shape = 'circle', center = [5, 5], radius = 1}]", "vehicle: expected what moves"),
+    (
+        HEAD + "spheres = []\naccuracy = 0.1\nobstacles = [{shape = 'circle', center = [5, 5], radius = 1}]",
+        "vehicle: expected what moves",
+    ),
     (HEAD + "[vehicle]", "vehicle: expected one of radius, vertices and mesh, found none"),
-    (HEAD + "[vehicle]\nradius = 1\nvertices = [[0, 0], [1, 0], [0, 1]]", "vehicle: expected one of radius, vertices and mesh, found radius and"),
+    (
+        HEAD + "[vehicle]\nradius = 1\nvertices = [[0, 0], [1, 0], [0, 1]]",
+        "vehicle: expected one of radius, vertices and mesh, found radius and",
+    ),
     (HEAD + "[vehicle]\nvertices = [[0, 0], [1, 0]]", "vehicle.vertices: expected at least 3 vertices, found 2"),
     (SPACE + "[vehicle]\nradius = 1", "start: expected 2 numbers for such a vehicle, found 3"),
-    (HEAD + "[vehicle]\nradius = 1\n[mesh]\nfile = 'none.stl'", "mesh.file: expected a file beside the problem file, found no"),
-    (SPACE + "[vehicle]\nradius = 1\n[mesh]\nfile = 'none.step'", "mesh.file: expected a file that ends in .stl or .obj, found"),
+    (
+        HEAD + "[vehicle]\nradius = 1\n[mesh]\nfile = 'none.stl'",
+        "mesh.file: expected a file beside the problem file, found no",
+    ),
+    (
+        SPACE + "[vehicle]\nradius = 1\n[mesh]\nfile = 'none.step'",
+        "mesh.file: expected a file that ends in .stl or .obj, found",
+    ),
     (SPACE + "[vehicle]\nradius = 1\n[mesh]\nunit = 2", "mesh: expected a file, found neither"),
-    (HEAD + "periodic = [true, false]\n[vehicle]\nradius = 1", "periodic[0]: expected false, as axis 1 is no angle, found true"),
-    (SPACE + "periodic = [false, false, true]\n[vehicle]\nvertices = [[0, 0], [1, 0], [0, 1]]", "bounds[2]: expected a full turn"),
-    (HEAD + "[vehicle]\nradius = 1\n[[obstacles]]\nshape = 'circle'\ncenter = [1, 3]\nradius = 1.5", "start: expected a place clear of all obstacles, found [1.0, 1.0] nearer than `accuracy` to a collision"),
+    (
+        HEAD + "periodic = [true, false]\n[vehicle]\nradius = 1",
+        "periodic[0]: expected false, as axis 1 is no angle, found true",
+    ),
+    (
+        SPACE + "periodic = [false, false, true]\n[vehicle]\nvertices = [[0, 0], [1, 0], [0, 1]]",
+        "bounds[2]: expected a full turn",
+    ),
+    (
+        HEAD + "[vehicle]\nradius = 1\n[[obstacles]]\nshape = 'circle'\ncenter = [1, 3]\nradius = 1.5",
+        "start: expected a place clear of all obstacles, found [1.0, 1.0] nearer than `accuracy` to a collision",
+    ),
 ]
 
 
