@@ -68,7 +68,7 @@ def subdivide(space: Space, translations: int, accuracy: float, clearance: Clear
     level, kinds, spheres = _whole(space), list[Kinds](), 0
     while len(level.centres):
         kinds.append(_kinds(level, space, translations, accuracy, clearance))
-        spheres += np.count_nonzero(kinds[-1] == CLOSED)
+        spheres += int(np.count_nonzero(kinds[-1] == CLOSED))
         level = level.halved(kinds[-1] == HALVED)
         if spheres > MOST_SPHERES or len(level.centres) > _MOST_CELLS:
             raise ValueError(f"accuracy: expected one that needs at most {MOST_SPHERES:,} spheres, found {accuracy:g}")

@@ -1,4 +1,4 @@
-"""The judge of sphere-path solutions: distances in closed form, and the vehicle in its world; nothing of the kernels."""
+"""The judge of sphere-path solutions: distances in closed form, the vehicle in its world; nothing of the kernels."""
 
 from __future__ import annotations
 

@@ -148,7 +148,7 @@ def _draw_path(problem: SpherePath, axes: Any, path: Floats) -> None:
 
 def _draw_solid(axes: Any, triangles: Floats, color: str, alpha: float, zorder: float) -> None:
     faces = triangles[:: max(1, len(triangles) // _MOST_FACES)]
-    solid = Poly3DCollection(faces, facecolors=[color], edgecolors="none", alpha=alpha, shade=True, zorder=zorder)
+    solid = Poly3DCollection(faces, facecolors=[color], linewidth=0, alpha=alpha, shade=True, zorder=zorder)
     axes.add_collection3d(solid)
 
 
@@ -161,7 +161,7 @@ def _draw_spheres(axes: Any, spheres: Floats) -> None:
     body = Poly3DCollection(
         shown,
         facecolors=[SPHERE],
-        edgecolors="none",
+        linewidth=0,
         alpha=0.22,
         shade=True,
         lightsource=LightSource(225, 45),
@@ -188,7 +188,8 @@ def _draw_floor(problem: SpherePath, figure: Figure, path: Floats | None) -> Non
         body = _body(problem, np.array(place))
         body.set(facecolor=color, alpha=0.85, edgecolor="white", zorder=6)
         axes.add_patch(body)
-        axes.annotate(name, place[:2], (0, -26), textcoords="offset points", ha="center", color=color, weight="bold")
+        at, below = (place[0], place[1]), (0, -26)
+        axes.annotate(name, at, below, textcoords="offset points", ha="center", color=color, weight="bold")
     _frame(axes, x0, x1, y0, y1, problem.space.scale)
 
 

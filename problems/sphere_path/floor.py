@@ -33,7 +33,8 @@ class _Floor:
         """Between each of some shapes, (n,), and the nearest obstacle; 0 if they meet."""
         to_solids = np.nan_to_num(shapely.distance(shapes, self.solids), nan=np.inf)  # nan: there is none
         to_circles = shapely.distance(shapes[:, None], self.centres) - self.radii
-        return np.maximum(0.0, np.minimum(to_solids, to_circles.min(axis=1, initial=np.inf)))
+        gaps: Floats = np.maximum(0.0, np.minimum(to_solids, to_circles.min(axis=1, initial=np.inf)))
+        return gaps
 
 
 def in_the_plane(vehicle: Vehicle, obstacles: Sequence[Obstacle]) -> Clearance:

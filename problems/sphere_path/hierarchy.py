@@ -1,8 +1,8 @@
 """Spheres within bounding spheres, coarse to fine: whole groups are skipped by one comparison.
 
-In the order of a walk that goes from a bounding sphere to what it holds before it goes on: ``following`` says where to go
-on from one that is not near. At the end of each branch are a few obstacles, side by side, so that a processor compares
-several at once.
+In the order of a walk that goes from a bounding sphere to what it holds before it goes on: ``following`` says where to
+go on from one that is not near. At the end of each branch are some obstacles, side by side, so that a processor
+compares several at once.
 """
 
 from typing import Any, NamedTuple
@@ -26,8 +26,8 @@ class Hierarchy(NamedTuple):
 
     Attributes:
         spheres: the bounding ones, centre and radius, shape (spheres, axes + 1).
-        following: what comes after all that a bounding sphere holds, shape (spheres,); if that is the next one, it is the
-            end of a branch.
+        following: what comes after all that a bounding sphere holds, shape (spheres,); if that is the next one, this is
+            the end of a branch.
         group: which group of obstacles is there; -1 where there is none.
         obstacles: of each group in turn a row for each axis, centres, and a row of squared radii, shape
             (groups · (axes + 1), TOGETHER); where there is no obstacle the squared radius is 0.

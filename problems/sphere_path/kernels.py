@@ -1,7 +1,7 @@
 """The compiled count of the obstacles that a path crosses (Eldershaw and Cameron).
 
 A path is the start, the coded nodes and the goal, joined by straight segments. Lengths are those of
-`problems.sphere_path.space`. Along a periodic axis a segment goes the shorter way, so that rows of a path are unwrapped.
+`problems.sphere_path.space`. Along a periodic axis a segment goes the shorter way: rows of a path are unwrapped.
 
 The table (see `genetics.operators`): bits of each component, whether by Gray code, nodes; for each axis, in rows, the
 place of code 0, the step from one code to the next, the period (0 if there is none), the start and the goal; the length

@@ -55,7 +55,7 @@ def _of_path(problem: SpherePath, places: Floats, method: str) -> Answer:
 def around(start: Floats, goal: Floats, centre: Floats, radius: float) -> float:
     """The length of the shortest way from start to goal that does not enter a sphere, in any number of dimensions.
 
-    All of it lies in the plane of the three points: two tangents and the arc between them, if the straight way is blocked.
+    It lies in the plane of the three points: two tangents and the arc between them, if the straight way is blocked.
 
     Raises:
         ValueError: if start or goal lie within.
@@ -73,4 +73,4 @@ def around(start: Floats, goal: Floats, centre: Floats, radius: float) -> float:
 
 def _cross_size(one: Floats, other: Floats) -> float:
     """|one| |other| sin of the angle between them, in any number of dimensions (Lagrange's identity)."""
-    return float(np.sqrt(max(0.0, (one @ one) * (other @ other) - (one @ other) ** 2)))
+    return float(np.sqrt(np.maximum(0.0, (one @ one) * (other @ other) - (one @ other) ** 2)))

@@ -134,7 +134,7 @@ seed = 1
 
     @classmethod
     def gather(cls, fields: dict[str, Any], folder: Path) -> dict[str, Any]:
-        """With triangles in the place of mesh files, and with the spheres: a thousand nodes need not make them again."""
+        """With triangles in the place of mesh files, and with the spheres, which nodes then need not make again."""
         fields = gathered(fields, folder)
         if "vehicle" not in fields or "hierarchy" in fields:
             return fields
@@ -274,7 +274,7 @@ seed = 1
 
     @property
     def solved_at(self) -> float:
-        """No obstacle is crossed: any such path is worth less than the length weight, if that counts, any other at least 1.
+        """No obstacle is crossed: with a length weight such a path is worth less than that, any other at least 1.
 
         A run ends there. To go on for shorter paths, ask for less: ``--target 0`` with a stall or a deadline.
         """
@@ -282,13 +282,13 @@ seed = 1
 
     @cached_property
     def coding(self) -> BitString:
-        """m nodes of n components of p bits each."""
+        """One integer of p bits for each of n components of m nodes."""
         from genetics.bit_string import BitString
 
         return BitString(self.nodes * len(self.start), self.bits, gray=self.code != "binary")
 
     def recipe(self, name: RecipeName, deme: int) -> Recipe:
-        """The paper's: half of an island replaced in each generation, by uniform crossover. Tuned: elitist, more mutation."""
+        """The paper's: half of an island replaced in each generation, by uniform crossover. Tuned: elitist."""
         if name == "paper":
             rate = 1.0 / self.coding.length
             return Recipe("uniform", rate, "offspring", pairing="better-half", renewal=0.5 if deme > 1 else None)

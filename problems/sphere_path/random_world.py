@@ -46,6 +46,6 @@ def random_spheres(random: Random, space: Space, start: Floats, goal: Floats) ->
             away = np.minimum(*(space.clearances(place[None], centres) for place in free))
         clear = away >= radii + random.clearance
         kept.append(np.column_stack([centres, radii])[clear])
-        found += np.count_nonzero(clear)
+        found += int(np.count_nonzero(clear))
         drawn += _BATCH
     return np.concatenate(kept)[: random.count]

@@ -112,13 +112,14 @@ class _Solid:
         import fcl
 
         self._moving.setTransform(fcl.Transform(turn, place))
-        return max(0.0, fcl.distance(self._moving, self._still, fcl.DistanceRequest(), fcl.DistanceResult()))
+        return max(0.0, float(fcl.distance(self._moving, self._still, fcl.DistanceRequest(), fcl.DistanceResult())))
 
 
 def _any_in(points: Floats, solid: Floats) -> NDArray[np.bool_]:
     """Whether any of each group of points, (n, points, 3), lies in a solid, (n,)."""
     distances = signed_distances(np.ascontiguousarray(points.reshape(-1, 3)), solid)
-    return np.any(distances.reshape(points.shape[:2]) < 0.0, axis=1)
+    found: NDArray[np.bool_] = np.any(distances.reshape(points.shape[:2]) < 0.0, axis=1)
+    return found
 
 
 def surface(triangles: Floats) -> Any:

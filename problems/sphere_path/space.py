@@ -1,7 +1,7 @@
 """Configuration spaces as places between which lengths make sense: metres along every axis.
 
-An angle counts as an arc: it is multiplied by the radius of the vehicle that turns. Where spheres are given directly, axes
-are taken as they are. Nothing here is compiled, and nothing here is used by the compiled fitness.
+An angle counts as an arc: it is multiplied by the radius of the vehicle that turns. Where spheres are given directly,
+axes are taken as they are. Nothing here is compiled, and the compiled fitness uses none of it.
 """
 
 from dataclasses import dataclass

@@ -86,15 +86,13 @@ def gathered(fields: dict[str, Any], folder: Path) -> dict[str, Any]:
         BadInput: names the field, and the file that cannot be read.
     """
     mesh, vehicle = fields.get("mesh"), fields.get("vehicle")
-    if _names_a_file(mesh):
+    if isinstance(mesh, dict) and isinstance(mesh.get("file"), str):
         fields = fields | {"mesh": _filled(mesh, "mesh", folder)}
-    if isinstance(vehicle, dict) and _names_a_file(vehicle.get("mesh")):
-        fields = fields | {"vehicle": vehicle | {"mesh": _filled(vehicle["mesh"], "vehicle.mesh", folder)}}
+    if isinstance(vehicle, dict):
+        own = vehicle.get("mesh")
+        if isinstance(own, dict) and isinstance(own.get("file"), str):
+            fields = fields | {"vehicle": vehicle | {"mesh": _filled(own, "vehicle.mesh", folder)}}
     return fields
-
-
-def _names_a_file(mesh: Any) -> bool:
-    return isinstance(mesh, dict) and isinstance(mesh.get("file"), str)
 
 
 def _filled(mesh: dict[str, Any], field: str, folder: Path) -> dict[str, Any]:
@@ -145,7 +143,8 @@ def unpacked(text: str) -> Floats:
             raise ValueError
         count = int(np.frombuffer(data[:4], "<i4")[0])
         corners = np.frombuffer(data[4 : 4 + 12 * count], "<f4").reshape(count, 3)
-        triangles = corners[np.frombuffer(data[4 + 12 * count :], "<i4").reshape(-1, 3)].astype(np.float64)
+        faces = np.frombuffer(data[4 + 12 * count :], "<i4").reshape(-1, 3)
+        triangles: Floats = corners[faces].astype(np.float64)
     except (ValueError, IndexError, zlib.error) as error:
         raise ValueError("expected packed triangles, found another text") from error
     if not len(triangles) or not np.isfinite(triangles).all():

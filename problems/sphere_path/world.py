@@ -36,9 +36,10 @@ class World:
         if problem.mesh is not None:
             self._obstacles.append((_body(problem.mesh.triangles), 0.0))
         for obstacle in problem.obstacles:
-            round_ = isinstance(obstacle, Circle)
-            shape = _line(*obstacle.center) if isinstance(obstacle, Circle) else _walls(obstacle.corners)
-            self._obstacles.append((_body(shape), obstacle.radius if round_ else 0.0))
+            if isinstance(obstacle, Circle):
+                self._obstacles.append((_body(_line(*obstacle.center)), obstacle.radius))
+            else:
+                self._obstacles.append((_body(_walls(obstacle.corners)), 0.0))
         if vehicle.vertices is not None:
             shape = _walls(np.array(vehicle.vertices))
         elif vehicle.mesh is not None:
@@ -90,7 +91,7 @@ def _line(x: float, y: float) -> Floats:
 def _walls(corners: Floats) -> Floats:
     """Two triangles above each edge of an outline, shape (2 edges, 3, 3)."""
     low = np.column_stack([corners, np.zeros(len(corners))])
-    high = low + [0.0, 0.0, 1.0]
+    high = low + np.array([0.0, 0.0, 1.0])
     lower = np.stack([low, np.roll(low, -1, axis=0), high], axis=1)
     upper = np.stack([np.roll(low, -1, axis=0), np.roll(high, -1, axis=0), high], axis=1)
     return np.concatenate([lower, upper])
