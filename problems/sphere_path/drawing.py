@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.collections import PatchCollection
 from matplotlib.colors import LightSource
 from matplotlib.patches import Circle, Polygon
+from matplotlib.patheffects import withStroke
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from numpy.typing import NDArray
 
@@ -28,10 +29,12 @@ PATH = "#1f5fa8"
 START = "#2a8c4a"
 GOAL = "#c8321e"
 SPHERE = "0.55"
+BALL = "#d8c9a3"
 OTHERS = "#b59adf"
 _MOST_OTHERS = 16  # paths of the last generation that are drawn
 _POSES = 40  # of a vehicle along its path
 _MOST_FACES = 4000
+_PIXELS = 120  # of a projection, each way
 
 
 def draw(problem: SpherePath, figure: Figure, solution: Solution | None, populations: Populations) -> None:
@@ -79,7 +82,7 @@ def _pieces(problem: SpherePath, path: Floats) -> list[Floats]:
 
 # Spheres in two dimensions at a time ---------------------------------------------------------------------------------
 def _draw_projections(problem: SpherePath, figure: Figure, path: Floats | None, others: Floats) -> None:
-    """Each axis beside the next; for more than two axes all spheres seem to overlap, so they are faint."""
+    """Each axis beside the next."""
     count = len(problem.start) - 1
     columns = min(3, count)
     rows = -(-count // columns)
@@ -88,29 +91,42 @@ def _draw_projections(problem: SpherePath, figure: Figure, path: Floats | None, 
     for panel in panels[count:]:
         panel.set_axis_off()
     for first, axes in enumerate(panels[:count]):
-        pair = [first, first + 1]
-        spheres = problem.obstacle_spheres[:, [*pair, -1]]
-        discs = [Circle((x, y), radius) for x, y, radius in spheres]
-        alpha = 0.75 if count == 1 else float(np.clip(8.0 / max(1, len(discs)), 0.02, 0.5))
-        axes.add_collection(PatchCollection(discs, facecolor=SPHERE, edgecolor="0.35", linewidth=0.5, alpha=alpha))
-        for other in others:
-            for piece in _pieces(problem, other):
-                axes.plot(*piece[:, pair].T, color=OTHERS, linewidth=0.7, alpha=0.6)
-        if path is not None:
-            for piece in _pieces(problem, path):
-                axes.plot(*piece[:, pair].T, color=PATH, linewidth=2.0, zorder=4)
-            nodes = path[1:-1] if not problem.periodic else np.empty((0, len(problem.start)))
-            axes.plot(*nodes[:, pair].T, "o", color="white", markeredgecolor=PATH, markersize=5, zorder=5)
-        for place, color, name in ((problem.start, START, "start"), (problem.goal, GOAL, "goal")):
-            axes.plot(
-                *np.array(place)[pair], "o", color=color, markersize=9, markeredgecolor="white", zorder=6, label=name
-            )
-        axes.set_xlim(*problem.bounds[first])
-        axes.set_ylim(*problem.bounds[first + 1])
-        axes.set_aspect("equal")
-        axes.set_xlabel(f"axis {first + 1}")
-        axes.set_ylabel(f"axis {first + 2}")
+        _draw_projection(problem, axes, first, path, others)
     panels[0].legend(loc="upper left", fontsize="small")
+
+
+def _draw_projection(problem: SpherePath, axes: Axes, first: int, path: Floats | None, others: Floats) -> None:
+    pair = [first, first + 1]
+    _draw_discs(problem, axes, pair)
+    for other in others:
+        for piece in _pieces(problem, other):
+            axes.plot(*piece[:, pair].T, color=OTHERS, linewidth=0.7, alpha=0.6)
+    if path is not None:
+        for piece in _pieces(problem, path):
+            axes.plot(*piece[:, pair].T, color=PATH, linewidth=2.0, zorder=4)
+        if not problem.space.periodic.any():
+            axes.plot(*path[1:-1, pair].T, "o", color="white", markeredgecolor=PATH, markersize=5, zorder=5)
+    for place, color, name in ((problem.start, START, "start"), (problem.goal, GOAL, "goal")):
+        axes.plot(*np.array(place)[pair], "o", color=color, markersize=9, markeredgecolor="white", zorder=6, label=name)
+    axes.set(xlim=problem.bounds[first], ylim=problem.bounds[first + 1])
+    axes.set(xlabel=f"axis {first + 1}", ylabel=f"axis {first + 2}")
+    axes.set_aspect("equal")
+
+
+def _draw_discs(problem: SpherePath, axes: Axes, pair: list[int]) -> None:
+    """In the plane the spheres; else how many of them lie above each place, for one hides the other."""
+    spheres = problem.obstacle_spheres[:, [*pair, -1]]
+    if len(problem.start) == 2:
+        discs = [Circle((x, y), radius) for x, y, radius in spheres]
+        axes.add_collection(PatchCollection(discs, facecolor=SPHERE, edgecolor="0.35", linewidth=0.5, alpha=0.75))
+        return
+    low, high = problem.space.bounds[pair].T
+    places = low + (high - low) * (np.arange(_PIXELS)[:, None] + 0.5) / _PIXELS
+    above = np.zeros((_PIXELS, _PIXELS))
+    for x, y, radius in spheres:
+        above += (places[:, 1, None] - y) ** 2 + (places[None, :, 0] - x) ** 2 < radius**2
+    extent = (low[0], high[0], low[1], high[1])
+    axes.imshow(above, extent=extent, origin="lower", cmap="Greys", vmin=0.0, vmax=1.8 * max(1.0, float(above.max())))
 
 
 # Three dimensions -----------------------------------------------------------------------------------------------------
@@ -160,9 +176,9 @@ def _draw_spheres(axes: Any, spheres: Floats) -> None:
     shown = np.concatenate([np.empty((0, 4, 3)), *(faces * radius + centre for *centre, radius in spheres)])
     body = Poly3DCollection(
         shown,
-        facecolors=[SPHERE],
+        facecolors=[BALL],
         linewidth=0,
-        alpha=0.22,
+        alpha=0.3,
         shade=True,
         lightsource=LightSource(225, 45),
         zorder=1,
@@ -188,8 +204,8 @@ def _draw_floor(problem: SpherePath, figure: Figure, path: Floats | None) -> Non
         body = _body(problem, np.array(place))
         body.set(facecolor=color, alpha=0.85, edgecolor="white", zorder=6)
         axes.add_patch(body)
-        at, below = (place[0], place[1]), (0, -26)
-        axes.annotate(name, at, below, textcoords="offset points", ha="center", color=color, weight="bold")
+        label = axes.text(place[0], place[1], name, ha="center", va="center", color=color, weight="bold", zorder=8)
+        label.set_path_effects([withStroke(linewidth=3.5, foreground="white")])
     _frame(axes, x0, x1, y0, y1, problem.space.scale)
 
 
