@@ -1,0 +1,188 @@
+"""sphere-path on random feasible worlds of 3 to 7 dimensions, beside OMPL on the same worlds and the same collisions."""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.planners.runs import on_all_cores, run, share
+from benchmarks.sphere_worlds import CLEARANCE, CORRIDOR, CROWDS, NODES, sphere_world
+from genetics import Keys
+from problems.sphere_path import SpherePath
+from problems.sphere_path.checker import crossed_by
+from problems.sphere_path.space import length_of
+
+Floats = NDArray[np.float64]
+
+WORLDS = 100
+QUICK = 5  # one of each dimension
+AXES = (3, 4, 5, 6, 7)
+RANDOM_PATHS = 10_000
+PATIENCE = 10.0  # s, for each of OMPL's planners
+
+
+class Case(NamedTuple):
+    """A way to solve a world: a name for the table, and the settings of the run or the planner of OMPL."""
+
+    name: str
+    settings: dict[str, object]
+    planner: str = ""
+
+
+OURS = (
+    Case("**tuned, 8×8**", {"topology": "torus 8x8"}),
+    Case("tuned, 4×4", {"topology": "torus 4x4"}),
+    Case("tuned, 1×1, deme 100", {"topology": "torus 1x1", "deme": 100}),
+    Case("paper, 1×1, deme 100", {"topology": "torus 1x1", "deme": 100, "recipe": "paper"}),
+    Case("paper, 8×8", {"topology": "torus 8x8", "recipe": "paper"}),
+)
+RIVALS = (Case("OMPL RRTConnect", {}, "RRTConnect"), Case("OMPL BIT*", {}, "BITstar"))
+
+
+class Tried(NamedTuple):
+    """What came of a world."""
+
+    axes: int
+    solved: bool
+    seconds: float
+    evaluations: int
+    length: float
+
+
+def section(quick: bool) -> str:
+    """The part of the page that is about sphere-path."""
+    numbers = range(1, 1 + (QUICK if quick else WORLDS))
+    cases = [*OURS, *(RIVALS if _has_ompl() else ())]
+    tried = {case.name: list(on_all_cores(_try, [(case, number) for number in numbers])) for case in cases}
+    return "\n".join([*_head(len(numbers)), *_hardness(numbers), "", *_table(tried), "", *_foot(tried)])
+
+
+def _head(count: int) -> Iterator[str]:
+    crowds = ", ".join(f"{axes} axes: {crowd[0]:,} of {crowd[1][0]:g} to {crowd[1][1]:g}" for axes, crowd in CROWDS.items())
+    yield "## sphere-path\n"
+    yield "`python -m benchmarks.planners --only sphere-path`; OMPL needs the extra `ompl`.\n"
+    yield (
+        f"{count} worlds (`benchmarks/sphere_worlds.py`, numbers 1 to {count}), as many of each dimension: boxes of side 10"
+        f" full of random spheres ({crowds}), which leave a hidden corridor of {CORRIDOR} places free by {CLEARANCE:g}:"
+        f" so all are feasible. Paths have {NODES} nodes of 8 bits. Seed 1, stall 200."
+    )
+
+
+def _hardness(numbers: Iterable[int]) -> Iterator[str]:
+    found = list(on_all_cores(_hard, numbers))
+    random = sum(free for _, free in found)
+    yield (
+        f"\nA straight line is free in {share(straight for straight, _ in found)}, of {RANDOM_PATHS:,} random paths in each"
+        f" world {random} of {RANDOM_PATHS * len(found):,}."
+    )
+
+
+def _hard(number: int) -> tuple[bool, int]:
+    """Whether the straight way is free, and how many random paths are."""
+    problem = sphere_world(number).problem()
+    genomes = problem.coding.random(Keys(np.arange(1), np.uint64(1), 0), RANDOM_PATHS)[0]
+    return crossed_by(problem, problem.straight) == 0, int(np.count_nonzero(problem.evaluate(genomes) == 0.0))
+
+
+def _try(task: tuple[Case, int]) -> Tried:
+    case, number = task
+    file = sphere_world(number)
+    if case.planner:
+        return _by_ompl(file.problem(), case.planner, number)
+    outcome = run(file, seed=1, stall=200, **case.settings)
+    solved = outcome.status == "solved" and outcome.feasible
+    length = outcome.solution["length"] if outcome.solution else np.inf
+    return Tried(len(file.fields["start"]), solved, outcome.seconds, outcome.evaluations, length)
+
+
+# OMPL -----------------------------------------------------------------------------------------------------------------
+def _has_ompl() -> bool:
+    try:
+        import ompl  # noqa: F401
+    except ImportError:
+        return False
+    return True
+
+
+def _by_ompl(problem: SpherePath, planner: str, seed: int) -> Tried:
+    """Until the first solution; both states and motions are tested exactly, all spheres at once."""
+    from ompl import base, geometric, util
+
+    util.setLogLevel(util.LogLevel.LOG_ERROR)
+    util.RNG.setSeed(seed)
+    axes = range(len(problem.start))
+    centres, radii = problem.obstacle_spheres[:, :-1], problem.obstacle_spheres[:, -1]
+
+    def place(state: object) -> Floats:
+        return np.array([state[axis] for axis in axes])  # type: ignore[index]
+
+    def is_free(begin: Floats, end: Floats) -> bool:
+        along = end - begin
+        squared = along @ along
+        shares = np.clip((centres - begin) @ along / squared, 0.0, 1.0) if squared > 0.0 else np.zeros(len(centres))
+        away = centres - begin - shares[:, None] * along
+        return bool(np.all(np.einsum("ij,ij->i", away, away) >= radii**2))
+
+    class Exact(base.MotionValidator):  # type: ignore[misc]
+        def checkMotion(self, begin: object, end: object, *_: object) -> bool:  # noqa: N802
+            return is_free(place(begin), place(end))
+
+    space = base.RealVectorStateSpace(len(axes))
+    bounds = base.RealVectorBounds(len(axes))
+    for axis, (low, high) in enumerate(problem.bounds):
+        bounds.setLow(axis, low)
+        bounds.setHigh(axis, high)
+    space.setBounds(bounds)
+    setup = geometric.SimpleSetup(space)
+    information = setup.getSpaceInformation()
+    setup.setStateValidityChecker(lambda state: is_free(place(state), place(state)))
+    information.setMotionValidator(Exact(information))
+    start, goal = space.allocState(), space.allocState()
+    for axis in axes:
+        start[axis], goal[axis] = problem.start[axis], problem.goal[axis]
+    setup.setStartAndGoalStates(start, goal)
+    setup.setPlanner(getattr(geometric, planner)(information))
+    found = base.exactSolnPlannerTerminationCondition(setup.getProblemDefinition())
+    began = time.perf_counter()
+    setup.solve(base.plannerOrTerminationCondition(found, base.timedPlannerTerminationCondition(PATIENCE)))
+    seconds = time.perf_counter() - began
+    if not setup.haveExactSolutionPath():
+        return Tried(len(axes), False, seconds, 0, np.inf)
+    path = np.array([place(state) for state in setup.getSolutionPath().getStates()])
+    return Tried(len(axes), crossed_by(problem, path) == 0, seconds, 0, length_of(path))
+
+
+# The table ------------------------------------------------------------------------------------------------------------
+def _table(tried: dict[str, list[Tried]]) -> Iterator[str]:
+    by_axes = " | ".join(f"{axes} axes" for axes in AXES)
+    yield f"| planner | solved | {by_axes} | evaluations | s on one core, median, greatest | length |"
+    yield "|---" * (len(AXES) + 5) + "|"
+    both = [all(each.solved for each in world) for world in zip(*tried.values(), strict=True)]
+    for name, worlds in tried.items():
+        solved = [sum(each.solved for each in worlds if each.axes == axes) for axes in AXES]
+        seconds = [each.seconds for each in worlds]
+        evaluations = [each.evaluations for each in worlds if each.evaluations]
+        lengths = [each.length for each, counts in zip(worlds, both, strict=True) if counts]
+        yield (
+            f"| {name} | {share(each.solved for each in worlds)} | {' | '.join(map(str, solved))} | "
+            f"{f'{statistics.median(evaluations):,.0f}' if evaluations else ''} | "
+            f"{statistics.median(seconds):.2f}, {max(seconds):.1f} | "
+            f"{f'{statistics.mean(lengths):.1f}' if lengths else ''} |"
+        )
+
+
+def _foot(tried: dict[str, list[Tried]]) -> Iterator[str]:
+    best = tried[OURS[0].name]
+    solved = sum(each.solved for each in best) / len(best)
+    reached = "reached" if solved >= 0.95 else "not reached"
+    yield f"To reach: ≥ 95 % of feasible worlds. Tuned, 8×8: {100 * solved:.1f} %, {reached}."
+    yield (
+        f"\nEvaluations are medians; lengths are means over the worlds that all solved. OMPL stops at its first solution or"
+        f" after {PATIENCE:g} s; it tests states and motions exactly as the check does, in numpy from Python, which costs"
+        " it most of its time. Runs end at the first path that crosses nothing: lengths are not minimised."
+    )
