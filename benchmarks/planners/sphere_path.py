@@ -1,4 +1,4 @@
-"""sphere-path on random feasible worlds of 3 to 7 dimensions, beside OMPL on the same worlds and the same collisions."""
+"""sphere-path on random feasible worlds of 3 to 7 dimensions, beside OMPL on the same worlds and collisions."""
 
 from __future__ import annotations
 
@@ -63,12 +63,14 @@ def section(quick: bool) -> str:
 
 
 def _head(count: int) -> Iterator[str]:
-    crowds = ", ".join(f"{axes} axes: {crowd[0]:,} of {crowd[1][0]:g} to {crowd[1][1]:g}" for axes, crowd in CROWDS.items())
+    crowds = ", ".join(
+        f"{axes} axes: {crowd[0]:,} of {crowd[1][0]:g} to {crowd[1][1]:g}" for axes, crowd in CROWDS.items()
+    )
     yield "## sphere-path\n"
     yield "`python -m benchmarks.planners --only sphere-path`; OMPL needs the extra `ompl`.\n"
     yield (
-        f"{count} worlds (`benchmarks/sphere_worlds.py`, numbers 1 to {count}), as many of each dimension: boxes of side 10"
-        f" full of random spheres ({crowds}), which leave a hidden corridor of {CORRIDOR} places free by {CLEARANCE:g}:"
+        f"{count} worlds (`benchmarks/sphere_worlds.py`, numbers 1 to {count}), as many of each dimension: boxes of side"
+        f" 10 full of random spheres ({crowds}), which leave a hidden corridor of {CORRIDOR} places free by {CLEARANCE:g}:"
         f" so all are feasible. Paths have {NODES} nodes of 8 bits. Seed 1, stall 200."
     )
 
@@ -77,8 +79,8 @@ def _hardness(numbers: Iterable[int]) -> Iterator[str]:
     found = list(on_all_cores(_hard, numbers))
     random = sum(free for _, free in found)
     yield (
-        f"\nA straight line is free in {share(straight for straight, _ in found)}, of {RANDOM_PATHS:,} random paths in each"
-        f" world {random} of {RANDOM_PATHS * len(found):,}."
+        f"\nA straight line is free in {share(straight for straight, _ in found)}, of {RANDOM_PATHS:,} random paths in"
+        f" each world {random} of {RANDOM_PATHS * len(found):,}."
     )
 
 
@@ -182,7 +184,7 @@ def _foot(tried: dict[str, list[Tried]]) -> Iterator[str]:
     reached = "reached" if solved >= 0.95 else "not reached"
     yield f"To reach: ≥ 95 % of feasible worlds. Tuned, 8×8: {100 * solved:.1f} %, {reached}."
     yield (
-        f"\nEvaluations are medians; lengths are means over the worlds that all solved. OMPL stops at its first solution or"
-        f" after {PATIENCE:g} s; it tests states and motions exactly as the check does, in numpy from Python, which costs"
-        " it most of its time. Runs end at the first path that crosses nothing: lengths are not minimised."
+        f"\nEvaluations are medians; lengths are means over the worlds that all solved. OMPL stops at its first solution"
+        f" or after {PATIENCE:g} s; it tests states and motions exactly, all spheres at once, in numpy from Python, which"
+        " costs it most of its time. Runs end at the first path that crosses nothing: lengths are not minimised."
     )

