@@ -69,9 +69,9 @@ def _head(count: int) -> Iterator[str]:
     yield "## sphere-path\n"
     yield "`python -m benchmarks.planners --only sphere-path`; OMPL needs the extra `ompl`.\n"
     yield (
-        f"{count} worlds (`benchmarks/sphere_worlds.py`, numbers 1 to {count}), as many of each dimension: boxes of side"
-        f" 10 full of random spheres ({crowds}), which leave a hidden corridor of {CORRIDOR} places free by {CLEARANCE:g}:"
-        f" so all are feasible. Paths have {NODES} nodes of 8 bits. Seed 1, stall 200."
+        f"{count} worlds (`benchmarks/sphere_worlds.py`, numbers 1 to {count}), as many of each dimension: boxes"
+        f" of side 10 full of random spheres ({crowds}), which leave a hidden corridor of {CORRIDOR} places free by"
+        f" {CLEARANCE:g}: so all are feasible. Paths have {NODES} nodes of 8 bits. Seed 1, stall 200."
     )
 
 
@@ -184,7 +184,7 @@ def _foot(tried: dict[str, list[Tried]]) -> Iterator[str]:
     reached = "reached" if solved >= 0.95 else "not reached"
     yield f"To reach: ≥ 95 % of feasible worlds. Tuned, 8×8: {100 * solved:.1f} %, {reached}."
     yield (
-        f"\nEvaluations are medians; lengths are means over the worlds that all solved. OMPL stops at its first solution"
-        f" or after {PATIENCE:g} s; it tests states and motions exactly, all spheres at once, in numpy from Python, which"
-        " costs it most of its time. Runs end at the first path that crosses nothing: lengths are not minimised."
+        f"\nEvaluations are medians; lengths are means over the worlds that all solved. OMPL stops at its first"
+        f" solution or after {PATIENCE:g} s; it tests states and motions exactly, all spheres at once, in numpy from Python,"
+        " which costs it most of its time. Runs end at the first path that crosses nothing: lengths are not minimised."
     )
