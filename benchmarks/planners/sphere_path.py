@@ -96,10 +96,12 @@ def _try(task: tuple[Case, int]) -> Tried:
     file = sphere_world(number)
     if case.planner:
         return _by_ompl(file.problem(), case.planner, number)
+    began = time.process_time()
     outcome = run(file, seed=1, stall=200, **case.settings)
+    seconds = time.process_time() - began
     solved = outcome.status == "solved" and outcome.feasible
     length = outcome.solution["length"] if outcome.solution else np.inf
-    return Tried(len(file.fields["start"]), solved, outcome.seconds, outcome.evaluations, length)
+    return Tried(len(file.fields["start"]), solved, seconds, outcome.evaluations, length)
 
 
 # OMPL -----------------------------------------------------------------------------------------------------------------
@@ -150,9 +152,9 @@ def _by_ompl(problem: SpherePath, planner: str, seed: int) -> Tried:
     setup.setStartAndGoalStates(start, goal)
     setup.setPlanner(getattr(geometric, planner)(information))
     found = base.exactSolnPlannerTerminationCondition(setup.getProblemDefinition())
-    began = time.perf_counter()
+    began = time.process_time()
     setup.solve(base.plannerOrTerminationCondition(found, base.timedPlannerTerminationCondition(PATIENCE)))
-    seconds = time.perf_counter() - began
+    seconds = time.process_time() - began
     if not setup.haveExactSolutionPath():
         return Tried(len(axes), False, seconds, 0, np.inf)
     path = np.array([place(state) for state in setup.getSolutionPath().getStates()])
@@ -162,7 +164,7 @@ def _by_ompl(problem: SpherePath, planner: str, seed: int) -> Tried:
 # The table ------------------------------------------------------------------------------------------------------------
 def _table(tried: dict[str, list[Tried]]) -> Iterator[str]:
     by_axes = " | ".join(f"{axes} axes" for axes in AXES)
-    yield f"| planner | solved | {by_axes} | evaluations | s on one core, median, greatest | length |"
+    yield f"| planner | solved | {by_axes} | evaluations | CPU s, median, greatest | length |"
     yield "|---" * (len(AXES) + 5) + "|"
     both = [all(each.solved for each in world) for world in zip(*tried.values(), strict=True)]
     for name, worlds in tried.items():
@@ -185,6 +187,6 @@ def _foot(tried: dict[str, list[Tried]]) -> Iterator[str]:
     yield f"To reach: ≥ 95 % of feasible worlds. Tuned, 8×8: {100 * solved:.1f} %, {reached}."
     yield (
         f"\nEvaluations are medians; lengths are means over the worlds that all solved. OMPL stops at its first"
-        f" solution or after {PATIENCE:g} s; it tests states and motions exactly, all spheres at once, in numpy from Python,"
-        " which costs it most of its time. Runs end at the first path that crosses nothing: lengths are not minimised."
+        f" solution or after {PATIENCE:g} s; it tests states and motions exactly, all spheres at once, in numpy from"
+        " Python, which costs it most of its time. Runs end at the first path that crosses nothing: lengths are not minimised."
     )
