@@ -189,5 +189,5 @@ def _foot(tried: dict[str, list[Tried]]) -> Iterator[str]:
     yield (
         f"\nEvaluations are medians; lengths are means over the worlds that all solved. OMPL stops at its first"
         f" solution or after {PATIENCE:g} s; it tests states and motions exactly, all spheres at once, in numpy from"
-        " Python, which costs it most of its time. Runs end at the first path that crosses nothing: lengths are not least."
+        " Python, which costs it most of its time. All stop at their first solution."
     )
