@@ -5,7 +5,7 @@ from __future__ import annotations
 import statistics
 import time
 from collections.abc import Iterable, Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -115,51 +115,60 @@ def _has_ompl() -> bool:
 
 def _by_ompl(problem: SpherePath, planner: str) -> Tried:
     """Until the first solution; both states and motions are tested exactly, all spheres at once."""
+    from ompl import base
+
+    setup, axes = _setup(problem, planner), len(problem.start)
+    began = time.process_time()
+    setup.solve(base.PlannerTerminationCondition(lambda: time.process_time() - began > PATIENCE))
+    seconds = time.process_time() - began
+    if not setup.haveExactSolutionPath():
+        return Tried(axes, False, seconds, 0, np.inf)
+    path = np.array([_place(state, axes) for state in setup.getSolutionPath().getStates()])
+    return Tried(axes, crossed_by(problem, path) == 0, seconds, 0, length_of(path))
+
+
+def _setup(problem: SpherePath, planner: str) -> Any:
     from ompl import base, geometric, util
 
     util.setLogLevel(util.LogLevel.LOG_ERROR)
-    axes = range(len(problem.start))
-    centres, radii = problem.obstacle_spheres[:, :-1], problem.obstacle_spheres[:, -1]
-
-    def place(state: object) -> Floats:
-        return np.array([state[axis] for axis in axes])  # type: ignore[index]
-
-    def is_free(begin: Floats, end: Floats) -> bool:
-        along = end - begin
-        squared = along @ along
-        shares = np.clip((centres - begin) @ along / squared, 0.0, 1.0) if squared > 0.0 else np.zeros(len(centres))
-        away = centres - begin - shares[:, None] * along
-        return bool(np.all(np.einsum("ij,ij->i", away, away) >= radii**2))
-
-    class Exact(base.MotionValidator):  # type: ignore[misc]
-        def checkMotion(self, begin: object, end: object, *_: object) -> bool:  # noqa: N802
-            return is_free(place(begin), place(end))
-
-    space = base.RealVectorStateSpace(len(axes))
-    bounds = base.RealVectorBounds(len(axes))
+    axes = len(problem.start)
+    space, bounds = base.RealVectorStateSpace(axes), base.RealVectorBounds(axes)
     for axis, (low, high) in enumerate(problem.bounds):
         bounds.setLow(axis, low)
         bounds.setHigh(axis, high)
     space.setBounds(bounds)
     setup = geometric.SimpleSetup(space)
     information = setup.getSpaceInformation()
-    setup.setStateValidityChecker(lambda state: is_free(place(state), place(state)))
-    information.setMotionValidator(Exact(information))
+
+    class Exact(base.MotionValidator):  # type: ignore[misc]
+        def checkMotion(self, begin: Any, end: Any, *_: Any) -> bool:  # noqa: N802
+            return _is_free(problem.obstacle_spheres, _place(begin, axes), _place(end, axes))
+
+    exact = Exact(information)
+    setup.setStateValidityChecker(lambda state: exact.checkMotion(state, state))
+    information.setMotionValidator(exact)
     start, goal = space.allocState(), space.allocState()
-    for axis in axes:
+    for axis in range(axes):
         start[axis], goal[axis] = problem.start[axis], problem.goal[axis]
     setup.setStartAndGoalStates(start, goal)
-    setup.setPlanner(getattr(geometric, planner)(information))
     objective = base.PathLengthOptimizationObjective(information)
     objective.setCostThreshold(objective.infiniteCost())  # the first solution is good enough
     setup.setOptimizationObjective(objective)
-    began = time.process_time()
-    setup.solve(base.PlannerTerminationCondition(lambda: time.process_time() - began > PATIENCE))
-    seconds = time.process_time() - began
-    if not setup.haveExactSolutionPath():
-        return Tried(len(axes), False, seconds, 0, np.inf)
-    path = np.array([place(state) for state in setup.getSolutionPath().getStates()])
-    return Tried(len(axes), crossed_by(problem, path) == 0, seconds, 0, length_of(path))
+    setup.setPlanner(getattr(geometric, planner)(information))
+    return setup
+
+
+def _place(state: Any, axes: int) -> Floats:
+    return np.array([state[axis] for axis in range(axes)])
+
+
+def _is_free(spheres: Floats, begin: Floats, end: Floats) -> bool:
+    """Whether a segment enters no sphere."""
+    offsets, along = spheres[:, :-1] - begin, end - begin
+    squared = along @ along
+    shares = np.clip(offsets @ along / squared, 0.0, 1.0) if squared > 0.0 else np.zeros(len(spheres))
+    away = offsets - shares[:, None] * along
+    return bool(np.all(np.einsum("ij,ij->i", away, away) >= spheres[:, -1] ** 2))
 
 
 # The table ------------------------------------------------------------------------------------------------------------
