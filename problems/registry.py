@@ -14,6 +14,7 @@ _BUILT_IN = {
     "function": "problems.function:Function",
     "mobile-robot": "problems.mobile_robot:MobileRobot",
     "terrain": "problems.terrain:Terrain",
+    "sphere-path": "problems.sphere_path:SpherePath",
 }
 _read: set[str] = set()  # the names of modules that were read from beside problem files
 

@@ -1,0 +1,5 @@
+"""Paths among spheres in configuration spaces of two to seven dimensions (Eldershaw and Cameron)."""
+
+from problems.sphere_path.problem import SpherePath
+
+__all__ = ["SpherePath"]

@@ -1,0 +1,107 @@
+"""The judge of sphere-path solutions: distances in closed form, the vehicle in its world; nothing of the kernels."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from itertools import pairwise
+from typing import TYPE_CHECKING, Annotated
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, ValidationError
+
+from problems.errors import BadInput, first_line
+from problems.plane import CONTACT
+from problems.problem import Solution, Table, Verdict
+from problems.sphere_path.space import length_of
+
+if TYPE_CHECKING:
+    from problems.sphere_path.problem import SpherePath
+
+Floats = NDArray[np.float64]
+
+_ROUNDING = 1e-9  # of places, as a share of the box
+_TOLERANCE = 1e-6  # of the length
+
+
+class PathSolution(Table):
+    """What a solution of sphere-path is made of."""
+
+    path: Annotated[list[list[float]], Field(min_length=2)]
+    crossed: Annotated[int, Field(ge=0)]
+    length: Annotated[float, Field(ge=0)]
+
+
+def judge(problem: SpherePath, solution: Solution) -> Verdict:
+    """The obstacles that the path crosses, its detour, and all that is wrong with it."""
+    claimed = _parsed(problem, solution)
+    path = np.array(claimed.path)
+    places = path * problem.space.scale
+    crossed, length = crossed_by(problem, places), length_of(places)
+    objections = [
+        *_wrong_ends(problem, path),
+        *_beyond_bounds(problem, path),
+        *_wrong_claims(claimed, crossed, length),
+        *(_collisions(problem, path) if problem.vehicle is not None else _crossings(crossed)),
+    ]
+    return Verdict(crossed + problem.length_weight * problem.space.detour(places), tuple(objections))
+
+
+def crossed_by(problem: SpherePath, places: Floats) -> int:
+    """How many obstacles come nearer to a path, shape (rows, axes), as lengths, than they may."""
+    obstacles = problem.obstacle_spheres
+    away = problem.space.clearances(places, obstacles[:, :-1])
+    return int(np.count_nonzero(away < obstacles[:, -1] - CONTACT))
+
+
+def _parsed(problem: SpherePath, solution: Solution) -> PathSolution:
+    try:
+        claimed = PathSolution.model_validate_json(json.dumps(solution), strict=True)
+    except ValidationError as error:
+        raise first_line(error, PathSolution, "solution") from error
+    for number, row in enumerate(claimed.path):
+        if len(row) != len(problem.start):
+            raise BadInput(f"solution: path[{number}]: expected {len(problem.start)} numbers, found {len(row)}")
+    return claimed
+
+
+def _wrong_ends(problem: SpherePath, path: Floats) -> Iterator[str]:
+    """The path ends at the goal, or a number of full turns away from it."""
+    rounding = _ROUNDING * problem.space.span
+    if np.any(np.abs(path[0] - problem.start) * problem.space.scale > rounding):
+        yield f"the path starts at {path[0].tolist()}, not at {problem.start}"
+    if np.any(np.abs(problem.space.shorter((path[-1] - problem.goal) * problem.space.scale)) > rounding):
+        yield f"the path ends at {path[-1].tolist()}, not at {problem.goal}"
+
+
+def _beyond_bounds(problem: SpherePath, path: Floats) -> Iterator[str]:
+    low, high = problem.space.bounds.T
+    rounding = _ROUNDING * (high - low)
+    beyond = ((path < low - rounding) | (path > high + rounding)) & ~problem.space.periodic
+    for row, axis in np.argwhere(beyond):
+        yield f"row {row + 1} of the path leaves the bounds of axis {axis + 1}: {path[row, axis]:g}"
+
+
+def _wrong_claims(claimed: PathSolution, crossed: int, length: float) -> Iterator[str]:
+    if claimed.crossed != crossed:
+        yield f"the path crosses {crossed} spheres, not {claimed.crossed}"
+    if abs(claimed.length - length) > _TOLERANCE * max(1.0, length):
+        yield f"the path is {length:g} long, not {claimed.length:g}"
+
+
+def _crossings(crossed: int) -> Iterator[str]:
+    if crossed:
+        yield f"the path crosses {crossed} spheres"
+
+
+def _collisions(problem: SpherePath, path: Floats) -> Iterator[str]:
+    """Spheres are larger than what they stand for: a path that crosses some may be free in the world."""
+    from problems.sphere_path.world import World
+
+    world = World(problem)
+    for number, (begin, end) in enumerate(pairwise(path), start=1):
+        contact = world.contact(begin, end)
+        if contact is not None:
+            place = ", ".join(f"{each:.4g}" for each in contact)
+            yield f"segment {number} of the path: the vehicle meets an obstacle at [{place}]"

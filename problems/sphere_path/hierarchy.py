@@ -1,0 +1,103 @@
+"""Spheres within bounding spheres, coarse to fine: whole groups are skipped by one comparison.
+
+In the order of a walk that goes from a bounding sphere to what it holds before it goes on: ``following`` says where to
+go on from one that is not near. At the end of each branch are some obstacles, side by side, so that a processor
+compares several at once.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from genetics.arrays import Cells
+from genetics.compiled import kernel, subroutine
+
+Floats = NDArray[np.float64]
+
+TOGETHER = 64
+"""Obstacles at the end of a branch: as many as cost about as much as a few bounding spheres."""
+
+_MARGIN = 1e-9  # by which a bounding sphere is larger than it must be, as a share: more than rounding
+
+
+class Hierarchy(NamedTuple):
+    """A binary tree of bounding spheres above groups of obstacles.
+
+    Attributes:
+        spheres: the bounding ones, centre and radius, shape (spheres, axes + 1).
+        following: what comes after all that a bounding sphere holds, shape (spheres,); if that is the next one, this is
+            the end of a branch.
+        group: which group of obstacles is there; -1 where there is none.
+        obstacles: of each group in turn a row for each axis, centres, and a row of squared radii, shape
+            (groups · (axes + 1), TOGETHER); where there is no obstacle the squared radius is 0.
+    """
+
+    spheres: Floats
+    following: Cells
+    group: Cells
+    obstacles: Floats
+
+
+@subroutine
+def _bound(obstacles: Any, members: Any, bounding: Any) -> Any:
+    """Fill in a sphere that holds some; returns the axis along which their centres are farthest apart."""
+    axes = bounding.size - 1
+    widest, width = 0, -1.0
+    for axis in range(axes):
+        low, high, least, most = np.inf, -np.inf, np.inf, -np.inf
+        for member in members:
+            place, radius = obstacles[member, axis], obstacles[member, axes]
+            low, high = min(low, place - radius), max(high, place + radius)
+            least, most = min(least, place), max(most, place)
+        bounding[axis] = 0.5 * (low + high)
+        if most - least > width:
+            widest, width = axis, most - least
+    farthest = 0.0
+    for member in members:
+        squared = 0.0
+        for axis in range(axes):
+            squared += (obstacles[member, axis] - bounding[axis]) ** 2
+        farthest = max(farthest, np.sqrt(squared) + obstacles[member, axes])
+    bounding[axes] = farthest * (1.0 + _MARGIN)
+    return widest
+
+
+@kernel("void(float64[:,::1], float64[:,::1], int64[::1], int64[::1], float64[:,::1])")
+def _fill(obstacles: Floats, spheres: Floats, following: Cells, group: Cells, grouped: Floats) -> None:
+    """Fill in a tree, dividing the obstacles in halves along the axis on which they are farthest apart."""
+    rows = spheres.shape[1]
+    order = np.arange(obstacles.shape[0])
+    left = [(0, 0, (obstacles.shape[0] + TOGETHER - 1) // TOGETHER)]  # a place in the tree, and the groups below it
+    while len(left) > 0:
+        place, first, last = left.pop()
+        members = order[first * TOGETHER : last * TOGETHER]
+        axis = _bound(obstacles, members, spheres[place])
+        following[place] = place + 2 * (last - first) - 1
+        if last - first == 1:
+            group[place] = first
+            for lane in range(members.size):
+                for row in range(rows - 1):
+                    grouped[first * rows + row, lane] = obstacles[members[lane], row]
+                grouped[first * rows + rows - 1, lane] = obstacles[members[lane], rows - 1] ** 2
+        else:
+            group[place] = -1
+            members[:] = members[np.argsort(obstacles[members, axis], kind="mergesort")]
+            middle = (first + last + 1) // 2
+            left.append((place + 1, first, middle))
+            left.append((place + 2 * (middle - first), middle, last))
+
+
+def hierarchy_of(obstacles: Floats) -> Hierarchy:
+    """The tree above some spheres: centre and radius, shape (n, axes + 1)."""
+    groups, rows = -(-len(obstacles) // TOGETHER), obstacles.shape[1]
+    count = max(0, 2 * groups - 1)
+    tree = Hierarchy(
+        np.empty((count, rows)),
+        np.empty(count, np.int64),
+        np.empty(count, np.int64),
+        np.zeros((groups * rows, TOGETHER)),
+    )
+    if count:
+        _fill(np.ascontiguousarray(obstacles, np.float64), *tree)
+    return tree

@@ -1,0 +1,76 @@
+"""Exact answers where there are any: no genetic algorithm here."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from problems.errors import BadInput
+from problems.problem import Answer
+from problems.sphere_path.checker import crossed_by
+from problems.sphere_path.random_world import corridor_of
+from problems.sphere_path.space import length_of
+
+if TYPE_CHECKING:
+    from problems.sphere_path.problem import SpherePath
+
+Floats = NDArray[np.float64]
+
+
+def answer(problem: SpherePath) -> Answer:
+    """What is known of the best path.
+
+    Raises:
+        BadInput: if the straight way is not free, there are several spheres, and no corridor is known.
+    """
+    straight = problem.straight
+    if crossed_by(problem, straight) == 0:
+        return _of_path(problem, straight, "the straight way, which is free")
+    if problem.random is not None and problem.random.corridor:
+        start, goal = problem.ends
+        corridor = corridor_of(problem.random, problem.space, start, goal)
+        return _of_path(problem, corridor, "the corridor that the random spheres leave free")
+    obstacles = problem.obstacle_spheres
+    if len(obstacles) == 1 and not problem.space.periodic.any():
+        length = around(straight[0], straight[-1], obstacles[0, :-1], float(obstacles[0, -1]))
+        detour = length - length_of(straight)
+        method = "the shortest way around one sphere, by two tangents and an arc, bounds aside"
+        fitness = problem.length_weight * detour / (detour + problem.space.diagonal)
+        return Answer("lower bound", fitness, method, figures={"length": length})
+    raise BadInput(
+        f"oracle: expected one sphere, or random ones that leave a corridor free, found {len(obstacles)} spheres"
+    )
+
+
+def _of_path(problem: SpherePath, places: Floats, method: str) -> Answer:
+    """A path that crosses nothing is the best there is, unless its length counts."""
+    length = length_of(places)
+    fitness = problem.length_weight * problem.space.detour(places)
+    solution = {"path": (places / problem.space.scale).tolist(), "crossed": 0, "length": length}
+    return Answer("upper bound" if fitness else "optimum", fitness, method, solution, {"length": length})
+
+
+def around(start: Floats, goal: Floats, centre: Floats, radius: float) -> float:
+    """The length of the shortest way from start to goal that does not enter a sphere, in any number of dimensions.
+
+    It lies in the plane of the three points: two tangents and the arc between them, if the straight way is blocked.
+
+    Raises:
+        ValueError: if start or goal lie within.
+    """
+    one, other = start - centre, goal - centre
+    first, second = float(np.linalg.norm(one)), float(np.linalg.norm(other))
+    if min(first, second) < radius:
+        raise ValueError("expected a start and a goal outside the sphere")
+    between = np.arctan2(_cross_size(one, other), float(one @ other))
+    arc = between - np.arccos(radius / first) - np.arccos(radius / second)
+    if arc <= 0.0:
+        return float(np.linalg.norm(goal - start))
+    return float(np.sqrt(first**2 - radius**2) + np.sqrt(second**2 - radius**2) + radius * arc)
+
+
+def _cross_size(one: Floats, other: Floats) -> float:
+    """|one| |other| sin of the angle between them, in any number of dimensions (Lagrange's identity)."""
+    return float(np.sqrt(np.maximum(0.0, (one @ one) * (other @ other) - (one @ other) ** 2)))

@@ -1,0 +1,361 @@
+"""The sphere-path planner: a path in configuration space that crosses as few obstacles as can be, best none."""
+
+from __future__ import annotations
+
+import json
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, ValidationError, field_validator, model_validator
+
+from genetics.arrays import Fitness, Genomes, writable
+from genetics.recipe import Recipe
+from problems.plane import CONTACT, Obstacle
+from problems.problem import Answer, CodedProblem, Populations, RecipeName, Solution, Table, Verdict, quantity
+from problems.sphere_path import cells
+from problems.sphere_path.random_world import random_spheres
+from problems.sphere_path.space import Space, length_of
+from problems.sphere_path.vehicle import Mesh, Vehicle, gathered
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from genetics.bit_string import BitString
+    from genetics.operators import Operator
+
+Floats = NDArray[np.float64]
+Place = Annotated[float, Field(ge=-1e6, le=1e6)]
+Radius = Annotated[float, Field(gt=0, le=1e6)]
+Axes = Annotated[list[Place], Field(min_length=2, max_length=7)]
+
+_FULL_TURN = 2.0 * np.pi
+_ANGLES = {(2, 2): 0, (2, 3): 1, (3, 3): 0, (3, 4): 1, (3, 6): 3}  # of vehicles, by dimensions of the world and axes
+_FLIPS = 8.0  # bits changed in an offspring, on average, by the tuned recipe
+
+
+class Random(Table):
+    """Random spheres, clear of start and goal."""
+
+    seed: int = quantity("", "the same seed gives the same spheres", ge=0, lt=1 << 63)
+    count: int = quantity("", "spheres", ge=0, le=cells.MOST_SPHERES)
+    radius: tuple[Radius, Radius] = quantity("as the axes", "[least, greatest] radius")
+    corridor: int = quantity(
+        "", "places of a hidden path that the spheres leave free; 0: there is none", default=0, ge=0, le=100
+    )
+    clearance: float = quantity(
+        "as the axes", "by which start, goal and hidden path are clear", default=0.0, ge=0, le=1e6
+    )
+
+    @field_validator("radius")
+    @classmethod
+    def _in_order(cls, radius: tuple[float, float]) -> tuple[float, float]:
+        if radius[0] > radius[1]:
+            raise ValueError(f"expected [least, greatest], found {list(radius)}")
+        return radius
+
+
+class SpherePath(CodedProblem):
+    """Find intermediate nodes of a path from start to goal that crosses no obstacle (Eldershaw and Cameron).
+
+    Obstacles are spheres in configuration space: given, random, or made of a vehicle and what is in its way.
+    """
+
+    about: ClassVar[str] = "a path among spheres in a configuration space of 2 to 7 dimensions"
+    template: ClassVar[str] = """\
+kind = "sphere-path"
+start = [0.5, 0.5, 0.5]         # one number an axis: 2 to 7 of them
+goal = [9.5, 9.5, 9.5]
+bounds = [[0.0, 10.0], [0.0, 10.0], [0.0, 10.0]]   # [least, greatest] of each axis
+nodes = 3                       # between start and goal
+bits = 8                        # of each of their components
+# code = "gray"                 # or "binary"; if not given, the recipe's
+# periodic = [false, false, true]   # axes that close upon themselves, as angles do
+# length_weight = 0.5           # of two paths that cross as many, the shorter one is better
+
+spheres = [                     # centre, then radius
+    [5.0, 5.0, 5.0, 2.5],
+    [2.5, 7.0, 3.0, 2.0],
+    [7.5, 3.0, 7.0, 2.0],
+    [6.0, 8.0, 8.0, 1.5],
+]
+
+# [random]                      # instead of spheres
+# seed = 1
+# count = 40
+# radius = [0.5, 2.0]
+# corridor = 2                  # places of a hidden path that stays free
+# clearance = 0.1
+
+# [vehicle]                     # instead of spheres: what moves; axes are x, y (, heading) or x, y, z (, yaw)
+# vertices = [[-0.4, -0.2], [0.4, -0.2], [0.4, 0.2], [-0.4, 0.2]]   # m; or radius = 0.3; or mesh.file = "body.stl"
+# [[obstacles]]                 # in the plane; in space: [mesh] file = "room.obj"
+# shape = "box"
+# center = [4.0, 2.0]           # m
+# size = [0.4, 3.0]             # m
+
+[run]                           # what the command line does not say
+topology = "torus 4x4"
+seed = 1
+"""
+    batches_alike: ClassVar[bool] = True
+    any_thread: ClassVar[bool] = True
+
+    start: Axes = quantity("m, rad", "where the path begins, one number an axis")
+    goal: Axes = quantity("m, rad", "where it ends")
+    bounds: Annotated[list[tuple[Place, Place]], Field(min_length=2, max_length=7)] = quantity(
+        "m, rad", "[least, greatest] of each axis"
+    )
+    nodes: int = quantity("", "m, places between start and goal", default=4, ge=1, le=200)
+    bits: int = quantity("bit", "p, of each component of a node", default=8, ge=1, le=62)
+    periodic: list[bool] | None = quantity("", "which axes close upon themselves; none if not given", default=None)
+    length_weight: float = quantity(
+        "",
+        "w: a detour of length x costs w·x/(x + the diagonal of the bounds); below 1, so crossings count first",
+        default=0.0,
+        ge=0,
+        lt=1,
+    )
+    spheres: list[Annotated[list[Place], Field(min_length=3, max_length=8)]] | None = quantity(
+        "as the axes", "obstacles: [centre.., radius]", default=None, max_length=cells.MOST_SPHERES
+    )
+    random: Random | None = quantity("", "random obstacles, instead of spheres", default=None)
+    vehicle: Vehicle | None = quantity("", "what moves in a world, instead of spheres", default=None)
+    obstacles: list[Obstacle] = quantity("", "of a vehicle in the plane", default_factory=list)
+    mesh: Mesh | None = quantity("", "the obstacle of a vehicle in space", default=None)
+    accuracy: float = quantity(
+        "m", "how far beyond the configurations in collision their spheres may reach", default=0.1, gt=0, le=1e6
+    )
+    hierarchy: str | None = quantity(
+        "", "the spheres made of vehicle and world, once, where the file is read; not to be written", default=None
+    )
+
+    @classmethod
+    def gather(cls, fields: dict[str, Any], folder: Path) -> dict[str, Any]:
+        """With triangles in the place of mesh files, and with the spheres, which nodes then need not make again."""
+        fields = gathered(fields, folder)
+        if "vehicle" not in fields or "hierarchy" in fields:
+            return fields
+        try:
+            problem = cls.model_validate_json(json.dumps(fields), strict=True)
+        except ValidationError:
+            return fields  # whoever makes the problem says what is wrong
+        return fields | {"hierarchy": problem.cells_code}
+
+    @model_validator(mode="after")
+    def _is_a_world(self) -> Self:
+        self._one_number_an_axis()
+        self._one_kind_of_obstacles()
+        if self.vehicle is not None:
+            self._fits_its_world(self.vehicle)
+        if self.random is not None and self.random.corridor > self.nodes:
+            raise ValueError(
+                f"random.corridor: expected at most nodes, {self.nodes}, which a path has, found {self.random.corridor}"
+            )
+        for number, radius in enumerate(self._radii()):
+            self._wraps_once(number, radius)
+        self._ends_are_free()
+        return self
+
+    def _one_number_an_axis(self) -> None:
+        count = len(self.start)
+        for name, each in (("goal", self.goal), ("bounds", self.bounds), ("periodic", self.periodic)):
+            if each is not None and len(each) != count:
+                raise ValueError(f"{name}: expected {count}, as many as start has, found {len(each)}")
+        for axis, (low, high) in enumerate(self.bounds):
+            if not low < high:
+                raise ValueError(f"bounds[{axis}]: expected least < greatest, found {[low, high]}")
+            for name, place in (("start", self.start), ("goal", self.goal)):
+                if not low <= place[axis] <= high:
+                    raise ValueError(f"{name}[{axis}]: expected {low:g} to {high:g}, found {place[axis]:g}")
+        for number, sphere in enumerate(self.spheres or []):
+            if len(sphere) != count + 1:
+                raise ValueError(
+                    f"spheres[{number}]: expected {count} numbers and a radius, found {len(sphere)} in all"
+                )
+            if sphere[-1] <= 0.0:
+                raise ValueError(f"spheres[{number}]: expected a radius greater than 0, found {sphere[-1]:g}")
+
+    def _one_kind_of_obstacles(self) -> None:
+        given = [name for name in ("spheres", "random", "vehicle") if getattr(self, name) is not None]
+        if len(given) != 1:
+            raise ValueError(f"expected one of spheres, random and vehicle, found {' and '.join(given) or 'none'}")
+        if self.vehicle is None and (self.obstacles or self.mesh or self.hierarchy):
+            raise ValueError(f"vehicle: expected what moves among obstacles and meshes, found {given[0]} instead")
+
+    def _fits_its_world(self, vehicle: Vehicle) -> None:
+        """A vehicle is at home in the plane or in space, and has as many axes as it can move along."""
+        dimensions = 3 if self.mesh is not None or vehicle.mesh is not None else 2
+        if dimensions == 3 and (vehicle.vertices is not None or self.obstacles):
+            raise ValueError("vehicle: expected a radius or a mesh, and no obstacles of the plane, beside a mesh")
+        if dimensions == 3 and self.mesh is None:
+            raise ValueError("mesh: expected the obstacle of a vehicle in space, found nothing")
+        turns = (0, 1, 3) if vehicle.radius is None else (0,)
+        fitting = [axes for (world, axes), angles in _ANGLES.items() if world == dimensions and angles in turns]
+        if len(self.start) not in fitting:
+            raise ValueError(
+                f"start: expected {' or '.join(map(str, fitting))} numbers for such a vehicle, found {len(self.start)}"
+            )
+        for axis, (low, high) in enumerate(self.bounds):
+            if self.periodic is not None and self.periodic[axis]:
+                if axis < dimensions:
+                    raise ValueError(f"periodic[{axis}]: expected false, as axis {axis + 1} is no angle, found true")
+                if abs(high - low - _FULL_TURN) > 1e-6:
+                    raise ValueError(f"bounds[{axis}]: expected a full turn, as it is periodic, found {[low, high]}")
+
+    def _radii(self) -> list[float]:
+        return [sphere[-1] for sphere in self.spheres or []] + ([self.random.radius[1]] if self.random else [])
+
+    def _wraps_once(self, number: int, radius: float) -> None:
+        name = "random.radius" if self.random else f"spheres[{number}]"
+        shortest = self.space.periods[self.space.periodic].min(initial=np.inf)
+        if 2.0 * radius > shortest:
+            raise ValueError(f"{name}: expected a radius of at most half a period, {shortest / 2:g}, found {radius:g}")
+
+    def _ends_are_free(self) -> None:
+        obstacles = self.obstacle_spheres
+        for name, place, written in (("start", self.ends[0], self.start), ("goal", self.ends[1], self.goal)):
+            depth = obstacles[:, -1] - CONTACT - self.space.clearances(place[None], obstacles[:, :-1])
+            if np.any(depth > 0.0):
+                found = f"in spheres[{np.argmax(depth)}]" if self.spheres else "nearer than `accuracy` to a collision"
+                raise ValueError(f"{name}: expected a place clear of all obstacles, found {written} {found}")
+
+    @cached_property
+    def space(self) -> Space:
+        """The box of configurations; angles of a vehicle count as arcs of its farthest point."""
+        scale = np.ones(len(self.start))
+        if self.vehicle is not None:
+            scale[2 if self.mesh is None else 3 :] = self.vehicle.reach
+        periodic = self.periodic or [False] * len(self.start)
+        return Space(np.array(self.bounds), scale, np.array(periodic))
+
+    @cached_property
+    def ends(self) -> tuple[Floats, Floats]:
+        """Start and goal, as lengths."""
+        return np.array(self.start) * self.space.scale, np.array(self.goal) * self.space.scale
+
+    @property
+    def straight(self) -> Floats:
+        """The straight way, as lengths, unwrapped, shape (2, axes)."""
+        start, goal = self.ends
+        return np.stack([start, start + self.space.shorter(goal - start)])
+
+    @cached_property
+    def obstacle_spheres(self) -> Floats:
+        """All obstacles, shape (n, axes + 1): centre and radius, as lengths."""
+        if self.spheres is not None:
+            return np.array(self.spheres, np.float64).reshape(-1, len(self.start) + 1)
+        if self.random is not None:
+            return random_spheres(self.random, self.space, *self.ends)
+        return cells.spheres_of(self.cells_code, self.space)
+
+    @cached_property
+    def cells_code(self) -> str:
+        """The cells of configuration space that a vehicle cannot reach, see `problems.sphere_path.cells`."""
+        if self.hierarchy is not None:
+            return self.hierarchy
+        assert self.vehicle is not None, "cells are made for a vehicle"
+        if self.mesh is None:
+            from problems.sphere_path.floor import in_the_plane
+
+            return cells.subdivide(self.space, 2, self.accuracy, in_the_plane(self.vehicle, self.obstacles))
+        from problems.sphere_path.solid import in_space
+
+        return cells.subdivide(self.space, 3, self.accuracy, in_space(self.vehicle, self.mesh.triangles))
+
+    def for_recipe(self, name: RecipeName, deme: int) -> Self:
+        """Also with the spheres of a vehicle, so that whoever gets the result need not make them again."""
+        if self.vehicle is None or self.hierarchy is not None:
+            return super().for_recipe(name, deme)
+        known = self.model_dump(exclude_unset=True) | {"hierarchy": self.cells_code}
+        return self.model_validate(known).for_recipe(name, deme)
+
+    @property
+    def solved_at(self) -> float:
+        """No obstacle is crossed: with a length weight such a path is worth less than that, any other at least 1.
+
+        A run ends there. To go on for shorter paths, ask for less: ``--target 0`` with a stall or a deadline.
+        """
+        return self.length_weight
+
+    @cached_property
+    def coding(self) -> BitString:
+        """One integer of p bits for each of n components of m nodes."""
+        from genetics.bit_string import BitString
+
+        return BitString(self.nodes * len(self.start), self.bits, gray=self.code != "binary")
+
+    def recipe(self, name: RecipeName, deme: int) -> Recipe:
+        """The paper's: half of an island replaced in each generation, by uniform crossover. Tuned: elitist."""
+        if name == "paper":
+            rate = 1.0 / self.coding.length
+            return Recipe("uniform", rate, "offspring", pairing="better-half", renewal=0.5 if deme > 1 else None)
+        return Recipe("uniform", min(0.5, _FLIPS / self.coding.length), "elitist")
+
+    def evaluate(self, genomes: Genomes) -> Fitness:
+        """The number of obstacles crossed, and the detour's share of the length weight: (n, genome_bytes) to (n,)."""
+        return self._compiled.fitness(genomes)
+
+    @property
+    def judging(self) -> Operator:
+        """`evaluate` as compiled code, whatever the fields: nothing of it is left to Python."""
+        return self._compiled
+
+    def paths(self, genomes: Genomes) -> tuple[Floats, NDArray[np.int64]]:
+        """The paths that genomes code, (n, nodes + 2, axes), unwrapped, and how many obstacles each crosses, (n,)."""
+        from problems.sphere_path import kernels
+
+        places, crossed = kernels.follow(writable(genomes), self._compiled.table)
+        return places / self.space.scale, crossed
+
+    def decode(self, genome: Genomes) -> Solution:
+        """``{"path": [[..], ..], "crossed": 0, "length": L}``: unwrapped; angles of a vehicle count as arcs in L."""
+        paths, crossed = self.paths(genome[None])
+        length = length_of(paths[0] * self.space.scale)
+        return {"path": paths[0].tolist(), "crossed": int(crossed[0]), "length": length}
+
+    def describe(self, solution: Solution) -> str:
+        """How long, and through which places."""
+        rows = [", ".join(f"{place:9.4f}" for place in row) for row in solution["path"]]
+        head = f"a path of length {solution['length']:.4g} that crosses {solution['crossed']} spheres:"
+        return "\n".join([head, *(f"  {row}" for row in rows)])
+
+    def check(self, solution: Solution) -> Verdict:
+        """See `problems.sphere_path.checker`, which shares no code with `evaluate`."""
+        from problems.sphere_path import checker
+
+        return checker.judge(self, solution)
+
+    def oracle(self) -> Answer:
+        """See `problems.sphere_path.oracle`."""
+        from problems.sphere_path import oracle
+
+        return oracle.answer(self)
+
+    def draw(self, figure: Figure, solution: Solution | None, populations: Populations) -> None:
+        """The path among the spheres (the paper's figure), or the vehicle in its world."""
+        from problems.sphere_path import drawing
+
+        drawing.draw(self, figure, solution, populations)
+
+    @cached_property
+    def _compiled(self) -> Operator:
+        """The fitness, and the table of all kernels."""
+        from genetics.operators import Operator
+        from problems.sphere_path import kernels
+        from problems.sphere_path.hierarchy import hierarchy_of
+
+        space = self.space
+        codes = (1 << self.bits) - np.where(space.periodic, 0, 1)
+        obstacles = self.obstacle_spheres - [*np.zeros(len(self.start)), CONTACT]
+        middle = space.low + space.span / 2.0
+        obstacles[:, :-1] = middle + space.shorter(obstacles[:, :-1] - middle)  # the image within the bounds
+        return Operator.of(
+            kernels.evaluate,
+            [self.bits, self.coding.gray, self.nodes],
+            np.array([space.low, space.span / codes, space.periods, *self.ends]),
+            [self.length_weight, length_of(self.straight), space.diagonal, obstacles[:, -1].max(initial=0.0)],
+            *hierarchy_of(obstacles),
+        )

@@ -1,0 +1,51 @@
+"""Random spheres that leave the start, the goal and, if wanted, a hidden corridor free."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from problems.sphere_path.problem import Random
+    from problems.sphere_path.space import Space
+
+Floats = NDArray[np.float64]
+
+_BATCH = 256
+_DRAWS_EACH = 1000  # spheres drawn, at most, for one that is kept
+
+
+def corridor_of(random: Random, space: Space, start: Floats, goal: Floats) -> Floats:
+    """The hidden path, unwrapped, shape (corridor + 2, axes), as lengths: from start to goal by random places."""
+    generator = np.random.default_rng([random.seed, 0])
+    path = [start]
+    for place in [*generator.uniform(space.low, space.low + space.span, (random.corridor, len(start))), goal]:
+        path.append(path[-1] + space.shorter(place - path[-1]))
+    return np.array(path)
+
+
+def random_spheres(random: Random, space: Space, start: Floats, goal: Floats) -> Floats:
+    """Centres uniform in the box, radii uniform in their range; shape (count, axes + 1), as lengths.
+
+    Raises:
+        ValueError: if there is no room for so many.
+    """
+    generator = np.random.default_rng([random.seed, 1])
+    free = corridor_of(random, space, start, goal) if random.corridor else np.stack([start, goal])
+    kept, found, drawn = [np.empty((0, len(start) + 1))], 0, 0
+    while found < random.count:
+        if drawn > _DRAWS_EACH * random.count:
+            raise ValueError(f"random.count: expected at most {found}, for which there is room, found {random.count}")
+        centres = generator.uniform(space.low, space.low + space.span, (_BATCH, len(start)))
+        radii = generator.uniform(*random.radius, _BATCH)
+        if random.corridor:
+            away = space.clearances(free, centres)
+        else:
+            away = np.minimum(*(space.clearances(place[None], centres) for place in free))
+        clear = away >= radii + random.clearance
+        kept.append(np.column_stack([centres, radii])[clear])
+        found += int(np.count_nonzero(clear))
+        drawn += _BATCH
+    return np.concatenate(kept)[: random.count]

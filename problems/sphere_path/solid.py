@@ -1,0 +1,149 @@
+"""How far a vehicle in space is from an obstacle of triangles, many poses at once.
+
+For a ball by the nearest point of all triangles, for a solid by python-fcl. Solids are filled: a vehicle within an
+obstacle, or the other way round, has no gap.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from genetics.compiled import kernel, subroutine
+from problems.sphere_path.cells import Clearance
+from problems.sphere_path.pose import rotations
+from problems.sphere_path.vehicle import Vehicle
+
+Floats = NDArray[np.float64]
+
+
+@subroutine
+def _dot(one: Any, other: Any) -> Any:
+    return one[0] * other[0] + one[1] * other[1] + one[2] * other[2]
+
+
+@subroutine
+def _squared_to_edge(offset: Any, edge: Any) -> Any:
+    """Of a point to a segment that begins at the origin."""
+    squared = _dot(edge, edge)
+    share = min(1.0, max(0.0, _dot(offset, edge) / squared)) if squared > 0.0 else 0.0
+    away = offset - share * edge
+    return _dot(away, away)
+
+
+@subroutine
+def _squared_to_triangle(a: Any, b: Any, c: Any, normal: Any) -> Any:
+    """Of the origin to a triangle of three corners."""
+    edges = min(_squared_to_edge(-a, b - a), _squared_to_edge(-b, c - b), _squared_to_edge(-c, a - c))
+    size = _dot(normal, normal)
+    if size > 0.0:
+        above = (
+            _dot(np.cross(b - a, -a), normal) >= 0.0
+            and _dot(np.cross(c - b, -b), normal) >= 0.0
+            and _dot(np.cross(a - c, -c), normal) >= 0.0
+        )
+        if above:
+            return min(edges, _dot(a, normal) ** 2 / size)
+    return edges
+
+
+@kernel("float64[::1](float64[:,::1], float64[:,:,::1])", may_be_long=True)
+def signed_distances(points: Floats, triangles: Floats) -> Floats:
+    """Of points, (n, 3), to the surface of a solid, (triangles, 3, 3); negative inside, (n,) m.
+
+    Inside is where the surface winds around: the solid angles of its triangles add up to more than half of a sphere
+    (van Oosterom and Strackee 1983), either way round.
+    """
+    distances = np.empty(points.shape[0])
+    for row in range(points.shape[0]):
+        squared, angle = np.inf, 0.0
+        for number in range(triangles.shape[0]):
+            a, b, c = (
+                triangles[number, 0] - points[row],
+                triangles[number, 1] - points[row],
+                triangles[number, 2] - points[row],
+            )
+            squared = min(squared, _squared_to_triangle(a, b, c, np.cross(b - a, c - a)))
+            la, lb, lc = np.sqrt(_dot(a, a)), np.sqrt(_dot(b, b)), np.sqrt(_dot(c, c))
+            across = la * lb * lc + _dot(a, b) * lc + _dot(b, c) * la + _dot(c, a) * lb
+            angle += 2.0 * np.arctan2(_dot(a, np.cross(b, c)), across)
+        away = np.sqrt(squared)
+        distances[row] = -away if abs(angle) > 2.0 * np.pi else away
+    return distances
+
+
+def in_space(vehicle: Vehicle, obstacle: Floats) -> Clearance:
+    """The clearance of a ball, [x, y, z], or a solid, which may turn, from one of triangles (n, 3, 3)."""
+    if vehicle.radius is not None:
+        return lambda configurations: _ball(obstacle, vehicle.radius or 0.0, configurations)
+    assert vehicle.mesh is not None, "in space a vehicle is a ball or a mesh"
+    return _Solid(vehicle.mesh.triangles, obstacle).clearance
+
+
+def _ball(obstacle: Floats, radius: float, configurations: Floats) -> Floats:
+    return np.maximum(0.0, signed_distances(np.ascontiguousarray(configurations), obstacle) - radius)
+
+
+class _Solid:
+    """A vehicle of triangles beside an obstacle of triangles."""
+
+    def __init__(self, vehicle: Floats, obstacle: Floats) -> None:
+        import fcl
+
+        self.vehicle, self.obstacle = vehicle, obstacle
+        self._moving = fcl.CollisionObject(surface(vehicle))
+        self._still = fcl.CollisionObject(surface(obstacle))
+        # One point of each connected part tells whether that part lies within the other solid.
+        self._own_parts, self._parts = parts(vehicle), parts(obstacle)
+
+    def clearance(self, configurations: Floats) -> Floats:
+        """See `problems.sphere_path.cells.Clearance`."""
+        turns = rotations(configurations[:, 3:], 3)
+        places = configurations[:, :3]
+        gaps = np.array([self._gap(turn, place) for turn, place in zip(turns, places, strict=True)])
+        within = np.einsum("nij,pj->npi", turns, self._own_parts) + places[:, None]
+        around = np.einsum("nji,npj->npi", turns, self._parts - places[:, None])
+        gaps[_any_in(within, self.obstacle) | _any_in(around, self.vehicle)] = 0.0
+        return gaps
+
+    def _gap(self, turn: Floats, place: Floats) -> float:
+        import fcl
+
+        self._moving.setTransform(fcl.Transform(turn, place))
+        return max(0.0, float(fcl.distance(self._moving, self._still, fcl.DistanceRequest(), fcl.DistanceResult())))
+
+
+def _any_in(points: Floats, solid: Floats) -> NDArray[np.bool_]:
+    """Whether any of each group of points, (n, points, 3), lies in a solid, (n,)."""
+    distances = signed_distances(np.ascontiguousarray(points.reshape(-1, 3)), solid)
+    found: NDArray[np.bool_] = np.any(distances.reshape(points.shape[:2]) < 0.0, axis=1)
+    return found
+
+
+def surface(triangles: Floats) -> Any:
+    """Triangles as python-fcl takes them."""
+    import fcl
+
+    corners, faces = np.unique(triangles.reshape(-1, 3), axis=0, return_inverse=True)
+    model = fcl.BVHModel()
+    model.beginModel(len(corners), len(triangles))
+    model.addSubModel(corners, faces.reshape(-1, 3))
+    model.endModel()
+    return model
+
+
+def parts(triangles: Floats) -> Floats:
+    """One corner of each connected part of a surface, shape (parts, 3)."""
+    corners, faces = np.unique(triangles.reshape(-1, 3), axis=0, return_inverse=True)
+    faces = faces.reshape(-1, 3)
+    label = np.arange(len(corners))
+    while True:
+        least = label[faces].min(axis=1)
+        following = label.copy()
+        np.minimum.at(following, faces.ravel(), np.repeat(least, 3))
+        following = following[following]
+        if np.array_equal(following, label):
+            return corners[np.unique(label)]
+        label = following

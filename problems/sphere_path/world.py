@@ -1,0 +1,106 @@
+"""The vehicle in its world, as python-fcl sees it: whether it meets anything on its way.
+
+Nothing of configuration space is used here. In the plane outlines are walls of height 1, and a disc is an upright line,
+thickened; in space a ball is a point, thickened.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import fcl
+import numpy as np
+from numpy.typing import NDArray
+
+from problems.plane import Circle
+from problems.sphere_path.pose import rotations
+
+if TYPE_CHECKING:
+    from problems.sphere_path.problem import SpherePath
+
+Floats = NDArray[np.float64]
+
+TOLERANCE = 1e-6  # m, overlap of what is thickened that is no collision
+_SLIMMEST = 1e-9  # m, the width of a line or a point
+_SHORTEST = 1e-3  # of the vehicle's reach: a thing that it grazes by less motion than this may go unseen
+
+
+class World:
+    """All obstacles, and the vehicle, which can be put anywhere."""
+
+    def __init__(self, problem: SpherePath) -> None:
+        vehicle, flat = problem.vehicle, problem.mesh is None
+        assert vehicle is not None, "there is no world without a vehicle"
+        self._dimensions = 2 if flat else 3
+        self._obstacles: list[tuple[Any, float]] = []
+        if problem.mesh is not None:
+            self._obstacles.append((_body(problem.mesh.triangles), 0.0))
+        for obstacle in problem.obstacles:
+            if isinstance(obstacle, Circle):
+                self._obstacles.append((_body(_line(*obstacle.center)), obstacle.radius))
+            else:
+                self._obstacles.append((_body(_walls(obstacle.corners)), 0.0))
+        if vehicle.vertices is not None:
+            shape = _walls(np.array(vehicle.vertices))
+        elif vehicle.mesh is not None:
+            shape = vehicle.mesh.triangles
+        else:
+            shape = _line(0.0, 0.0) if flat else _POINT
+        self._vehicle, self._thickness = _body(shape), vehicle.radius or 0.0
+        self._reach = vehicle.reach
+
+    def clearance(self, configuration: Floats) -> float:
+        """The gap to the nearest obstacle, m; negative in collision, and infinite where surfaces cut each other."""
+        turn, place = np.eye(3), np.zeros(3)
+        dimensions = self._dimensions
+        turn[:dimensions, :dimensions] = rotations(configuration[None, dimensions:], dimensions)[0]
+        place[:dimensions] = configuration[:dimensions]
+        self._vehicle.setTransform(fcl.Transform(turn, place))
+        return min((self._gap(*each) for each in self._obstacles), default=np.inf)
+
+    def _gap(self, body: Any, thickness: float) -> float:
+        away = float(fcl.distance(self._vehicle, body, fcl.DistanceRequest(), fcl.DistanceResult()))
+        return away - thickness - self._thickness if away > 0.0 else -np.inf
+
+    def contact(self, begin: Floats, end: Floats) -> Floats | None:
+        """The first configuration of a straight motion at which the vehicle meets an obstacle, if it does.
+
+        No point of it goes farther from one look to the next than it was from the nearest obstacle.
+        """
+        motion = end - begin
+        angles = np.abs(motion[self._dimensions :]).sum()
+        way = float(np.linalg.norm(motion[: self._dimensions]) + self._reach * angles)
+        done = 0.0
+        while True:
+            configuration = begin + motion * (done / way if way > 0.0 else 0.0)
+            gap = self.clearance(configuration)
+            if gap < -TOLERANCE:
+                return configuration
+            if done >= way:
+                return None
+            done = min(way, done + max(gap, _SHORTEST * self._reach))
+
+
+_POINT = _SLIMMEST * np.array([[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]])
+
+
+def _line(x: float, y: float) -> Floats:
+    return np.array([[[x, y, 0.0], [x, y, 1.0], [x + _SLIMMEST, y, 1.0]]])
+
+
+def _walls(corners: Floats) -> Floats:
+    """Two triangles above each edge of an outline, shape (2 edges, 3, 3)."""
+    low = np.column_stack([corners, np.zeros(len(corners))])
+    high = low + np.array([0.0, 0.0, 1.0])
+    lower = np.stack([low, np.roll(low, -1, axis=0), high], axis=1)
+    upper = np.stack([np.roll(low, -1, axis=0), np.roll(high, -1, axis=0), high], axis=1)
+    return np.concatenate([lower, upper])
+
+
+def _body(triangles: Floats) -> Any:
+    corners = triangles.reshape(-1, 3)
+    model = fcl.BVHModel()
+    model.beginModel(len(corners), len(triangles))
+    model.addSubModel(corners, np.arange(len(corners)).reshape(-1, 3))
+    model.endModel()
+    return fcl.CollisionObject(model)
