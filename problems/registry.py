@@ -12,6 +12,7 @@ from problems.problem import Problem
 _BUILT_IN = {
     "arm-ik": "problems.arm_ik:ArmIk",
     "function": "problems.function:Function",
+    "min-time": "problems.min_time:MinTime",
     "mobile-robot": "problems.mobile_robot:MobileRobot",
 }
 _read: set[str] = set()  # the names of modules that were read from beside problem files
