@@ -6,8 +6,8 @@ in the first and last. Time scaling goes in x = ṡ² over a grid of s (Bobrow, 
 s̈ is linear in s, so x is a parabola, whose ends and middle Bézier point lie half a step's constant s̈ apart; the torque
 limits hold at both ends of the step, each with the s̈ there. So each half of a step is a linear program in two unknowns,
 which elimination solves exactly, and points where a joint's inertia along the curve vanishes need no case of their own.
-Between grid points torques may still exceed their limits by a little, of second order: in the end the whole motion is
-slowed down until they hold there too.
+Between grid points torques may still exceed their limits, by an error of second order: where they do, the limits of the
+step are tightened and time is scaled again, and in the end the whole motion is slowed down by the little that is left.
 
 The table (see `genetics.operators`): joints, most nodes, whether the arm is a chain; the greatest gene of each joint;
 start, goal and torque limits, shape (3, joints); constants of two links; joints of a chain; gravity.
@@ -30,6 +30,8 @@ Floats = NDArray[np.float64]
 POINTS_OF_STRETCH, POINTS = 8, 128
 """The least number of steps that a stretch between two nodes, and a whole curve, is cut into."""
 
+_ROUNDS = 4  # of tightening limits, at most
+_TIGHT_ENOUGH = 1.002  # of the squared speeds: a thousandth of the time
 _FASTEST = 1e12  # greatest ṡ²: nothing real comes near it
 _NO_INERTIA = 1e-9  # kg m²: less counts as this much
 _ROUNDING = 1e-9
@@ -63,6 +65,7 @@ class Room(NamedTuple):
     least: Any  # (2 * points + 1,): of the controllable x; that of the parabola's middle at odd places
     most: Any  # (2 * points + 1,)
     x: Any  # (2 * points + 1,)
+    tightness: Any  # (points,): what the limits of a step's moving torques are divided by
     middle: Any  # (3, joints): a, b and c between grid points
 
 
@@ -105,6 +108,7 @@ def room_of(joints: Any, stretches: Any, points: Any) -> Any:
         np.empty(2 * points + 1),
         np.empty(2 * points + 1),
         np.empty(2 * points + 1),
+        np.empty(points),
         np.empty((3, joints)),
     )
 
@@ -192,13 +196,13 @@ def _limit(row: Any, inertia: Any, pull: Any, low: Any, high: Any) -> Any:
 
 
 @subroutine
-def limit_half(rows: Any, task: Any, room: Any, point: Any, share: Any, shift: Any) -> Any:
+def limit_half(rows: Any, task: Any, room: Any, point: Any, share: Any, tightness: Any, shift: Any) -> Any:
     """Fill the rows of the torque limits at a grid point, where x is ``shift`` * s̈ more than the x of the rows."""
     for joint in range(task.joints):
         torque, load = share * task.torque[joint], room.load[point, joint]
         pull = room.pull[point, joint]
         inertia = room.inertia[point, joint] + shift * pull
-        _limit(rows[joint], inertia, pull, -torque - load, torque - load)
+        _limit(rows[joint], inertia, pull, (-torque - load) / tightness, (torque - load) / tightness)
 
 
 @subroutine
@@ -233,30 +237,41 @@ def greatest_acceleration(rows: Any, x: Any) -> Any:
 
 
 @subroutine
-def scale_time(task: Any, room: Any, points: Any, steps: Any) -> Any:
-    """Fill x along a curve of stretches of so many steps, rest to rest; returns the time, inf if there is none."""
+def _is_scaled(task: Any, room: Any, points: Any, steps: Any) -> Any:
+    """Fill x along a curve of stretches of so many steps, rest to rest; False if there is none."""
     least, most, x, rows, length = room.least, room.most, room.x, room.rows, 1.0 / steps
     least[2 * points], most[2 * points] = 0.0, 0.0
     for half in range(2 * points - 1, -1, -1):
-        share = room.shares[half // (2 * steps)]
-        if half % 2 == 1:
-            limit_half(rows[half], task, room, half // 2 + 1, share, length)
-        else:
-            limit_half(rows[half], task, room, half // 2, share, 0.0)
+        share, tightness = room.shares[half // (2 * steps)], room.tightness[half // 2]
+        shift = length if half % 2 == 1 else 0.0
+        limit_half(rows[half], task, room, (half + 1) // 2, share, tightness, shift)
         low, high = controllable(rows[half], least[half + 1], most[half + 1], length)
         if high < low:
-            return np.inf
+            return False
         least[half], most[half] = low, high
     if least[0] > _ROUNDING:
-        return np.inf
+        return False
     x[0] = 0.0
     for half in range(2 * points):
         change = length * greatest_acceleration(rows[half], x[half])
         x[half + 1] = min(most[half + 1], max(least[half + 1], x[half] + change))
-    slowdown = _excess(task, room, points, steps)
+    return True
+
+
+@subroutine
+def scale_time(task: Any, room: Any, points: Any, steps: Any) -> Any:
+    """Fill x along a curve of stretches of so many steps, rest to rest; returns the time, inf if there is none."""
+    x, slowdown = room.x, 1.0
+    room.tightness[:points] = 1.0
+    for _ in range(_ROUNDS):
+        if not _is_scaled(task, room, points, steps):
+            return np.inf
+        slowdown = _tighten(task, room, points, steps)
+        if slowdown <= _TIGHT_ENOUGH:
+            break
     time = 0.0
     for point in range(points):
-        time += step_time(x[2 * point], x[2 * point + 1], x[2 * point + 2], length)
+        time += step_time(x[2 * point], x[2 * point + 1], x[2 * point + 2], 1.0 / steps)
     if not time < np.inf:
         return np.inf
     for place in range(2 * points + 1):
@@ -283,14 +298,16 @@ def step_time(first: Any, middle: Any, last: Any, length: Any) -> Any:
 
 
 @subroutine
-def _excess(task: Any, room: Any, points: Any, steps: Any) -> Any:
-    """By how much x must be divided for the torque limits to hold between grid points too; at least 1.
+def _tighten(task: Any, room: Any, points: Any, steps: Any) -> Any:
+    """Tighten the limits of steps on which torques exceed theirs.
 
-    What the torques are made of there is interpolated between the grid points of the stretch.
+    Returns by how much x must be divided for the limits to hold between grid points too; at least 1. What the torques
+    are made of there is interpolated between the grid points of the stretch.
     """
-    divisor, a, b, c = 1.0, room.middle[0], room.middle[1], room.middle[2]
+    a, b, c = room.middle[0], room.middle[1], room.middle[2]
+    slowdown = 1.0
     for point in range(points):
-        stretch = point // steps
+        stretch, divisor = point // steps, 1.0
         place = min(max(point - 1, stretch * steps), (stretch + 1) * steps - 3)
         first, middle, last = room.x[2 * point], room.x[2 * point + 1], room.x[2 * point + 2]
         for quarter in range(1, 4):
@@ -307,7 +324,9 @@ def _excess(task: Any, room: Any, points: Any, steps: Any) -> Any:
                 left = limit - c[joint] if moving > 0.0 else limit + c[joint]
                 if abs(moving) > divisor * left:
                     divisor = abs(moving) / max(left, _ROUNDING * limit)
-    return divisor
+        room.tightness[point] *= divisor
+        slowdown = max(slowdown, divisor)
+    return slowdown
 
 
 @subroutine

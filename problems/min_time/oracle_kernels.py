@@ -42,13 +42,13 @@ def _put_node(node: Any, task: Any, row: Any, column: Any, lines: Any) -> Any:
 @subroutine
 def _limit_forwards(rows: Any, task: Any, room: Any, half: Any) -> Any:
     """Fill the rows of a half step as seen from its end."""
-    limit_half(rows, task, room, (half + 1) // 2, 1.0, -_LENGTH if half % 2 == 0 else 0.0)
+    limit_half(rows, task, room, (half + 1) // 2, 1.0, 1.0, -_LENGTH if half % 2 == 0 else 0.0)
 
 
 @subroutine
 def _limit_backwards(rows: Any, task: Any, room: Any, half: Any) -> Any:
     """Fill the rows of a half step as seen from its beginning."""
-    limit_half(rows, task, room, (half + 1) // 2, 1.0, _LENGTH if half % 2 == 1 else 0.0)
+    limit_half(rows, task, room, (half + 1) // 2, 1.0, 1.0, _LENGTH if half % 2 == 1 else 0.0)
 
 
 @subroutine
