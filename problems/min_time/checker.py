@@ -160,7 +160,7 @@ def _near(one: Floats, other: Floats, scale: float = 1.0) -> bool:
     return bool(one.shape == other.shape or len(one) == 1) and bool(np.all(np.abs(one - other) <= _ROUNDING * scale))
 
 
-def _curve(nodes: Floats, places: Floats) -> Floats:
+def _curve(nodes: Floats, places: NDArray[np.floating[Any]]) -> Floats:
     """The uniform cubic B-spline and its first two derivatives at some places: shape (3, places, joints)."""
     points = np.concatenate([[2 * nodes[0] - nodes[1]], nodes, [2 * nodes[-1] - nodes[-2]]])
     stretch = np.minimum(places.astype(np.int64), len(nodes) - 2)
@@ -215,9 +215,7 @@ def _wrong_ends(problem: MinTime, claim: Claim) -> Iterator[str]:
             yield f"the arm is not at rest at the {name}"
 
 
-def _wrong_rows(
-    arm: Arm, claim: Claim, curve: Floats, steps: Floats, times: Floats, length: float
-) -> Iterator[str]:
+def _wrong_rows(arm: Arm, claim: Claim, curve: Floats, steps: Floats, times: Floats, length: float) -> Iterator[str]:
     """Rows that are not what follows from the nodes and the speed along the curve."""
     squared = np.append(steps[0], steps[2, -1])[:, None]
     push = np.append(steps[1] - steps[0], steps[2, -1] - steps[1, -1])[:, None] / length

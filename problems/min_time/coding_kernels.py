@@ -24,7 +24,7 @@ MOST_COPIES = 2
 """How often the same trajectory may be among the offspring (§IV)."""
 
 _DESTROY, _DYNAMIC = 1.0 / 6.0, 1.0 / 3.0
-"""Probabilities of these mutations as shares of that of the position operator: 0.05, 0.1 and 0.3 in the paper's recipe."""
+"""Probabilities of these mutations as shares of the position operator's: 0.05, 0.1 and 0.3 in the paper's recipe."""
 
 _SECOND_LIFE = 1 << 20  # first number of the draws for what takes the place of an extra copy
 _FINEST = 6.0  # the finest shift of a node is 2 ** -6 of the coarsest
@@ -168,7 +168,7 @@ def _nearest(numbers: Any, place: Any, shape: Any) -> Any:
 
 @subroutine
 def _join(child: Any, head: Any, last: Any, tail: Any, first: Any, shape: Any) -> Any:
-    """Items of ``head`` up to ``last``, then those of ``tail`` from ``first`` on; ``head`` alone if there is no room."""
+    """Items of ``head`` up to ``last``, then of ``tail`` from ``first`` on; ``head`` as it is if there is no room."""
     width, count = shape.width, np.int64(tail[0]) - first
     if last + 1 + count > shape.most:
         child[:] = head

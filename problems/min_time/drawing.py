@@ -31,7 +31,7 @@ def draw(problem: MinTime, figure: Figure, solution: Solution | None, population
     figure.set_layout_engine("constrained")
     if problem.arm.size == 2:
         figure.set_size_inches(12.0, 6.2)
-        left, right = figure.subfigures(1, 2, width_ratios=[1.0, 1.15])
+        left, right = np.ravel(figure.subfigures(1, 2, width_ratios=[1.0, 1.15], squeeze=False))
         _draw_space(problem, left.subplots(), solution, populations)
     else:
         figure.set_size_inches(8.0, 7.0)
@@ -84,7 +84,8 @@ def _draw_moves(problem: MinTime, axes: Axes) -> None:
         if move == (0, 0) or away > 1:
             continue
         weight = 2.0 ** (move.count(1) - away)
-        axes.annotate("", xy=node + np.array(move) * step, xytext=node, zorder=3, arrowprops={
+        x, y = node + np.array(move) * step
+        axes.annotate("", xy=(x, y), xytext=(node[0], node[1]), zorder=3, arrowprops={
             "arrowstyle": "-|>", "color": str(0.75 - 0.18 * weight), "linewidth": 0.7 + 0.45 * weight,
             "shrinkA": 0, "shrinkB": 0,
         })  # fmt: skip

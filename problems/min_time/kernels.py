@@ -155,9 +155,7 @@ def place_on_curve(nodes: Any, stretch: Any, share: Any, angles: Any, slope: Any
         one, two = nodes[stretch, joint], nodes[stretch + 1, joint]
         three, four = nodes[stretch + 2, joint], nodes[stretch + 3, joint]
         before, after = one - 2.0 * two + three, two - 2.0 * three + four
-        angles[joint] = (
-            rest * two + share * three + (rest * rest * rest * before + share * share * share * after) / 6.0
-        )
+        angles[joint] = rest * two + share * three + (rest * rest * rest * before + share * share * share * after) / 6.0
         slope[joint] = three - two + 0.5 * (share * share * after - rest * rest * before)
         bend[joint] = rest * before + share * after
 
@@ -188,7 +186,7 @@ def weigh_end(task: Any, room: Any, stretch: Any, point: Any) -> Any:
 
 @subroutine
 def _limit(row: Any, inertia: Any, pull: Any, low: Any, high: Any) -> Any:
-    """low <= inertia * s̈ + pull * x <= high, solved for s̈."""
+    """Fill a row: low <= inertia * s̈ + pull * x <= high, solved for s̈."""
     if inertia < 0.0:
         inertia, pull, low, high = -inertia, -pull, -high, -low
     each = 1.0 / max(inertia, _NO_INERTIA)

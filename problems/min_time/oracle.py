@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 
 Nodes = NDArray[np.int64]  # (nodes, 2), start and goal included, in grid steps
 
-_LEVELS = 96
-_LONGEST = 2  # grid steps of a move, in each joint
+_LEVELS = 128
+_LONGEST = 1  # grid steps of a move, in each joint
 
 
 class Found(NamedTuple):
@@ -47,7 +47,7 @@ def best_on_grid(problem: MinTime) -> Answer:
     found = dynamic_program(problem)
     solution = problem.decode(_genome(problem, found.nodes)) if np.isfinite(found.time) else None
     return Answer(
-        "optimum",
+        "upper bound",
         found.time,
         f"dynamic program over nodes of the grid, moves of up to {_LONGEST} steps a joint, none away from the goal, at "
         f"full torque, {_LEVELS} levels of speed",

@@ -109,100 +109,116 @@ def _set_stretch(task: Any, room: Any, corners: Any, lines: Any) -> Any:
 
 @subroutine
 def _squared_rate(speed: Any, before: Any, after: Any) -> Any:
-    """x where the joints move at a speed, rad/s, at the node between two others."""
+    """What x is where the joints move at a speed, rad/s, at the node between two others."""
     slope_squared = 0.25 * ((after[0] - before[0]) ** 2 + (after[1] - before[1]) ** 2)
     return speed * speed / slope_squared
+
+
+@subroutine
+def _put_corners(
+    row: Any, column: Any, entry: Any, exit_: Any, onward: Any, moves: Any, lines: Any, corners: Any
+) -> Any:
+    """Fill four nodes: before a node, it, the next and the one after that; False if the grid ends before.
+
+    A move of the number of all moves, or beyond, is none: at the start, or from the goal.
+    """
+    into[1] = row, column
+    into[0], into[3] = -1, -1
+    if entry < moves.shape[0]:
+        into[0] = into[1] - moves[entry]
+    into[2] = into[1] + moves[exit_]
+    if np.max(into[2]) >= lines or (np.min(into[2]) == lines - 1) != (onward == moves.shape[0]):
+        return False
+    if onward < moves.shape[0]:
+        into[3] = into[2] + moves[onward]
+    return np.max(into[3]) < lines
+
+
+@subroutine
+def _arrive(so_far: Any, start: Any, end: Any, forth: Any, back: Any, entry: Any, times: Any, origin: Any) -> Any:
+    """Put the least times at the levels of a stretch's end, and whence, where they beat what is known."""
+    levels = so_far.size
+    for arrival in range(times.size):
+        for departure in range(levels):
+            if so_far[departure] == np.inf or back[arrival, 0] < start[departure]:
+                continue
+            if forth[departure, 2 * STEPS] >= end[arrival]:
+                time = so_far[departure] + _time_between(forth[departure], back[arrival])
+                if time < times[arrival]:
+                    times[arrival] = time
+                    origin[arrival] = entry * levels + departure
+
+
+@subroutine
+def _trace(origin: Any, at_goal: Any, moves: Any, lines: Any, levels: Any) -> Any:
+    """The nodes of the path that ends as ``at_goal`` says, start and goal included."""
+    path = np.empty((2 * lines, 2), np.int64)
+    place = path.shape[0] - 1
+    path[place] = lines - 1
+    row, column, exit_, code = at_goal
+    while True:
+        place -= 1
+        path[place] = row, column
+        entry, level = code // levels, code % levels
+        if entry == moves.shape[0]:
+            return path[place:].copy()
+        code = origin[row, column, entry, exit_, level]
+        row, column, exit_ = row - moves[entry, 0], column - moves[entry, 1], entry
 
 
 @kernel("Tuple((float64, int64[:,::1], int64))(int64[:,::1], int64[:,::1], int64, int64, float64)", may_be_long=True)
 def dynamic_program(
     table: Table, moves: Integers, lines: int, levels: int, fastest: float
 ) -> tuple[float, Integers, int]:
-    """The quickest path of grid nodes whose speeds at the nodes are levels of 0 .. ``fastest`` rad/s.
+    """The quickest path of grid nodes whose speeds at the nodes are among some levels.
 
     Args:
         table: of the fitness.
         moves: from node to node, in grid steps, none negative, shape (moves, 2).
         lines: of the grid.
-        levels: of speed.
+        levels: of speed, from 0 to the fastest.
+        fastest: rad/s.
 
     Returns:
         The time, s; the nodes, start and goal included, in grid steps, shape (nodes, 2); and the number of evaluations
         of the inverse dynamics.
     """
-    task = task_of(table)
-    room = room_of(2, 1, STEPS)
-    count = moves.shape[0]
+    task, room, count = task_of(table), room_of(2, 1, STEPS), moves.shape[0]
     best = np.full((lines, lines, count + 1, count, levels), np.inf)  # node, move to it, move from it, speed
     origin = np.full((lines, lines, count + 1, count, levels), -1)
     best[0, 0, count, :, 0] = 0.0
-    last, last_time, final = np.full(4, -1), np.inf, 0
+    at_goal, goal_time, goal_origin = np.full(4, -1), np.full(1, np.inf), np.full(1, -1)
     start, end = np.empty(levels), np.empty(levels)
     forth, back = np.empty((levels, 2 * STEPS + 1)), np.empty((levels, 2 * STEPS + 1))
     corners = np.empty((4, 2), np.int64)
     weighed = 0
-    speed = np.arange(levels) * (fastest / (levels - 1))
-    for row in range(lines):
-        for column in range(lines):
-            for entry in range(count + 1):
-                corners[1] = row, column
-                corners[0] = -1
-                if entry < count:
-                    corners[0] = corners[1] - moves[entry]
-                for exit_ in range(count):
-                    if np.min(best[row, column, entry, exit_]) == np.inf:
-                        continue
-                    corners[2] = corners[1] + moves[exit_]
-                    if np.max(corners[2]) >= lines:
-                        continue
-                    at_goal = np.min(corners[2]) == lines - 1
-                    for onward in range(1 if at_goal else count):
-                        corners[3] = -1
-                        if not at_goal:
-                            corners[3] = corners[2] + moves[onward]
-                            if np.max(corners[3]) >= lines:
-                                continue
-                        _set_stretch(task, room, corners, lines)
-                        weighed += STEPS + 1
-                        nodes = room.nodes
-                        for level in range(levels):
-                            start[level] = _squared_rate(speed[level], nodes[0], nodes[2])
-                            end[level] = _squared_rate(speed[level], nodes[1], nodes[3])
-                        _curves(task, room, start, end, forth, back)
-                        for arrival in range(1 if at_goal else levels):
-                            for departure in range(levels):
-                                so_far = best[row, column, entry, exit_, departure]
-                                if so_far == np.inf or back[arrival, 0] < start[departure]:
-                                    continue
-                                if forth[departure, 2 * STEPS] < end[arrival]:
-                                    continue
-                                time = so_far + _time_between(forth[departure], back[arrival])
-                                if at_goal:
-                                    if time < last_time:
-                                        last_time = time
-                                        last[0], last[1], last[2], last[3] = row, column, entry, exit_
-                                        final = departure
-                                elif time < best[corners[2, 0], corners[2, 1], exit_, onward, arrival]:
-                                    best[corners[2, 0], corners[2, 1], exit_, onward, arrival] = time
-                                    origin[corners[2, 0], corners[2, 1], exit_, onward, arrival] = (
-                                        entry * levels + departure
-                                    )
-    if last_time == np.inf:
-        return last_time, np.empty((0, 2), np.int64), weighed
-    path = np.empty((2 * lines, 2), np.int64)
-    row, column, entry, exit_ = last
-    place = path.shape[0] - 1
-    path[place] = lines - 1
-    while True:
-        place -= 1
-        path[place] = row, column
-        if entry == count:
-            break
-        code = origin[row, column, entry, exit_, final]
-        row, column = row - moves[entry, 0], column - moves[entry, 1]
-        exit_ = entry
-        entry, final = code // levels, code % levels
-    return last_time, path[place:].copy(), weighed
+    for state in range(lines * lines * (count + 1) * count):
+        row, column = state // count // (count + 1) // lines, state // count // (count + 1) % lines
+        entry, exit_ = state // count % (count + 1), state % count
+        so_far = best[row, column, entry, exit_]
+        if np.min(so_far) == np.inf:
+            continue
+        for onward in range(count + 1):
+            if not _put_corners(row, column, entry, exit_, onward, moves, lines, corners):
+                continue
+            _set_stretch(task, room, corners, lines)
+            weighed += STEPS + 1
+            for level in range(levels):
+                speed = level * fastest / (levels - 1)
+                start[level] = _squared_rate(speed, room.nodes[0], room.nodes[2])
+                end[level] = _squared_rate(speed, room.nodes[1], room.nodes[3])
+            _curves(task, room, start, end, forth, back)
+            if onward < count:
+                following = corners[2, 0], corners[2, 1], exit_, onward
+                _arrive(so_far, start, end, forth, back, entry, best[following], origin[following])
+            else:
+                known = goal_time[0]
+                _arrive(so_far, start, end, forth, back, entry, goal_time, goal_origin)
+                if goal_time[0] < known:
+                    at_goal[:] = row, column, exit_, goal_origin[0]
+    if goal_time[0] == np.inf:
+        return np.inf, np.empty((0, 2), np.int64), weighed
+    return goal_time[0], _trace(origin, at_goal, moves, lines, levels), weighed
 
 
 # The tree search ------------------------------------------------------------------------------------------------------

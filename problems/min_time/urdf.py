@@ -62,9 +62,8 @@ def _path(name: str, folder: Path) -> Path:
 
 
 def _is_revolute(model: Any, joint: int) -> bool:
-    return model.joints[joint].nv == 1 and model.joints[joint].shortname().startswith(
-        ("JointModelR", "JointModelRevolute")
-    )
+    kind: str = model.joints[joint].shortname()
+    return bool(model.joints[joint].nv == 1) and kind.startswith("JointModelR")
 
 
 def _reduced(pinocchio: Any, model: Any, joints: list[str] | None) -> Any:
