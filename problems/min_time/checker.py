@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-TOLERANCE = 0.005
+TOLERANCE = 0.01
 """By how much of its limit a torque may exceed it between two rows of a trajectory."""
 
 _SAMPLES = 8  # between two rows

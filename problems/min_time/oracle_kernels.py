@@ -115,9 +115,7 @@ def _squared_rate(speed: Any, before: Any, after: Any) -> Any:
 
 
 @subroutine
-def _put_corners(
-    row: Any, column: Any, entry: Any, exit_: Any, onward: Any, moves: Any, lines: Any, corners: Any
-) -> Any:
+def _put_corners(row: Any, column: Any, entry: Any, exit_: Any, onward: Any, moves: Any, lines: Any, into: Any) -> Any:
     """Fill four nodes: before a node, it, the next and the one after that; False if the grid ends before.
 
     A move of the number of all moves, or beyond, is none: at the start, or from the goal.
