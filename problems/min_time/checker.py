@@ -80,6 +80,14 @@ def judge(problem: MinTime, solution: Solution) -> Verdict:
     return Verdict(time if np.isfinite(time) else np.inf, tuple(objections))
 
 
+def worst_torque(problem: MinTime, solution: Solution) -> float:
+    """The greatest torque of a trajectory as a share of its limit, at its rows and between them."""
+    claim = _parsed(problem, solution)
+    length = (len(claim.nodes) - 1) / (len(claim.t) - 1)
+    steps = _steps(claim, _curve(claim.nodes, np.arange(len(claim.t)) * length), length)
+    return float(_between(problem, claim, steps, length)[1].max())
+
+
 def torques(arm: Arm, q: Floats, qd: Floats, qdd: Floats) -> Floats:
     """The torques of joint angles, speeds and accelerations, N·m: (n, joints) each to (n, joints).
 
@@ -236,6 +244,17 @@ def _wrong_rows(arm: Arm, claim: Claim, curve: Floats, steps: Floats, times: Flo
 
 def _wrong_between(problem: MinTime, claim: Claim, steps: Floats, length: float) -> Iterator[str]:
     """Torques beyond their limits, and a curve that leaves the box, looked for between the rows too."""
+    q, shares = _between(problem, claim, steps, length)
+    worst = shares.max()
+    if not worst <= 1.0 + TOLERANCE:
+        yield f"a torque is {worst:.4f} of its limit"
+    low, high = np.minimum(problem.start, problem.goal), np.maximum(problem.start, problem.goal)
+    if not np.all((q >= low - _ROUNDING) & (q <= high + _ROUNDING)):
+        yield "the curve leaves the box between start and goal"
+
+
+def _between(problem: MinTime, claim: Claim, steps: Floats, length: float) -> tuple[Floats, Floats]:
+    """Angles and torques, these as shares of their limits, at the rows and between: shape (samples, joints) each."""
     shares = np.arange(_SAMPLES + 1) / _SAMPLES
     places = ((np.arange(steps.shape[1])[:, None] + shares) * length).ravel()
     q, slope, bend = _curve(claim.nodes, np.minimum(places, len(claim.nodes) - 1))
@@ -243,9 +262,4 @@ def _wrong_between(problem: MinTime, claim: Claim, steps: Floats, length: float)
     begin, end = (steps[1:] - steps[:-1])[:, :, None] / length
     push = (begin * (1 - shares) + end * shares).reshape(-1, 1)
     torque = torques(problem.arm, q, slope * np.sqrt(squared), slope * push + bend * squared)
-    worst = (np.abs(torque) / problem.arm.limits).max()
-    if not worst <= 1.0 + TOLERANCE:
-        yield f"a torque is {worst:.4f} of its limit"
-    low, high = np.minimum(problem.start, problem.goal), np.maximum(problem.start, problem.goal)
-    if not np.all((q >= low - _ROUNDING) & (q <= high + _ROUNDING)):
-        yield "the curve leaves the box between start and goal"
+    return q, np.abs(torque) / problem.arm.limits

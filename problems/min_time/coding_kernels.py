@@ -125,7 +125,7 @@ def _grow(numbers: Any, shape: Any, dice: Any, individual: Any, number: Any) -> 
     count = 0
     while count == 0 or np.any(place < shape.cells):
         needed = np.max(shape.cells - place)
-        if shape.most - count <= needed or needed == 0:
+        if shape.most - count <= needed + 1 or needed == 0:  # a move away would take two items
             for joint in range(shape.joints):
                 move[joint] = 1 if place[joint] < shape.cells[joint] else 0
         else:
