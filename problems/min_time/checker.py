@@ -71,11 +71,9 @@ def judge(problem: MinTime, solution: Solution) -> Verdict:
         curve = _curve(claim.nodes, np.arange(count + 1) * length)
         steps = _steps(claim, curve, length)
         times = _times(steps, length)
-        objections = [
-            *_wrong_ends(problem, claim),
-            *_wrong_rows(problem.arm, claim, curve, steps, times, length),
-            *_wrong_between(problem, claim, steps, length),
-        ]
+        wrong = list(_wrong_rows(problem.arm, claim, curve, steps, times, length))
+        between = _wrong_between(problem, claim, steps, length) if not wrong else ()
+        objections = [*_wrong_ends(problem, claim), *wrong, *between]
     time = float(times.sum())
     return Verdict(time if np.isfinite(time) else np.inf, tuple(objections))
 

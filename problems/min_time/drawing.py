@@ -54,7 +54,7 @@ def _draw_space(problem: MinTime, axes: Axes, solution: Solution | None, populat
                   label="nodes")  # fmt: skip
     for place, color, label in ((start, START, "start"), (goal, GOAL, "goal")):
         axes.plot(*place, "o", markersize=11, color=color, zorder=7, label=label)
-    margin = 0.06 * np.abs(goal - start).max()
+    margin = 0.06 * np.abs(goal - start).max() or 0.1
     low, high = np.minimum(start, goal) - margin, np.maximum(start, goal) + margin
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel="joint 1 / rad", ylabel="joint 2 / rad")
     axes.set_title("no trajectory found" if solution is None else f"{len(solution['nodes']) - 2} nodes between")
