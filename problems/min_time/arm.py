@@ -93,7 +93,7 @@ class Arm(Table):
         """Of the torques, N·m, shape (joints,)."""
         return np.array(self.torque)
 
-    @cached_property
+    @property
     def falling(self) -> Floats:
         """The acceleration of gravity, m/s², shape (3,)."""
         if self.is_planar:

@@ -5,7 +5,6 @@ Where pinocchio is not installed, rods in a plane are judged by Kane's equations
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
@@ -27,6 +26,7 @@ TOLERANCE = 0.01
 
 _SAMPLES = 8  # between two rows
 _ROUNDING = 1e-6
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(48)
 _BASIS = np.array([[1, 4, 1, 0], [-3, 0, 3, 0], [3, -6, 3, 0], [-1, 3, -3, 1]]) / 6.0
 
 
@@ -138,7 +138,7 @@ def kane(arm: Arm, q: Floats, qd: Floats, qdd: Floats) -> Floats:
 
 def _parsed(problem: MinTime, solution: Solution) -> Claim:
     try:
-        trip = Trip.model_validate_json(json.dumps(solution), strict=True)
+        trip = Trip.model_validate(solution, strict=True)
     except ValidationError as error:
         raise first_line(error, Trip, "solution") from error
     rows, joints = trip.trajectory, problem.arm.size
@@ -199,8 +199,7 @@ def _steps(claim: Claim, curve: Floats, length: float) -> Floats:
 
 def _times(steps: Floats, length: float) -> Floats:
     """What each step takes, s: the integral of 1 / speed, in an angle that makes it smooth where the speed is 0."""
-    nodes, weights = np.polynomial.legendre.leggauss(48)
-    angles, weights = (nodes + 1) * np.pi / 4, weights * np.pi / 4
+    angles, weights = (_NODES + 1) * np.pi / 4, _WEIGHTS * np.pi / 4
     speed = np.sqrt(_squared(steps, np.sin(angles) ** 2))
     times: Floats = (2 * length * np.sin(angles) * np.cos(angles) / speed) @ weights
     return times
