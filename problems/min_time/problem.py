@@ -53,6 +53,7 @@ torque = [64.5, 64.5]           # N m, limits
 [run]                           # what the command line does not say
 topology = "torus 4x4"
 seed = 1
+stall = 50                      # generations without a quicker one, after which it ends
 """
     batches_alike: ClassVar[bool] = True
     any_thread: ClassVar[bool] = True
