@@ -12,6 +12,7 @@ from problems.problem import Problem
 _BUILT_IN = {
     "arm-ik": "problems.arm_ik:ArmIk",
     "function": "problems.function:Function",
+    "min-time": "problems.min_time:MinTime",
     "mobile-robot": "problems.mobile_robot:MobileRobot",
     "terrain": "problems.terrain:Terrain",
     "sphere-path": "problems.sphere_path:SpherePath",

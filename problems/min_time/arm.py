@@ -1,0 +1,173 @@
+"""Arms as a problem file describes them: uniform rods in a plane, or a chain of bodies that a URDF holds."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Annotated, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+
+from problems.problem import Table, quantity
+
+Positive = Annotated[float, Field(gt=0, le=1e6)]
+Finite = Annotated[float, Field(ge=-1e6, le=1e6)]
+Triple = tuple[Finite, Finite, Finite]
+Matrix = tuple[Triple, Triple, Triple]
+Floats = NDArray[np.float64]
+
+EARTH = 9.81  # m/s²
+
+
+class Body(Table):
+    """A revolute joint and the body that it turns, both in the joint's frame."""
+
+    name: str = quantity("", "the joint's name")
+    rotation: Matrix = quantity("", "of the joint's frame in the frame before it")
+    place: Triple = quantity("m", "of the joint in the frame before it")
+    axis: Triple = quantity("", "unit vector about which the joint turns")
+    mass: float = quantity("kg", "of the body", ge=0, le=1e6)
+    centre: Triple = quantity("m", "of mass")
+    inertia: Matrix = quantity("kg m²", "about the centre of mass")
+    limits: tuple[Finite, Finite] | None = quantity("rad", "[lowest, highest] angle", default=None)
+
+
+class Arm(Table):
+    """A serial arm of revolute joints, by masses and lengths or by a URDF."""
+
+    masses: list[Positive] | None = quantity("kg", "of uniform rods in a plane, from the base outwards", default=None)
+    lengths: list[Positive] | None = quantity("m", "of the rods", default=None)
+    tip_mass: float = quantity("kg", "a point mass at the end of the last rod", default=0.0, ge=0, le=1e6)
+    urdf: str | None = quantity(
+        "",
+        "a URDF instead of rods: a file beside this one, or example-robot-data:FOLDER/urdf/FILE from that package",
+        default=None,
+    )
+    joints: list[str] | None = quantity(
+        "", "which joints of the URDF move, from the base outwards; if not given, all revolute ones", default=None
+    )
+    bodies: list[Body] | None = quantity("", "what takes the place of the URDF when the file is read", default=None)
+    gravity: float | None = quantity(
+        "m/s²", "downwards: along -y for rods (0 if not given), along -z for a URDF (9.81)", default=None, ge=0, le=1e3
+    )
+    torque: list[Positive] | None = quantity(
+        "N m", "limits, one a joint; if not given, those of the URDF", default=None, min_length=1, max_length=64
+    )
+
+    @model_validator(mode="after")
+    def _one_description(self) -> Self:
+        rods = self.masses is not None or self.lengths is not None
+        if self.urdf is not None:
+            raise ValueError(f"urdf: expected a problem file that is loaded, so that {self.urdf!r} is read")
+        if rods == (self.bodies is not None):
+            raise ValueError(f"expected either masses and lengths or urdf, found {'both' if rods else 'neither'}")
+        if rods and len(self.masses or []) != len(self.lengths or []):
+            raise ValueError(
+                f"expected as many masses as lengths, found {len(self.masses or [])} and {len(self.lengths or [])}"
+            )
+        if self.size == 0:
+            raise ValueError("expected at least one joint, found none")
+        if self.torque is None or len(self.torque) != self.size:
+            found = "none" if self.torque is None else len(self.torque)
+            raise ValueError(f"torque: expected one limit for each of {self.size} joints, found {found}")
+        return self
+
+    @property
+    def size(self) -> int:
+        """The number of joints."""
+        return len(self.bodies if self.bodies is not None else self.masses or [])
+
+    @property
+    def is_planar(self) -> bool:
+        """Whether it is made of rods in a plane."""
+        return self.bodies is None
+
+    @property
+    def names(self) -> list[str]:
+        """Of the joints."""
+        return [body.name for body in self.chain]
+
+    @property
+    def limits(self) -> Floats:
+        """Of the torques, N·m, shape (joints,)."""
+        return np.array(self.torque)
+
+    @property
+    def falling(self) -> Floats:
+        """The acceleration of gravity, m/s², shape (3,)."""
+        if self.is_planar:
+            return np.array([0.0, -(self.gravity or 0.0), 0.0])
+        return np.array([0.0, 0.0, -(EARTH if self.gravity is None else self.gravity)])
+
+    @cached_property
+    def chain(self) -> list[Body]:
+        """All joints with their bodies."""
+        if self.bodies is not None:
+            return self.bodies
+        masses, lengths = self.masses or [], self.lengths or []
+        return [self._rod(link, masses[link], lengths) for link in range(len(masses))]
+
+    def _rod(self, link: int, mass: float, lengths: list[float]) -> Body:
+        length, tip = lengths[link], self.tip_mass if link == len(lengths) - 1 else 0.0
+        centre = (mass / 2 + tip) * length / (mass + tip)
+        swing = mass * length**2 / 12 + mass * (length / 2 - centre) ** 2 + tip * (length - centre) ** 2
+        return Body(
+            name=f"joint {link + 1}",
+            rotation=((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
+            place=(lengths[link - 1] if link else 0.0, 0.0, 0.0),
+            axis=(0.0, 0.0, 1.0),
+            mass=mass + tip,
+            centre=(centre, 0.0, 0.0),
+            inertia=((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, swing)),
+        )
+
+    @property
+    def rows(self) -> Floats:
+        """The chain as kernels want it: see `problems.min_time.dynamics`."""
+        return np.array(
+            [
+                np.concatenate([np.ravel(part) for part in (b.rotation, b.place, b.axis, b.mass, b.centre, b.inertia)])
+                for b in self.chain
+            ]
+        )
+
+    @property
+    def two_links(self) -> Floats:
+        """The constants of two planar links: α, β and δ of the mass matrix [[α + 2β cos q₂, ..], [δ + β cos q₂, δ]].
+
+        And the moments of weight, N·m, that gravity turns about the joints with cos q₁ and cos(q₁ + q₂).
+        """
+        one, two = self.chain
+        length, gravity = two.place[0], -self.falling[1]
+        own = two.inertia[2][2] + two.mass * two.centre[0] ** 2
+        return np.array(
+            [
+                one.inertia[2][2] + one.mass * one.centre[0] ** 2 + two.mass * length**2 + own,
+                two.mass * length * two.centre[0],
+                own,
+                gravity * (one.mass * one.centre[0] + two.mass * length),
+                gravity * two.mass * two.centre[0],
+            ]
+        )
+
+    def holding_torque(self, angles: list[float]) -> Floats:
+        """What holds the arm still, N·m, shape (joints,): the work of all weights for each joint's turn."""
+        turn, place = np.eye(3), np.zeros(3)
+        axes, places, torque = [], [], np.zeros(self.size)
+        for angle, body in zip(angles, self.chain, strict=True):
+            place = place + turn @ body.place
+            turn = turn @ np.array(body.rotation) @ rotation_about(np.array(body.axis), angle)
+            axes.append(turn @ body.axis)
+            places.append(place)
+            arms = place + turn @ body.centre - np.array(places)
+            torque[: len(axes)] -= np.cross(axes, arms) @ (body.mass * self.falling)
+        return torque
+
+
+def rotation_about(axis: Floats, angle: float) -> Floats:
+    """The matrix of a turn about a unit vector."""
+    x, y, z = axis
+    skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    turn: Floats = np.eye(3) + np.sin(angle) * skew + (1.0 - np.cos(angle)) * skew @ skew
+    return turn

@@ -1,0 +1,61 @@
+"""Trajectories as genomes: nodes of variable number, each with the torque level of the stretch before it (§III)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+from genetics.recipe import ONE_BIT, Recipe
+from genetics.sequence import Sequence
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence as Numbers
+
+    from genetics.operators import Operator
+
+LEVELS = 8
+"""On a stretch of level s no more than s/8 of each torque limit may be used."""
+
+FINEST = 0xFFFF  # the greatest gene of a joint whose nodes may be anywhere in the box
+
+
+class Trajectories(Sequence):
+    """Sequences of nodes {α_1, .., α_m, s}, the last of which is the goal.
+
+    Args:
+        grid_steps: of each joint's grid from the start to the goal, 0 where these are the same.
+        most: nodes, the goal included; 2 or more.
+        radius: within which parents are cut, in the box scaled to the unit square.
+        free: whether nodes may be off the grid.
+        full_torque: whether the level is 8 throughout.
+    """
+
+    crossovers: ClassVar[tuple[str, ...]] = ("analogous", "refining")
+
+    def __init__(self, grid_steps: Numbers[int], most: int, radius: float, free: bool, full_torque: bool) -> None:
+        self.grid_steps, self.radius = tuple(grid_steps), radius
+        self.greatest = tuple((FINEST if free else steps) if steps else 0 for steps in self.grid_steps)
+        self.least_level = LEVELS if full_torque else 1
+        super().__init__(1, most, [*((0, gene) for gene in self.greatest), (self.least_level, LEVELS)])
+
+    def founding(self) -> Operator:
+        """The relative transition scheme (§IV, figure 1)."""
+        from problems.min_time import coding_kernels
+
+        return self._operator(coding_kernels.founding, refining=False, rate=0.0)
+
+    def mating(self, recipe: Recipe) -> Operator:
+        """Analogous crossover, and the mutations of §IV, or those that refine."""
+        from problems.min_time import coding_kernels
+
+        assert recipe.mutation != ONE_BIT, "refused by check"
+        return self._operator(coding_kernels.mating, recipe.crossover == "refining", float(recipe.mutation))
+
+    def _operator(self, function: object, refining: bool, rate: float) -> Operator:
+        from genetics.operators import Operator
+
+        return Operator.of(
+            function,
+            [len(self.grid_steps), self.most, self.least_level, refining],
+            [self.greatest, self.grid_steps],
+            [self.radius, rate],
+        )

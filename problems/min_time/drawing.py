@@ -1,0 +1,142 @@
+"""Pictures of min-time: nodes in joint space (figure 1 of the paper), and joints and torques in time (figure 2)."""
+
+from __future__ import annotations
+
+from itertools import product
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.collections import LineCollection
+from numpy.typing import NDArray
+
+from problems.problem import Populations, Solution
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from problems.min_time.problem import MinTime
+
+Floats = NDArray[np.float64]
+
+CURVE = "#1f5fa8"
+START = "#2a8c4a"
+GOAL = "#c8321e"
+COLORS = ("#1f5fa8", "#d9731a", "#2a8c4a", "#8a4fbf", "#c8321e", "#7a6a4f", "#c45aa0")
+_MOST_LINES = 60  # of a grid that is drawn
+
+
+def draw(problem: MinTime, figure: Figure, solution: Solution | None, populations: Populations) -> None:
+    """Fill an empty figure; see `problems.problem.Problem.draw`."""
+    figure.set_layout_engine("constrained")
+    if problem.arm.size == 2:
+        figure.set_size_inches(12.0, 6.2)
+        left, right = np.ravel(figure.subfigures(1, 2, width_ratios=[1.0, 1.15], squeeze=False))
+        _draw_space(problem, left.subplots(), solution, populations)
+    else:
+        figure.set_size_inches(8.0, 7.0)
+        right = figure
+    above, below = right.subplots(2, 1, sharex=True)
+    _draw_motion(problem, above, below, solution)
+
+
+def _draw_space(problem: MinTime, axes: Axes, solution: Solution | None, populations: Populations) -> None:
+    """The grid, the moves that the first trajectories are made of, and the curve through its nodes."""
+    start, goal = np.array(problem.start), np.array(problem.goal)
+    _draw_grid(problem, axes)
+    _draw_moves(problem, axes)
+    if populations:
+        _draw_population(problem, axes, populations)
+    if solution is not None:
+        nodes, q = np.array(solution["nodes"]), np.array(solution["trajectory"]["q"])
+        axes.plot(*q.T, color=CURVE, linewidth=2.5, zorder=5, label="curve")
+        axes.plot(*nodes.T, "o--", color=CURVE, linewidth=0.8, markersize=7, markerfacecolor="white", zorder=6,
+                  label="nodes")  # fmt: skip
+    for place, color, label in ((start, START, "start"), (goal, GOAL, "goal")):
+        axes.plot(*place, "o", markersize=11, color=color, zorder=7, label=label)
+    margin = 0.06 * np.abs(goal - start).max() or 0.1
+    low, high = np.minimum(start, goal) - margin, np.maximum(start, goal) + margin
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel="joint 1 / rad", ylabel="joint 2 / rad")
+    axes.set_title("no trajectory found" if solution is None else f"{len(solution['nodes']) - 2} nodes between")
+    axes.figure.legend(loc="outside lower center", ncols=4, frameon=False)
+
+
+def _draw_grid(problem: MinTime, axes: Axes) -> None:
+    if problem.grid > _MOST_LINES:
+        return
+    shares = np.linspace(0.0, 1.0, problem.grid)[:, None]
+    lines = problem.start + shares * np.subtract(problem.goal, problem.start)
+    for x in lines[:, 0]:
+        axes.plot([x, x], lines[[0, -1], 1], color="0.85", linewidth=0.7, zorder=1)
+    for y in lines[:, 1]:
+        axes.plot(lines[[0, -1], 0], [y, y], color="0.85", linewidth=0.7, zorder=1)
+
+
+def _draw_moves(problem: MinTime, axes: Axes) -> None:
+    """The relative transition scheme at a node: the likelier a move, the darker its arrow."""
+    if not 4 <= problem.grid <= _MOST_LINES:
+        return
+    step = np.subtract(problem.goal, problem.start) / (problem.grid - 1)
+    corner = np.subtract(problem.goal, problem.start) * [0.84, 0.16] + problem.start
+    node = problem.start + np.rint((corner - problem.start) / np.where(step == 0.0, 1.0, step)) * step
+    for move in product((-1, 0, 1), repeat=2):
+        away = move.count(-1)
+        if move == (0, 0) or away > 1:
+            continue
+        weight = 2.0 ** (move.count(1) - away)
+        x, y = node + np.array(move) * step
+        axes.annotate("", xy=(x, y), xytext=(node[0], node[1]), zorder=3, arrowprops={
+            "arrowstyle": "-|>", "color": str(0.75 - 0.18 * weight), "linewidth": 0.7 + 0.45 * weight,
+            "shrinkA": 0, "shrinkB": 0,
+        })  # fmt: skip
+    axes.plot([], [], color="0.3", linewidth=1.6, label="first moves")
+
+
+def _draw_population(problem: MinTime, axes: Axes, populations: Populations) -> None:
+    """The nodes of the first and of the last generation, joined."""
+    for generation, color in ((min(populations), "0.7"), (max(populations), "#8a4fbf")):
+        lines = [_nodes(problem, genome) for genome in populations[generation]]
+        axes.add_collection(LineCollection(lines, colors=color, linewidths=0.5, alpha=0.5, zorder=2))
+        axes.plot([], [], color=color, label=f"generation {generation}")
+
+
+def _nodes(problem: MinTime, genome: NDArray[np.uint8]) -> Floats:
+    genes = problem.coding.items(genome)[:, :-1] / np.maximum(problem.coding.greatest, 1)
+    span = np.subtract(problem.goal, problem.start)
+    nodes: Floats = np.concatenate([[problem.start], problem.start + genes * span])
+    return nodes
+
+
+def _draw_motion(problem: MinTime, above: Axes, below: Axes, solution: Solution | None) -> None:
+    """Joint angles in time, and beneath them the torques as shares of their limits."""
+    if solution is not None:
+        rows = {name: np.array(values) for name, values in solution["trajectory"].items()}
+        t, q = _between_rows(rows["t"], rows["q"], rows["qd"])
+        shares = rows["torque"] / problem.arm.limits
+        for joint, name in enumerate(problem.arm.names):
+            color = COLORS[joint % len(COLORS)]
+            above.plot(t, q[:, joint], color=color, linewidth=2.0, label=name)
+            below.plot(rows["t"], shares[:, joint], color=color, linewidth=1.6)
+        above.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False, fontsize="small")
+        above.set_title(f"{solution['time']:.4f} s")
+    for side in (-1.0, 1.0):
+        below.axhline(side, color=GOAL, linewidth=1.2, linestyle="--")
+    below.text(0.995, 1.03, "limit", color=GOAL, ha="right", va="bottom", transform=below.get_yaxis_transform())
+    below.axhline(0.0, color="0.8", linewidth=0.8, zorder=0)
+    below.set(ylim=(-1.25, 1.25), xlabel="t / s", ylabel="torque / limit")
+    above.set_ylabel("joint angle / rad")
+
+
+def _between_rows(t: Floats, q: Floats, qd: Floats) -> tuple[Floats, Floats]:
+    """More times and angles: by the cubic of each step, as rows are far apart in time where the arm is slow."""
+    times, angles = [t[:1]], [q[:1]]
+    for row in range(len(t) - 1):
+        share = np.linspace(0.0, 1.0, 9)[1:, None]
+        step, rest = t[row + 1] - t[row], 1.0 - share
+        times.append(t[row] + step * share[:, 0])
+        angles.append(
+            rest**2 * (1 + 2 * share) * q[row]
+            + share**2 * (3 - 2 * share) * q[row + 1]
+            + step * share * rest * (rest * qd[row] - share * qd[row + 1])
+        )
+    return np.concatenate(times), np.concatenate(angles)

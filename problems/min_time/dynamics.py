@@ -1,0 +1,173 @@
+"""The inverse dynamics of serial arms as compiled code, linear in what time scaling asks of it.
+
+Along a path q(s) the torques are τ = a s̈ + b ṡ² + c, with a = M q', b = M q'' + C(q, q') q' and c the load of gravity.
+Two planar links have them in closed form; any other arm by the recursive Newton-Euler algorithm (Luh, Walker and Paul
+1980) in the frames of its joints.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from genetics.compiled import subroutine
+
+# Columns of a joint's row: where its frame is in the frame before it, about which axis it turns, and what it carries.
+ROTATION, PLACE, AXIS, MASS, CENTRE, INERTIA = 0, 9, 12, 15, 16, 19
+COLUMNS = 28
+
+
+class Chain(NamedTuple):
+    """An arm and room for its inverse dynamics."""
+
+    joints: Any  # (n, COLUMNS)
+    gravity: Any  # (3,), m/s², in the frame of the base
+    turns: Any  # (n, 3, 3): from each joint's frame to the one before
+    turning: Any  # (n, 3), rad/s
+    swinging: Any  # (n, 3), rad/s²
+    force: Any  # (n, 3), N: on the body, later by the joint
+    moment: Any  # (n, 3), N·m
+
+
+@subroutine
+def chain_of(joints: Any, gravity: Any) -> Any:
+    """A `Chain` with room of its own."""
+    n = joints.shape[0]
+    return Chain(
+        joints, gravity, np.empty((n, 3, 3)), np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3))
+    )
+
+
+@subroutine
+def _cross(one: Any, other: Any) -> Any:
+    return (
+        one[1] * other[2] - one[2] * other[1],
+        one[2] * other[0] - one[0] * other[2],
+        one[0] * other[1] - one[1] * other[0],
+    )
+
+
+@subroutine
+def _dot(one: Any, other: Any) -> Any:
+    return one[0] * other[0] + one[1] * other[1] + one[2] * other[2]
+
+
+@subroutine
+def _plus(one: Any, other: Any) -> Any:
+    return one[0] + other[0], one[1] + other[1], one[2] + other[2]
+
+
+@subroutine
+def _times(factor: Any, vector: Any) -> Any:
+    return factor * vector[0], factor * vector[1], factor * vector[2]
+
+
+@subroutine
+def _forth(turn: Any, vector: Any) -> Any:
+    """A vector of a joint's frame in the frame before."""
+    return (
+        turn[0, 0] * vector[0] + turn[0, 1] * vector[1] + turn[0, 2] * vector[2],
+        turn[1, 0] * vector[0] + turn[1, 1] * vector[1] + turn[1, 2] * vector[2],
+        turn[2, 0] * vector[0] + turn[2, 1] * vector[1] + turn[2, 2] * vector[2],
+    )
+
+
+@subroutine
+def _back(turn: Any, vector: Any) -> Any:
+    """A vector of the frame before in a joint's frame."""
+    return (
+        turn[0, 0] * vector[0] + turn[1, 0] * vector[1] + turn[2, 0] * vector[2],
+        turn[0, 1] * vector[0] + turn[1, 1] * vector[1] + turn[2, 1] * vector[2],
+        turn[0, 2] * vector[0] + turn[1, 2] * vector[1] + turn[2, 2] * vector[2],
+    )
+
+
+@subroutine
+def _triple(row: Any, column: Any) -> Any:
+    return row[column], row[column + 1], row[column + 2]
+
+
+@subroutine
+def _inertia_times(row: Any, vector: Any) -> Any:
+    """The inertia about the centre of mass, times a vector."""
+    return (
+        _dot(_triple(row, INERTIA), vector),
+        _dot(_triple(row, INERTIA + 3), vector),
+        _dot(_triple(row, INERTIA + 6), vector),
+    )
+
+
+@subroutine
+def turn_joints(chain: Any, angles: Any) -> Any:
+    """Set the frames for a configuration, rad."""
+    for joint in range(chain.joints.shape[0]):
+        row, turn = chain.joints[joint], chain.turns[joint]
+        x, y, z = _triple(row, AXIS)
+        cosine, sine = np.cos(angles[joint]), np.sin(angles[joint])
+        rest = 1.0 - cosine
+        about = (
+            (cosine + x * x * rest, x * y * rest - z * sine, x * z * rest + y * sine),
+            (y * x * rest + z * sine, cosine + y * y * rest, y * z * rest - x * sine),
+            (z * x * rest - y * sine, z * y * rest + x * sine, cosine + z * z * rest),
+        )
+        for line in range(3):
+            one, two, three = _triple(row, ROTATION + 3 * line)
+            turn[line, 0] = one * about[0][0] + two * about[1][0] + three * about[2][0]
+            turn[line, 1] = one * about[0][1] + two * about[1][1] + three * about[2][1]
+            turn[line, 2] = one * about[0][2] + two * about[1][2] + three * about[2][2]
+
+
+@subroutine
+def inverse_dynamics(chain: Any, speed: Any, acceleration: Any, weight: Any, torque: Any) -> Any:
+    """Fill ``torque``, N·m, for the frames of `turn_joints`, joint speeds (rad/s) and accelerations (rad/s²).
+
+    ``weight`` is the share of gravity that counts: 1 or 0.
+    """
+    n = chain.joints.shape[0]
+    turning, swinging = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    rising = _times(-weight, chain.gravity)  # the frame's acceleration; the base rises instead of bodies falling
+    for joint in range(n):
+        row, turn = chain.joints[joint], chain.turns[joint]
+        place, axis, centre = _triple(row, PLACE), _triple(row, AXIS), _triple(row, CENTRE)
+        rising = _plus(rising, _plus(_cross(swinging, place), _cross(turning, _cross(turning, place))))
+        rising, before, swinging = _back(turn, rising), _back(turn, turning), _back(turn, swinging)
+        spin = _times(speed[joint], axis)
+        turning = _plus(before, spin)
+        swinging = _plus(swinging, _plus(_times(acceleration[joint], axis), _cross(before, spin)))
+        at_centre = _plus(rising, _plus(_cross(swinging, centre), _cross(turning, _cross(turning, centre))))
+        force = _times(row[MASS], at_centre)
+        moment = _plus(_inertia_times(row, swinging), _cross(turning, _inertia_times(row, turning)))
+        moment = _plus(moment, _cross(centre, force))
+        for each in range(3):
+            chain.force[joint, each], chain.moment[joint, each] = force[each], moment[each]
+    for joint in range(n - 1, -1, -1):
+        row, turn = chain.joints[joint], chain.turns[joint]
+        torque[joint] = _dot(_triple(row, AXIS), chain.moment[joint])
+        if joint > 0:
+            force, moment = _forth(turn, chain.force[joint]), _forth(turn, chain.moment[joint])
+            moment = _plus(moment, _cross(_triple(row, PLACE), force))
+            for each in range(3):
+                chain.force[joint - 1, each] += force[each]
+                chain.moment[joint - 1, each] += moment[each]
+
+
+@subroutine
+def scaled_chain(chain: Any, angles: Any, slope: Any, bend: Any, still: Any, a: Any, b: Any, c: Any) -> Any:
+    """Fill a, b and c at a point of a path with q' ``slope`` and q'' ``bend``; ``still`` are zeros."""
+    turn_joints(chain, angles)
+    inverse_dynamics(chain, still, slope, 0.0, a)
+    inverse_dynamics(chain, slope, bend, 0.0, b)
+    inverse_dynamics(chain, still, still, 1.0, c)
+
+
+@subroutine
+def scaled_two_links(arm: Any, angles: Any, slope: Any, bend: Any, a: Any, b: Any, c: Any) -> Any:
+    """Likewise for two planar links, ``arm`` being the five constants of `two_links`."""
+    cosine, sine = np.cos(angles[1]), np.sin(angles[1])
+    inner, outer = arm[0] + 2.0 * arm[1] * cosine, arm[2] + arm[1] * cosine
+    a[0] = inner * slope[0] + outer * slope[1]
+    a[1] = outer * slope[0] + arm[2] * slope[1]
+    pull = arm[1] * sine
+    b[0] = inner * bend[0] + outer * bend[1] - pull * (2.0 * slope[0] + slope[1]) * slope[1]
+    b[1] = outer * bend[0] + arm[2] * bend[1] + pull * slope[0] * slope[0]
+    c[1] = arm[4] * np.cos(angles[0] + angles[1])
+    c[0] = arm[3] * np.cos(angles[0]) + c[1]

@@ -1,0 +1,296 @@
+"""The compiled rivals of the genetic algorithm on two joints: a dynamic program and a tree search over grid nodes.
+
+Both go from node to node, no joint ever away from the goal. Both know the curve of a stretch once the nodes before and
+after it are known.
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from genetics.compiled import kernel, subroutine
+from genetics.operators import Table
+from problems.min_time.kernels import (
+    add_phantoms,
+    controllable,
+    limit_half,
+    room_of,
+    scale_time,
+    step_time,
+    task_of,
+    weigh_end,
+    weigh_stretch,
+)
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+STEPS = 8
+"""Steps that a stretch is cut into."""
+
+_LENGTH = 1.0 / STEPS
+
+
+@subroutine
+def _put_node(node: Any, task: Any, row: Any, column: Any, lines: Any) -> Any:
+    start, goal = task.ends[0], task.ends[1]
+    node[0] = start[0] + (goal[0] - start[0]) * (row / (lines - 1))
+    node[1] = start[1] + (goal[1] - start[1]) * (column / (lines - 1))
+
+
+@subroutine
+def _limit_forwards(rows: Any, task: Any, room: Any, half: Any) -> Any:
+    """Fill the rows of a half step as seen from its end."""
+    limit_half(rows, task, room, (half + 1) // 2, 1.0, 1.0, -_LENGTH if half % 2 == 0 else 0.0)
+
+
+@subroutine
+def _limit_backwards(rows: Any, task: Any, room: Any, half: Any) -> Any:
+    """Fill the rows of a half step as seen from its beginning."""
+    limit_half(rows, task, room, (half + 1) // 2, 1.0, 1.0, _LENGTH if half % 2 == 1 else 0.0)
+
+
+@subroutine
+def _greatest(rows: Any, x: Any, length: Any) -> Any:
+    """The greatest x at the other end of a half step from at most x at this; -1 if there is none."""
+    if x < 0.0:
+        return -1.0
+    low, high = controllable(rows, 0.0, x, length)
+    return high if high >= low else -1.0
+
+
+# The dynamic program --------------------------------------------------------------------------------------------------
+@subroutine
+def _curves(task: Any, room: Any, start: Any, end: Any, forth: Any, back: Any) -> Any:
+    """Fill the greatest x along the stretch in the room, shape (levels, 2 * STEPS + 1).
+
+    ``forth``: those that can be reached from each of ``start`` or less; ``back``: those from which each of ``end`` can
+    be reached. -1 where there are none.
+    """
+    rows = np.empty((2 * STEPS, 2, task.joints + 1, 3))
+    for half in range(2 * STEPS):
+        _limit_forwards(rows[half, 0], task, room, half)
+        _limit_backwards(rows[half, 1], task, room, half)
+    for level in range(start.size):
+        forth[level, 0], back[level, 2 * STEPS] = start[level], end[level]
+        for half in range(2 * STEPS):
+            forth[level, half + 1] = _greatest(rows[half, 0], forth[level, half], -_LENGTH)
+        for half in range(2 * STEPS - 1, -1, -1):
+            back[level, half] = _greatest(rows[half, 1], back[level, half + 1], _LENGTH)
+
+
+@subroutine
+def _time_between(forth: Any, back: Any) -> Any:
+    """The time of a stretch along the lesser of two curves of x."""
+    time = 0.0
+    for half in range(0, 2 * STEPS, 2):
+        first, middle = min(forth[half], back[half]), min(forth[half + 1], back[half + 1])
+        last = min(forth[half + 2], back[half + 2])
+        if middle < 0.0 or last < 0.0:
+            return np.inf
+        time += step_time(first, middle, last, _LENGTH)
+    return time
+
+
+@subroutine
+def _set_stretch(task: Any, room: Any, corners: Any, lines: Any) -> Any:
+    """Put the stretch between the second and third of four grid nodes into the room; -1: a phantom."""
+    for corner in range(4):
+        if corners[corner, 0] >= 0:
+            _put_node(room.nodes[corner], task, corners[corner, 0], corners[corner, 1], lines)
+    if corners[0, 0] < 0:
+        room.nodes[0] = 2.0 * room.nodes[1] - room.nodes[2]
+    if corners[3, 0] < 0:
+        room.nodes[3] = 2.0 * room.nodes[2] - room.nodes[1]
+    weigh_stretch(task, room, 0, 0, STEPS)
+    weigh_end(task, room, 0, STEPS)
+
+
+@subroutine
+def _squared_rate(speed: Any, before: Any, after: Any) -> Any:
+    """What x is where the joints move at a speed, rad/s, at the node between two others."""
+    slope_squared = 0.25 * ((after[0] - before[0]) ** 2 + (after[1] - before[1]) ** 2)
+    return speed * speed / slope_squared
+
+
+@subroutine
+def _put_corners(row: Any, column: Any, entry: Any, exit_: Any, onward: Any, moves: Any, lines: Any, into: Any) -> Any:
+    """Fill four nodes: before a node, it, the next and the one after that; False if the grid ends before.
+
+    A move of the number of all moves, or beyond, is none: at the start, or from the goal.
+    """
+    into[1] = row, column
+    into[0], into[3] = -1, -1
+    if entry < moves.shape[0]:
+        into[0] = into[1] - moves[entry]
+    into[2] = into[1] + moves[exit_]
+    if np.max(into[2]) >= lines or (np.min(into[2]) == lines - 1) != (onward == moves.shape[0]):
+        return False
+    if onward < moves.shape[0]:
+        into[3] = into[2] + moves[onward]
+    return np.max(into[3]) < lines
+
+
+@subroutine
+def _arrive(so_far: Any, start: Any, end: Any, forth: Any, back: Any, entry: Any, times: Any, origin: Any) -> Any:
+    """Put the least times at the levels of a stretch's end, and whence, where they beat what is known."""
+    levels = so_far.size
+    for arrival in range(times.size):
+        for departure in range(levels):
+            if so_far[departure] == np.inf or back[arrival, 0] < start[departure]:
+                continue
+            if forth[departure, 2 * STEPS] >= end[arrival]:
+                time = so_far[departure] + _time_between(forth[departure], back[arrival])
+                if time < times[arrival]:
+                    times[arrival] = time
+                    origin[arrival] = entry * levels + departure
+
+
+@subroutine
+def _trace(origin: Any, at_goal: Any, moves: Any, lines: Any, levels: Any) -> Any:
+    """The nodes of the path that ends as ``at_goal`` says, start and goal included."""
+    path = np.empty((2 * lines, 2), np.int64)
+    place = path.shape[0] - 1
+    path[place] = lines - 1
+    row, column, exit_, code = at_goal
+    while True:
+        place -= 1
+        path[place] = row, column
+        entry, level = code // levels, code % levels
+        if entry == moves.shape[0]:
+            return path[place:].copy()
+        code = origin[row, column, entry, exit_, level]
+        row, column, exit_ = row - moves[entry, 0], column - moves[entry, 1], entry
+
+
+@kernel("Tuple((float64, int64[:,::1], int64))(int64[:,::1], int64[:,::1], int64, int64, float64)", may_be_long=True)
+def dynamic_program(
+    table: Table, moves: Integers, lines: int, levels: int, fastest: float
+) -> tuple[float, Integers, int]:
+    """The quickest path of grid nodes whose speeds at the nodes are among some levels.
+
+    Args:
+        table: of the fitness.
+        moves: from node to node, in grid steps, none negative, shape (moves, 2).
+        lines: of the grid.
+        levels: of speed, from 0 to the fastest.
+        fastest: rad/s.
+
+    Returns:
+        The time, s; the nodes, start and goal included, in grid steps, shape (nodes, 2); and the number of evaluations
+        of the inverse dynamics.
+    """
+    task, room, count = task_of(table), room_of(2, 1, STEPS), moves.shape[0]
+    best = np.full((lines, lines, count + 1, count, levels), np.inf)  # node, move to it, move from it, speed
+    origin = np.full((lines, lines, count + 1, count, levels), -1)
+    best[0, 0, count, :, 0] = 0.0
+    at_goal, goal_time, goal_origin = np.full(4, -1), np.full(1, np.inf), np.full(1, -1)
+    start, end = np.empty(levels), np.empty(levels)
+    forth, back = np.empty((levels, 2 * STEPS + 1)), np.empty((levels, 2 * STEPS + 1))
+    corners = np.empty((4, 2), np.int64)
+    weighed = 0
+    for state in range(lines * lines * (count + 1) * count):
+        row, column = state // count // (count + 1) // lines, state // count // (count + 1) % lines
+        entry, exit_ = state // count % (count + 1), state % count
+        so_far = best[row, column, entry, exit_]
+        if np.min(so_far) == np.inf:
+            continue
+        for onward in range(count + 1):
+            if not _put_corners(row, column, entry, exit_, onward, moves, lines, corners):
+                continue
+            _set_stretch(task, room, corners, lines)
+            weighed += STEPS + 1
+            for level in range(levels):
+                speed = level * fastest / (levels - 1)
+                start[level] = _squared_rate(speed, room.nodes[0], room.nodes[2])
+                end[level] = _squared_rate(speed, room.nodes[1], room.nodes[3])
+            _curves(task, room, start, end, forth, back)
+            if onward < count:
+                following = corners[2, 0], corners[2, 1], exit_, onward
+                _arrive(so_far, start, end, forth, back, entry, best[following], origin[following])
+            else:
+                known = goal_time[0]
+                _arrive(so_far, start, end, forth, back, entry, goal_time, goal_origin)
+                if goal_time[0] < known:
+                    at_goal[:] = row, column, exit_, goal_origin[0]
+    if goal_time[0] == np.inf:
+        return np.inf, np.empty((0, 2), np.int64), weighed
+    return goal_time[0], _trace(origin, at_goal, moves, lines, levels), weighed
+
+
+# The tree search ------------------------------------------------------------------------------------------------------
+@subroutine
+def _least_time(bound: Any, first: Any) -> Any:
+    """The time of a stretch at the greatest x that can be reached."""
+    time = 0.0
+    for half in range(2 * first, 2 * (first + STEPS), 2):
+        if bound[half + 1] < 0.0 or bound[half + 2] < 0.0:
+            return np.inf
+        time += step_time(bound[half], bound[half + 1], bound[half + 2], _LENGTH)
+    return time
+
+
+@kernel("Tuple((float64, int64[:,::1], int64, float64))(int64[:,::1], int64, int64)", may_be_long=True)
+def tree_search(table: Table, lines: int, most: int) -> tuple[float, Integers, int, float]:
+    """Depth-first search with branch and bound of all paths from node to neighbouring node (§II).
+
+    A path is given up when it has taken as long as the best so far at the greatest speeds that can be reached along it.
+
+    Args:
+        table: of the fitness.
+        lines: of the grid.
+        most: evaluations of the inverse dynamics after which the search ends.
+
+    Returns:
+        The best time, s; its nodes, shape (nodes, 2); evaluations of the inverse dynamics; the share of all paths that
+        was searched or ruled out.
+    """
+    task = task_of(table)
+    deepest = 2 * (lines - 1)
+    room = room_of(2, deepest, deepest * STEPS)
+    ways = np.ones((lines, lines))  # paths from each node to the goal
+    for row in range(lines - 2, -1, -1):
+        for column in range(lines - 2, -1, -1):
+            ways[row, column] = ways[row + 1, column] + ways[row, column + 1] + ways[row + 1, column + 1]
+    path, chosen = np.zeros((deepest + 2, 2), np.int64), np.zeros(deepest + 2, np.int64)
+    best_path, best = path[:0].copy(), np.inf
+    bound, spent = np.zeros(2 * deepest * STEPS + 1), np.zeros(deepest + 2)
+    rows = np.empty((task.joints + 1, 3))
+    room.nodes[1] = task.ends[0]
+    depth, weighed, done = 0, 0, 0.0
+    while depth >= 0 and weighed < most:
+        if chosen[depth] == 3:
+            depth -= 1
+            continue
+        move = chosen[depth]
+        chosen[depth] += 1
+        row, column = path[depth, 0] + (move != 1), path[depth, 1] + (move != 2)  # both joints first
+        if max(row, column) >= lines:
+            continue
+        depth += 1
+        path[depth] = row, column
+        chosen[depth] = 0
+        _put_node(room.nodes[depth + 1], task, row, column, lines)
+        at_goal = min(row, column) == lines - 1
+        spent[depth] = 0.0
+        for stretch in range(max(0, depth - 2), depth if at_goal else depth - 1):
+            add_phantoms(room.nodes, depth)
+            first = stretch * STEPS
+            weigh_stretch(task, room, stretch, first, STEPS)
+            weigh_end(task, room, stretch, first + STEPS)
+            weighed += STEPS
+            if not at_goal:
+                for half in range(2 * first, 2 * (first + STEPS)):
+                    _limit_forwards(rows, task, room, half)
+                    bound[half + 1] = _greatest(rows, bound[half], -_LENGTH)
+                spent[depth] = spent[depth - 1] + _least_time(bound, first)
+        if at_goal:
+            room.shares[:] = 1.0
+            time = scale_time(task, room, depth * STEPS, STEPS)
+            if time < best:
+                best, best_path = time, path[: depth + 1].copy()
+        if at_goal or spent[depth] >= best:
+            done += ways[row, column]
+            depth -= 1
+    return best, best_path, weighed, done / ways[0, 0]

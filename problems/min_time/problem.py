@@ -1,0 +1,201 @@
+"""The min-time planner: in how little time can an arm go from rest to rest within its torque limits?"""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from genetics.arrays import Fitness, Genomes, writable
+from genetics.recipe import Recipe
+from problems.min_time.arm import Arm, Body
+from problems.problem import Answer, Populations, Problem, RecipeName, Solution, Verdict, quantity
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from matplotlib.figure import Figure
+
+    from genetics.operators import Operator
+    from problems.min_time.coding import Trajectories
+
+Angle = Annotated[float, Field(ge=-1e3, le=1e3)]
+
+__all__ = ["Arm", "Body", "MinTime"]
+
+_NODES_A_STEP = 5  # the most nodes of a trajectory, for each step of the grid
+
+
+class MinTime(Problem):
+    """Minimise the travel time along a curve through nodes between start and goal (Chan and Zalzala 1993)."""
+
+    about: ClassVar[str] = "minimum-time trajectories of an arm under torque limits"
+    template: ClassVar[str] = """\
+kind = "min-time"
+start = [-0.5, -1.0]            # rad, one angle a joint; at rest
+goal = [0.5, 1.0]               # rad; at rest again
+grid = 10                       # lines of the grid in each joint, between start and goal
+# free = true                   # nodes anywhere between start and goal, not only on the grid
+radius = 0.25                   # within which trajectories are crossed, the grid being a unit square
+# profile = "coded"             # torque levels are searched for too; or "optimal": full torque; else the recipe's
+
+[arm]                           # uniform rods in a plane
+masses = [1.0, 1.0]             # kg
+lengths = [1.0, 1.0]            # m
+tip_mass = 1.0                  # kg
+gravity = 0.0                   # m/s², along -y
+torque = [64.5, 64.5]           # N m, limits
+# urdf = "robot.urdf"           # instead of masses and lengths; needs supernode[dynamics]
+# joints = ["joint_1", ..]      # of the URDF, those that move
+
+[run]                           # what the command line does not say
+topology = "torus 4x4"
+seed = 1
+stall = 50                      # generations without a quicker one, after which it ends
+"""
+    batches_alike: ClassVar[bool] = True
+    any_thread: ClassVar[bool] = True
+
+    start: list[Angle] = quantity("rad", "where the arm starts from rest, one angle a joint", min_length=1)
+    goal: list[Angle] = quantity("rad", "where it comes to rest", min_length=1)
+    grid: int = quantity("", "lines of the grid in each joint, the first at start and the last at goal", default=10,
+                         ge=2, le=1000)  # fmt: skip
+    free: bool = quantity("", "whether nodes may be anywhere in the box between start and goal", default=False)
+    radius: float = quantity(
+        "", "how near nodes must be for two trajectories to cross there, in the box scaled to the unit square",
+        default=0.25, ge=0, le=100,
+    )  # fmt: skip
+    profile: Literal["coded", "optimal"] | None = quantity(
+        "",
+        'torque levels of the stretches: "coded" in the genome, or "optimal": always the full torque; if not given, '
+        'the recipe\'s: tuned "optimal", paper "coded"',
+        default=None,
+    )
+    arm: Arm = quantity("", "the arm")
+
+    @classmethod
+    def gather(cls, fields: dict[str, Any], folder: Path) -> dict[str, Any]:
+        """The URDF's bodies and torque limits in the place of its name."""
+        arm = fields.get("arm")
+        if not (isinstance(arm, dict) and isinstance(arm.get("urdf"), str)):
+            return fields
+        from problems.min_time import urdf
+
+        joints = arm.get("joints")
+        read = urdf.read(arm["urdf"], joints if isinstance(joints, list) else None, folder)
+        rest = {name: value for name, value in arm.items() if name not in ("urdf", "joints")}
+        return fields | {"arm": read | rest}
+
+    @model_validator(mode="after")
+    def _can_stand_at_both_ends(self) -> Self:
+        for name, angles in (("start", self.start), ("goal", self.goal)):
+            if len(angles) != self.arm.size:
+                raise ValueError(f"{name}: expected {self.arm.size} angles, found {len(angles)}")
+            for angle, body in zip(angles, self.arm.chain, strict=True):
+                if body.limits is not None and not body.limits[0] <= angle <= body.limits[1]:
+                    raise ValueError(f"{name}: expected {body.name} within {list(body.limits)}, found {angle:g}")
+            load = self.arm.holding_torque(angles)
+            for joint in np.flatnonzero(np.abs(load) > self.arm.limits):
+                raise ValueError(
+                    f"{name}: expected a place that the arm can hold, found {load[joint]:g} N m needed at "
+                    f"{self.arm.names[joint]}, more than its limit {self.arm.limits[joint]:g}"
+                )
+        return self
+
+    def for_recipe(self, name: RecipeName, deme: int) -> Self:
+        """Levels in the genome as in the paper, or full torque: less never makes a trajectory faster."""
+        if self.profile is not None:
+            return self
+        profile = "optimal" if name == "tuned" else "coded"
+        return self.model_validate(self.model_dump(exclude_unset=True) | {"profile": profile})
+
+    @cached_property
+    def coding(self) -> Trajectories:
+        """{α_11, .., α_m1, s_1; ..; α_1n, .., α_mn, s_n} (§III)."""
+        from problems.min_time.coding import Trajectories
+
+        steps = [self.grid - 1 if start != goal else 0 for start, goal in zip(self.start, self.goal, strict=True)]
+        most = max(2, _NODES_A_STEP * (self.grid - 1))
+        return Trajectories(steps, most, self.radius, self.free, full_torque=self.profile != "coded")
+
+    def recipe(self, name: RecipeName, deme: int) -> Recipe:
+        """§IV and §V, or refinement in small steps, never losing the best."""
+        if name == "paper":
+            return Recipe("analogous", 0.3, "offspring", renewal=None if deme == 1 else 1.0, most_selections=2)
+        return Recipe("refining", 0.3, "elitist", most_selections=0 if deme == 1 else 2)
+
+    def evaluate(self, genomes: Genomes) -> Fitness:
+        """The travel time, s, +inf if the torque limits forbid the curve: (n, genome_bytes) to (n,)."""
+        return self._compiled.fitness(genomes)
+
+    @property
+    def judging(self) -> Operator:
+        """`evaluate` as compiled code."""
+        return self._compiled
+
+    def inverse_dynamics(self, genomes: Genomes) -> int:
+        """How many evaluations of the inverse dynamics `evaluate` makes of genomes, (n, genome_bytes)."""
+        from problems.min_time.kernels import points_of
+
+        stretches = writable(genomes).view(np.uint16)[:, 0]
+        return int(sum(count * points_of(count) + 1 for count in stretches.tolist()))
+
+    def decode(self, genome: Genomes) -> Solution:
+        """``{"time": s, "nodes": [[..], ..], "trajectory": {"t": [..], "q": [[..], ..], "qd", "qdd", "torque"}}``.
+
+        Rows of the trajectory are equally spaced along the curve, as many between any two nodes. Between two rows the
+        second derivative of the curve's parameter by time is constant; accelerations and torques of a row are those of
+        the step that begins there.
+        """
+        from problems.min_time import kernels
+
+        nodes, rows = kernels.follow(writable(genome), self._compiled.table)
+        names = ("q", "qd", "qdd", "torque")
+        columns = {name: rows[:, 1 + place].tolist() for place, name in enumerate(names)}
+        time = rows[:, 0, 0].tolist()
+        return {"time": time[-1], "nodes": nodes.tolist(), "trajectory": {"t": time} | columns}
+
+    def describe(self, solution: Solution) -> str:
+        """The time, the nodes, and how near the torques come to their limits."""
+        torques = np.abs(solution["trajectory"]["torque"]).max(axis=0) / self.arm.limits
+        nodes = " → ".join("(" + ", ".join(f"{angle:.3f}" for angle in node) + ")" for node in solution["nodes"])
+        shares = ", ".join(f"{100 * share:.0f} %" for share in torques)
+        return f"{solution['time']:.4f} s by nodes {nodes} rad\ngreatest torques {shares} of their limits"
+
+    def check(self, solution: Solution) -> Verdict:
+        """See `problems.min_time.checker`, which shares no code with `evaluate`."""
+        from problems.min_time import checker
+
+        return checker.judge(self, solution)
+
+    def oracle(self) -> Answer:
+        """The best trajectory through nodes of the grid; see `problems.min_time.oracle`."""
+        from problems.min_time import oracle
+
+        return oracle.best_on_grid(self)
+
+    def draw(self, figure: Figure, solution: Solution | None, populations: Populations) -> None:
+        """The nodes in joint space (figure 1), and joints and torques against time (figure 2)."""
+        from problems.min_time import drawing
+
+        drawing.draw(self, figure, solution, populations)
+
+    @cached_property
+    def _compiled(self) -> Operator:
+        """The fitness, and the table of all kernels."""
+        from genetics.operators import Operator
+        from problems.min_time import kernels
+
+        arm, coding = self.arm, self.coding
+        is_chain = not (arm.is_planar and arm.size == 2)
+        return Operator.of(
+            kernels.evaluate,
+            [arm.size, coding.most, is_chain],
+            list(coding.greatest),
+            np.array([self.start, self.goal, arm.limits]),
+            np.zeros(5) if is_chain else arm.two_links,
+            arm.rows,
+            arm.falling,
+        )

@@ -1,0 +1,97 @@
+"""Arms from URDF files, read by pinocchio (the extra ``dynamics``) into plain values."""
+
+from __future__ import annotations
+
+import sysconfig
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from problems.errors import BadInput
+
+_PACKAGE = "example-robot-data"
+_MISSING = "{} is not installed: pip install 'supernode[dynamics]'"
+
+
+def read(name: str, joints: list[str] | None, folder: Path) -> dict[str, Any]:
+    """The fields ``bodies`` and ``torque`` of an arm.
+
+    All other joints of the URDF are held at their neutral places.
+
+    Args:
+        name: as the problem file says it.
+        joints: which move; None for all revolute ones.
+        folder: of the problem file.
+
+    Raises:
+        BadInput: says what cannot be read, or what is no serial chain.
+    """
+    try:
+        import pinocchio
+    except ImportError as error:
+        raise BadInput(f"arm.urdf: {_MISSING.format('pinocchio')}") from error
+    path = _path(name, folder)
+    try:
+        whole = pinocchio.buildModelFromUrdf(str(path))
+    except Exception as error:
+        raise BadInput(f"arm.urdf: expected a URDF, found {path}: {error}") from error
+    model = _reduced(pinocchio, whole, joints)
+    for joint in range(1, model.njoints):
+        if model.parents[joint] != joint - 1:
+            raise BadInput(
+                f"arm.joints: expected a serial chain, found {model.names[joint]!r} after "
+                f"{model.names[model.parents[joint]]!r}; name those that shall move"
+            )
+    bodies = [_body(model, joint) for joint in range(1, model.njoints)]
+    return {"bodies": bodies, "torque": [float(limit) for limit in model.effortLimit]}
+
+
+def _path(name: str, folder: Path) -> Path:
+    package, _, inner = name.partition(":")
+    if package != _PACKAGE or not inner:
+        path = folder / name
+    else:
+        home = Path(sysconfig.get_path("purelib")) / "cmeel.prefix/share/example-robot-data/robots"
+        if not home.is_dir():
+            raise BadInput(f"arm.urdf: {_MISSING.format(_PACKAGE)}")
+        path = home / inner
+    if not path.is_file():
+        raise BadInput(f"arm.urdf: expected a URDF, found no file {path}")
+    return path
+
+
+def _is_revolute(model: Any, joint: int) -> bool:
+    kind: str = model.joints[joint].shortname()
+    return bool(model.joints[joint].nv == 1) and kind.startswith("JointModelR")
+
+
+def _reduced(pinocchio: Any, model: Any, joints: list[str] | None) -> Any:
+    """The model with only the joints that move."""
+    revolute = [model.names[joint] for joint in range(1, model.njoints) if _is_revolute(model, joint)]
+    wanted = revolute if joints is None else joints
+    unknown = [name for name in wanted if name not in revolute]
+    if unknown or not wanted:
+        raise BadInput(f"arm.joints: expected some of {', '.join(revolute)}, found {unknown or 'none'}")
+    locked = [joint for joint in range(1, model.njoints) if model.names[joint] not in wanted]
+    return pinocchio.buildReducedModel(model, locked, pinocchio.neutral(model))
+
+
+def _body(model: Any, joint: int) -> dict[str, Any]:
+    placement, inertia = model.jointPlacements[joint], model.inertias[joint]
+    moving = model.joints[joint]
+    motion = moving.createData()
+    moving.calc(motion, np.array([1.0, 0.0])[: moving.nq])
+    body = {
+        "name": model.names[joint],
+        "rotation": placement.rotation.tolist(),
+        "place": placement.translation.tolist(),
+        "axis": np.ravel(motion.S)[3:].tolist(),
+        "mass": float(inertia.mass),
+        "centre": inertia.lever.tolist(),
+        "inertia": inertia.inertia.tolist(),
+    }
+    if moving.nq == 1:
+        place = moving.idx_q
+        body["limits"] = [float(model.lowerPositionLimit[place]), float(model.upperPositionLimit[place])]
+    return body
