@@ -173,7 +173,9 @@ def _capsules(robot: Robot) -> list[list[Any]]:
         [
             fcl.CollisionObject(
                 fcl.Capsule(radii[cell, link], robot.lengths[link]),
-                fcl.Transform(_upright(ends[cell, link + 1] - ends[cell, link]), ends[cell, link : link + 2].mean(axis=0)),
+                fcl.Transform(
+                    _upright(ends[cell, link + 1] - ends[cell, link]), ends[cell, link : link + 2].mean(axis=0)
+                ),
             )
             for link in links
         ]

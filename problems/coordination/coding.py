@@ -14,13 +14,14 @@ from genetics.sequence import Sequence
 
 if TYPE_CHECKING:
     from genetics.operators import Operator
+    from problems.coordination.diagram import Arrays
 
 ROOM = 4
 """How many times ``points`` an individual of variable length may grow to."""
 
 
 class SynchronisationPoints(Sequence):
-    """SPs on a diagram of ``cells``: exactly ``points`` of them, or 1 to `ROOM` times as many if ``variable``.
+    """SPs on a diagram: exactly ``points`` of them, or 1 to `ROOM` times as many if ``variable``.
 
     Crossovers are named with the mutations that go with them: ``"sp"`` those of the paper, ``"sp-tuned"`` ours. A
     recipe's ``mutation`` is the probability that what comes of a crossover is mutated, too (§3.2, evolutionary
@@ -29,9 +30,11 @@ class SynchronisationPoints(Sequence):
 
     crossovers: ClassVar[tuple[str, ...]] = ("sp", "sp-tuned")
 
-    def __init__(self, cells: tuple[int, int], points: int, variable: bool) -> None:
+    def __init__(self, arrays: Arrays, points: int, variable: bool) -> None:
+        cells = len(arrays[0]), len(arrays[1])
         least, most = (1, ROOM * points) if variable else (points, points)
         super().__init__(least, most, [(0, side - 1) for side in cells])
+        self._arrays = arrays
         self._layout = [variable, *cells, points]
 
     def founding(self) -> Operator:
@@ -46,6 +49,5 @@ class SynchronisationPoints(Sequence):
         from genetics.operators import Operator
         from problems.coordination import kernels
 
-        return Operator.of(
-            kernels.mating, [*self._layout, recipe.crossover == "sp-tuned"], float(recipe.mutation)
-        )
+        tuned = recipe.crossover == "sp-tuned"
+        return Operator.of(kernels.mating, [*self._layout, tuned], float(recipe.mutation), *self._arrays)

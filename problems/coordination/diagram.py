@@ -16,6 +16,9 @@ Cell = Annotated[int, Field(ge=0, lt=1 << 16)]
 Cells = Annotated[int, Field(ge=1, le=2000)]
 Seconds = Annotated[float, Field(ge=0, le=1e6)]
 Block = tuple[Cell, Cell, Cell, Cell]
+Arrays = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]
+"""Seconds of a move of robot 1 by 0, 1, .. cells, (N1,); of robot 2, (N2,); and the summed-area table of the obstacles,
+(N1 + 1, N2 + 1): how many have smaller indices in both."""
 Times = tuple[tuple[Seconds, Seconds], tuple[Seconds, Seconds]]
 
 LEGS = 4  # out, back, out, back
@@ -84,7 +87,9 @@ class RandomDiagram(Table):
         """The obstacle cells."""
         for attempt in range(_MOST_TRIES):
             generator = np.random.default_rng([self.seed, attempt])
-            blocked = _mirrored(generator, self.cells) if self.layout == "mirrored" else _scattered(generator, self.cells)
+            blocked = (
+                _mirrored(generator, self.cells) if self.layout == "mirrored" else _scattered(generator, self.cells)
+            )
             if is_passable(blocked):
                 return blocked
         raise ValueError(f"seed: expected one that gives a passable diagram, found {self.seed}")

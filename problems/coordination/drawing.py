@@ -63,7 +63,7 @@ def _draw_diagram(problem: Coordination, axes: Axes, solution: Solution | None, 
     for cell, name, color in (((0, 0), "start", START), (problem.last, "end", END)):
         axes.plot(*cell, "s", color=color, markersize=8, clip_on=False, zorder=6, label=name)
     axes.legend(loc="lower right", framealpha=0.9, fontsize="small")
-    axes.set_title(_title(solution))
+    axes.set_title(_title(solution), pad=14.0)
     axes.set_xlabel("robot 1 / cell")
     axes.set_ylabel("robot 2 / cell")
 

@@ -15,7 +15,7 @@ from genetics.arrays import Fitness, Genomes, writable
 from genetics.recipe import Recipe
 from problems.coordination import arms, checker
 from problems.coordination.arms import Robot
-from problems.coordination.diagram import Diagram, Mask, RandomDiagram, move_times
+from problems.coordination.diagram import Arrays, Diagram, Mask, RandomDiagram, move_times
 from problems.errors import BadInput
 from problems.problem import Answer, Populations, Problem, RecipeName, Solution, Verdict, quantity
 
@@ -89,7 +89,9 @@ seed = 1
     def _free_at_both_ends(self) -> Self:
         for name, cell in (("start", (0, 0)), ("end", self.last)):
             if self.blocked[cell]:
-                raise ValueError(f"expected the robots not to collide at the {name}, found cell {list(cell)} in collision")
+                raise ValueError(
+                    f"expected the robots not to collide at the {name}, found cell {list(cell)} in collision"
+                )
         return self
 
     @classmethod
@@ -141,6 +143,13 @@ seed = 1
         return sum(self.world.cells) * float(max(times_1[-1], times_2[-1]))
 
     @cached_property
+    def arrays(self) -> Arrays:
+        """What kernels know of the diagram."""
+        sums = np.zeros((self.world.cells[0] + 1, self.world.cells[1] + 1), np.int64)
+        sums[1:, 1:] = self.blocked.cumsum(axis=0).cumsum(axis=1)
+        return (*self.move_times, sums)
+
+    @cached_property
     def coding(self) -> SynchronisationPoints | BitString:
         """SPs as integers (§3.1, §3.2), or two integers of each as bits."""
         if self.individuals == "binary":
@@ -149,7 +158,7 @@ seed = 1
             return BitString(2 * self.points, self.bits)
         from problems.coordination.coding import SynchronisationPoints
 
-        return SynchronisationPoints(self.world.cells, self.points, self.individuals == "variable")
+        return SynchronisationPoints(self.arrays, self.points, self.individuals == "variable")
 
     def recipe(self, name: RecipeName, deme: int) -> Recipe:
         """§3.2, evolutionary algorithm characteristics, or ours."""
@@ -157,7 +166,7 @@ seed = 1
             return Recipe("one-point", 1.0 / self.coding.length, "elitist", renewal=1.0)
         if name == "paper":
             return Recipe("sp", 0.5, "elitist", renewal=1.0)
-        return Recipe("sp-tuned", 0.5, "elitist")
+        return Recipe("sp-tuned", 1.0, "elitist")
 
     def evaluate(self, genomes: Genomes) -> Fitness:
         """Seconds of valid individuals, K + obstacle cells of others: (n, genome_bytes) to (n,)."""
@@ -203,17 +212,9 @@ seed = 1
         from genetics.operators import Operator
         from problems.coordination import kernels
 
-        sums = np.zeros((self.world.cells[0] + 1, self.world.cells[1] + 1), np.int64)
-        sums[1:, 1:] = self.blocked.cumsum(axis=0).cumsum(axis=1)
         binary = self.individuals == "binary"
         room = self.points if binary else self.coding.most
-        return Operator.of(
-            kernels.evaluate,
-            [binary, self.bits, room, *self.world.cells],
-            *self.move_times,
-            sums,
-            self.offset,
-        )
+        return Operator.of(kernels.evaluate, [binary, self.bits, room], *self.arrays, self.offset)
 
 
 def _distinct(points: list[list[int]], last: tuple[int, int]) -> list[list[int]]:

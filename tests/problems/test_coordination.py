@@ -66,7 +66,7 @@ def is_increasing(items):
         ({"random": {"seed": 1}}, "expected one of diagram, random, robots, found diagram and random"),
         ({"coding": "gray"}, "coding: expected 'variable', 'fixed' or 'binary', found"),
         ({"codings": "fixed"}, "did you mean 'coding'?"),
-        ({"points": 0}, "points: input expected to be greater than or equal to 1"),
+        ({"points": 0}, "points: expected greater than or equal to 1"),
         ({"diagram": {"cells": [4, 4], "obstacles": [[0, 0, 1, 1]]}}, "not to collide at the start, found cell [0, 0]"),
         ({"diagram": {"cells": [4, 4], "obstacles": [[3, 3, 3, 3]]}}, "not to collide at the end, found cell [3, 3]"),
         ({"diagram": {"cells": [4, 4], "obstacles": [[2, 1, 4, 1]]}}, "obstacles[0]: expected i0 <= i1 < 4"),
@@ -148,7 +148,7 @@ def test_a_rectangle_takes_the_slower_robots_time_and_both_ends_of_it_belong_to_
     assert worth(problem, [[13, 2], [13, 2], *free[1:]]) == pytest.approx(expected)
     offset = 50 * max(first[-1], second[-1])
     assert worth(problem, [[13, 3], [23, 9], [23, 16]]) == pytest.approx(offset + 8)  # row 3 of the first block
-    assert worth(problem, [[0, 8], [29, 8]]) == pytest.approx(offset + 8 + 3 + 1 + 15)
+    assert worth(problem, [[0, 8], [29, 8]]) == pytest.approx(offset + 8 + 3)
 
 
 def sequences_of(width, height, count):
@@ -350,7 +350,7 @@ def test_a_diagram_without_a_way_has_no_solution_and_ends_as_stalled_with_the_be
     assert problem.oracle().fitness == np.inf
     plan = Plan(problem, Run())
     reports = simulate(plan)
-    assert stop_reasons(reports, "lockstep") == ("stalled",)
+    assert stop_reasons(reports, "lockstep") == ("stall",)
     fitness, solution = found_by(problem, Run())
     assert fitness == problem.offset + 1  # a rectangle that crosses the wall along one row
     verdict = problem.check(solution)
@@ -379,14 +379,11 @@ def test_the_judge_objects_to_whatever_is_wrong():
 
 
 # Arms -----------------------------------------------------------------------------------------------------------------
-SMALL = {"cells": 24}
-
-
 @cache
 def arms_problem():
     pytest.importorskip("fcl")
     fields = load(EXAMPLES / "coordination-arms.toml").fields
-    robots = [robot | SMALL for robot in fields["robots"]]
+    robots = [robot | {"cells": 60, "path": robot["path"][:3]} for robot in fields["robots"]]
     fields = {name: value for name, value in fields.items() if name != "diagram"} | {"robots": robots}
     gathered = Coordination.gather(fields, Path())
     return ProblemFile("arms", gathered, Run(), Path()).problem()
@@ -408,7 +405,9 @@ def test_a_file_may_not_have_robots_and_a_diagram():
 
 
 def test_a_robot_moves_evenly_and_as_fast_as_its_joints_allow():
-    robot = Robot(path=[[0.0, 0.0], [1.0, 0.5], [1.0, 0.0]], d=[0, 0], a=[1, 1], alpha=[0, 0], speeds=[1.0, 0.25], cells=5)
+    robot = Robot(
+        path=[[0.0, 0.0], [1.0, 0.5], [1.0, 0.0]], d=[0, 0], a=[1, 1], alpha=[0, 0], speeds=[1.0, 0.25], cells=5
+    )
     length = np.hypot(1.0, 0.5) + 0.5
     assert arms.Motion(robot).length == pytest.approx(length)
     assert arms.Motion(robot).speed(np.array(robot.speeds)) == pytest.approx(0.25)  # along the last stretch
@@ -449,7 +448,7 @@ def test_a_cell_is_free_only_if_the_arms_are_apart_everywhere_in_it_and_most_obs
     for i, j in np.ndindex(problem.blocked.shape):
         around = hit[max(0, 2 * i - 1) : 2 * i + 2, max(0, 2 * j - 1) : 2 * j + 2]
         assert problem.blocked[i, j] or not around.any()
-    assert hit[::2, ::2].sum() > 0.5 * problem.blocked.sum()
+    assert hit[::2, ::2].sum() > 0.4 * problem.blocked.sum()
 
 
 def test_the_judge_moves_the_arms():
