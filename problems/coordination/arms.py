@@ -83,11 +83,11 @@ class Motion:
         self._at = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(self.corners, axis=0), axis=1))])
         self.length = float(self._at[-1])
 
-    def configurations(self, where: Floats) -> Floats:
+    def configurations(self, where: NDArray[Any]) -> Floats:
         """Joint angles at some places λ: (n,) to (n, joints)."""
         return self._along(self.corners, where)
 
-    def turned(self, where: Floats) -> Floats:
+    def turned(self, where: NDArray[Any]) -> Floats:
         """How much each joint has turned until there, there and back counted; (n,) to (n, joints)."""
         steps = np.abs(np.diff(self.corners, axis=0))
         return self._along(np.concatenate([np.zeros((1, steps.shape[1])), np.cumsum(steps, axis=0)]), where)
@@ -100,7 +100,7 @@ class Motion:
         allowed = np.divide(limits * lengths, np.abs(steps), out=np.full(steps.shape, np.inf), where=moving)
         return float(allowed.min())
 
-    def _along(self, values: Floats, where: Floats) -> Floats:
+    def _along(self, values: Floats, where: NDArray[Any]) -> Floats:
         return np.column_stack([np.interp(where, self._at, column) for column in values.T])
 
 
@@ -123,7 +123,7 @@ def _times(robot: Robot) -> tuple[float, float]:
     return per_cell, robot.acceleration
 
 
-def places(robot: Robot, indices: Floats) -> Floats:
+def places(robot: Robot, indices: NDArray[Any]) -> Floats:
     """Joint angles at some cells, or between them: (n,) to (n, joints)."""
     motion = Motion(robot)
     return motion.configurations(indices * motion.length / (robot.cells - 1))
@@ -190,12 +190,13 @@ def _sweeps(robot: Robot) -> Floats:
     """
     motion = Motion(robot)
     step = motion.length / (robot.cells - 1)
-    middles = np.arange(robot.cells) * step
-    before, here, after = (motion.turned(middles + half) for half in (-step / 2.0, 0.0, step / 2.0))
+    cells = np.arange(robot.cells)
+    before, here, after = (motion.turned(step * (cells + shift)) for shift in (-0.5, 0.0, 0.5))
     turns = np.maximum(here - before, after - here)
     upto = np.cumsum(robot.lengths)
     reach = upto[None, :] - np.concatenate([[0.0], upto[:-1]])[:, None]  # (turning joint, capsule)
-    return turns @ np.triu(reach)
+    sweeps: Floats = turns @ np.triu(reach)
+    return sweeps
 
 
 def _upright(axis: Floats) -> Floats:

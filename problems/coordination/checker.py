@@ -128,7 +128,8 @@ def _from_end(point: Floats, segments: Floats) -> Floats:
     """The distances of points from segments."""
     start, along = segments[..., 0, :], segments[..., 1, :] - segments[..., 0, :]
     share = np.sum((point - start) * along, axis=-1) / np.sum(along * along, axis=-1)
-    return np.linalg.norm(point - start - np.clip(share, 0.0, 1.0)[..., None] * along, axis=-1)
+    away: Floats = np.linalg.norm(point - start - np.clip(share, 0.0, 1.0)[..., None] * along, axis=-1)
+    return away
 
 
 def _links(robot: Robot) -> Floats:
@@ -143,7 +144,7 @@ def _links(robot: Robot) -> Floats:
     for joint in reversed(range(joints)):
         beyond = ends[:, joint + 1 :] - pivots[joint]
         ends[:, joint + 1 :] = pivots[joint] + _turned(beyond, axes[joint], angles[:, joint, None, None])
-    links = np.stack([ends[:, :-1], ends[:, 1:]], axis=2)
+    links: Floats = np.stack([ends[:, :-1], ends[:, 1:]], axis=2)
     return links[:, np.hypot(robot.d, robot.a) > 0.0]
 
 

@@ -168,8 +168,8 @@ def _runs(column: Mask) -> list[tuple[int, int]]:
 def move_times(cells: int, times: tuple[float, float]) -> NDArray[np.float64]:
     """Seconds that a robot takes for 0, 1, .., cells − 1 cells from rest to rest; shape (cells,).
 
-    It gains speed evenly for a seconds, which takes it a/2 seconds' worth of cells, and loses it likewise; on a move too
-    short for that it turns from the one to the other in the middle.
+    It gains speed evenly, and loses it likewise; on a move too short to reach full speed it turns from the one to the
+    other in the middle.
     """
     per_cell, to_speed = times
     cruising = np.arange(cells) * per_cell

@@ -38,7 +38,7 @@ def draw(problem: Coordination, figure: Figure, solution: Solution | None, popul
         _draw_diagram(problem, figure.subplots(), solution, populations)
         return
     figure.set_size_inches(_SIDE + _ARMS_WIDTH, _SIDE + 0.3)
-    left, right = figure.subfigures(1, 2, width_ratios=[_SIDE, _ARMS_WIDTH])
+    left, right = figure.subfigures(1, 2, width_ratios=[_SIDE, _ARMS_WIDTH], squeeze=False)[0]
     _draw_diagram(problem, left.subplots(), solution, populations)
     stages = _stages(problem, solution)
     for place, (title, cell) in enumerate(stages, start=1):

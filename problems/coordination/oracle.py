@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from genetics.compiled import kernel
-from problems.coordination.diagram import Mask, move_times
+from problems.coordination.diagram import Mask
 from problems.errors import BadInput
 from problems.problem import Answer
 
@@ -56,7 +56,7 @@ def answer(problem: Coordination) -> Answer:
 def least_time(
     blocked: Mask, times_1: Seconds, times_2: Seconds, most_points: int | None
 ) -> tuple[float, Points | None]:
-    """The least seconds from the first cell to the last, and the SPs of a sequence that takes them; (inf, None) if none.
+    """The least seconds from the first cell to the last, and SPs that take them; (inf, None) if there is no way.
 
     Args:
         blocked: the obstacle cells, shape (N1, N2).

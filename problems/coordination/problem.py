@@ -96,7 +96,7 @@ seed = 1
 
     @classmethod
     def gather(cls, fields: dict[str, Any], folder: Path) -> dict[str, Any]:
-        """With the path of each robot's result, and with the diagram of the robots, which is too costly for all nodes."""
+        """With the paths that results hold, and with the diagram of robots, so that nodes need not compute it."""
         robots = fields.get("robots")
         if not isinstance(robots, list):
             return fields
@@ -163,7 +163,7 @@ seed = 1
     def recipe(self, name: RecipeName, deme: int) -> Recipe:
         """§3.2, evolutionary algorithm characteristics, or ours."""
         if self.individuals == "binary":
-            return Recipe("one-point", 1.0 / self.coding.length, "elitist", renewal=1.0)
+            return Recipe("one-point", 1.0 / (2 * self.points * self.bits), "elitist", renewal=1.0)
         if name == "paper":
             return Recipe("sp", 0.5, "elitist", renewal=1.0)
         return Recipe("sp-tuned", 1.0, "elitist")
@@ -178,7 +178,7 @@ seed = 1
         return self._compiled
 
     def decode(self, genome: Genomes) -> Solution:
-        """``{"time": s, "points": [[i, j], ..]}``: the SPs without those at which nothing moves; start and end are none."""
+        """``{"time": s, "points": [[i, j], ..]}``; only SPs at which somebody has moved since the one before."""
         from problems.coordination import kernels
 
         points, time = kernels.follow(writable(genome), self._compiled.table)
@@ -211,9 +211,10 @@ seed = 1
         """The fitness, and the table of all kernels."""
         from genetics.operators import Operator
         from problems.coordination import kernels
+        from problems.coordination.coding import ROOM
 
+        room = self.points if self.individuals != "variable" else ROOM * self.points
         binary = self.individuals == "binary"
-        room = self.points if binary else self.coding.most
         return Operator.of(kernels.evaluate, [binary, self.bits, room], *self.arrays, self.offset)
 
 
