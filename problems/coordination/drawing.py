@@ -110,7 +110,7 @@ def _stages(problem: Coordination, solution: Solution | None) -> list[tuple[str,
     return [start, (f"synchronisation point {nearest + 1}", tuple(points[nearest])), end]
 
 
-def _draw_arms(robots: tuple[Robot, Robot], axes: Axes3D, cell: Cell, title: str) -> None:
+def _draw_arms(robots: list[Robot], axes: Axes3D, cell: Cell, title: str) -> None:
     for robot, index, color, name in zip(robots, cell, ARMS, ("robot 1", "robot 2"), strict=True):
         tips = origins(robot, places(robot, np.arange(robot.cells)))[:, -1]
         axes.plot(*tips.T, color=color, linewidth=0.8, alpha=0.6)

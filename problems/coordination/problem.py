@@ -74,8 +74,12 @@ seed = 1
     bits: int = quantity("bit", "bits of each coordinate, if coded in bits", default=8, ge=1, le=16)
     diagram: Diagram | None = quantity("", "which cells collide, and how long moves take", default=None)
     random: RandomDiagram | None = quantity("", "instead of diagram, a random one", default=None)
-    robots: tuple[Robot, Robot] | None = quantity(
-        "", "instead of diagram, two arms; their diagram is put beside them when the file is read", default=None
+    robots: list[Robot] | None = quantity(
+        "",
+        "instead of diagram, two arms; their diagram is put beside them when the file is read",
+        default=None,
+        min_length=2,
+        max_length=2,
     )
 
     @model_validator(mode="after")
