@@ -101,7 +101,7 @@ def _table_1(diagram: str, runs: int) -> str:
     lines = [
         f"**{diagram}**: optimum {optimum:.3f} s; the slower path alone takes {bound:.3f} s.",
         "",
-        "| recipe | coding | mean / s | σ / s | best / s | within 2 % | feasible | evaluations, median | CPU s |",
+        "| recipe | coding | mean / s | σ / s | best / s | within 2 % | feasible | evaluations, median | seconds |",
         "|---|---|---|---|---|---|---|---|---|",
     ]
     orders = []

@@ -30,7 +30,7 @@ EACH = 0.5  # probability that a strong mutation first mutates one of its two SP
 
 REBUILT = 0.7  # of the tuned mutations rebuild a stretch
 STRETCH = 4  # SPs at most that make way for others
-SWEEPS = 3  # through the new SPs, each put where it is best
+SWEEPS = 3  # through the new SPs and their neighbours, each put where it is best
 
 
 # Sequences ------------------------------------------------------------------------------------------------------------
@@ -306,7 +306,7 @@ def _settle(points: Any, count: Any, place: Any, diagram: Any) -> Any:
 
 @subroutine
 def _rebuild(points: Any, count: Any, variable: Any, diagram: Any, chance: Any) -> Any:
-    """Ours: a few consecutive SPs make way for new ones anywhere between, which then settle; returns the new count."""
+    """Ours: a few SPs in a row make way for new ones anywhere between, which settle with their neighbours; the new count."""
     place = _choice(chance, MUTATE, _PLACE, count + 1 if variable else count)
     following = min(STRETCH, count - place)
     if variable:
@@ -320,7 +320,7 @@ def _rebuild(points: Any, count: Any, variable: Any, diagram: Any, chance: Any) 
     count = _make_room(points, count, place, gone, new)
     _scatter(points, count, place, new, diagram, chance, _REBUILD)
     for _ in range(SWEEPS):
-        for each in range(place, place + new):
+        for each in range(max(place - 1, 0), min(place + new + 1, count)):
             _settle(points, count, each, diagram)
     return count
 

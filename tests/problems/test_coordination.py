@@ -74,7 +74,7 @@ def is_increasing(items):
         ({"diagram": None, "random": {"seed": 1, "cells": [30, 32]}}, "expected multiples of 4 from 32 on"),
         ({"diagram": None, "robots": [{"path": [[0.0]]}, {"path": [[0.0]]}]}, "path: expected at least 2"),
         ({"diagram": None, "robots": [{"path": [[0.0], [1.0]]}] * 2}, "d: expected 1 numbers, as in the path, found 5"),
-        ({"diagram": None, "robots": [{"path": [[0.0] * 5] * 2}]}, "robots: expected to have at least 2 items"),
+        ({"diagram": None, "robots": [{"path": [[0.0] * 5] * 2}]}, "robots: expected at least 2 items"),
         ({"diagram": None, "robots": [{}, {}]}, "expected a path, or a result"),
     ],
 )
