@@ -100,7 +100,8 @@ def _siblings(model: type[BaseModel], location: tuple[int | str, ...]) -> str:
         inner = [each for table in tables if part in table.model_fields for each in _tables_in(table, str(part))]
         chosen = [table for table in tables if _is_tagged(table, part)]
         tables = inner or chosen or tables
-    known = list(dict.fromkeys(name for table in tables for name in table.model_fields))
+    fields = [each for table in tables for each in table.model_fields.items()]
+    known = list(dict.fromkeys(field.alias or name for name, field in fields))
     return "one of " + ", ".join(known) + did_you_mean(str(location[-1]), known)
 
 

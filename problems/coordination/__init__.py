@@ -1,0 +1,5 @@
+"""Coordination of two manipulators on given paths (Riquelme, Ridao, Camacho, Toro)."""
+
+from problems.coordination.problem import Coordination
+
+__all__ = ["Coordination"]

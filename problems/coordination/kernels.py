@@ -1,0 +1,362 @@
+"""The compiled fitness and operators of sequences of synchronisation points (SPs), §3.2.
+
+A sequence in hand is an array of SPs, int64 of shape (room, 2), and their count. The start (0, 0) and the end are no
+part of it. The obstacles of a rectangle are counted by a summed-area table, whatever its size.
+
+The table of the fitness (see `genetics.operators`): whether the genome is a bit string, bits of each number, the room
+for SPs; seconds of a move of robot 1 by 0, 1, .. cells; of robot 2; the summed-area table (N1 + 1, N2 + 1);
+K. The table of the operators: whether of variable length, N1, N2, NMAX, whether tuned; the probability that what comes
+of a crossover is mutated; moves and summed-area table as above.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from genetics.arrays import Fitness, Genomes
+from genetics.bit_kernels import integers_of
+from genetics.compiled import kernel, subroutine
+from genetics.operators import FITNESS, FOUNDING, MATING, Table, integers, reals
+from genetics.randomness import CROSS, INITIAL, MUTATE, below, draw, unit
+from genetics.sequence_kernels import clear_after, numbers_of
+
+Points = NDArray[np.int64]  # (n, 2)
+
+MUTMAX = 10  # cells, the farthest that a slight mutation shifts a coordinate (§3.2)
+MUTANTS = 0.5  # of the offspring come of mutation alone (*unstated*)
+STRONG = 0.5  # of the mutations are strong (*unstated*)
+EACH = 0.5  # probability that a strong mutation first mutates one of its two SPs slightly (*unstated*)
+
+REBUILT = 0.7  # of the tuned mutations rebuild a stretch
+STRETCH = 4  # SPs at most that make way for others
+SWEEPS = 3  # through the new SPs and their neighbours, each put where it is best
+
+
+# Sequences ------------------------------------------------------------------------------------------------------------
+@subroutine
+def _repair(points: Any, count: Any) -> Any:
+    """From the last SP to the first: a conflicting coordinate takes the next SP's (§3.2, restrictions)."""
+    for place in range(count - 2, -1, -1):
+        for axis in range(2):
+            points[place, axis] = min(points[place, axis], points[place + 1, axis])
+
+
+@subroutine
+def _read(numbers: Any, points: Any) -> Any:
+    """The SPs of a sequence's numbers; returns how many."""
+    count = np.int64(numbers[0])
+    for place in range(count):
+        points[place, 0], points[place, 1] = numbers[1 + 2 * place], numbers[2 + 2 * place]
+    _repair(points, count)
+    return count
+
+
+@subroutine
+def _write(points: Any, count: Any, numbers: Any) -> Any:
+    """The inverse of `_read`."""
+    clear_after(numbers, count, 2)
+    for place in range(count):
+        numbers[1 + 2 * place], numbers[2 + 2 * place] = points[place, 0], points[place, 1]
+
+
+@subroutine
+def _scale(values: Any, bits: Any, last: Any, points: Any) -> Any:
+    """Integers of ``bits`` bits as the nearest coordinates, 0 to ``last`` (N1 − 1, N2 − 1)."""
+    greatest = (np.int64(1) << bits) - 1
+    for place in range(values.size):
+        points[place >> 1, place & 1] = (2 * values[place] * last[place & 1] + greatest) // (2 * greatest)
+
+
+# Fitness --------------------------------------------------------------------------------------------------------------
+class Diagram(NamedTuple):
+    """Where the robots collide and how fast they are."""
+
+    last: Any  # (2,): N1 − 1, N2 − 1
+    times_1: Any  # (N1,), s
+    times_2: Any  # (N2,), s
+    sums: Any  # (N1 + 1, N2 + 1): obstacle cells with smaller indices in both
+
+
+@subroutine
+def _diagram_of(table: Any, first: Any) -> Any:
+    """From three places of the table on."""
+    times_1, times_2 = reals(table, first)[0], reals(table, first + 1)[0]
+    last = np.array([times_1.size - 1, times_2.size - 1])
+    return Diagram(last, times_1, times_2, integers(table, first + 2))
+
+
+@subroutine
+def _coordinate(points: Any, count: Any, place: Any, axis: Any, diagram: Any) -> Any:
+    """Of an SP, of the start (place −1) or of the end (``count``)."""
+    if place < 0:
+        return np.int64(0)
+    return points[place, axis] if place < count else diagram.last[axis]
+
+
+@subroutine
+def _points_of(genome: Any, layout: Any, last: Any, values: Any, points: Any) -> Any:
+    """The SPs that a genome stands for, increasing; returns how many."""
+    if layout[0] == 0:
+        return _read(numbers_of(genome), points)
+    integers_of(genome, layout[1], False, values)
+    _scale(values, layout[1], last, points)
+    _repair(points, layout[2])
+    return layout[2]
+
+
+@subroutine
+def _rectangle(diagram: Any, left: Any, bottom: Any, right: Any, top: Any) -> Any:
+    """Seconds that a rectangle takes, and the obstacle cells in it, both its corners included."""
+    sums = diagram.sums
+    obstacles = sums[right + 1, top + 1] - sums[left, top + 1] - sums[right + 1, bottom] + sums[left, bottom]
+    return max(diagram.times_1[right - left], diagram.times_2[top - bottom]), obstacles
+
+
+@subroutine
+def _measure(points: Any, count: Any, diagram: Any) -> Any:
+    """Seconds that a sequence takes, and the obstacle cells in its rectangles, counted once in each (§3.2, fitness).
+
+    Two SPs at one cell have no rectangle between them.
+    """
+    time, obstacles = 0.0, np.int64(0)
+    left, bottom = np.int64(0), np.int64(0)
+    for place in range(count + 1):
+        right, top = _coordinate(points, count, place, 0, diagram), _coordinate(points, count, place, 1, diagram)
+        if right > left or top > bottom:
+            seconds, hit = _rectangle(diagram, left, bottom, right, top)
+            time, obstacles = time + seconds, obstacles + hit
+        left, bottom = right, top
+    return time, obstacles
+
+
+@kernel(FITNESS, may_be_long=True)
+def evaluate(genomes: Genomes, fitness: Fitness, table: Table) -> None:
+    """Seconds of a valid sequence; K + nco of another (§3.2)."""
+    layout, diagram = integers(table, 0)[0], _diagram_of(table, 1)
+    offset = reals(table, 4)[0, 0]
+    points, values = np.empty((layout[2], 2), np.int64), np.empty(2 * layout[2], np.int64)
+    for row in range(fitness.size):
+        count = _points_of(genomes[row], layout, diagram.last, values, points)
+        time, obstacles = _measure(points, count, diagram)
+        fitness[row] = time if obstacles == 0 else offset + obstacles
+
+
+@kernel("Tuple((int64[:,::1], float64))(uint8[::1], int64[:,::1])")
+def follow(genome: Genomes, table: Table) -> tuple[Points, float]:
+    """The SPs, shape (n, 2), that a genome stands for, and the seconds they take."""
+    layout, diagram = integers(table, 0)[0], _diagram_of(table, 1)
+    points, values = np.empty((layout[2], 2), np.int64), np.empty(2 * layout[2], np.int64)
+    count = _points_of(genome, layout, diagram.last, values, points)
+    return points[:count].copy(), _measure(points, count, diagram)[0]
+
+
+# Operators ------------------------------------------------------------------------------------------------------------
+class Chance(NamedTuple):
+    """What the draws for one offspring are keyed by."""
+
+    seed: Any
+    cell: Any
+    generation: Any
+    child: Any
+
+
+# The numbers of an offspring's draws. Of purpose CROSS:
+_ALONE, _CUT = 0, 1
+# Of purpose MUTATE; a slight mutation takes two, or three with the question whether to do it:
+_AFTER, _STRONGLY, _PLACE, _INSERT, _SLIGHT, _SLIGHT_TOO, _GONE, _NEW, _REBUILD = 0, 1, 2, 3, 5, 8, 11, 12, 13
+
+
+@subroutine
+def _share(chance: Any, purpose: Any, number: Any) -> Any:
+    """A float in [0, 1)."""
+    return unit(draw(chance.seed, chance.cell, chance.generation, purpose, chance.child, number))
+
+
+@subroutine
+def _choice(chance: Any, purpose: Any, number: Any, limit: Any) -> Any:
+    """An integer in [0, limit)."""
+    return below(draw(chance.seed, chance.cell, chance.generation, purpose, chance.child, number), limit)
+
+
+@subroutine
+def _sort(points: Any) -> Any:
+    """Each coordinate by itself, in increasing order."""
+    for axis in range(2):
+        for place in range(1, points.shape[0]):
+            value, hole = points[place, axis], place
+            while hole > 0 and points[hole - 1, axis] > value:
+                points[hole, axis] = points[hole - 1, axis]
+                hole -= 1
+            points[hole, axis] = value
+
+
+@kernel(FOUNDING)
+def founding(deme: Genomes, seed: np.uint64, cell: int, generation: int, table: Table) -> None:
+    """Sorted uniform draws; n SPs with probability ∝ n on 1..NMAX, or always NMAX (§3.2, initial population)."""
+    variable, sides, most = integers(table, 0)[0, 0], integers(table, 0)[0, 1:3], integers(table, 0)[0, 3]
+    points = np.empty((most, 2), np.int64)
+    for individual in range(deme.shape[0]):
+        chance = Chance(seed, cell, generation, individual)
+        count = most
+        if variable:  # of most * (most + 1) / 2 tickets, n has n
+            ticket = _choice(chance, INITIAL, 0, most * (most + 1) // 2)
+            count = np.int64((1.0 + np.sqrt(1.0 + 8.0 * ticket)) / 2.0)
+        for place in range(2 * count):
+            points[place >> 1, place & 1] = _choice(chance, INITIAL, 1 + place, sides[place & 1])
+        _sort(points[:count])
+        _write(points, count, numbers_of(deme[individual]))
+
+
+@subroutine
+def _cross_variable(first: Any, count: Any, second: Any, others: Any, chance: Any) -> Any:
+    """``first`` up to P, then ``second`` from Q, its first SP beyond P in both coordinates (§3.2, figure 1).
+
+    Leaves the child in ``first`` and returns its count; it stays a copy if there is no Q, or no room.
+    """
+    cut = _choice(chance, CROSS, _CUT, count)
+    for place in range(others):
+        if second[place, 0] > first[cut, 0] and second[place, 1] > first[cut, 1]:
+            crossed = cut + 1 + others - place
+            if crossed > first.shape[0]:
+                return count
+            first[cut + 1 : crossed] = second[place:others]
+            return crossed
+    return count
+
+
+@subroutine
+def _cross_fixed(first: Any, second: Any, count: Any, chance: Any) -> Any:
+    """One-point crossover at an SP, in place (*unstated*: §3.1 leaves the operators to its reference)."""
+    if count > 1:
+        cut = 1 + _choice(chance, CROSS, _CUT, count - 1)
+        first[cut:count] = second[cut:count]
+        _repair(first, count)
+
+
+@subroutine
+def _shift(points: Any, place: Any, diagram: Any, chance: Any, number: Any) -> Any:
+    """The slight mutation of one SP: two independent integers within ±MUTMAX (§3.2); to be repaired."""
+    for axis in range(2):
+        shift = _choice(chance, MUTATE, number + axis, 2 * MUTMAX + 1) - MUTMAX
+        points[place, axis] = min(max(points[place, axis] + shift, 0), diagram.last[axis])
+
+
+@subroutine
+def _make_room(points: Any, count: Any, place: Any, gone: Any, new: Any) -> Any:
+    """Room for ``new`` SPs from ``place`` on, where ``gone`` of the old ones go; returns the new count."""
+    if new > gone:
+        for later in range(count - 1, place + gone - 1, -1):
+            points[later + new - gone] = points[later]
+    elif new < gone:
+        for later in range(place + gone, count):
+            points[later + new - gone] = points[later]
+    return count + new - gone
+
+
+@subroutine
+def _strengthen(points: Any, count: Any, diagram: Any, chance: Any) -> Any:
+    """The strong mutation: an SP more between two that are mutated slightly (§3.2, figure 2); returns the new count.
+
+    The end takes the place of the second SP where there is one only.
+    """
+    place = _choice(chance, MUTATE, _PLACE, max(count - 1, 1))
+    for which, number in ((place, _SLIGHT), (place + 1, _SLIGHT_TOO)):
+        if which < count and _share(chance, MUTATE, number) < EACH:
+            _shift(points, which, diagram, chance, number + 1)
+    _repair(points, count)
+    x, y = points[place, 0], points[place, 1]
+    width = _coordinate(points, count, place + 1, 0, diagram) - x
+    height = _coordinate(points, count, place + 1, 1, diagram) - y
+    if min(width, height) < 2 or count == points.shape[0]:
+        return count
+    count = _make_room(points, count, place + 1, 0, 1)
+    points[place + 1, 0] = x + 1 + _choice(chance, MUTATE, _INSERT, width - 1)
+    points[place + 1, 1] = y + 1 + _choice(chance, MUTATE, _INSERT + 1, height - 1)
+    return count
+
+
+@subroutine
+def _scatter(points: Any, count: Any, place: Any, new: Any, diagram: Any, chance: Any, number: Any) -> Any:
+    """Draw ``new`` SPs from ``place`` on anywhere between those around them, each coordinate sorted."""
+    for axis in range(2):
+        low = _coordinate(points, count, place - 1, axis, diagram)
+        high = _coordinate(points, count, place + new, axis, diagram)
+        for each in range(new):
+            points[place + each, axis] = low + _choice(chance, MUTATE, number + 2 * each + axis, high - low + 1)
+    _sort(points[place : place + new])
+
+
+@subroutine
+def _settle(points: Any, count: Any, place: Any, diagram: Any) -> Any:
+    """Put an SP where, within ±MUTMAX, its two rectangles hold the fewest obstacle cells, and of such, take least."""
+    left, bottom = _coordinate(points, count, place - 1, 0, diagram), _coordinate(points, count, place - 1, 1, diagram)
+    right, top = _coordinate(points, count, place + 1, 0, diagram), _coordinate(points, count, place + 1, 1, diagram)
+    x, y = points[place, 0], points[place, 1]
+    least, fewest = np.inf, np.int64(diagram.sums.size) * 2
+    for i in range(max(left, x - MUTMAX), min(right, x + MUTMAX) + 1):
+        for j in range(max(bottom, y - MUTMAX), min(top, y + MUTMAX) + 1):
+            before, hit = _rectangle(diagram, left, bottom, i, j)
+            after, hit_too = _rectangle(diagram, i, j, right, top)
+            obstacles, time = hit + hit_too, before + after
+            if obstacles < fewest or (obstacles == fewest and time < least):
+                fewest, least = obstacles, time
+                points[place, 0], points[place, 1] = i, j
+
+
+@subroutine
+def _rebuild(points: Any, count: Any, variable: Any, diagram: Any, chance: Any) -> Any:
+    """Ours: a few SPs in a row make way for new ones anywhere between, which settle with their neighbours; the new count."""
+    place = _choice(chance, MUTATE, _PLACE, count + 1 if variable else count)
+    following = min(STRETCH, count - place)
+    if variable:
+        gone = _choice(chance, MUTATE, _GONE, following + 1)
+        new = 1 + _choice(chance, MUTATE, _NEW, gone + 2)
+    else:
+        gone = 1 + _choice(chance, MUTATE, _GONE, following)
+        new = gone
+    if count - gone + new > points.shape[0]:
+        return count
+    count = _make_room(points, count, place, gone, new)
+    _scatter(points, count, place, new, diagram, chance, _REBUILD)
+    for _ in range(SWEEPS):
+        for each in range(max(place - 1, 0), min(place + new + 1, count)):
+            _settle(points, count, each, diagram)
+    return count
+
+
+@subroutine
+def _mutate(points: Any, count: Any, variable: Any, tuned: Any, diagram: Any, chance: Any) -> Any:
+    """A slight mutation, or the other one; returns the new count."""
+    if _share(chance, MUTATE, _STRONGLY) >= (REBUILT if tuned else STRONG):
+        _shift(points, _choice(chance, MUTATE, _PLACE, count), diagram, chance, _SLIGHT)
+        _repair(points, count)
+        return count
+    if tuned:
+        return _rebuild(points, count, variable, diagram, chance)
+    if variable:
+        return _strengthen(points, count, diagram, chance)
+    _scatter(points, count, _choice(chance, MUTATE, _PLACE, count), 1, diagram, chance, _REBUILD)  # *unstated*
+    return count
+
+
+@kernel(MATING)
+def mating(couples: Genomes, offspring: Genomes, seed: np.uint64, cell: int, generation: int, table: Table) -> None:
+    """Each parent with the other one: a mutant of it, or their child, perhaps mutated (§3.2, characteristics)."""
+    layout, mutated, diagram = integers(table, 0)[0], reals(table, 1)[0, 0], _diagram_of(table, 2)
+    variable, tuned = layout[0] != 0, layout[4] != 0
+    room = (numbers_of(offspring[0]).size - 1) // 2
+    own, other = np.empty((room, 2), np.int64), np.empty((room, 2), np.int64)
+    for child in range(offspring.shape[0]):
+        chance = Chance(seed, cell, generation, child)
+        count = _read(numbers_of(couples[child >> 1, child & 1]), own)
+        alone = _share(chance, CROSS, _ALONE) < MUTANTS
+        if not alone:
+            others = _read(numbers_of(couples[child >> 1, 1 - (child & 1)]), other)
+            if variable:
+                count = _cross_variable(own, count, other, others, chance)
+            else:
+                _cross_fixed(own, other, count, chance)
+        if alone or _share(chance, MUTATE, _AFTER) < mutated:
+            count = _mutate(own, count, variable, tuned, diagram, chance)
+        _write(own, count, numbers_of(offspring[child]))

@@ -1,0 +1,244 @@
+"""Two manipulators on given paths: where must each wait for the other, that they never collide and soon arrive?"""
+
+from __future__ import annotations
+
+import json
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import ConfigDict, ValidationError, model_validator
+
+from genetics.arrays import Fitness, Genomes, writable
+from genetics.recipe import Recipe
+from problems.coordination import arms, checker
+from problems.coordination.arms import Robot
+from problems.coordination.diagram import Arrays, Diagram, Mask, RandomDiagram, move_times
+from problems.errors import BadInput
+from problems.problem import Answer, Populations, Problem, RecipeName, Solution, Verdict, quantity
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from genetics.bit_string import BitString
+    from genetics.operators import Operator
+    from problems.coordination.coding import SynchronisationPoints
+
+
+class Coordination(Problem):
+    """Minimise the time of two robots that wait for each other at synchronisation points (SPs), §3."""
+
+    model_config = ConfigDict(serialize_by_alias=True)
+
+    about: ClassVar[str] = "where two manipulators on given paths wait for each other"
+    template: ClassVar[str] = """\
+kind = "coordination"
+coding = "variable"             # of the synchronisation points; or "fixed", "binary"
+points = 20                     # how many of them; for "variable" the most of a first individual
+
+[diagram]                       # cell (i, j): robot 1 is in stretch i of its path, robot 2 in stretch j
+cells = [60, 40]                # stretches of the paths
+times = [[0.1, 0.2], [0.15, 0.2]]   # s, of each robot: for a cell at its speed, to reach that speed
+obstacles = [                   # where the robots would collide: [i0, j0, i1, j1], both ends included
+    [10, 5, 22, 12],
+    [30, 10, 38, 26],
+    [45, 30, 50, 36],
+]
+
+# [random]                      # instead of [diagram]: sixteen regions on 180 x 180 cells
+# seed = 1
+# layout = "mirrored"           # or "scattered"
+
+# [[robots]]                    # twice, instead of [diagram]: arms, SCORBOT-like ones unless told otherwise
+# path = [[0.0, 0.5, -0.9, 0.4, 0.0], [1.4, 0.5, -0.9, 0.4, 0.0]]   # rad
+# base = [0.0, 0.0, 0.0, 0.0]   # m, m, m, rad
+
+[run]                           # what the command line does not say
+topology = "torus 4x4"
+seed = 1
+"""
+    batches_alike: ClassVar[bool] = True
+    any_thread: ClassVar[bool] = True
+
+    individuals: Literal["variable", "fixed", "binary"] = quantity(
+        "",
+        "how individuals are coded: a variable or a fixed number of synchronisation points, or bits",
+        default="variable",
+        alias="coding",
+    )
+    points: int = quantity(
+        "", "synchronisation points of an individual; if variable, the most of a first one", default=20, ge=1, le=1000
+    )
+    bits: int = quantity("bit", "bits of each coordinate, if coded in bits", default=8, ge=1, le=16)
+    diagram: Diagram | None = quantity("", "which cells collide, and how long moves take", default=None)
+    random: RandomDiagram | None = quantity("", "instead of diagram, a random one", default=None)
+    robots: list[Robot] | None = quantity(
+        "",
+        "instead of diagram, two arms; their diagram is put beside them when the file is read",
+        default=None,
+        min_length=2,
+        max_length=2,
+    )
+
+    @model_validator(mode="after")
+    def _one_source(self) -> Self:
+        given = [name for name in ("diagram", "random", "robots") if getattr(self, name) is not None]
+        if given not in (["diagram"], ["random"], ["robots"], ["diagram", "robots"]):
+            raise ValueError(f"expected one of diagram, random, robots, found {' and '.join(given) or 'none'}")
+        return self
+
+    @model_validator(mode="after")
+    def _free_at_both_ends(self) -> Self:
+        for name, cell in (("start", (0, 0)), ("end", self.last)):
+            if self.blocked[cell]:
+                raise ValueError(
+                    f"expected the robots not to collide at the {name}, found cell {list(cell)} in collision"
+                )
+        return self
+
+    @classmethod
+    def gather(cls, fields: dict[str, Any], folder: Path) -> dict[str, Any]:
+        """With the paths that results hold, and with the diagram of robots, so that nodes need not compute it."""
+        robots = fields.get("robots")
+        if not isinstance(robots, list):
+            return fields
+        if "diagram" in fields:
+            raise BadInput("expected one of diagram, random, robots, found diagram and robots")
+        fields = fields | {"robots": [_with_path(robot, folder, number) for number, robot in enumerate(robots)]}
+        try:
+            problem = cls.model_validate_json(json.dumps(fields), strict=True)
+        except ValidationError:
+            return fields  # who checks them will say what is wrong
+        return fields | {"diagram": problem.world.model_dump(mode="json")}
+
+    @cached_property
+    def world(self) -> Diagram:
+        """The diagram, wherever it comes from."""
+        if self.diagram is not None:
+            return self.diagram
+        if self.random is not None:
+            return Diagram.of(self.random.mask(), self.random.times)
+        assert self.robots is not None, "a diagram comes from somewhere"
+        return arms.diagram(*self.robots)
+
+    @cached_property
+    def blocked(self) -> Mask:
+        """The obstacle cells, shape (N1, N2)."""
+        return self.world.mask()
+
+    @property
+    def last(self) -> tuple[int, int]:
+        """The cell where both robots have arrived."""
+        first, second = self.world.cells
+        return first - 1, second - 1
+
+    @cached_property
+    def move_times(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Seconds that each robot takes for 0, 1, .. cells from rest to rest."""
+        (first, second), (times_1, times_2) = self.world.cells, self.world.times
+        return move_times(first, times_1), move_times(second, times_2)
+
+    @cached_property
+    def offset(self) -> float:
+        """K, s: more than any valid individual takes, as none has more than N1 + N2 rectangles."""
+        times_1, times_2 = self.move_times
+        return sum(self.world.cells) * float(max(times_1[-1], times_2[-1]))
+
+    @cached_property
+    def arrays(self) -> Arrays:
+        """What kernels know of the diagram."""
+        sums = np.zeros((self.world.cells[0] + 1, self.world.cells[1] + 1), np.int64)
+        sums[1:, 1:] = self.blocked.cumsum(axis=0).cumsum(axis=1)
+        return (*self.move_times, sums)
+
+    @cached_property
+    def coding(self) -> SynchronisationPoints | BitString:
+        """SPs as integers (§3.1, §3.2), or two integers of each as bits."""
+        if self.individuals == "binary":
+            from genetics.bit_string import BitString
+
+            return BitString(2 * self.points, self.bits)
+        from problems.coordination.coding import SynchronisationPoints
+
+        return SynchronisationPoints(self.arrays, self.points, self.individuals == "variable")
+
+    def recipe(self, name: RecipeName, deme: int) -> Recipe:
+        """§3.2, evolutionary algorithm characteristics, or ours."""
+        if self.individuals == "binary":
+            return Recipe("one-point", 1.0 / (2 * self.points * self.bits), "elitist", renewal=1.0)
+        if name == "paper":
+            return Recipe("sp", 0.5, "elitist", renewal=1.0)
+        return Recipe("sp-tuned", 1.0, "elitist")
+
+    def evaluate(self, genomes: Genomes) -> Fitness:
+        """Seconds of valid individuals, K + obstacle cells of others: (n, genome_bytes) to (n,)."""
+        return self._compiled.fitness(genomes)
+
+    @property
+    def judging(self) -> Operator:
+        """`evaluate` as compiled code, whatever the fields: nothing of it is left to Python."""
+        return self._compiled
+
+    def decode(self, genome: Genomes) -> Solution:
+        """``{"time": s, "points": [[i, j], ..]}``; only SPs at which somebody has moved since the one before."""
+        from problems.coordination import kernels
+
+        points, time = kernels.follow(writable(genome), self._compiled.table)
+        return {"time": float(time), "points": _distinct(points.tolist(), self.last)}
+
+    def describe(self, solution: Solution) -> str:
+        """Where the robots wait for each other."""
+        count = len(solution["points"])
+        stops = [f"robot 1 at cell {i:4d}, robot 2 at cell {j:4d}" for i, j in solution["points"]]
+        return "\n".join([f"{solution['time']:.3f} s with {count} synchronisation points:", *stops])
+
+    def check(self, solution: Solution) -> Verdict:
+        """See `problems.coordination.checker`, which shares no code with `evaluate`."""
+        return checker.judge(self, solution)
+
+    def oracle(self) -> Answer:
+        """See `problems.coordination.oracle`."""
+        from problems.coordination import oracle
+
+        return oracle.answer(self)
+
+    def draw(self, figure: Figure, solution: Solution | None, populations: Populations) -> None:
+        """The diagram with the rectangles (figure 3 of the paper), and the arms (figure 4)."""
+        from problems.coordination import drawing
+
+        drawing.draw(self, figure, solution, populations)
+
+    @cached_property
+    def _compiled(self) -> Operator:
+        """The fitness, and the table of all kernels."""
+        from genetics.operators import Operator
+        from problems.coordination import kernels
+        from problems.coordination.coding import ROOM
+
+        room = self.points if self.individuals != "variable" else ROOM * self.points
+        binary = self.individuals == "binary"
+        return Operator.of(kernels.evaluate, [binary, self.bits, room], *self.arrays, self.offset)
+
+
+def _distinct(points: list[list[int]], last: tuple[int, int]) -> list[list[int]]:
+    """The SPs without those at the place of the one before, at the start, or at the end."""
+    kept: list[list[int]] = []
+    for point in points:
+        if point not in ([0, 0], list(last), *kept[-1:]):
+            kept.append(point)
+    return kept
+
+
+def _with_path(robot: Any, folder: Path, number: int) -> Any:
+    """A robot's fields with its path in the place of the file that holds it."""
+    if not (isinstance(robot, dict) and isinstance(robot.get("result"), str)):
+        return robot
+    if "path" in robot:
+        raise BadInput(f"robots[{number}]: expected either path or result, found both")
+    try:
+        path = arms.path_of_result(robot["result"], folder)
+    except BadInput as error:
+        raise BadInput(f"robots[{number}].result: {error}") from error
+    return {name: value for name, value in robot.items() if name != "result"} | {"path": path}
