@@ -21,7 +21,7 @@ bench: $(VENV)/test  ## ratios and shares, measured side by side on this machine
 	$(BIN)/python -m benchmarks.evaluations
 
 planners: $(VENV)/test  ## how good each planner is, against its exact answer: an hour or so; writes docs/results.md
-	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[ompl]'
+	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[bench,ompl]'
 	$(BIN)/python -m benchmarks.planners
 
 peers: $(VENV)/core  ## beside pygmo, DEAP, propulate and pycellga: a quarter of an hour; writes docs/peers.md

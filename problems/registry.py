@@ -15,8 +15,8 @@ _BUILT_IN = {
     "function": "problems.function:Function",
     "min-time": "problems.min_time:MinTime",
     "mobile-robot": "problems.mobile_robot:MobileRobot",
-    "terrain": "problems.terrain:Terrain",
     "sphere-path": "problems.sphere_path:SpherePath",
+    "terrain": "problems.terrain:Terrain",
 }
 _read: set[str] = set()  # the names of modules that were read from beside problem files
 

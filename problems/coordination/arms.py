@@ -160,12 +160,8 @@ def _about_x(angle: float) -> Floats:
 
 def _capsules(robot: Robot) -> list[list[Any]]:
     """The capsules of each cell, thick enough for the whole stretch, as collision objects."""
-    try:
-        import fcl
-    except ImportError as error:
-        raise BadInput(
-            "robots: expected python-fcl, which computes their diagram, found none; pip install supernode[fcl]"
-        ) from error
+    import fcl
+
     ends = origins(robot, places(robot, np.arange(robot.cells)))
     radii = robot.radius + _sweeps(robot)
     links = np.flatnonzero(robot.lengths > 0.0)
