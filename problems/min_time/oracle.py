@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 Nodes = NDArray[np.int64]  # (nodes, 2), start and goal included, in grid steps
 
 _LEVELS = 128
-_LONGEST = 1  # grid steps of a move, in each joint
 
 
 class Found(NamedTuple):
@@ -49,14 +48,14 @@ def best_on_grid(problem: MinTime) -> Answer:
     return Answer(
         "upper bound",
         found.time,
-        f"dynamic program over nodes of the grid, moves of up to {_LONGEST} steps a joint, none away from the goal, at "
-        f"full torque, {_LEVELS} levels of speed",
+        f"dynamic program over paths from neighbour to neighbour on the grid, no joint away from the goal, at full "
+        f"torque, {_LEVELS} levels of speed",
         solution,
         {"inverse_dynamics": found.inverse_dynamics},
     )
 
 
-def dynamic_program(problem: MinTime, longest: int = _LONGEST, levels: int = _LEVELS) -> Found:
+def dynamic_program(problem: MinTime, longest: int = 1, levels: int = _LEVELS) -> Found:
     """The best path over (node before, node, node after, speed), timed by the fitness.
 
     Args:
