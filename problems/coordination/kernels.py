@@ -306,7 +306,7 @@ def _settle(points: Any, count: Any, place: Any, diagram: Any) -> Any:
 
 @subroutine
 def _rebuild(points: Any, count: Any, variable: Any, diagram: Any, chance: Any) -> Any:
-    """Ours: a few SPs in a row make way for new ones anywhere between, which settle with their neighbours; the new count."""
+    """Ours: a few SPs in a row make way for others anywhere between, which settle with their neighbours; the count."""
     place = _choice(chance, MUTATE, _PLACE, count + 1 if variable else count)
     following = min(STRETCH, count - place)
     if variable:
