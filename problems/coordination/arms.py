@@ -109,9 +109,6 @@ def diagram(first: Robot, second: Robot) -> Diagram:
 
     A cell is free only if every point in it is (§2): each capsule is thickened by the farthest that it moves from where
     it is in the middle of its stretch.
-
-    Raises:
-        BadInput: if python-fcl is not installed.
     """
     times = (_times(first), _times(second))
     return Diagram.of(_colliding(_capsules(first), _capsules(second)), times)
