@@ -443,7 +443,8 @@ def test_a_cell_is_free_only_if_the_arms_are_apart_everywhere_in_it_and_most_obs
     problem = arms_problem()
     first, second = (checker._links(robot) for robot in problem.robots)
     thickness = sum(robot.radius for robot in problem.robots)
-    gaps = np.array([[checker._nearest(one, second[j : j + 1]) for j in range(len(second))] for one in first])
+    others = second.swapaxes(0, 1)[None]
+    gaps = np.array([checker._distances(one[:, None, None], others).min(axis=(0, 1)) for one in first])
     hit = gaps < thickness
     for i, j in np.ndindex(problem.blocked.shape):
         around = hit[max(0, 2 * i - 1) : 2 * i + 2, max(0, 2 * j - 1) : 2 * j + 2]
