@@ -20,7 +20,7 @@ from problems.plane import CONTACT, Circle, Obstacle, Point
 from problems.problem import Solution, Table, Verdict
 
 if TYPE_CHECKING:
-    from problems.arm_ik.problem import Arm, ArmIk
+    from problems.arm_ik.problem import Arm, ArmIk, ArmProblem
 
 Joints = NDArray[np.complex128]  # (links + 1,), m
 
@@ -50,7 +50,7 @@ def judge(problem: ArmIk, solution: Solution) -> Verdict:
     return Verdict(np.inf if collisions else distance, tuple(objections))
 
 
-def obstacle_at_base(problem: ArmIk) -> int | None:
+def obstacle_at_base(problem: ArmProblem) -> int | None:
     """The first obstacle that the arm's first joint stands in, so that no configuration is free."""
     for number, obstacle in enumerate(problem.obstacles):
         if obstacle.covers(problem.arm.base) or _is_near(
