@@ -19,7 +19,7 @@ from coordinator.errors import ClusterFailed
 from coordinator.job import Failure, JobEntry, Wish
 from problems import BadInput
 from spy.judge import STATUS_OF, Judgement
-from spy.result import Clocks, Result, best_known, result_of, stop_reasons, stopped_after
+from spy.result import Clocks, Result, best_known, result_of, states_of, stop_reasons, stopped_after
 from topologies import ROOT
 from wire import control
 from wire.callbacks import direct
@@ -166,7 +166,8 @@ class Conductor:
         run = self.file.run
         champion = best_known(self.reports, run.spy)
         reasons = stop_reasons(self.reports, run.mode)
-        command = Finish(self.number, champion, stopped_after(self.reports), reasons, error)
+        states = tuple(states_of(self.reports).items())
+        command = Finish(self.number, champion, stopped_after(self.reports), reasons, error, states)
         (answer,) = self._ask(self.keys.spy_control, command)
         if not isinstance(answer, Judged):
             raise ClusterFailed("the spy did not judge the run")

@@ -116,7 +116,7 @@ def _stray(individuals: Any, seed: Any, cell: Any, generation: Any, length: Any)
 
 
 @subroutine
-def _recombine(
+def recombine_row(
     couples: Any,
     offspring: Any,
     seed: Any,
@@ -150,7 +150,7 @@ def recombine(
     rows, count, _, size = couples.shape
     offspring = np.empty((rows, 2 * count, size), np.uint8)
     for row in range(rows):
-        _recombine(couples[row], offspring[row], seed, cells[row], generation, length, uniform, rate)
+        recombine_row(couples[row], offspring[row], seed, cells[row], generation, length, uniform, rate)
     return offspring
 
 
@@ -158,7 +158,8 @@ def recombine(
 def mating(couples: Genomes, offspring: Genomes, seed: np.uint64, cell: int, generation: int, table: Table) -> None:
     """`recombine` for one row; its table: length and uniform, then rate."""
     choices = operators.integers(table, 0)[0]
-    _recombine(couples, offspring, seed, cell, generation, choices[0], choices[1] != 0, operators.reals(table, 1)[0, 0])
+    rate = operators.reals(table, 1)[0, 0]
+    recombine_row(couples, offspring, seed, cell, generation, choices[0], choices[1] != 0, rate)
 
 
 @kernel("int64[::1](uint8[:,:,::1], uint64, int64[::1], int64, int64)")

@@ -5,7 +5,7 @@ row's cell, so both get the same bits. Many rows are bred in blocks: what a gene
 whatever an evaluation makes of them, then fits into the processor's cache, and into memory for a million cells.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -13,6 +13,9 @@ from genetics import selection
 from genetics.arrays import Evaluate, Fitness, Genomes
 from genetics.coding import Coding, Immigrants, Keys
 from genetics.recipe import ONE_BIT, Recipe
+
+Judges = Evaluate | Sequence[Evaluate]
+"""Who evaluates: one for all rows together, or one for each row, as a node does it by itself."""
 
 _TOGETHER = 1 << 13  # individuals of a block
 
@@ -23,9 +26,8 @@ def breed(
     immigrants: Immigrants | None,
     coding: Coding,
     recipe: Recipe,
-    evaluate: Evaluate,
+    evaluate: Judges,
     keys: Keys,
-    apart: bool = False,
 ) -> None:
     """Take ``immigrants`` in and breed the next generation, in place.
 
@@ -35,29 +37,28 @@ def breed(
         immigrants: an island may get None, in a generation without exchange.
         coding: makes offspring of couples.
         recipe: the choices of the rule.
-        evaluate: the problem's fitness of a batch.
+        evaluate: the problem's fitness of a batch; one for each row if in other batches individuals could come out
+            different in a bit, or if evaluating leaves a state.
         keys: what the random draws are keyed by.
-        apart: whether each row's offspring are evaluated by themselves, as a node does it: in other batches they could
-            come out different in a bit.
     """
     alone = genomes.shape[1] == 1
     assert immigrants is not None or not alone, "an individual alone has nobody to breed with"
     if immigrants is not None and not alone:
         selection.admit(genomes, fitness, *immigrants)
     for block in _blocks(genomes):
-        part = genomes[block], fitness[block]
+        part, judges = (genomes[block], fitness[block]), _judges_of(evaluate, block)
         its_keys = keys._replace(cells=keys.cells[block])
         if alone:
             assert immigrants is not None
             its_immigrants = immigrants._replace(whence=immigrants.whence[block])
-            _breed_individual(*part, its_immigrants, coding, recipe, evaluate, its_keys, apart)
+            _breed_individual(*part, its_immigrants, coding, recipe, judges, its_keys)
         else:
-            _breed_island(*part, coding, recipe, evaluate, its_keys, apart)
+            _breed_island(*part, coding, recipe, judges, its_keys)
 
 
-def judge(genomes: Genomes, evaluate: Evaluate, apart: bool = False) -> Fitness:
+def judge(genomes: Genomes, evaluate: Judges) -> Fitness:
     """The fitness of whole demes, (rows, deme, genome_bytes) to (rows, deme), evaluated as `breed` does it."""
-    return np.concatenate([_evaluate(evaluate, genomes[block], apart) for block in _blocks(genomes)])
+    return np.concatenate([_evaluate(_judges_of(evaluate, block), genomes[block]) for block in _blocks(genomes)])
 
 
 def _blocks(genomes: Genomes) -> Iterator[slice]:
@@ -67,22 +68,25 @@ def _blocks(genomes: Genomes) -> Iterator[slice]:
     return (slice(first, first + each) for first in range(0, rows, each))
 
 
+def _judges_of(evaluate: Judges, block: slice) -> Judges:
+    return evaluate if callable(evaluate) else evaluate[block]
+
+
 def _breed_individual(
     genomes: Genomes,
     fitness: Fitness,
     immigrants: Immigrants,
     coding: Coding,
     recipe: Recipe,
-    evaluate: Evaluate,
+    evaluate: Judges,
     keys: Keys,
-    apart: bool,
 ) -> None:
     """The fine-grained step (Ahuactzin et al. 1992, §6): the local individual with each of its neighbours."""
     couples = selection.couples_with(genomes, immigrants.genomes, immigrants.whence, immigrants.each)
     offspring = coding.recombine(couples, recipe, keys)
     if recipe.mutation == ONE_BIT:
         coding.mutate_one(offspring, keys)
-    offspring_fitness = _evaluate(evaluate, offspring, apart)
+    offspring_fitness = _evaluate(evaluate, offspring)
     selection.replace_local(genomes, fitness, offspring, offspring_fitness, recipe.replacement == "elitist")
 
 
@@ -91,9 +95,8 @@ def _breed_island(
     fitness: Fitness,
     coding: Coding,
     recipe: Recipe,
-    evaluate: Evaluate,
+    evaluate: Judges,
     keys: Keys,
-    apart: bool,
 ) -> None:
     """A sequential recipe, such as that of §3.1 steps 3 to 5, at constant size."""
     couples = selection.pairs(
@@ -108,7 +111,7 @@ def _breed_island(
     rows = np.arange(len(genomes))
     parents = genomes[rows[:, None, None], couples]
     offspring = coding.recombine(parents, recipe, keys)
-    offspring_fitness = _evaluate(evaluate, offspring, apart)
+    offspring_fitness = _evaluate(evaluate, offspring)
     elitist = recipe.replacement == "elitist"
     if recipe.renewal is None:
         selection.replace_families(genomes, fitness, couples, offspring, offspring_fitness, elitist)
@@ -116,12 +119,12 @@ def _breed_island(
         selection.replace_worst(genomes, fitness, offspring, offspring_fitness, elitist)
     if recipe.mutation == ONE_BIT:
         changed = coding.mutate_one(genomes, keys)
-        fitness[rows, changed] = _evaluate(evaluate, genomes[rows, changed, None], apart)[:, 0]
+        fitness[rows, changed] = _evaluate(evaluate, genomes[rows, changed, None])[:, 0]
 
 
-def _evaluate(evaluate: Evaluate, individuals: Genomes, apart: bool) -> Fitness:
+def _evaluate(evaluate: Judges, individuals: Genomes) -> Fitness:
     """Of each row's individuals: (rows, count, genome_bytes) to (rows, count)."""
     rows, count, size = individuals.shape
-    if apart:
-        return np.stack([evaluate(each) for each in individuals])
-    return evaluate(individuals.reshape(rows * count, size)).reshape(rows, count)
+    if callable(evaluate):
+        return evaluate(individuals.reshape(rows * count, size)).reshape(rows, count)
+    return np.stack([its_own(each) for its_own, each in zip(evaluate, individuals, strict=True)])

@@ -26,6 +26,7 @@ from node.kernels import OWN, TOLD
 from node.plan import Plan
 from node.rows import Rows
 from problems import EvaluationFailed
+from problems.guard import reported
 from topologies import ROOT
 from wire.exchange import Champion
 from wire.exchange_kernels import JOB, SENT
@@ -204,7 +205,7 @@ class Cell:
             self.state = "running"
             rows, plan = self.rows, self.plan
             rows.begin(None if deme is None else deme[None])
-            if plan.problem.judging is not None:
+            if rows.problems[0].judging is not None:
                 self._live_on = Generations(plan, rows, self.inbox, self._history, self._tells_champion, self._out)
             self._generation_done(actions)
 
@@ -283,6 +284,7 @@ class Cell:
                 champion=self.champion,
                 proposals=tuple(self.rows.proposals),
                 deme=self.rows.genomes.tobytes() if sound else b"",
+                state=reported(self.rows.problems[0]) if sound else b"",
                 error=error,
             )
         )

@@ -242,7 +242,7 @@ class Generations:
     """
 
     def __init__(self, plan: Plan, rows: Rows, inbox: Inbox, history: History, champion: bool, out: Genomes) -> None:
-        judging, mating = plan.problem.judging, plan.coding.mating(plan.recipe)
+        judging, mating = rows.problems[0].judging, plan.coding.mating(plan.recipe)
         assert judging is not None, "only for a compiled fitness"
         straying = plan.coding.straying() if plan.recipe.mutation == ONE_BIT else None
         alone = plan.run.deme == 1

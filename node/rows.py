@@ -9,10 +9,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from genetics import Cells, Fitness, Genomes
-from genetics.breeding import breed, judge
+from genetics.breeding import Judges, breed, judge
 from genetics.coding import Immigrants
 from node.kernels import believe, tell
 from node.plan import Plan
+from problems.guard import guarded
 from topologies import ROOT
 from wire.exchange import NEVER, Messages
 from wire.exchange_kernels import BIRTHPLACE, BORN, STOP_AT
@@ -24,6 +25,7 @@ class Rows:
     """The demes of ``cells``, shape (rows,), all in the same generation.
 
     Attributes:
+        problems: each row's own, if evaluating leaves a state; else all the same.
         messages: the rows' own, and after them any others that there was room for. What a row knows is what it tells:
             its message holds the champion, and the least stop, that it knows.
     """
@@ -57,8 +59,8 @@ class Rows:
         self._first_evaluations, self._each_evaluations = plan.run.deme, plan.evaluations_per_generation
         self._interval, self._emigrants, self._alone = plan.run.interval, plan.run.emigrants, plan.run.deme == 1
         self._coding, self._recipe = plan.coding, plan.recipe
-        self._apart = rows > 1 and not plan.problem.batches_alike
-        self._evaluate = plan.evaluate
+        self.problems = [plan.problem.for_cell() for _ in range(rows)]
+        self._evaluate = self._judges()
 
     @property
     def evaluations(self) -> int:
@@ -74,7 +76,7 @@ class Rows:
         """Draw the first demes, unless they are given, (rows, deme, genome_bytes), and evaluate them (§6, 1 and 2)."""
         plan = self.plan
         self.genomes = plan.coding.random(plan.keys(self.cells, 0), plan.run.deme) if demes is None else demes.copy()
-        self.fitness = judge(self.genomes, self._evaluate, self._apart)
+        self.fitness = judge(self.genomes, self._evaluate)
         self._tell()
 
     def advance(self, received: Messages | None, whence: Cells | None = None) -> None:
@@ -96,7 +98,6 @@ class Rows:
             self._recipe,
             self._evaluate,
             self.plan.keys(self.cells, self.generation),
-            self._apart,
         )
         self._tell()
 
@@ -110,6 +111,14 @@ class Rows:
     def note_proposal(self, row: int, reason: Reason) -> None:
         """Keep in mind that the row's stop is its own proposal of this generation."""
         self.proposals.append(Proposal(int(self.stop_at[row]), reason, int(self.cells[row]), self.generation))
+
+    def _judges(self) -> Judges:
+        """One for all rows, unless that would not be the same as one for each."""
+        if any(each is not self.plan.problem for each in self.problems):
+            return [guarded(each) for each in self.problems]
+        if len(self.cells) > 1 and not self.plan.problem.batches_alike:
+            return [self.plan.evaluate] * len(self.cells)
+        return self.plan.evaluate
 
     def _tell(self) -> None:
         """Champions, emigrants and proposals."""

@@ -15,6 +15,7 @@ from node.history import History
 from node.kernels import delay
 from node.plan import Plan
 from node.rows import Rows
+from problems.guard import reported
 from topologies import ROOT
 from wire.exchange import Champion, Messages
 from wire.exchange_kernels import BIRTHPLACE, BORN, hear_emigrants_only
@@ -117,10 +118,11 @@ def _reports(rows: Rows, digests: list[bytes], published: int) -> list[Report]:
             champion=champion,
             proposals=tuple(proposals.get(cell, ())),
             deme=deme,
+            state=reported(problem),
             error=None,
         )
-        for cell, digest, champion, deme in zip(
-            rows.cells.tolist(), digests, _champions(rows.messages), _bytes_of(rows.genomes), strict=True
+        for cell, digest, champion, deme, problem in zip(
+            rows.cells.tolist(), digests, _champions(rows.messages), _bytes_of(rows.genomes), rows.problems, strict=True
         )
     ]
 

@@ -2,13 +2,14 @@
 
 import json
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from genetics.arrays import Evaluate, Fitness, Genomes
 from problems.errors import BadInput, EvaluationFailed, shorten
-from problems.problem import Answer, Problem, Solution, Verdict
+from problems.problem import MOST_REPORT_BYTES, Answer, Problem, Solution, Verdict
 
 _ANYTHING = (Exception, SystemExit)
 
@@ -47,13 +48,35 @@ def decoded(problem: Problem, genome: Genomes) -> Solution:
         solution = problem.decode(genome)
     except _ANYTHING as error:
         raise _raised(problem, "decode", error) from error
+    return _plain(problem, "decode", solution)
+
+
+def reported(problem: Problem) -> bytes:
+    """What ``problem.report`` returns.
+
+    Raises:
+        EvaluationFailed: if it raises, or returns something else than a few bytes.
+    """
     try:
-        plain: Any = json.loads(json.dumps(solution, allow_nan=False))
-    except (TypeError, ValueError, RecursionError) as error:
-        raise EvaluationFailed(f"{problem.kind}: decode must return plain JSON values: {error}") from error
-    if not isinstance(plain, dict):
-        raise EvaluationFailed(f"{problem.kind}: decode must return a table of named values, got {shorten(plain)}")
-    return plain
+        report = problem.report()
+    except _ANYTHING as error:
+        raise _raised(problem, "report", error) from error
+    if not isinstance(report, bytes) or len(report) > MOST_REPORT_BYTES:
+        raise EvaluationFailed(f"{problem.kind}: report must return at most {MOST_REPORT_BYTES} bytes")
+    return report
+
+
+def merged(problem: Problem, solution: Solution, reports: Mapping[int, bytes], finder: int) -> Solution:
+    """What ``problem.merge`` returns, if it is a table of plain JSON values.
+
+    Raises:
+        EvaluationFailed: if it raises, or returns something else.
+    """
+    try:
+        whole = problem.merge(solution, reports, finder)
+    except _ANYTHING as error:
+        raise _raised(problem, "merge", error) from error
+    return _plain(problem, "merge", whole)
 
 
 def checked(problem: Problem, solution: Solution) -> Verdict:
@@ -123,6 +146,16 @@ def solved_at(problem: Problem) -> float | None:
     if isinstance(fitness, bool) or not isinstance(fitness, float | int | np.floating) or math.isnan(fitness):
         raise BadInput(f"{problem.kind}: solved_at must be a number or None, got {fitness!r}")
     return float(fitness)
+
+
+def _plain(problem: Problem, what: str, solution: Solution) -> Solution:
+    try:
+        plain: Any = json.loads(json.dumps(solution, allow_nan=False))
+    except (TypeError, ValueError, RecursionError) as error:
+        raise EvaluationFailed(f"{problem.kind}: {what} must return plain JSON values: {error}") from error
+    if not isinstance(plain, dict):
+        raise EvaluationFailed(f"{problem.kind}: {what} must return a table of named values, got {shorten(plain)}")
+    return plain
 
 
 def _raised(problem: Problem, what: str, error: BaseException) -> EvaluationFailed:

@@ -30,6 +30,8 @@ RecipeName = Literal["tuned", "paper"]
 Solution = dict[str, Any]  # plain JSON values
 Populations = Mapping[int, Genomes]  # generation to genomes, shape (n, genome_bytes)
 
+MOST_REPORT_BYTES = 1 << 12  # a thousand cells report at once
+
 
 @dataclass(frozen=True)
 class Verdict:
@@ -169,6 +171,27 @@ class Problem(Table):
     def decode(self, genome: Genomes) -> Solution:
         """The solution that a genome, shape (genome_bytes,), stands for, as plain JSON values."""
         return {"genome": genome.tobytes().hex()}
+
+    def for_cell(self) -> Self:
+        """This problem with a state of its own, if evaluating leaves a state: each cell then has one.
+
+        A state is for what is worth keeping from one evaluation to the next; it must not show in any fitness.
+        """
+        return self
+
+    def report(self) -> bytes:
+        """What a cell has to say of its state when it stops, at most `MOST_REPORT_BYTES`."""
+        return b""
+
+    def merge(self, solution: Solution, reports: Mapping[int, bytes], finder: int) -> Solution:
+        """The solution with whatever the cells' reports add to it.
+
+        Args:
+            solution: as `decode` made it.
+            reports: of the cells that had something to report, by their numbers.
+            finder: the cell that found the solution.
+        """
+        return solution
 
     def describe(self, solution: Solution) -> str:
         """The solution in words, a line or a few."""

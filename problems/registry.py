@@ -11,6 +11,7 @@ from problems.problem import Problem
 
 _BUILT_IN = {
     "arm-ik": "problems.arm_ik:ArmIk",
+    "arm-path": "problems.arm_path:ArmPath",
     "coordination": "problems.coordination:Coordination",
     "function": "problems.function:Function",
     "min-time": "problems.min_time:MinTime",

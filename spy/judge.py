@@ -1,13 +1,13 @@
 """How a run is judged when it has ended: its status, and whether an independent check accepts the answer."""
 
 import math
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 from node.plan import Plan
 from problems import BadInput, EvaluationFailed
-from problems.guard import checked, described, solved_at
+from problems.guard import checked, described, merged, solved_at
 from spy.collector import Collector
 from wire.control import Judged
 from wire.news import Improvement
@@ -60,8 +60,17 @@ class Judgement:
         raise Rejected("no such status")
 
 
-def judge(collector: Collector, generation: int, reasons: Iterable[Reason], error: str | None = None) -> Judgement:
-    """Judge what the spy has collected of a run that stopped after ``generation`` for ``reasons``, or by an error."""
+def judge(
+    collector: Collector,
+    generation: int,
+    reasons: Iterable[Reason],
+    error: str | None = None,
+    states: Mapping[int, bytes] | None = None,
+) -> Judgement:
+    """Judge what the spy has collected of a run that stopped after ``generation`` for ``reasons``, or by an error.
+
+    What the cells' ``states`` have to say goes into the solution.
+    """
     best = collector.best
     if error is not None:
         return Judgement("failed", False, error, best)
@@ -71,6 +80,10 @@ def judge(collector: Collector, generation: int, reasons: Iterable[Reason], erro
     status = _status(plan, best, generation, set(reasons))
     if best is None:
         return Judgement(status, False, None, None, None, plan.target)
+    try:
+        best = replace(best, solution=merged(plan.problem, best.solution, states or {}, best.cell))
+    except EvaluationFailed as failure:
+        return Judgement("failed", False, str(failure), best)
     status, feasible, message = _checked(plan, status, best)
     return Judgement(status, feasible, message, best, described(plan.problem, best.solution), plan.target)
 

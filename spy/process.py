@@ -221,7 +221,9 @@ class SpyProcess:
 
     def _finish(self, assignment: _Assignment, command: Finish) -> Judged:
         self._hear(assignment, command.champion)
-        judgement = judge(assignment.collector, command.generation, command.reasons, command.error)
+        judgement = judge(
+            assignment.collector, command.generation, command.reasons, command.error, dict(command.states)
+        )
         assignment.log.end(judgement, command.generation)
         self.assignment = None
         return judgement.answer()

@@ -106,6 +106,11 @@ def stop_reasons(reports: Sequence[Report], mode: str) -> tuple[Reason, ...]:
     return tuple(dict.fromkeys(each.reason for each in proposals if mode == "async" or each.stop_at == stop))
 
 
+def states_of(reports: Sequence[Report]) -> dict[int, bytes]:
+    """What the cells have to say of their problems' states, where they have something to say."""
+    return {report.cell: report.state for report in reports if report.state}
+
+
 def result_of(
     job: str,
     file: ProblemFile,

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 
 from wire.exchange import VERSION, Champion
 from wire.report import Reason, reason_of
-from wire.strict import Kind, Rejected, count, of, pack, unpack
+from wire.strict import Kind, Rejected, count, fields, of, pack, unpack
 
 
 @dataclass(frozen=True)
@@ -65,6 +65,7 @@ class Finish:
         generation: after which they stopped, the median in async mode.
         reasons: of the stops proposed for that generation.
         error: why a node failed, or None.
+        states: what cells, by their numbers, have to say of their problems' states.
     """
 
     name: ClassVar[str] = "finish"
@@ -73,6 +74,7 @@ class Finish:
     generation: int
     reasons: tuple[Reason, ...]
     error: str | None = None
+    states: tuple[tuple[int, bytes], ...] = ()
 
 
 Command = Prepare | Begin | ProposeStop | Drop | Missed | Finish
@@ -140,13 +142,14 @@ def decode(payload: bytes) -> Command:
             return Drop(count(job))
         case "missed", [job, generation]:
             return Missed(count(job), count(generation))
-        case "finish", [job, champion, generation, reasons, error]:
+        case "finish", [job, champion, generation, reasons, error, states]:
             return Finish(
                 count(job),
                 None if champion is None else Champion.of(champion),
                 count(generation),
                 tuple(reason_of(reason) for reason in of(list, reasons)),
                 None if error is None else of(str, error),
+                tuple(_state(each) for each in of(list, states)),
             )
     raise Rejected("no such command")
 
@@ -173,6 +176,11 @@ def decode_answer(payload: bytes) -> Answer:
                 status, feasible, _maybe(str, message), _maybe(bytes, best), _maybe(str, words), _maybe(float, target)
             )
     raise Rejected("no such answer")
+
+
+def _state(value: object) -> tuple[int, bytes]:
+    cell, state = fields(value, 2)
+    return count(cell), of(bytes, state)
 
 
 def _maybe(kind: type[Kind], value: object) -> Kind | None:

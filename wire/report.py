@@ -46,6 +46,7 @@ class Report:
         champion: the best that it has seen or heard of.
         proposals: the stops that it proposed.
         deme: its last individuals, each of them whole, one after the other.
+        state: what its problem has to say of the state that evaluating left, see `problems.problem.Problem.report`.
         error: why it failed, or None.
     """
 
@@ -61,6 +62,7 @@ class Report:
     champion: Champion | None
     proposals: tuple[Proposal, ...]
     deme: bytes
+    state: bytes
     error: str | None
 
     def encode(self) -> bytes:
@@ -74,7 +76,7 @@ class Report:
         Raises:
             Rejected: whatever is wrong with it.
         """
-        cell, generation, digest, *counters, staleness, champion, proposals, deme, error = fields(unpack(payload), 13)
+        cell, generation, digest, *counters, staleness, champion, proposals, deme, state, error = fields(unpack(payload), 14)
         evaluations, sent, received, lost, rejected = (count(each) for each in counters)
         return Report(
             count(cell),
@@ -89,6 +91,7 @@ class Report:
             None if champion is None else Champion.of(champion),
             tuple(_proposal(each) for each in of(list, proposals)),
             of(bytes, deme),
+            of(bytes, state),
             None if error is None else of(str, error),
         )
 

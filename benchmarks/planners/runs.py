@@ -13,7 +13,7 @@ from problems import Problem, ProblemFile, Run
 from problems.problem import Solution
 from spy.collector import Collector
 from spy.judge import Status, judge
-from spy.result import best_known, stop_reasons, stopped_after
+from spy.result import best_known, states_of, stop_reasons, stopped_after
 
 Task = TypeVar("Task")
 Found = TypeVar("Found")
@@ -56,7 +56,7 @@ def run(problem: Problem | ProblemFile, **settings: Any) -> Outcome:
     collector = Collector(plan, job=1)
     collector.hear(best_known(reports, plan.run.spy), 0.0)
     generations = stopped_after(reports)
-    judgement = judge(collector, generations, stop_reasons(reports, plan.run.mode))
+    judgement = judge(collector, generations, stop_reasons(reports, plan.run.mode), states=states_of(reports))
     best = judgement.best
     first, each = plan.run.deme, plan.evaluations_per_generation
     return Outcome(

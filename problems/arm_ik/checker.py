@@ -20,7 +20,7 @@ from problems.plane import CONTACT, Circle, Obstacle, Point
 from problems.problem import Solution, Table, Verdict
 
 if TYPE_CHECKING:
-    from problems.arm_ik.problem import Arm, ArmIk
+    from problems.arm_ik.problem import Arm, ArmIk, ArmProblem
 
 Joints = NDArray[np.complex128]  # (links + 1,), m
 
@@ -67,7 +67,7 @@ def links_of(joints: Joints) -> list[shapely.LineString]:
     return [shapely.LineString(points[link : link + 2]) for link in range(len(points) - 1)]
 
 
-def obstacle_at_base(problem: ArmIk) -> int | None:
+def obstacle_at_base(problem: ArmProblem) -> int | None:
     """The first obstacle that the arm's first joint stands in, so that no configuration is free."""
     for number, obstacle in enumerate(problem.obstacles):
         if obstacle.covers(problem.arm.base) or _is_near(

@@ -46,7 +46,7 @@ class Obstacles(NamedTuple):
 
 
 @subroutine
-def _gap_squared(px: Any, py: Any, ax: Any, ay: Any, bx: Any, by: Any) -> Any:
+def gap_squared(px: Any, py: Any, ax: Any, ay: Any, bx: Any, by: Any) -> Any:
     """The squared distance of the point p to the segment ab."""
     dx, dy = bx - ax, by - ay
     length_squared = dx * dx + dy * dy
@@ -64,14 +64,14 @@ def _side(px: Any, py: Any, ax: Any, ay: Any, bx: Any, by: Any) -> Any:
 
 
 @subroutine
-def _clearance(ax: Any, ay: Any, bx: Any, by: Any, cx: Any, cy: Any, dx: Any, dy: Any) -> Any:
+def clearance(ax: Any, ay: Any, bx: Any, by: Any, cx: Any, cy: Any, dx: Any, dy: Any) -> Any:
     """The signed clearance of the segments ab and cd; the depth of a crossing is how far its nearest end sticks out."""
     nearest = np.sqrt(
         min(
-            _gap_squared(ax, ay, cx, cy, dx, dy),
-            _gap_squared(bx, by, cx, cy, dx, dy),
-            _gap_squared(cx, cy, ax, ay, bx, by),
-            _gap_squared(dx, dy, ax, ay, bx, by),
+            gap_squared(ax, ay, cx, cy, dx, dy),
+            gap_squared(bx, by, cx, cy, dx, dy),
+            gap_squared(cx, cy, ax, ay, bx, by),
+            gap_squared(dx, dy, ax, ay, bx, by),
         )
     )
     apart = (
@@ -146,13 +146,13 @@ def _enters(ax: Any, ay: Any, bx: Any, by: Any, corners: Any, first: Any, last: 
 
 
 @subroutine
-def _hits_polygon(ax: Any, ay: Any, bx: Any, by: Any, corners: Any, first: Any, last: Any, limit: Any) -> Any:
+def hits_polygon(ax: Any, ay: Any, bx: Any, by: Any, corners: Any, first: Any, last: Any, limit: Any) -> Any:
     if limit <= 0.0:
         return _enters(ax, ay, bx, by, corners, first, last, -limit)
     previous = last - 1
     for corner in range(first, last):
         cx, cy, dx, dy = corners[previous, 0], corners[previous, 1], corners[corner, 0], corners[corner, 1]
-        if _clearance(ax, ay, bx, by, cx, cy, dx, dy) < limit:
+        if clearance(ax, ay, bx, by, cx, cy, dx, dy) < limit:
             return True
         previous = corner
     return _inside(ax, ay, corners, first, last)
@@ -172,10 +172,9 @@ def link_hits(ax: Any, ay: Any, bx: Any, by: Any, radius: Any, obstacles: Any) -
         limit = radius + thickness[shape] - CONTACT
         if last - first == 1:
             if limit > 0.0:
-                gap_squared = _gap_squared(corners[first, 0], corners[first, 1], ax, ay, bx, by)
-                if gap_squared < limit * limit:
+                if gap_squared(corners[first, 0], corners[first, 1], ax, ay, bx, by) < limit * limit:
                     return True
-        elif _hits_polygon(ax, ay, bx, by, corners, first, last, limit):
+        elif hits_polygon(ax, ay, bx, by, corners, first, last, limit):
             return True
     return False
 
@@ -193,7 +192,7 @@ def touches_itself(joints: Any, radius: Any) -> Any:
                 continue
             if max(ay, by) + limit < min(cy, dy) or max(cy, dy) + limit < min(ay, by):
                 continue
-            if _clearance(ax, ay, bx, by, cx, cy, dx, dy) < limit:
+            if clearance(ax, ay, bx, by, cx, cy, dx, dy) < limit:
                 return True
     return False
 

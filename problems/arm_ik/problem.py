@@ -55,7 +55,43 @@ class Arm(Table):
         return limits
 
 
-class ArmIk(CodedProblem):
+class ArmProblem(CodedProblem):
+    """What all problems of planar arms among obstacles share."""
+
+    bits: int = quantity("bit", "bits of each joint angle", default=8, ge=1, le=62)
+    self_collision: bool = quantity("", "whether links that are not neighbours must not touch each other", default=True)
+    arm: Arm = quantity("", "the arm")
+    obstacles: list[Obstacle] = quantity("", "solid shapes that no link may touch", default_factory=list)
+
+    @model_validator(mode="after")
+    def _some_configuration_may_be_free(self) -> Self:
+        hit = checker.obstacle_at_base(self)
+        if hit is not None:
+            raise ValueError(
+                f"arm.base: expected a place clear of the obstacles by the arm's radius {self.arm.radius:g}, "
+                f"found {list(self.arm.base)} in obstacles[{hit}]"
+            )
+        shortest = min(self.arm.links[1:-1], default=np.inf)
+        if self.self_collision and shortest < 2 * self.arm.radius:
+            raise ValueError(
+                f"arm.links: expected links between others at least twice the radius {self.arm.radius:g} long, "
+                f"else these would always touch, found {shortest:g}"
+            )
+        return self
+
+    @cached_property
+    def joint_ranges(self) -> tuple[Configurations, Configurations]:
+        """The lowest angle of each joint and its range, rad, shape (links,) each."""
+        limits = np.array(self.arm.limits or [(0.0, 2.0 * np.pi)] * len(self.arm.links))
+        return limits[:, 0], limits[:, 1] - limits[:, 0]
+
+    @property
+    def steps(self) -> int:
+        """Code steps in a joint's range: on a full circle the step after the last leads back to the first."""
+        return (1 << self.bits) - (0 if self.arm.limits is None else 1)
+
+
+class ArmIk(ArmProblem):
     """Minimise f(θ) = ‖d(θ) − X‖, +∞ in collision (Ahuactzin et al. 1992, §3.1).
 
     Each joint angle is one integer of ``bits`` bits; a genome is their concatenation.
@@ -98,26 +134,6 @@ seed = 1
     any_thread: ClassVar[bool] = True
 
     target: Place = quantity("m", "where the tip shall be, [x, y]")
-    bits: int = quantity("bit", "bits of each joint angle", default=8, ge=1, le=62)
-    self_collision: bool = quantity("", "whether links that are not neighbours must not touch each other", default=True)
-    arm: Arm = quantity("", "the arm")
-    obstacles: list[Obstacle] = quantity("", "solid shapes that no link may touch", default_factory=list)
-
-    @model_validator(mode="after")
-    def _some_configuration_may_be_free(self) -> Self:
-        hit = checker.obstacle_at_base(self)
-        if hit is not None:
-            raise ValueError(
-                f"arm.base: expected a place clear of the obstacles by the arm's radius {self.arm.radius:g}, "
-                f"found {list(self.arm.base)} in obstacles[{hit}]"
-            )
-        shortest = min(self.arm.links[1:-1], default=np.inf)
-        if self.self_collision and shortest < 2 * self.arm.radius:
-            raise ValueError(
-                f"arm.links: expected links between others at least twice the radius {self.arm.radius:g} long, "
-                f"else these would always touch, found {shortest:g}"
-            )
-        return self
 
     @cached_property
     def coding(self) -> BitString:
@@ -125,17 +141,6 @@ seed = 1
         from genetics.bit_string import BitString
 
         return BitString(len(self.arm.links), self.bits, gray=self.code != "binary")
-
-    @cached_property
-    def joint_ranges(self) -> tuple[Configurations, Configurations]:
-        """The lowest angle of each joint and its range, rad, shape (links,) each."""
-        limits = np.array(self.arm.limits or [(0.0, 2.0 * np.pi)] * len(self.arm.links))
-        return limits[:, 0], limits[:, 1] - limits[:, 0]
-
-    @property
-    def steps(self) -> int:
-        """Code steps in a joint's range: on a full circle the step after the last leads back to the first."""
-        return (1 << self.bits) - (0 if self.arm.limits is None else 1)
 
     @property
     def solved_at(self) -> float:

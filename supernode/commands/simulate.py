@@ -80,7 +80,7 @@ def _simulate(file: "ProblemFile", terminal: "Terminal", log: "RunLog", outside:
     from problems import EvaluationFailed
     from spy.collector import Collector
     from spy.judge import judge
-    from spy.result import Clocks, best_known, result_of, stop_reasons, stopped_after
+    from spy.result import Clocks, best_known, result_of, states_of, stop_reasons, stopped_after
 
     plan = Plan.of(file)
     collector = Collector(plan, job=1)
@@ -103,7 +103,8 @@ def _simulate(file: "ProblemFile", terminal: "Terminal", log: "RunLog", outside:
     seconds = time.monotonic() - outside.began
     hear(best_known(reports, file.run.spy))
     generation = stopped_after(reports) if reports else 0
-    judgement = judge(collector, generation, stop_reasons(reports, file.run.mode), error)
+    reasons = stop_reasons(reports, file.run.mode)
+    judgement = judge(collector, generation, reasons, error, states_of(reports))
     log.end(judgement, generation)
     clocks = Clocks(seconds, 0.0, time.process_time())
     return result_of("1", file, reports, judgement, fingerprint(), clocks)

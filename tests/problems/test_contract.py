@@ -16,7 +16,7 @@ from problems import registry
 from problems.file import parse
 from spy.collector import Collector
 from spy.judge import judge
-from spy.result import best_known, stop_reasons, stopped_after
+from spy.result import best_known, states_of, stop_reasons, stopped_after
 
 EXAMPLES = sorted((Path(__file__).parent.parent.parent / "examples").glob("*.toml"))
 FILES = {path.name: lambda path=path: supernode.load(path) for path in EXAMPLES} | {
@@ -38,7 +38,8 @@ def outcome(plan):
     reports = simulate(plan)
     collector = Collector(plan, job=1)
     collector.hear(best_known(reports, plan.run.spy), 0.0)
-    return reports, judge(collector, stopped_after(reports), stop_reasons(reports, plan.run.mode))
+    reasons = stop_reasons(reports, plan.run.mode)
+    return reports, judge(collector, stopped_after(reports), reasons, states=states_of(reports))
 
 
 def some_genomes(plan, deme=50):

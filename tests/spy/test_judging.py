@@ -117,7 +117,7 @@ def test_what_is_not_claimed_to_be_solved_may_be_infeasible():
 
 def report(cell, generation=8, champion=None, proposals=()):
     counts = (9, 8, 32, 0, 0, Staleness(0, 0, 0, 0))
-    return Report(cell, generation, bytes([cell]) * 32, *counts, champion, tuple(proposals), b"", None)
+    return Report(cell, generation, bytes([cell]) * 32, *counts, champion, tuple(proposals), b"", b"", None)
 
 
 def test_the_best_known_is_the_least_champion_or_the_roots():

@@ -20,6 +20,7 @@ def report(*counts):
         champion=None,
         proposals=(),
         deme=b"",
+        state=b"",
         error=None,
     )
 

@@ -34,7 +34,13 @@ COMMANDS = st.one_of(
     st.builds(Drop, counts),
     st.builds(Missed, counts, counts),
     st.builds(
-        Finish, counts, st.none() | champions, counts, st.lists(reasons, max_size=3).map(tuple), st.none() | st.text()
+        Finish,
+        counts,
+        st.none() | champions,
+        counts,
+        st.lists(reasons, max_size=3).map(tuple),
+        st.none() | st.text(),
+        st.lists(st.tuples(counts, st.binary(max_size=40)), max_size=3).map(tuple),
     ),
 )
 REPORTS = st.builds(
@@ -51,6 +57,7 @@ REPORTS = st.builds(
     champion=st.none() | champions,
     proposals=st.lists(st.builds(Proposal, counts, reasons, counts, counts), max_size=3).map(tuple),
     deme=st.binary(max_size=100),
+    state=st.binary(max_size=100),
     error=st.none() | st.text(),
 )
 IMPROVEMENTS = st.builds(
@@ -58,7 +65,7 @@ IMPROVEMENTS = st.builds(
 )
 
 PREPARE = Prepare(3, '["x.toml"]', "/tmp/log")
-FINISH = Finish(3, Champion(0.5, 7, 2, b"\x12"), 20, ("target", "stall"))
+FINISH = Finish(3, Champion(0.5, 7, 2, b"\x12"), 20, ("target", "stall"), None, ((2, b"\x01"),))
 REPORT = Report(
     2,
     20,
@@ -72,6 +79,7 @@ REPORT = Report(
     FINISH.champion,
     (Proposal(20, "target", 2, 13),),
     b"\x12\x34",
+    b"\x56",
     None,
 )
 IMPROVEMENT = Improvement(3, 0.25, 7, 2, 0.5, {"angles": [0.1, 0.2], "tip": {"x": 1}})

@@ -1,0 +1,90 @@
+"""Random worlds for Manhattan motions of two-link arms: instances that nobody tuned to, the same for the same number."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from problems import ProblemFile, Run
+from problems.arm_path import ArmPath
+from problems.arm_path.oracle import Grid, fill, move_counts
+
+Fields = dict[str, Any]
+
+TUNED_ON = range(10_000, 30_000)
+"""The worlds on which the tuned recipe was chosen; a benchmark takes others."""
+
+FEWEST_MOVES = 4
+_MOST_MOVES = 32  # far fewer than the moves of a motion
+_STEP = 2.0 * np.pi / 256
+
+
+def arm_path_world(number: int, run: Run | None = None) -> ProblemFile:
+    """World ``number``: two links, and a goal that can surely be reached, but not in fewer than 4 moves."""
+    generator = np.random.default_rng([1992, 4, number])
+    while True:
+        fields, grid = _scattered(generator)
+        counts = move_counts(grid)
+        fewest = np.where(counts < 0, 1 << 30, counts).min(axis=0)
+        goals = np.argwhere((fewest >= FEWEST_MOVES) & (fewest <= _MOST_MOVES))
+        if len(goals):
+            return _with_goal(f"world {number}", fields, generator.choice(goals), run)
+
+
+def unsolvable_world(number: int, run: Run | None = None) -> ProblemFile:
+    """World ``number`` of those whose goal is surely out of reach, though the arm could stand there."""
+    generator = np.random.default_rng([1992, 40, number])
+    while True:
+        fields, grid = _scattered(generator)
+        counts = move_counts(grid._replace(surely_free=grid.maybe_free))
+        goals = np.argwhere(grid.surely_free & (counts < 0).all(axis=0))
+        if len(goals):
+            return _with_goal(f"unsolvable world {number}", fields, generator.choice(goals), run)
+
+
+def _with_goal(name: str, fields: Fields, goal: NDArray[np.int64], run: Run | None) -> ProblemFile:
+    return ProblemFile(name, fields | {"goal": (goal * _STEP).tolist()}, run or Run(), Path())
+
+
+def _scattered(generator: np.random.Generator) -> tuple[Fields, Grid]:
+    """A world whose start is also its goal, and its cells."""
+    while True:
+        fields = _world(generator)
+        try:
+            problem = ArmPath.model_validate(fields | {"goal": fields["start"]})
+        except ValueError:  # the arm would stand in something
+            continue
+        return fields, fill(problem)
+
+
+def _world(generator: np.random.Generator) -> Fields:
+    """Links of random lengths among 4 to 10 things, scattered over what the arm can reach."""
+    links = generator.uniform(0.5, 1.0, 2)
+    reach = float(links.sum())
+    obstacles = [_thing(generator, reach) for _ in range(generator.integers(4, 11))]
+    return {
+        "kind": "arm-path",
+        "start": (generator.integers(0, 256, 2) * _STEP + _STEP / 3).tolist(),
+        "arm": {"links": links.tolist(), "radius": 0.03},
+        "obstacles": obstacles,
+    }
+
+
+def _thing(generator: np.random.Generator, reach: float) -> Fields:
+    bearing, away = generator.uniform(0.0, 2.0 * np.pi), reach * generator.uniform(0.25, 1.0)
+    center = away * np.array([np.cos(bearing), np.sin(bearing)])
+    match generator.integers(3):
+        case 0:
+            return {"shape": "circle", "center": center.tolist(), "radius": float(reach * generator.uniform(0.03, 0.12))}
+        case 1:
+            size = (reach * generator.uniform(0.05, 0.3, 2)).tolist()
+            return {"shape": "box", "center": center.tolist(), "size": size, "angle": float(generator.uniform(0, np.pi))}
+        case _:
+            count = int(generator.integers(3, 8))
+            bearings = (np.arange(count) + generator.uniform(0.1, 0.9, count)) * 2.0 * np.pi / count
+            radii = reach * generator.uniform(0.05, 0.18, count)
+            corners = center + (radii * np.array([np.cos(bearings), np.sin(bearings)])).T
+            return {"shape": "polygon", "vertices": corners.tolist()}

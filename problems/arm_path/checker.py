@@ -1,0 +1,243 @@
+"""The judge of arm-path solutions: its own kinematics in complex numbers, and shapely; nothing that `evaluate` uses.
+
+A motion turns what lies beyond one joint. It is sampled, and the hull of a link at two neighbouring samples covers all
+that it sweeps between them, up to a few micrometres: overlaps up to that are allowed.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from pydantic import Field, ValidationError
+
+from problems.errors import BadInput, first_line
+from problems.plane import CONTACT, Circle, Obstacle
+from problems.problem import Solution, Table, Verdict
+
+if TYPE_CHECKING:
+    from problems.arm_path.problem import ArmPath
+
+Angles = NDArray[np.float64]  # (rows, links), rad
+Joints = NDArray[np.complex128]  # (samples, links + 1), m
+Lines = NDArray[Any]  # shapely geometries, (samples, links)
+Code = Annotated[int, Field(ge=0)] | Literal["start", "goal"]
+
+TOLERANCE = 1e-6  # rad, and m where the arm stands still
+_SAMPLES_A_RADIAN = 400
+_SHARE = 1e-3  # of configuration space: cells that only touch may be judged either way
+_FULL_TURN = 2.0 * np.pi
+
+
+class PathSolution(Table):
+    """What a solution of arm-path is made of."""
+
+    path: Annotated[list[list[float]], Field(min_length=1)]
+    cspace_evaluated: Annotated[float, Field(ge=0, le=1)]
+    slices: tuple[list[Code], list[Code]] | Annotated[int, Field(ge=0)]
+
+
+def judge(problem: ArmPath, solution: Solution) -> Verdict:
+    """How far the path ends from the goal, rad, and all that is wrong with the solution."""
+    claimed = _parsed(problem, solution)
+    path = np.array(claimed.path)
+    away = _away(problem, path[-1])
+    objections = [
+        *_wrong_start(problem, path[0]),
+        *_wrong_rows(problem, path),
+        *_collisions(problem, path),
+        *_wrong_share(problem, claimed),
+    ]
+    if away > TOLERANCE:
+        objections.append(f"the path ends {away:.3g} rad from the goal")
+    return Verdict(0.0 if away <= TOLERANCE else away, tuple(objections))
+
+
+def objection_to(problem: ArmPath, configuration: Sequence[float]) -> str | None:
+    """Why the arm cannot stand there, if it cannot."""
+    for joint, ((lowest, highest), angle) in enumerate(zip(problem.arm.limits or [], configuration, strict=False)):
+        if not lowest <= angle <= highest:
+            return f"joint {joint + 1} is beyond its limits [{lowest:g}, {highest:g}]"
+    lines = _lines(_joints(problem, np.array([configuration])))
+    for index, obstacle in enumerate(problem.obstacles):
+        if _hits(lines, obstacle, problem.arm.radius - 2 * CONTACT).any():
+            return f"the arm is in obstacles[{index}]"
+    if problem.self_collision and _touching(problem, lines[0]):
+        return "the arm touches itself"
+    return None
+
+
+def _parsed(problem: ArmPath, solution: Solution) -> PathSolution:
+    try:
+        claimed = PathSolution.model_validate_json(json.dumps(solution), strict=True)
+    except ValidationError as error:
+        raise first_line(error, PathSolution, "solution") from error
+    links, levels = len(problem.arm.links), 1 << problem.bits
+    for row in claimed.path:
+        if len(row) != links:
+            raise BadInput(f"solution: path: expected {links} angles in each row, found {len(row)}")
+    if (links == 2) == isinstance(claimed.slices, int):
+        expected = "two lists of codes" if links == 2 else "a number"
+        raise BadInput(f"solution: slices: expected {expected} for {links} links")
+    if not isinstance(claimed.slices, int):
+        for code in (*claimed.slices[0], *claimed.slices[1]):
+            if isinstance(code, int) and code >= levels:
+                raise BadInput(f"solution: slices: expected codes below {levels}, found {code}")
+    return claimed
+
+
+# The path --------------------------------------------------------------------------------------------------------------
+def _away(problem: ArmPath, configuration: Angles) -> float:
+    """The distance to the goal, rad: on the torus of angles where joints turn all the way round."""
+    difference = np.array(problem.goal) - configuration
+    if problem.arm.limits is None:
+        difference = (difference + np.pi) % _FULL_TURN - np.pi
+    return float(np.linalg.norm(difference))
+
+
+def _wrong_start(problem: ArmPath, row: Angles) -> Iterator[str]:
+    if np.abs(row - problem.start).max() > TOLERANCE:
+        yield f"the path starts at {row.tolist()}, not at {problem.start}"
+
+
+def _wrong_rows(problem: ArmPath, path: Angles) -> Iterator[str]:
+    for number, moved in enumerate(np.count_nonzero(np.diff(path, axis=0), axis=1), start=1):
+        if moved != 1:
+            yield f"move {number} turns {moved} joints, not one"
+    for joint, (lowest, highest) in enumerate(problem.arm.limits or []):
+        if path[:, joint].min() < lowest - TOLERANCE or path[:, joint].max() > highest + TOLERANCE:
+            yield f"joint {joint + 1} leaves its limits [{lowest:g}, {highest:g}]"
+
+
+def _collisions(problem: ArmPath, path: Angles) -> Iterator[str]:
+    objection = objection_to(problem, path[0].tolist())
+    if objection is not None:
+        yield f"at the start {objection}"
+    for number, (row, following) in enumerate(pairwise(path), start=1):
+        turn = np.clip(following - row, -_FULL_TURN, _FULL_TURN)  # more than that covers nothing new
+        samples = 1 + int(_SAMPLES_A_RADIAN * np.abs(turn).max())
+        joints = _joints(problem, row + np.linspace(0.0, 1.0, samples + 1)[:, None] * turn)
+        moved = int(np.argmax(np.abs(turn)))
+        # The arc between two samples rises above their hull, and the hull beyond an inner arc, by at most that:
+        allowed = TOLERANCE + sum(problem.arm.links) * (np.abs(turn).max() / samples) ** 2 / 8
+        swept = _swept(joints[:, moved:])
+        for index, obstacle in enumerate(problem.obstacles):
+            if _hits(swept, obstacle, problem.arm.radius - allowed).any():
+                yield f"move {number} hits obstacles[{index}]"
+        if problem.self_collision and _hits_itself(_lines(joints[:1])[0], swept, 2 * problem.arm.radius - allowed):
+            yield f"move {number} makes the arm touch itself"
+
+
+def _joints(problem: ArmPath, configurations: Angles) -> Joints:
+    turns = np.exp(1j * np.cumsum(configurations, axis=1))
+    steps = np.array(problem.arm.links) * turns
+    start = np.full((len(configurations), 1), complex(*problem.arm.base))
+    joints: Joints = np.cumsum(np.concatenate([start, steps], axis=1), axis=1)
+    return joints
+
+
+def _lines(joints: Joints) -> Lines:
+    ends = np.stack([joints[:, :-1], joints[:, 1:]], axis=-1)
+    lines: Lines = shapely.linestrings(np.stack([ends.real, ends.imag], axis=-1))
+    return lines
+
+
+def _swept(joints: Joints) -> Lines:
+    """What each link sweeps between two samples, shape (samples - 1, links)."""
+    corners = np.stack([joints[:-1, :-1], joints[:-1, 1:], joints[1:, :-1], joints[1:, 1:]], axis=-1)
+    swept: Lines = shapely.convex_hull(shapely.multipoints(np.stack([corners.real, corners.imag], axis=-1)))
+    return swept
+
+
+def _hits(shapes: Lines, obstacle: Obstacle, limit: float) -> NDArray[np.bool_]:
+    """Which shapes come nearer to an obstacle than ``limit``; if that is negative, deeper into it than that."""
+    if isinstance(obstacle, Circle):
+        core, limit = shapely.Point(obstacle.center), limit + obstacle.radius
+    else:
+        core = obstacle.polygon
+        if limit < 0.0:
+            core, limit = core.buffer(limit, join_style="mitre"), 0.0
+    if limit < 0.0 or core.is_empty:
+        return np.zeros(shapes.shape, np.bool_)
+    shapely.prepare(core)
+    hit: NDArray[np.bool_] = shapely.dwithin(core, shapes, limit)
+    return hit
+
+
+def _is_near(one: Lines, other: Lines, limit: float) -> bool:
+    """Whether two shapes, or one and any of several, are nearer than ``limit``; if that is negative, cross deeper."""
+    if limit >= 0.0:
+        return bool(np.any(shapely.dwithin(one, other, limit)))
+    return bool(np.any(shapely.length(shapely.intersection(one, other)) > -limit))
+
+
+def _touching(problem: ArmPath, links: Lines) -> bool:
+    """Whether links that are not neighbours touch, all standing still."""
+    limit = 2 * problem.arm.radius - 2 * CONTACT
+    return any(
+        links[one].distance(links[other]) < limit or (limit < 0.0 and links[one].crosses(links[other]))
+        for one in range(len(links))
+        for other in range(one + 2, len(links))
+    )
+
+
+def _hits_itself(standing: Lines, swept: Lines, limit: float) -> bool:
+    """Whether what the last links sweep comes near the others, which stand, neighbours aside.
+
+    Args:
+        standing: all links, before the motion.
+        swept: of the last links, shape (samples, turning links).
+        limit: as for `_is_near`.
+    """
+    fixed = len(standing) - swept.shape[1]
+    return any(
+        _is_near(standing[link], swept[:, turning], limit)
+        for link in range(fixed)
+        for turning in range(swept.shape[1])
+        if fixed + turning - link >= 2
+    )
+
+
+# What was evaluated ----------------------------------------------------------------------------------------------------
+def _wrong_share(problem: ArmPath, claimed: PathSolution) -> Iterator[str]:
+    levels, links = 1 << problem.bits, len(problem.arm.links)
+    if isinstance(claimed.slices, int):
+        if claimed.cspace_evaluated > claimed.slices / levels ** (links - 1) * (1 + TOLERANCE):
+            yield f"{claimed.slices} slices are less than the share {claimed.cspace_evaluated:g} of configuration space"
+        return
+    share = _evaluated(problem, claimed.slices)
+    if abs(share - claimed.cspace_evaluated) > _SHARE:
+        yield f"the slices evaluate {share:.4f} of configuration space, not {claimed.cspace_evaluated:.4f}"
+
+
+def _evaluated(problem: ArmPath, slices: tuple[list[Code], list[Code]]) -> float:
+    """The share of the cells of two joints that lie in legal ranges of these slices."""
+    levels = 1 << problem.bits
+    limits = np.array(problem.arm.limits or [[0.0, _FULL_TURN]] * 2)
+    steps = (limits[:, 1] - limits[:, 0]) / (levels if problem.arm.limits is None else levels - 1)
+    cells = np.zeros((levels, levels), np.bool_)
+    for joint, places in enumerate(slices):
+        other = 1 - joint
+        ends = {"start": problem.start[other], "goal": problem.goal[other]}
+        for place in places:
+            fixed = ends[place] if isinstance(place, str) else limits[other, 0] + steps[other] * place
+            configurations = np.empty((levels, 2))
+            configurations[:, joint] = limits[joint, 0] + steps[joint] * np.arange(levels)
+            configurations[:, other] = fixed
+            lane = np.rint((fixed - limits[other, 0]) / steps[other]).astype(int) % levels
+            (cells if joint == 1 else cells.T)[lane] |= _clear(problem, configurations)
+    return float(cells.mean())
+
+
+def _clear(problem: ArmPath, configurations: Angles) -> NDArray[np.bool_]:
+    """Which configurations of two joints are clear of the obstacles."""
+    lines = _lines(_joints(problem, configurations))
+    clear = np.ones(len(lines), np.bool_)
+    for obstacle in problem.obstacles:
+        clear &= ~_hits(lines, obstacle, problem.arm.radius - 2 * CONTACT).any(axis=1)
+    return clear

@@ -1,0 +1,180 @@
+"""Pictures of arm-path: the path in the workspace and in configuration space, with what was evaluated (figures 4, 5)."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.collections import LineCollection
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from numpy.typing import NDArray
+
+from problems.plane import draw_obstacles
+from problems.problem import Populations, Solution
+
+if TYPE_CHECKING:
+    from matplotlib.artist import Artist
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from problems.arm_path.problem import ArmPath
+
+Rows = NDArray[np.float64]  # (n, links), rad
+
+ARM = "#1f5fa8"
+START = "#2a8c4a"
+GOAL = "#c8321e"
+FREE, BLOCKED, UNKNOWN = (1.0, 1.0, 1.0), (0.62, 0.62, 0.62), (0.90, 0.90, 0.88)
+EVALUATED = (0.72, 0.85, 0.97)
+_PIXELS = 512  # of the configuration space, each way
+_STEP = 0.18  # rad, from one drawn arm to the next
+
+
+def draw(problem: ArmPath, figure: Figure, solution: Solution | None, populations: Populations) -> None:
+    """Fill an empty figure; see `problems.problem.Problem.draw`."""
+    figure.set_layout_engine("constrained")
+    path = None if solution is None else np.array(solution["path"])
+    if problem.is_flat:
+        figure.set_size_inches(12.0, 6.6)
+        world, space = figure.subplots(1, 2)
+        handles = _draw_space(problem, space, solution, populations)
+        figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False)
+    else:
+        figure.set_size_inches(12.0, 6.0)
+        world, space = figure.subplots(1, 2, width_ratios=[1, 1])
+        _draw_angles(problem, space, path)
+    _draw_world(problem, world, path)
+
+
+def _draw_world(problem: ArmPath, axes: Axes, path: Rows | None) -> None:
+    arm = problem.arm
+    draw_obstacles(axes, problem.obstacles)
+    if path is not None:
+        arms = _joints(problem, _along(path))
+        shades = np.linspace(0.15, 0.75, len(arms))
+        lines = LineCollection(list(arms), colors=[(0.12, 0.37, 0.66, shade) for shade in shades], linewidths=0.9, zorder=3)
+        axes.add_collection(lines)
+        axes.plot(*arms[:, -1].T, color=ARM, linewidth=1.4, zorder=4)
+    for configuration, color, label in ((problem.start, START, "start"), (problem.goal, GOAL, "goal")):
+        joints = _joints(problem, np.array([configuration]))[0]
+        axes.plot(*joints.T, "-o", color=color, linewidth=3.5, markersize=5, zorder=6, label=label)
+    axes.plot(*arm.base, marker="s", markersize=9, color="black", zorder=7)
+    reach = 1.05 * sum(arm.links)
+    axes.set_xlim(arm.base[0] - reach, arm.base[0] + reach)
+    axes.set_ylim(arm.base[1] - reach, arm.base[1] + reach)
+    axes.set_aspect("equal")
+    axes.set_xlabel("x / m")
+    axes.set_ylabel("y / m")
+    axes.set_title(_title(problem, path))
+    axes.legend(loc="upper right", framealpha=0.9, fontsize="small")
+
+
+def _title(problem: ArmPath, path: Rows | None) -> str:
+    if path is None:
+        return "no path found"
+    turned = np.abs(np.diff(path, axis=0)).sum()
+    off = np.array(problem.goal) - path[-1]
+    off = (off + np.pi) % (2 * np.pi) - np.pi if problem.arm.limits is None else off
+    away = float(np.linalg.norm(off))
+    short = f", ends {away:.2f} rad from the goal" if away > 1e-6 else ""
+    return f"{len(path) - 1} moves, {turned:.1f} rad{short}"
+
+
+def _joints(problem: ArmPath, configurations: Rows) -> NDArray[np.float64]:
+    """The base, the joints and the tip, shape (n, links + 1, 2)."""
+    headings = np.cumsum(configurations, axis=1)
+    steps = np.array(problem.arm.links)[:, None] * np.stack([np.cos(headings), np.sin(headings)], axis=-1)
+    base = np.broadcast_to(problem.arm.base, (len(steps), 1, 2))
+    joints: NDArray[np.float64] = np.cumsum(np.concatenate([base, steps], axis=1), axis=1)
+    return joints
+
+
+def _along(path: Rows) -> Rows:
+    """Configurations on the way, at even steps."""
+    rows = [path[:1]]
+    for row, following in pairwise(path):
+        count = max(1, int(np.ceil(np.abs(following - row).max() / _STEP)))
+        rows.append(row + (following - row) * np.linspace(0.0, 1.0, count + 1)[1:, None])
+    return np.concatenate(rows)
+
+
+def _draw_space(problem: ArmPath, axes: Axes, solution: Solution | None, populations: Populations) -> list[Artist]:
+    """Joint angle 1 to the right, 2 upwards: what was evaluated, and the path. Returns what the legend explains."""
+    lowest, ranges = problem.joint_ranges
+    extent = (lowest[0], lowest[0] + ranges[0], lowest[1], lowest[1] + ranges[1])
+    picture = np.empty((problem.levels, problem.levels, 3))
+    names = {name: place for place, name in enumerate([*range(problem.levels), "start", "goal"])}
+    everywhere = np.ones((2, problem.levels + 2), np.uint8)
+    everywhere[:, problem.levels :] = 0
+    free = problem.cells_in(everywhere)
+    picture[:] = np.where(free[..., None], UNKNOWN, BLOCKED)
+    share = ""
+    if solution is not None:
+        computed = np.zeros((2, problem.levels + 2), np.uint8)
+        for joint, places in enumerate(solution["slices"]):
+            computed[joint, [names[place] for place in places]] = 1
+        picture[problem.cells_in(computed)] = EVALUATED
+        share = f", {100 * solution['cspace_evaluated']:.1f} % evaluated"
+    axes.imshow(picture.transpose(1, 0, 2), extent=extent, origin="lower", aspect="auto", interpolation="nearest")
+    handles: list[Artist] = [
+        Patch(facecolor=BLOCKED, label="collision"),
+        Patch(facecolor=UNKNOWN, label="free, never looked at"),
+        Patch(facecolor=EVALUATED, label="legal ranges computed"),
+    ]
+    if populations:
+        handles += _draw_population(problem, axes, populations)
+    if solution is not None:
+        path = np.array(solution["path"])
+        for line in _wrapped(path, lowest, ranges, problem.arm.limits is None):
+            axes.plot(*line.T, color=ARM, linewidth=2.2, zorder=4)
+        handles.append(Line2D([], [], color=ARM, linewidth=2.2, label="path"))
+    for configuration, color, label in ((problem.start, START, "start"), (problem.goal, GOAL, "goal")):
+        place = _inside(np.array(configuration), lowest, ranges, problem.arm.limits is None)
+        axes.plot(*place, "o", color=color, markeredgecolor="white", markersize=11, zorder=6)
+        handles.append(Line2D([], [], marker="o", linestyle="", color=color, markersize=9, label=label))
+    axes.set_xlim(*extent[:2])
+    axes.set_ylim(*extent[2:])
+    axes.set_box_aspect(1)
+    axes.set_xlabel("joint 1 / rad")
+    axes.set_ylabel("joint 2 / rad")
+    axes.set_title("configuration space" + share)
+    return handles
+
+
+def _draw_population(problem: ArmPath, axes: Axes, populations: Populations) -> list[Artist]:
+    """Where the motions of the last generation end."""
+    lowest, ranges = problem.joint_ranges
+    last = max(populations)
+    ends = np.array([problem.decode(genome)["path"][-1] for genome in populations[last]])
+    places = _inside(ends, lowest, ranges, problem.arm.limits is None)
+    (marks,) = axes.plot(*places.T, "x", color="0.25", markersize=5, zorder=5, linestyle="", label=f"generation {last}")
+    return [marks]
+
+
+def _inside(angles: Rows, lowest: Rows, ranges: Rows, is_torus: bool) -> Rows:
+    return lowest + (angles - lowest) % ranges if is_torus else angles
+
+
+def _wrapped(path: Rows, lowest: Rows, ranges: Rows, is_torus: bool) -> list[Rows]:
+    """The path as lines within the picture: on the torus a copy for each time that it leaves at one side."""
+    if not is_torus:
+        return [path]
+    least = np.floor((path.min(axis=0) - lowest) / ranges).astype(int)
+    most = np.floor((path.max(axis=0) - lowest) / ranges).astype(int)
+    return [
+        path - ranges * [one, two] for one in range(least[0], most[0] + 1) for two in range(least[1], most[1] + 1)
+    ]
+
+
+def _draw_angles(problem: ArmPath, axes: Axes, path: Rows | None) -> None:
+    """Of more than two joints: each joint's angle along the path, move by move."""
+    if path is not None:
+        for joint in range(path.shape[1]):
+            axes.plot(path[:, joint], "-o", markersize=3.5, label=f"joint {joint + 1}")
+    axes.set_xlabel("move")
+    axes.set_ylabel("angle / rad")
+    axes.set_title("joint angles, one moving at a time")
+    if path is not None:
+        axes.legend(fontsize="small")

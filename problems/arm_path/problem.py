@@ -1,0 +1,319 @@
+"""The arm-path planner: by which moves of one joint at a time does an arm get from one configuration to another?"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cached_property
+from typing import TYPE_CHECKING, ClassVar, Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import model_validator
+
+from genetics.arrays import Fitness, Genomes, writable
+from genetics.recipe import ONE_BIT, Recipe
+from problems.arm_ik.problem import Angle, ArmProblem
+from problems.arm_path import checker
+from problems.plane import Shapes
+from problems.problem import Answer, Populations, RecipeName, Solution, Verdict, quantity
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from genetics.bit_string import BitString
+    from genetics.operators import Operator
+
+MOST_LINKS = 6
+MOST_BITS = 12
+_KEPT = 1 << 12  # slices of an arm of more than two links
+_SLICES = slice(8, 12)  # of the table of all kernels
+_COARSE = 4  # bits of an angle in the first generations of the tuned recipe
+_MUTATION = 0.1  # of a bit
+
+Path = NDArray[np.float64]  # (rows, links), rad, unwrapped
+Cells = NDArray[np.bool_]  # (2^q, 2^q), by the angle of joint 1, then of joint 2
+
+
+class ArmPath(ArmProblem):
+    """Find a Manhattan motion, M(k, q), that ends where a simple path leads to the goal, or passes there (§4)."""
+
+    about: ClassVar[str] = "a path of an arm among obstacles, one joint at a time"
+    template: ClassVar[str] = """\
+kind = "arm-path"
+start = [0.3, 0.4]              # rad, one angle a joint
+goal = [2.9, -0.5]              # rad
+rounds = 24                     # k: each joint is moved so often, in turn
+bits = 8                        # of each move: the angle where it ends
+# scan = "from-start"           # or "from-both-ends"; if not given, the recipe's
+# self_collision = true         # links that are not neighbours must not touch
+# stretch = true                # drop moves that are not needed, and shorten the others
+
+[arm]
+links = [1.0, 0.8]              # m, from the base outwards; two to six
+base = [0.0, 0.0]               # m
+radius = 0.04                   # m, half the thickness of a link
+# limits = [[-3.1, 3.1], [-2.6, 2.6]]   # rad, one pair a joint; full circles if not given
+
+[[obstacles]]
+shape = "circle"
+center = [0.6, 1.3]             # m
+radius = 0.25                   # m
+
+[[obstacles]]
+shape = "box"
+center = [-0.6, 1.1]            # m
+size = [0.5, 0.3]               # m
+angle = 0.3                     # rad
+
+[[obstacles]]
+shape = "polygon"
+vertices = [[-1.5, -0.4], [-0.8, -0.9], [-1.4, -1.3]]   # m
+
+[run]                           # what the command line does not say
+topology = "torus 4x4"
+seed = 1
+"""
+    batches_alike: ClassVar[bool] = True
+    any_thread: ClassVar[bool] = True
+
+    start: list[Angle] = quantity("rad", "the configuration where the arm stands, one angle a joint")
+    goal: list[Angle] = quantity("rad", "the configuration where it shall go")
+    rounds: int = quantity("", "how often each joint is moved, in turn: k of M(k, q)", default=24, ge=1, le=1000)
+    bits: int = quantity("bit", "bits of each move, the angle where it ends", default=8, ge=1, le=MOST_BITS)
+    code: Literal["binary", "gray"] | None = quantity(
+        "", 'how an angle is written in bits; if not given, the recipe\'s: "binary"', default=None
+    )
+    coarse: int | None = quantity(
+        "bit",
+        "leading bits of each angle that are used in the first generations; if not given, the recipe's: tuned 4, "
+        "paper all; all by the Gray code",
+        default=None,
+        ge=1,
+        le=MOST_BITS,
+    )
+    scan: Literal["from-start", "from-both-ends"] | None = quantity(
+        "",
+        "from-start: all moves lead away from the start, until one is blocked; from-both-ends: half of the rounds lead "
+        "away from the goal, and blocked moves are left out; if not given, the recipe's: paper from-start, tuned "
+        "from-both-ends",
+        default=None,
+    )
+    stretch: bool = quantity(
+        "", "whether the path found is shortened: moves dropped, merged, and slid within their legal ranges", default=False
+    )
+
+    @model_validator(mode="after")
+    def _two_to_six_links(self) -> Self:
+        links = len(self.arm.links)
+        if not 2 <= links <= MOST_LINKS:
+            raise ValueError(f"arm.links: expected 2 to {MOST_LINKS} links, found {links}")
+        return self
+
+    @model_validator(mode="after")
+    def _ends_are_free(self) -> Self:
+        for name, configuration in (("start", self.start), ("goal", self.goal)):
+            if len(configuration) != len(self.arm.links):
+                raise ValueError(
+                    f"{name}: expected one angle for each of {len(self.arm.links)} links, found {len(configuration)}"
+                )
+            objection = checker.objection_to(self, configuration)
+            if objection is not None:
+                raise ValueError(f"{name}: expected a free configuration, found {configuration}: {objection}")
+        return self
+
+    @property
+    def solved_at(self) -> float:
+        """The goal is reached."""
+        return 0.0
+
+    def for_recipe(self, name: RecipeName, deme: int) -> Self:
+        """With the recipe's code, first bits and scan, unless the file chooses."""
+        tuned = name == "tuned"
+        code = self.code or "binary"
+        open_ = {
+            "code": code,
+            "coarse": min(self.bits, _COARSE) if tuned and code == "binary" else self.bits,
+            "scan": "from-both-ends" if tuned else "from-start",
+        }
+        chosen = self.model_dump(exclude_unset=True)
+        return self.model_validate(chosen | {field: value for field, value in open_.items() if chosen.get(field) is None})
+
+    @cached_property
+    def coding(self) -> BitString:
+        """One integer a move: joint 1, joint 2, .., joint 1, .. (§4)."""
+        from genetics.bit_string import BitString
+        from problems.arm_path.coding import CoarseToFine
+
+        moves = len(self.arm.links) * self.rounds
+        if self.code == "gray" or self.coarse is None or self.coarse >= self.bits:
+            return BitString(moves, self.bits, gray=self.code == "gray")
+        return CoarseToFine(moves, self.bits, coarse=self.coarse)
+
+    def recipe(self, name: RecipeName, deme: int) -> Recipe:
+        """The paper's: §3.1 and §6 to the letter. Tuned: elitist, uniform crossover and more mutation."""
+        if name == "paper":
+            return Recipe("one-point", ONE_BIT if deme > 1 else 1.0 / self.coding.length, "offspring")
+        return Recipe("uniform", _MUTATION, "elitist")
+
+    def for_cell(self) -> Self:
+        """This problem with slices of its own."""
+        own = self.model_copy()
+        vars(own).pop("_compiled", None)
+        return own
+
+    def evaluate(self, genomes: Genomes) -> Fitness:
+        """0 if the goal is seen on the way, else how far from it the scan ends, rad: (n, genome_bytes) to (n,)."""
+        return self._compiled.fitness(genomes)
+
+    @property
+    def judging(self) -> Operator:
+        """`evaluate` as compiled code, whatever the fields: nothing of it is left to Python."""
+        return self._compiled
+
+    def decode(self, genome: Genomes) -> Solution:
+        """``{"path": [[θ..], ..], "cspace_evaluated": share, "slices": ..}``: with what this motion alone asks for.
+
+        ``slices``, of two links: for joint 1, then for joint 2, the places of the other joint at which its legal ranges
+        were computed, by code; of more links: how many were.
+        """
+        from problems.arm_path import kernels, stretching
+
+        own = self.for_cell()
+        path = kernels.follow(writable(genome), own._compiled.table)
+        if self.stretch:
+            path = stretching.stretched(own, path)
+        return own._evaluated([own.report()]) | {"path": path.tolist()}
+
+    def report(self) -> bytes:
+        """Of two links: a bit for each slice, set if it was computed. Of more: how many were, and the cells in them."""
+        keys, *_, tally = self._compiled.kept[_SLICES]
+        return np.packbits(keys[:, -1] != 0).tobytes() if self.is_flat else tally.tobytes()
+
+    def merge(self, solution: Solution, reports: Mapping[int, bytes], finder: int) -> Solution:
+        """With what was evaluated by all cells; of more than two links by the finder."""
+        told = list(reports.values()) if self.is_flat else [reports[each] for each in (finder,) if each in reports]
+        return solution | self._evaluated(told) if told else solution
+
+    def _evaluated(self, reports: list[bytes]) -> Solution:
+        """The share of configuration space in the legal ranges computed, and the slices that it comes from.
+
+        Of more than two links cells where slices cross count for each, and so do slices that were forgotten and computed
+        again: it is at most that share.
+        """
+        if not self.is_flat:
+            slices, cells = np.frombuffer(reports[0], np.int64).tolist()
+            return {"cspace_evaluated": min(1.0, cells / self.levels ** len(self.arm.links)), "slices": slices}
+        flags = np.bitwise_or.reduce([np.frombuffer(each, np.uint8) for each in reports])
+        computed = np.unpackbits(flags)[: 2 * (self.levels + 2)].reshape(2, -1)
+        names = [*range(self.levels), "start", "goal"]
+        return {
+            "cspace_evaluated": float(self.cells_in(computed).mean()),
+            "slices": [[names[place] for place in np.flatnonzero(each)] for each in computed],
+        }
+
+    def cells_in(self, computed: Genomes) -> Cells:
+        """Of two links, the cells in the legal ranges of some slices.
+
+        Args:
+            computed: 1 for each such slice, shape (2, 2^q + 2): by joint, and by the place of the other joint.
+        """
+        from problems.arm_path import kernels
+
+        own = self.for_cell()  # which must outlive the call: its table holds addresses
+        cells = np.zeros((self.levels, self.levels), np.uint8)
+        kernels.mark(np.require(computed.ravel(), np.uint8, ["C", "W"]), cells, own._compiled.table)
+        return cells != 0
+
+    def describe(self, solution: Solution) -> str:
+        """The moves, as one would call them out."""
+        path = np.array(solution["path"])
+        turns = np.diff(path, axis=0)
+        joints = np.argmax(np.abs(turns), axis=1)
+        calls = [
+            f"joint {joint + 1} by {turn[joint]:+.4f} to {row[joint]:.4f} rad"
+            for joint, turn, row in zip(joints, turns, path[1:], strict=True)
+        ]
+        share = 100 * solution["cspace_evaluated"]
+        return "\n".join([f"{len(calls)} moves; {share:.3g} % of configuration space evaluated:", *calls])
+
+    def check(self, solution: Solution) -> Verdict:
+        """See `problems.arm_path.checker`, which shares no code with `evaluate`."""
+        return checker.judge(self, solution)
+
+    def oracle(self) -> Answer:
+        """See `problems.arm_path.oracle`: for two links."""
+        from problems.arm_path import oracle
+
+        return oracle.answer(self)
+
+    def draw(self, figure: Figure, solution: Solution | None, populations: Populations) -> None:
+        """The path in the workspace and, of two links, in configuration space (figures 4 and 5 of the paper)."""
+        from problems.arm_path import drawing
+
+        drawing.draw(self, figure, solution, populations)
+
+    def is_legal(self, configuration: Path, joint: int, turn: float) -> bool:
+        """Whether a joint of the arm in a free configuration, shape (links,), can turn by so much, rad."""
+        from problems.arm_path import kernels
+
+        ranges = kernels.ranges_at(joint, np.require(configuration, np.float64, ["C", "W"]), self._compiled.table)
+        return kernels.may_turn(ranges, float(configuration[joint]), turn)
+
+    @property
+    def is_flat(self) -> bool:
+        """Whether configuration space is a plane, of which all cells can be kept in mind."""
+        return len(self.arm.links) == 2
+
+    @property
+    def levels(self) -> int:
+        """Coded angles of a joint."""
+        return 1 << self.bits
+
+    @cached_property
+    def angles(self) -> Path:
+        """The angle of each place, shape (links, 2^q + 2): the coded ones, start and goal."""
+        lowest, ranges = self.joint_ranges
+        coded = lowest[:, None] + ranges[:, None] * np.arange(self.levels) / self.steps
+        return np.column_stack([coded, self.start, self.goal])
+
+    @cached_property
+    def _compiled(self) -> Operator:
+        """The fitness, and the table of all kernels."""
+        from genetics.operators import Operator
+        from problems.arm_path import kernels, ranges
+
+        links, levels, moves = len(self.arm.links), self.levels, self.coding.parameters
+        slots = 2 * (levels + 2) if self.is_flat else _KEPT
+        both_ends = self.scan == "from-both-ends"
+        forward = links * (self.rounds - self.rounds // 2) if both_ends else moves
+        shapes = Shapes.of(self.obstacles)
+        contacts, blocked = ranges.room_needed(links, np.diff(shapes.starts).tolist())
+        return Operator.of(
+            kernels.evaluate,
+            [self.bits, self.coding.gray, self.self_collision, self.arm.limits is None, both_ends, forward],
+            self._nearest,
+            np.array(self.arm.links),
+            self.angles,
+            [*self.arm.base, self.arm.radius],
+            shapes.corners,
+            shapes.starts,
+            shapes.thickness,
+            np.zeros((slots, links + 1), np.int64),
+            np.zeros(slots, np.int64),
+            np.zeros((slots, 2 * ranges.MOST_RANGES)),
+            np.zeros(2, np.int64),
+            np.zeros((links + 1, 2)),
+            np.zeros(contacts),
+            np.zeros((blocked, 2)),
+            np.zeros((moves + 4, links), np.int64),
+            np.zeros(moves, np.int64),
+            np.zeros(moves),
+            np.zeros(links),
+        )
+
+    @cached_property
+    def _nearest(self) -> NDArray[np.int64]:
+        """The numbers of the coded angles next to start and goal, shape (2, links)."""
+        lowest, ranges = self.joint_ranges
+        steps = np.rint((np.array([self.start, self.goal]) - lowest) / ranges * self.steps).astype(np.int64)
+        return steps % self.levels

@@ -1,0 +1,117 @@
+"""Manhattan motions can easily be stretched (Ahuactzin et al. 1992, §4, fourth reason): fewer moves, and shorter ones.
+
+What one move of a joint leaves to a later one of the same joint slides all moves between them along that joint. Whatever
+is tried, the whole path is then tested against the legal ranges of its moves, as any Manhattan motion is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from problems.arm_path.problem import ArmPath
+
+Path = NDArray[np.float64]  # (rows, links), rad, unwrapped
+
+_NO_TURN = 1e-9  # rad
+_HALVINGS = 10  # of a slide, until it is as far as it goes
+
+
+class _Move(NamedTuple):
+    joint: int
+    turn: float  # rad
+
+
+_Moves = list[_Move]
+
+
+def stretched(problem: ArmPath, path: Path) -> Path:
+    """A legal path between the same ends with no more moves, and turns that are no longer altogether."""
+    start = path[0]
+    moves = _merged([_Move(int(np.argmax(np.abs(turns))), float(turns.sum())) for turns in np.diff(path, axis=0)])
+    while (better := _dropped(problem, start, moves) or _slid(problem, start, moves)) is not None:
+        moves = better
+    return _rows(start, moves)
+
+
+def _merged(moves: _Moves) -> _Moves:
+    """Without moves that turn nothing, and with those of one joint that follow one another made one."""
+    kept: _Moves = []
+    for move in moves:
+        if abs(move.turn) <= _NO_TURN:
+            continue
+        if kept and kept[-1].joint == move.joint:
+            turn = kept.pop().turn + move.turn
+            kept += [_Move(move.joint, turn)] if abs(turn) > _NO_TURN else []
+        else:
+            kept.append(move)
+    return kept
+
+
+def _rows(start: Path, moves: _Moves) -> Path:
+    rows = np.tile(start, (len(moves) + 1, 1))
+    for number, move in enumerate(moves, start=1):
+        rows[number:, move.joint] += move.turn
+    return rows
+
+
+def _is_legal(problem: ArmPath, start: Path, moves: _Moves) -> bool:
+    rows = _rows(start, moves)
+    if problem.arm.limits is not None:
+        lowest, ranges = problem.joint_ranges
+        if (rows < lowest).any() or (rows > lowest + ranges).any():
+            return False
+    return all(problem.is_legal(row, move.joint, move.turn) for row, move in zip(rows, moves, strict=False))
+
+
+def _pairs(moves: _Moves) -> Iterator[tuple[int, int]]:
+    """Each move with the next one of the same joint."""
+    for first, move in enumerate(moves):
+        for second in range(first + 1, len(moves)):
+            if moves[second].joint == move.joint:
+                yield first, second
+                break
+
+
+def _with_left(moves: _Moves, first: int, second: int, turn: float) -> _Moves:
+    """The first of two moves leaves a turn to the second."""
+    changed = list(moves)
+    changed[first] = moves[first]._replace(turn=moves[first].turn - turn)
+    changed[second] = moves[second]._replace(turn=moves[second].turn + turn)
+    return _merged(changed)
+
+
+def _length(moves: _Moves) -> float:
+    return sum(abs(move.turn) for move in moves)
+
+
+def _dropped(problem: ArmPath, start: Path, moves: _Moves) -> _Moves | None:
+    """With one of two moves of a joint doing the work of both, if that is legal and turns no more."""
+    for first, second in _pairs(moves):
+        for turn in (moves[first].turn, -moves[second].turn):
+            fewer = _with_left(moves, first, second, turn)
+            if _length(fewer) <= _length(moves) + _NO_TURN and _is_legal(problem, start, fewer):
+                return fewer
+    return None
+
+
+def _slid(problem: ArmPath, start: Path, moves: _Moves) -> _Moves | None:
+    """With two moves of a joint to and fro shortened, as far as is legal."""
+    for first, second in _pairs(moves):
+        forth, back = moves[first].turn, moves[second].turn
+        if forth * back >= 0.0:
+            continue
+        low, high = 0.0, np.copysign(min(abs(forth), abs(back)), forth)
+        for _ in range(_HALVINGS):
+            middle = (low + high) / 2.0
+            if _is_legal(problem, start, _with_left(moves, first, second, middle)):
+                low = middle
+            else:
+                high = middle
+        if abs(low) > abs(forth) * 2.0**-_HALVINGS and abs(low) > _NO_TURN * 1e3:
+            return _with_left(moves, first, second, low)
+    return None
