@@ -2,8 +2,8 @@
 
 Usage: python -m benchmarks.planners [--quick] [--only arm-ik,terrain]
 
-Each planner has a module here with a function ``section(quick)``, which measures and returns its part of the page. A
-full run writes docs/results.md; a quick one (few instances), or one of some planners only, prints what it measured.
+Each planner has a module here with a function ``section(quick)``, which measures and returns its part of docs/results.md.
+A part that was measured takes the place of the old one there; a quick run (few instances) only prints.
 """
 
 import argparse
@@ -15,6 +15,11 @@ from pathlib import Path
 
 from problems import registry
 
+_HEAD = """\
+# How good the planners are
+
+Written by `make planners`, or by `python -m benchmarks.planners --only KIND` for one planner. Instances come from seeded
+generators; nobody tuned to those numbers."""
 _PAGE = Path(__file__).resolve().parent.parent.parent / "docs" / "results.md"
 
 
@@ -24,23 +29,30 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="few instances: to see that it works")
     parser.add_argument("--only", default="", help="kinds, separated by commas")
     options = parser.parse_args()
-    kinds = options.only.split(",") if options.only else [kind for kind in registry.kinds() if kind != "function"]
-    sections = []
-    for kind in kinds:
+    for kind in options.only.split(",") if options.only else measured():
         module = importlib.import_module(f"benchmarks.planners.{kind.replace('-', '_')}")
-        sections.append(module.section(options.quick))
-        print(sections[-1], flush=True)
-    if not (options.quick or options.only):
-        _PAGE.write_text("\n\n".join([_head(), *sections]) + "\n", encoding="utf-8")
+        section: str = module.section(options.quick)
+        print(section, flush=True)
+        if not options.quick:
+            page = _PAGE.read_text(encoding="utf-8") if _PAGE.exists() else ""
+            _PAGE.write_text(with_section(page, kind, f"{section}\n\n{_signature()}"), encoding="utf-8")
 
 
-def _head() -> str:
+def measured() -> list[str]:
+    """The kinds that have a part of the page."""
+    return [kind for kind in registry.kinds() if kind != "function"]
+
+
+def with_section(page: str, kind: str, section: str) -> str:
+    """The page with the part of one kind put in, in the place of the old one if there is any."""
+    _, *parts = page.split("\n## ")
+    sections = {part.splitlines()[0]: f"## {part.rstrip()}" for part in parts} | {kind: section}
+    return "\n\n".join([_HEAD, *(sections[each] for each in measured() if each in sections)]) + "\n"
+
+
+def _signature() -> str:
     machine = f"{len(os.sched_getaffinity(0))} cores, {platform.system()} {platform.release()}, {platform.machine()}"
-    return (
-        "# How good the planners are\n\n"
-        f"Written by `make planners` on {datetime.date.today()} ({machine}, Python {platform.python_version()}).\n"
-        "Instances come from seeded generators, seeds 1 and up, which nobody tuned to."
-    )
+    return f"*Measured on {datetime.date.today()}: {machine}, Python {platform.python_version()}.*"
 
 
 if __name__ == "__main__":

@@ -8,6 +8,7 @@ import pytest
 
 from benchmarks import evaluations
 from benchmarks.planners import arm_ik, mobile_robot, ompl_se2
+from benchmarks.planners.__main__ import with_section
 from benchmarks.planners.runs import on_all_cores, run, share
 from benchmarks.robot_worlds import robot_world
 from node import Plan, simulate
@@ -89,3 +90,13 @@ def test_evaluations_are_measured_of_every_kind():
     assert {file.kind for file in files} == set(registry.kinds())
     assert "mobile-robot-disc.toml" in {file.name for file in files}
     assert evaluations.rate(Plan.of(files[0]), 8, 0.01) > 1000
+
+
+def test_a_part_of_the_page_takes_the_place_of_the_old_one():
+    page = with_section("", "terrain", "## terrain\n\nold")
+    page = with_section(page, "arm-ik", "## arm-ik\n\nfirst")
+    page = with_section(page, "terrain", "## terrain\n\nnew")
+    head, *parts = page.split("\n\n## ")
+    assert head.startswith("# How good")
+    assert parts == ["arm-ik\n\nfirst", "terrain\n\nnew\n"]
+    assert with_section(page, "arm-ik", "## arm-ik\n\nfirst") == page
