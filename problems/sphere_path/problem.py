@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pydantic import Field, ValidationError, field_validator, model_validator
 
 from genetics.arrays import Fitness, Genomes, writable
-from genetics.recipe import Recipe
+from genetics.recipe import Recipe, Replacement
 from problems.plane import CONTACT, Obstacle
 from problems.problem import Answer, CodedProblem, Populations, RecipeName, Solution, Table, Verdict, quantity
 from problems.sphere_path import cells
@@ -288,11 +288,14 @@ seed = 1
         return BitString(self.nodes * len(self.start), self.bits, gray=self.code != "binary")
 
     def recipe(self, name: RecipeName, deme: int) -> Recipe:
-        """The paper's: half of an island replaced in each generation, by uniform crossover. Tuned: elitist."""
-        if name == "paper":
-            rate = 1.0 / self.coding.length
-            return Recipe("uniform", rate, "offspring", pairing="better-half", renewal=0.5 if deme > 1 else None)
-        return Recipe("uniform", min(0.5, _FLIPS / self.coding.length), "elitist")
+        """The paper's: half of an island replaced in each generation, by uniform crossover. Tuned: more mutation.
+
+        A deme of one, of which the paper does not speak, keeps the best in the tuned recipe.
+        """
+        replacement: Replacement = "offspring" if name == "paper" else "elitist"
+        flips = 1.0 if name == "paper" else _FLIPS
+        rate = min(0.5, flips / self.coding.length)
+        return Recipe("uniform", rate, replacement, pairing="better-half", renewal=0.5 if deme > 1 else None)
 
     def evaluate(self, genomes: Genomes) -> Fitness:
         """The number of obstacles crossed, and the detour's share of the length weight: (n, genome_bytes) to (n,)."""
