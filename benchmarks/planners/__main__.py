@@ -2,8 +2,8 @@
 
 Usage: python -m benchmarks.planners [--quick] [--only arm-ik,terrain]
 
-Each planner has a module here with a function ``section(quick)``, which measures and returns its part of docs/results.md.
-A part that was measured takes the place of the old one there; a quick run (few instances) only prints.
+Each planner has a module here with a function ``section(quick)``, which measures and returns its part of
+docs/results.md, and takes the place of the old one there; a quick run (few instances) only prints.
 """
 
 import argparse
@@ -18,8 +18,8 @@ from problems import registry
 _HEAD = """\
 # How good the planners are
 
-Written by `make planners`, or by `python -m benchmarks.planners --only KIND` for one planner. Instances come from seeded
-generators; nobody tuned to those numbers."""
+Written by `make planners`, or by `python -m benchmarks.planners --only KIND` for one planner. Instances come from
+seeded generators; nobody tuned to those numbers."""
 _PAGE = Path(__file__).resolve().parent.parent.parent / "docs" / "results.md"
 
 
