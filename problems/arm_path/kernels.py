@@ -23,6 +23,7 @@ from problems.arm_path.ranges import FULL_TURN, MOST_RANGES, Arm, Obstacles, Roo
 
 Floats = NDArray[np.float64]
 
+_NO_TURN = 1e-12  # rad
 _MULTIPLIER = np.uint64(0x9E3779B97F4A7C15)
 
 
@@ -274,7 +275,10 @@ def evaluate(genomes: Genomes, fitness: Fitness, table: Table) -> None:
 
 @subroutine
 def _go_on(path: Any, row: Any, joint: Any, turn: Any) -> Any:
-    """Append a row to a path if the joint turns at all; returns which is the last."""
+    """Turn a joint at the end of a path, in the last move if that turned the same joint; returns the last row."""
+    if row > 0 and path[row, joint] != path[row - 1, joint]:
+        path[row, joint] += turn
+        return row - 1 if abs(path[row, joint] - path[row - 1, joint]) < _NO_TURN else row
     if turn == 0.0:
         return row
     path[row + 1] = path[row]
