@@ -1,4 +1,4 @@
-"""Random worlds for Manhattan motions of two-link arms: instances that nobody tuned to, the same for the same number."""
+"""Random worlds for Manhattan motions: instances that nobody tuned to, the same for the same number."""
 
 from __future__ import annotations
 
@@ -78,10 +78,19 @@ def _thing(generator: np.random.Generator, reach: float) -> Fields:
     center = away * np.array([np.cos(bearing), np.sin(bearing)])
     match generator.integers(3):
         case 0:
-            return {"shape": "circle", "center": center.tolist(), "radius": float(reach * generator.uniform(0.03, 0.12))}
+            return {
+                "shape": "circle",
+                "center": center.tolist(),
+                "radius": float(reach * generator.uniform(0.03, 0.12)),
+            }
         case 1:
             size = (reach * generator.uniform(0.05, 0.3, 2)).tolist()
-            return {"shape": "box", "center": center.tolist(), "size": size, "angle": float(generator.uniform(0, np.pi))}
+            return {
+                "shape": "box",
+                "center": center.tolist(),
+                "size": size,
+                "angle": float(generator.uniform(0, np.pi)),
+            }
         case _:
             count = int(generator.integers(3, 8))
             bearings = (np.arange(count) + generator.uniform(0.1, 0.9, count)) * 2.0 * np.pi / count
