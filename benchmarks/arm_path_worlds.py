@@ -1,4 +1,4 @@
-"""Random worlds for Manhattan motions of two-link arms: instances that nobody tuned to, the same for the same number."""
+"""Random worlds for Manhattan motions: instances that nobody tuned to, the same for the same number."""
 
 from __future__ import annotations
 

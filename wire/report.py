@@ -76,7 +76,9 @@ class Report:
         Raises:
             Rejected: whatever is wrong with it.
         """
-        cell, generation, digest, *counters, staleness, champion, proposals, deme, state, error = fields(unpack(payload), 14)
+        cell, generation, digest, *counters, staleness, champion, proposals, deme, state, error = fields(
+            unpack(payload), 14
+        )
         evaluations, sent, received, lost, rejected = (count(each) for each in counters)
         return Report(
             count(cell),

@@ -147,6 +147,7 @@ def _enters(ax: Any, ay: Any, bx: Any, by: Any, corners: Any, first: Any, last: 
 
 @subroutine
 def hits_polygon(ax: Any, ay: Any, bx: Any, by: Any, corners: Any, first: Any, last: Any, limit: Any) -> Any:
+    """Whether the clearance of the segment ab and a polygon falls below ``limit``."""
     if limit <= 0.0:
         return _enters(ax, ay, bx, by, corners, first, last, -limit)
     previous = last - 1
@@ -171,9 +172,9 @@ def link_hits(ax: Any, ay: Any, bx: Any, by: Any, radius: Any, obstacles: Any) -
         first, last = starts[shape], starts[shape + 1]
         limit = radius + thickness[shape] - CONTACT
         if last - first == 1:
-            if limit > 0.0:
-                if gap_squared(corners[first, 0], corners[first, 1], ax, ay, bx, by) < limit * limit:
-                    return True
+            gap = gap_squared(corners[first, 0], corners[first, 1], ax, ay, bx, by)
+            if limit > 0.0 and gap < limit * limit:
+                return True
         elif hits_polygon(ax, ay, bx, by, corners, first, last, limit):
             return True
     return False

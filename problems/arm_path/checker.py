@@ -91,7 +91,7 @@ def _parsed(problem: ArmPath, solution: Solution) -> PathSolution:
     return claimed
 
 
-# The path --------------------------------------------------------------------------------------------------------------
+# The path -------------------------------------------------------------------------------------------------------------
 def _away(problem: ArmPath, configuration: Angles) -> float:
     """The distance to the goal, rad: on the torus of angles where joints turn all the way round."""
     difference = np.array(problem.goal) - configuration
@@ -203,7 +203,7 @@ def _hits_itself(standing: Lines, swept: Lines, limit: float) -> bool:
     )
 
 
-# What was evaluated ----------------------------------------------------------------------------------------------------
+# What was evaluated ---------------------------------------------------------------------------------------------------
 def _wrong_share(problem: ArmPath, claimed: PathSolution) -> Iterator[str]:
     levels, links = 1 << problem.bits, len(problem.arm.links)
     if isinstance(claimed.slices, int):
@@ -218,7 +218,7 @@ def _wrong_share(problem: ArmPath, claimed: PathSolution) -> Iterator[str]:
 def _evaluated(problem: ArmPath, slices: tuple[list[Code], list[Code]]) -> float:
     """The share of the cells of two joints that lie in legal ranges of these slices."""
     levels = 1 << problem.bits
-    limits = np.array(problem.arm.limits or [[0.0, _FULL_TURN]] * 2)
+    limits = np.array(problem.arm.limits or [(0.0, _FULL_TURN)] * 2)
     steps = (limits[:, 1] - limits[:, 0]) / (levels if problem.arm.limits is None else levels - 1)
     cells = np.zeros((levels, levels), np.bool_)
     for joint, places in enumerate(slices):

@@ -1,4 +1,4 @@
-"""Pictures of arm-path: the path in the workspace and in configuration space, with what was evaluated (figures 4, 5)."""
+"""Pictures of arm-path: the path in workspace and configuration space, with what was evaluated (figures 4 and 5)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from problems.plane import draw_obstacles
-from problems.problem import Populations, Solution
+from problems.problem import Solution
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -28,18 +28,17 @@ START = "#2a8c4a"
 GOAL = "#c8321e"
 FREE, BLOCKED, UNKNOWN = (1.0, 1.0, 1.0), (0.62, 0.62, 0.62), (0.90, 0.90, 0.88)
 EVALUATED = (0.72, 0.85, 0.97)
-_PIXELS = 512  # of the configuration space, each way
 _STEP = 0.18  # rad, from one drawn arm to the next
 
 
-def draw(problem: ArmPath, figure: Figure, solution: Solution | None, populations: Populations) -> None:
+def draw(problem: ArmPath, figure: Figure, solution: Solution | None) -> None:
     """Fill an empty figure; see `problems.problem.Problem.draw`."""
     figure.set_layout_engine("constrained")
     path = None if solution is None else np.array(solution["path"])
     if problem.is_flat:
         figure.set_size_inches(12.0, 6.6)
         world, space = figure.subplots(1, 2)
-        handles = _draw_space(problem, space, solution, populations)
+        handles = _draw_space(problem, space, solution)
         figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False)
     else:
         figure.set_size_inches(12.0, 6.0)
@@ -54,7 +53,9 @@ def _draw_world(problem: ArmPath, axes: Axes, path: Rows | None) -> None:
     if path is not None:
         arms = _joints(problem, _along(path))
         shades = np.linspace(0.15, 0.75, len(arms))
-        lines = LineCollection(list(arms), colors=[(0.12, 0.37, 0.66, shade) for shade in shades], linewidths=0.9, zorder=3)
+        lines = LineCollection(
+            list(arms), colors=[(0.12, 0.37, 0.66, shade) for shade in shades], linewidths=0.9, zorder=3
+        )
         axes.add_collection(lines)
         axes.plot(*arms[:, -1].T, color=ARM, linewidth=1.4, zorder=4)
     for configuration, color, label in ((problem.start, START, "start"), (problem.goal, GOAL, "goal")):
@@ -100,38 +101,24 @@ def _along(path: Rows) -> Rows:
     return np.concatenate(rows)
 
 
-def _draw_space(problem: ArmPath, axes: Axes, solution: Solution | None, populations: Populations) -> list[Artist]:
+def _draw_space(problem: ArmPath, axes: Axes, solution: Solution | None) -> list[Artist]:
     """Joint angle 1 to the right, 2 upwards: what was evaluated, and the path. Returns what the legend explains."""
     lowest, ranges = problem.joint_ranges
     extent = (lowest[0], lowest[0] + ranges[0], lowest[1], lowest[1] + ranges[1])
-    picture = np.empty((problem.levels, problem.levels, 3))
-    names = {name: place for place, name in enumerate([*range(problem.levels), "start", "goal"])}
-    everywhere = np.ones((2, problem.levels + 2), np.uint8)
-    everywhere[:, problem.levels :] = 0
-    free = problem.cells_in(everywhere)
-    picture[:] = np.where(free[..., None], UNKNOWN, BLOCKED)
-    share = ""
-    if solution is not None:
-        computed = np.zeros((2, problem.levels + 2), np.uint8)
-        for joint, places in enumerate(solution["slices"]):
-            computed[joint, [names[place] for place in places]] = 1
-        picture[problem.cells_in(computed)] = EVALUATED
-        share = f", {100 * solution['cspace_evaluated']:.1f} % evaluated"
-    axes.imshow(picture.transpose(1, 0, 2), extent=extent, origin="lower", aspect="auto", interpolation="nearest")
+    axes.imshow(_cells(problem, solution), extent=extent, origin="lower", aspect="auto", interpolation="nearest")
     handles: list[Artist] = [
         Patch(facecolor=BLOCKED, label="collision"),
         Patch(facecolor=UNKNOWN, label="free, never looked at"),
         Patch(facecolor=EVALUATED, label="legal ranges computed"),
     ]
-    if populations:
-        handles += _draw_population(problem, axes, populations)
+    is_torus = problem.arm.limits is None
     if solution is not None:
-        path = np.array(solution["path"])
-        for line in _wrapped(path, lowest, ranges, problem.arm.limits is None):
+        for line in _wrapped(np.array(solution["path"]), lowest, ranges, is_torus):
             axes.plot(*line.T, color=ARM, linewidth=2.2, zorder=4)
         handles.append(Line2D([], [], color=ARM, linewidth=2.2, label="path"))
     for configuration, color, label in ((problem.start, START, "start"), (problem.goal, GOAL, "goal")):
-        place = _inside(np.array(configuration), lowest, ranges, problem.arm.limits is None)
+        place = np.array(configuration)
+        place = lowest + (place - lowest) % ranges if is_torus else place
         axes.plot(*place, "o", color=color, markeredgecolor="white", markersize=11, zorder=6)
         handles.append(Line2D([], [], marker="o", linestyle="", color=color, markersize=9, label=label))
     axes.set_xlim(*extent[:2])
@@ -139,22 +126,23 @@ def _draw_space(problem: ArmPath, axes: Axes, solution: Solution | None, populat
     axes.set_box_aspect(1)
     axes.set_xlabel("joint 1 / rad")
     axes.set_ylabel("joint 2 / rad")
+    share = "" if solution is None else f", {100 * solution['cspace_evaluated']:.1f} % evaluated"
     axes.set_title("configuration space" + share)
     return handles
 
 
-def _draw_population(problem: ArmPath, axes: Axes, populations: Populations) -> list[Artist]:
-    """Where the motions of the last generation end."""
-    lowest, ranges = problem.joint_ranges
-    last = max(populations)
-    ends = np.array([problem.decode(genome)["path"][-1] for genome in populations[last]])
-    places = _inside(ends, lowest, ranges, problem.arm.limits is None)
-    (marks,) = axes.plot(*places.T, "x", color="0.25", markersize=5, zorder=5, linestyle="", label=f"generation {last}")
-    return [marks]
-
-
-def _inside(angles: Rows, lowest: Rows, ranges: Rows, is_torus: bool) -> Rows:
-    return lowest + (angles - lowest) % ranges if is_torus else angles
+def _cells(problem: ArmPath, solution: Solution | None) -> NDArray[np.float64]:
+    """A colour for each cell, as pictures have them: joint 2 from row to row."""
+    levels = problem.levels
+    coded = np.tile(np.arange(levels + 2) < levels, (2, 1)).astype(np.uint8)
+    picture = np.where(problem.cells_in(coded)[..., None], UNKNOWN, BLOCKED)
+    if solution is not None:
+        ends = {"start": levels, "goal": levels + 1}
+        computed = np.zeros_like(coded)
+        for joint, places in enumerate(solution["slices"]):
+            computed[joint, [ends.get(place, place) for place in places]] = 1
+        picture[problem.cells_in(computed)] = EVALUATED
+    return picture.transpose(1, 0, 2)
 
 
 def _wrapped(path: Rows, lowest: Rows, ranges: Rows, is_torus: bool) -> list[Rows]:
@@ -163,9 +151,7 @@ def _wrapped(path: Rows, lowest: Rows, ranges: Rows, is_torus: bool) -> list[Row
         return [path]
     least = np.floor((path.min(axis=0) - lowest) / ranges).astype(int)
     most = np.floor((path.max(axis=0) - lowest) / ranges).astype(int)
-    return [
-        path - ranges * [one, two] for one in range(least[0], most[0] + 1) for two in range(least[1], most[1] + 1)
-    ]
+    return [path - ranges * [one, two] for one in range(least[0], most[0] + 1) for two in range(least[1], most[1] + 1)]
 
 
 def _draw_angles(problem: ArmPath, axes: Axes, path: Rows | None) -> None:

@@ -1,13 +1,14 @@
 """The compiled scan of Manhattan motions over lazily computed slices (Ahuactzin, Talbi, Bessière, Mazer 1992, §4).
 
-A joint's *place* is a number: one of its 2^q coded angles, or `start` or `goal`, which need be none of them. All
-configurations that a scan meets are made of places, so a slice, the legal ranges of one joint with the others fixed, has
-the places of the others for a key. Slices are computed when they are first asked for, and kept: where two links have so
-few that each has its own slot, for ever; else until another one needs the slot. What is kept never shows in a fitness.
+A joint's *place* is a number: that of one of its 2^q coded angles, or of the start (2^q) or the goal (2^q + 1), which
+need be none of them. All configurations that a scan meets are made of places, so a slice, the legal ranges of one joint
+with the others fixed, has the places of the others for a key. Slices are computed when they are first asked for, and
+kept: for ever if there are two links, so that each slice has a slot of its own; else until another one needs the slot.
+What is kept never shows in a fitness.
 
 The table (see `genetics.operators`): the fields of `Sizes`; the numbers of the coded angles next to start and goal,
 shape (2, links); lengths (m); the angle of each place (rad), shape (links, places); base and half a link's thickness
-(m); the obstacles' corners, starts and thickness; the arrays of `Slices`; and those that are only written to on the way.
+(m); the obstacles' corners, starts and thickness; the arrays of `Slices`; and those that are only written to.
 """
 
 from typing import Any, NamedTuple
@@ -23,6 +24,7 @@ from problems.arm_path.ranges import FULL_TURN, MOST_RANGES, Arm, Obstacles, Roo
 
 Floats = NDArray[np.float64]
 
+_NO_TURN = 1e-12  # rad
 _MULTIPLIER = np.uint64(0x9E3779B97F4A7C15)
 
 
@@ -109,10 +111,10 @@ def _slot(joint: Any, places: Any, slices: Any, levels: Any) -> Any:
 def _is_kept(key: Any, joint: Any, places: Any) -> Any:
     if key[places.size] != joint + 1:
         return False
+    same = True
     for other in range(places.size):
-        if other != joint and key[other] != places[other]:
-            return False
-    return True
+        same = same and (other == joint or key[other] == places[other])
+    return same
 
 
 @subroutine
@@ -212,8 +214,8 @@ def _away(task: Any, places: Any) -> Any:
 def _scan_from_start(task: Any) -> Any:
     """The scan of §4, through the moves from the start on.
 
-    Returns the fitness, the number of the corner where it was found, and how MP leads from there to the goal. If blocked
-    moves are left out, the corner nearest to the goal counts.
+    Returns the fitness, the number of the corner where it was found, and how MP leads from there to the goal. If
+    blocked moves are left out, the corner nearest to the goal counts.
     """
     corners, sizes = task.corners, task.sizes
     goal = corners[-1]
@@ -274,7 +276,10 @@ def evaluate(genomes: Genomes, fitness: Fitness, table: Table) -> None:
 
 @subroutine
 def _go_on(path: Any, row: Any, joint: Any, turn: Any) -> Any:
-    """Append a row to a path if the joint turns at all; returns which is the last."""
+    """Turn a joint at the end of a path, in the last move if that turned the same joint; returns the last row."""
+    if row > 0 and path[row, joint] != path[row - 1, joint]:
+        path[row, joint] += turn
+        return row - 1 if abs(path[row, joint] - path[row - 1, joint]) < _NO_TURN else row
     if turn == 0.0:
         return row
     path[row + 1] = path[row]

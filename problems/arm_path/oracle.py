@@ -167,8 +167,8 @@ def _runs(free: Free, joint: int, is_torus: bool) -> NDArray[np.int64]:
     numbers = np.cumsum(begins).reshape(lanes.shape)
     before = np.cumsum(begins.sum(axis=1)) - begins.sum(axis=1)  # of earlier lanes
     across = numbers == before[:, None]  # the run began at the other end of its lane
-    numbers = np.where(across, np.cumsum(begins.sum(axis=1))[:, None], numbers) * lanes
-    return numbers if joint == 1 else numbers.T
+    whole: NDArray[np.int64] = np.where(across, np.cumsum(begins.sum(axis=1))[:, None], numbers) * lanes
+    return whole if joint == 1 else whole.T
 
 
 def _along(runs: NDArray[np.int64], cells: Free) -> Free:
@@ -176,7 +176,8 @@ def _along(runs: NDArray[np.int64], cells: Free) -> Free:
     reached = np.zeros(runs.max(initial=0) + 1, np.bool_)
     reached[runs[cells]] = True
     reached[0] = False
-    return reached[runs]
+    along: Free = reached[runs]
+    return along
 
 
 def fewest_moves(grid: Grid) -> list[Cell]:

@@ -99,7 +99,9 @@ seed = 1
         default=None,
     )
     stretch: bool = quantity(
-        "", "whether the path found is shortened: moves dropped, merged, and slid within their legal ranges", default=False
+        "",
+        "whether the path found is shortened: moves dropped, merged, and slid within their legal ranges",
+        default=False,
     )
 
     @model_validator(mode="after")
@@ -136,7 +138,9 @@ seed = 1
             "scan": "from-both-ends" if tuned else "from-start",
         }
         chosen = self.model_dump(exclude_unset=True)
-        return self.model_validate(chosen | {field: value for field, value in open_.items() if chosen.get(field) is None})
+        return self.model_validate(
+            chosen | {field: value for field, value in open_.items() if chosen.get(field) is None}
+        )
 
     @cached_property
     def coding(self) -> BitString:
@@ -197,8 +201,8 @@ seed = 1
     def _evaluated(self, reports: list[bytes]) -> Solution:
         """The share of configuration space in the legal ranges computed, and the slices that it comes from.
 
-        Of more than two links cells where slices cross count for each, and so do slices that were forgotten and computed
-        again: it is at most that share.
+        Of more than two links cells where slices cross count for each, and so do slices that were forgotten and
+        computed again: it is at most that share.
         """
         if not self.is_flat:
             slices, cells = np.frombuffer(reports[0], np.int64).tolist()
@@ -222,7 +226,7 @@ seed = 1
         own = self.for_cell()  # which must outlive the call: its table holds addresses
         cells = np.zeros((self.levels, self.levels), np.uint8)
         kernels.mark(np.require(computed.ravel(), np.uint8, ["C", "W"]), cells, own._compiled.table)
-        return cells != 0
+        return cells.astype(np.bool_)
 
     def describe(self, solution: Solution) -> str:
         """The moves, as one would call them out."""
@@ -250,7 +254,7 @@ seed = 1
         """The path in the workspace and, of two links, in configuration space (figures 4 and 5 of the paper)."""
         from problems.arm_path import drawing
 
-        drawing.draw(self, figure, solution, populations)
+        drawing.draw(self, figure, solution)
 
     def is_legal(self, configuration: Path, joint: int, turn: float) -> bool:
         """Whether a joint of the arm in a free configuration, shape (links,), can turn by so much, rad."""

@@ -79,7 +79,7 @@ def _meet_corners(contacts: Any, count: Any, px: Any, py: Any, cx: Any, cy: Any,
 def _meet_side(
     contacts: Any, count: Any, px: Any, py: Any, cx: Any, cy: Any, dx: Any, dy: Any, limit: Any, sense: Any
 ) -> Any:
-    """Where a point p that turns is as far to a side of the segment cd as ``limit``; ``sense`` -1 if cd turns instead."""
+    """Where a point p that turns is as far to a side of cd as ``limit``; ``sense`` is -1 if cd turns instead."""
     reach, length = np.hypot(px, py), np.hypot(dx - cx, dy - cy)
     if reach == 0.0 or length == 0.0:
         return count
@@ -181,7 +181,17 @@ def _out_of_reach(
 
 @subroutine
 def _block_by(
-    room: Any, count: Any, px: Any, py: Any, qx: Any, qy: Any, corners: Any, first: Any, last: Any, limit: Any, pivot: Any
+    room: Any,
+    count: Any,
+    px: Any,
+    py: Any,
+    qx: Any,
+    qy: Any,
+    corners: Any,
+    first: Any,
+    last: Any,
+    limit: Any,
+    pivot: Any,
 ) -> Any:
     """Append where the segment pq, which turns around the pivot, hits a shape; returns how many ranges there are."""
     touching = max(0.0, limit)
@@ -229,7 +239,7 @@ def _rest(blocked: Any, count: Any, ranges: Any) -> Any:
     kept, free_from = 0, 0.0
     first_low = blocked[0, 0]
     for place_ in range(count):
-        if blocked[place_, 0] > free_from and free_from > 0.0:
+        if blocked[place_, 0] > free_from > 0.0:
             kept = _keep(ranges, kept, free_from, blocked[place_, 0])
         free_from = max(free_from, blocked[place_, 1])
     if free_from < FULL_TURN or first_low > 0.0:

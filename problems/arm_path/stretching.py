@@ -1,7 +1,7 @@
 """Manhattan motions can easily be stretched (Ahuactzin et al. 1992, §4, fourth reason): fewer moves, and shorter ones.
 
-What one move of a joint leaves to a later one of the same joint slides all moves between them along that joint. Whatever
-is tried, the whole path is then tested against the legal ranges of its moves, as any Manhattan motion is.
+What one move of a joint leaves to a later one of the same joint slides all moves between them along that joint.
+Whatever is tried, the whole path is then tested against the legal ranges of its moves, as any Manhattan motion is.
 """
 
 from __future__ import annotations
