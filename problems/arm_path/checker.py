@@ -129,7 +129,7 @@ def _collisions(problem: ArmPath, path: Angles) -> Iterator[str]:
         for index, obstacle in enumerate(problem.obstacles):
             if _hits(swept, obstacle, problem.arm.radius - allowed).any():
                 yield f"move {number} hits obstacles[{index}]"
-        if problem.self_collision and _hits_itself(_lines(joints[:1])[0], swept, 2 * problem.arm.radius - allowed):
+        if problem.self_collision and _hits_itself(joints, moved, 2 * problem.arm.radius - allowed):
             yield f"move {number} makes the arm touch itself"
 
 
@@ -169,37 +169,42 @@ def _hits(shapes: Lines, obstacle: Obstacle, limit: float) -> NDArray[np.bool_]:
     return hit
 
 
-def _is_near(one: Lines, other: Lines, limit: float) -> bool:
-    """Whether two shapes, or one and any of several, are nearer than ``limit``; if that is negative, cross deeper."""
-    if limit >= 0.0:
-        return bool(np.any(shapely.dwithin(one, other, limit)))
-    return bool(np.any(shapely.length(shapely.intersection(one, other)) > -limit))
-
-
 def _touching(problem: ArmPath, links: Lines) -> bool:
     """Whether links that are not neighbours touch, all standing still."""
     limit = 2 * problem.arm.radius - 2 * CONTACT
     return any(
-        links[one].distance(links[other]) < limit or (limit < 0.0 and links[one].crosses(links[other]))
-        for one in range(len(links))
-        for other in range(one + 2, len(links))
+        _overlap(links[one], links[other], limit) for one in range(len(links)) for other in range(one + 2, len(links))
     )
 
 
-def _hits_itself(standing: Lines, swept: Lines, limit: float) -> bool:
-    """Whether what the last links sweep comes near the others, which stand, neighbours aside.
+def _overlap(one: Lines, other: Lines, limit: float) -> bool:
+    """Whether a link comes nearer to another, or to any of several, than ``limit``; if negative, crosses it deeper."""
+    if limit >= 0.0:
+        return bool(np.any(shapely.dwithin(one, other, limit)))
+    ends = [
+        shapely.distance(shapely.get_point(link, end), rest)
+        for link, rest in ((one, other), (other, one))
+        for end in (0, -1)
+    ]
+    return bool(np.any(shapely.crosses(one, other) & (np.min(ends, axis=0) > -limit)))
+
+
+def _hits_itself(joints: Joints, moved: int, limit: float) -> bool:
+    """Whether a motion makes links that are not neighbours touch.
 
     Args:
-        standing: all links, before the motion.
-        swept: of the last links, shape (samples, turning links).
-        limit: as for `_is_near`.
+        joints: of all samples.
+        moved: the joint that turns; the links before it stand still, and those beyond among themselves.
+        limit: as for `_overlap`. Links without thickness are judged at the samples alone: what touches may pass.
     """
-    fixed = len(standing) - swept.shape[1]
+    lines = _lines(joints)
+    turning = (
+        lines if limit < 0.0 else np.concatenate([np.full((len(lines) - 1, moved), None), _swept(joints[:, moved:])], 1)
+    )
     return any(
-        _is_near(standing[link], swept[:, turning], limit)
-        for link in range(fixed)
-        for turning in range(swept.shape[1])
-        if fixed + turning - link >= 2
+        _overlap(lines[0, link], turning[:, other], limit)
+        for link in range(moved)
+        for other in range(max(moved, link + 2), lines.shape[1])
     )
 
 

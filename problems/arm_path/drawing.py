@@ -134,11 +134,12 @@ def _draw_space(problem: ArmPath, axes: Axes, solution: Solution | None) -> list
 def _cells(problem: ArmPath, solution: Solution | None) -> NDArray[np.float64]:
     """A colour for each cell, as pictures have them: joint 2 from row to row."""
     levels = problem.levels
-    coded = np.tile(np.arange(levels + 2) < levels, (2, 1)).astype(np.uint8)
-    picture = np.where(problem.cells_in(coded)[..., None], UNKNOWN, BLOCKED)
+    all_of_joint_1 = np.zeros((2, levels + 2), np.uint8)
+    all_of_joint_1[0, :levels] = 1
+    picture = np.where(problem.cells_in(all_of_joint_1)[..., None], UNKNOWN, BLOCKED)
     if solution is not None:
         ends = {"start": levels, "goal": levels + 1}
-        computed = np.zeros_like(coded)
+        computed = np.zeros_like(all_of_joint_1)
         for joint, places in enumerate(solution["slices"]):
             computed[joint, [ends.get(place, place) for place in places]] = 1
         picture[problem.cells_in(computed)] = EVALUATED

@@ -216,7 +216,7 @@ seed = 1
         }
 
     def cells_in(self, computed: Genomes) -> Cells:
-        """Of two links, the cells in the legal ranges of some slices.
+        """Of two links, the cells in the legal ranges of some slices; those of joint 1 look at both links.
 
         Args:
             computed: 1 for each such slice, shape (2, 2^q + 2): by joint, and by the place of the other joint.

@@ -115,6 +115,30 @@ def test_what_is_not_claimed_to_be_solved_may_be_infeasible():
     assert (judgement.status, judgement.feasible, judgement.message) == ("stalled", False, "it hits a wall")
 
 
+class Counting(OneMax):
+    trouble: bool = False
+
+    def merge(self, solution, reports, finder):
+        if self.trouble:
+            raise RuntimeError("out of ink")
+        return solution | {"told": sum(each[0] for each in reports.values()), "finder": finder}
+
+
+def test_what_cells_report_goes_into_the_solution():
+    plan = Plan(Counting(kind="counting"), Run())
+    told = judge(collected(plan, Champion(0.0, 3, 5, FULL)), 8, ["target"], states={2: b"\x03", 5: b"\x04"})
+    assert told.status == "solved"
+    assert told.best.solution == {"genome": FULL.hex(), "told": 7, "finder": 5}
+    assert judge(collected(plan, Champion(0.0, 3, 5, FULL)), 8, ["target"]).best.solution["told"] == 0
+
+
+def test_a_merge_that_breaks_fails_the_run():
+    plan = Plan(Counting(kind="counting", trouble=True), Run())
+    judgement = judge(collected(plan, Champion(0.0, 3, 5, FULL)), 8, ["target"], states={2: b"\x03"})
+    assert (judgement.status, judgement.feasible) == ("failed", False)
+    assert judgement.message == "counting: merge raised RuntimeError: out of ink"
+
+
 def report(cell, generation=8, champion=None, proposals=()):
     counts = (9, 8, 32, 0, 0, Staleness(0, 0, 0, 0))
     return Report(cell, generation, bytes([cell]) * 32, *counts, champion, tuple(proposals), b"", b"", None)
