@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from problems import ProblemFile, Run
+from problems.arm_ik import ArmIk
 from problems.arm_path import ArmPath
 from problems.arm_path.oracle import Grid, fill, move_counts
 
@@ -45,6 +46,32 @@ def unsolvable_world(number: int, run: Run | None = None) -> ProblemFile:
             return _with_goal(f"unsolvable world {number}", fields, generator.choice(goals), run)
 
 
+def many_links_world(number: int) -> ArmPath:
+    """World ``number`` of arms of 3 to 6 links with limits, whose straight motion to the goal is not free.
+
+    It may have no path.
+    """
+    generator = np.random.default_rng([1992, 400, number])
+    while True:
+        links = 3 + number % 4
+        fields = _world(generator, links) | {"stretch": True}
+        fields["arm"]["limits"] = [[-np.pi, np.pi]] * links
+        fields |= dict(zip(("start", "goal"), generator.uniform(-np.pi, np.pi, (2, links)).tolist(), strict=True))
+        try:
+            problem = ArmPath.model_validate(fields)
+        except ValueError:  # the arm would stand in something
+            continue
+        straight = np.linspace(problem.start, problem.goal, 500)
+        if np.isinf(same_arm(problem).distances(straight)).any():
+            return problem
+
+
+def same_arm(problem: ArmPath) -> ArmIk:
+    """The same arm among the same obstacles, whose `distances` tell which configurations collide."""
+    shared = problem.model_dump(include={"arm", "obstacles", "self_collision"})
+    return ArmIk.model_validate(shared | {"kind": "arm-ik", "target": problem.arm.base})
+
+
 def _with_goal(name: str, fields: Fields, goal: NDArray[np.int64], run: Run | None) -> ProblemFile:
     return ProblemFile(name, fields | {"goal": (goal * _STEP).tolist()}, run or Run(), Path())
 
@@ -60,14 +87,14 @@ def _scattered(generator: np.random.Generator) -> tuple[Fields, Grid]:
         return fields, fill(problem)
 
 
-def _world(generator: np.random.Generator) -> Fields:
+def _world(generator: np.random.Generator, count: int = 2) -> Fields:
     """Links of random lengths among 4 to 10 things, scattered over what the arm can reach."""
-    links = generator.uniform(0.5, 1.0, 2)
+    links = generator.uniform(0.5, 1.0, count)
     reach = float(links.sum())
     obstacles = [_thing(generator, reach) for _ in range(generator.integers(4, 11))]
     return {
         "kind": "arm-path",
-        "start": (generator.integers(0, 256, 2) * _STEP + _STEP / 3).tolist(),
+        "start": (generator.integers(0, 256, count) * _STEP + _STEP / 3).tolist(),
         "arm": {"links": links.tolist(), "radius": 0.03},
         "obstacles": obstacles,
     }

@@ -14,6 +14,7 @@ import supernode
 from supernode.__main__ import main
 
 ARM = Path(__file__).resolve().parents[2] / "examples" / "arm-ik.toml"
+KINDS = ["arm-ik", "arm-path", "coordination", "function", "min-time", "mobile-robot", "sphere-path", "terrain"]
 COMMANDS = ("solve", "simulate", "check", "oracle", "topology", "problems", "init")
 
 
@@ -300,7 +301,7 @@ def test_problems_lists_kinds_and_fields(capsys):
     code, out, _ = in_process(capsys, "problems")
     assert code == 0
     kinds = [line.split()[0] for line in out.splitlines()]
-    assert kinds == ["arm-ik", "function", "mobile-robot"]
+    assert kinds == KINDS
     for kind in kinds:
         code, out, _ = in_process(capsys, "problems", kind)
         assert (code, "required" in out) == (0, True)
@@ -311,7 +312,7 @@ def test_problems_lists_kinds_and_fields(capsys):
     assert "did you mean 'arm-ik'" in err
 
 
-@pytest.mark.parametrize("kind", ["arm-ik", "function", "mobile-robot"])
+@pytest.mark.parametrize("kind", KINDS)
 def test_init_writes_a_file_that_can_be_solved_and_overwrites_nothing(kind, tmp_path, capsys):
     path = tmp_path / "new.toml"
     code, out, _ = in_process(capsys, "init", kind, path)
