@@ -97,7 +97,9 @@ def _module(name: str, folder: Path | None) -> ModuleType:
 def warm_up() -> None:
     """Import every built-in kind with its compiled kernels, so that a forked process has them all."""
     for target in _BUILT_IN.values():
-        module = importlib.import_module(target.partition(":")[0])
-        importlib.import_module(f"{module.__name__}.kernels")
+        package = target.partition(":")[0]
+        importlib.import_module(f"{package}.kernels")
+        if importlib.util.find_spec(f"{package}.coding_kernels") is not None:
+            importlib.import_module(f"{package}.coding_kernels")
     for kernels in ("bit_kernels", "real_kernels", "selection", "sequence_kernels"):
         importlib.import_module(f"genetics.{kernels}")
