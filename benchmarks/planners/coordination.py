@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 from functools import cache, cached_property
+from itertools import pairwise
 from pathlib import Path
 from statistics import mean, pstdev
 from typing import Any
@@ -155,7 +156,10 @@ def _entry(diagram: str, coding: str, settings: str, runs: int) -> Entry:
 
 def _order(settings: str, entries: list[Entry]) -> str:
     """The paper's claims, for one recipe: the order of the means, whose σ is less, who finds the least."""
-    ranked = " < ".join(entry.coding for entry in sorted(entries, key=lambda entry: entry.mean))
+    by_mean = sorted(entries, key=lambda entry: entry.mean)
+    ranked = by_mean[0].coding
+    for before, entry in pairwise(by_mean):
+        ranked += f" {'<' if f'{before.mean:.2f}' < f'{entry.mean:.2f}' else '='} {entry.coding}"
     lines = [f"- {settings}: means {ranked}"]
     variable, fixed = entries[:2]
     if variable.times and fixed.times:

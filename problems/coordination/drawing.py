@@ -27,7 +27,7 @@ START = "#2a8c4a"
 END = "#c8321e"
 ARMS = ("#1f5fa8", "#d07a1c")
 _SIDE = 7.0  # inches
-_ARMS_WIDTH = 3.4  # inches
+_ARMS_WIDTH = 4.4  # inches
 
 
 def draw(problem: Coordination, figure: Figure, solution: Solution | None, populations: Populations) -> None:
@@ -43,6 +43,7 @@ def draw(problem: Coordination, figure: Figure, solution: Solution | None, popul
     stages = _stages(problem, solution)
     for place, (title, cell) in enumerate(stages, start=1):
         _draw_arms(problem.robots, right.add_subplot(len(stages), 1, place, projection="3d"), cell, title)
+    right.legend(*right.axes[0].get_legend_handles_labels(), loc="upper right", fontsize=8, frameon=False)
 
 
 def _draw_diagram(problem: Coordination, axes: Axes, solution: Solution | None, populations: Populations) -> None:
@@ -62,7 +63,7 @@ def _draw_diagram(problem: Coordination, axes: Axes, solution: Solution | None, 
         _draw_sequence(axes, [(0, 0), *map(tuple, solution["points"]), problem.last])
     for cell, name, color in (((0, 0), "start", START), (problem.last, "end", END)):
         axes.plot(*cell, "s", color=color, markersize=8, clip_on=False, zorder=6, label=name)
-    axes.legend(loc="lower right", framealpha=0.9, fontsize="small")
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.09), ncols=4, frameon=False, fontsize="small")
     axes.set_title(_title(solution), pad=14.0)
     axes.set_xlabel("robot 1 / cell")
     axes.set_ylabel("robot 2 / cell")
@@ -121,4 +122,3 @@ def _draw_arms(robots: list[Robot], axes: Axes3D, cell: Cell, title: str) -> Non
     axes.set_aspect("equal")
     axes.view_init(elev=35.0, azim=-70.0)
     axes.tick_params(labelsize=6, pad=-3)
-    axes.legend(loc="upper left", fontsize=7, frameon=False)

@@ -43,6 +43,8 @@ def best_on_grid(problem: MinTime) -> Answer:
     Raises:
         BadInput: if the arm has not two joints that move.
     """
+    if problem.start == problem.goal:
+        return Answer("optimum", 0.0, "staying where it is")
     found = dynamic_program(problem)
     solution = problem.decode(_genome(problem, found.nodes)) if np.isfinite(found.time) else None
     return Answer(

@@ -10,6 +10,7 @@ from pydantic import Field, model_validator
 
 from genetics.arrays import Fitness, Genomes, writable
 from genetics.recipe import Recipe
+from problems.errors import BadInput, shorten
 from problems.min_time.arm import Arm, Body
 from problems.problem import Answer, Populations, Problem, RecipeName, Solution, Verdict, quantity
 
@@ -84,7 +85,9 @@ stall = 50                      # generations without a quicker one, after which
         from problems.min_time import urdf
 
         joints = arm.get("joints")
-        read = urdf.read(arm["urdf"], joints if isinstance(joints, list) else None, folder)
+        if not (joints is None or (isinstance(joints, list) and all(isinstance(name, str) for name in joints))):
+            raise BadInput(f"arm.joints: expected a list of names, found {shorten(joints)}")
+        read = urdf.read(arm["urdf"], joints, folder)
         rest = {name: value for name, value in arm.items() if name not in ("urdf", "joints")}
         return fields | {"arm": read | rest}
 

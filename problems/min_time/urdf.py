@@ -7,10 +7,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from problems.errors import BadInput
 
 _PACKAGE = "example-robot-data"
+_LEAST_INERTIA = 1e-12  # kg m²
 _MISSING = "{} is not installed: pip install 'supernode[dynamics]'"
 
 
@@ -43,8 +45,17 @@ def read(name: str, joints: list[str] | None, folder: Path) -> dict[str, Any]:
                 f"arm.joints: expected a serial chain, found {model.names[joint]!r} after "
                 f"{model.names[model.parents[joint]]!r}; name those that shall move"
             )
+    if np.linalg.eigvalsh(_mass_matrix(pinocchio, model))[0] < _LEAST_INERTIA:
+        raise BadInput(f"arm.urdf: expected links with a mass beyond every joint that moves, found none in {path}")
     bodies = [_body(model, joint) for joint in range(1, model.njoints)]
     return {"bodies": bodies, "torque": [float(limit) for limit in model.effortLimit]}
+
+
+def _mass_matrix(pinocchio: Any, model: Any) -> NDArray[np.float64]:
+    """At the neutral place, kg m²."""
+    upper = np.triu(pinocchio.crba(model, model.createData(), pinocchio.neutral(model)))
+    matrix: NDArray[np.float64] = upper + np.triu(upper, 1).T
+    return matrix
 
 
 def _path(name: str, folder: Path) -> Path:
@@ -69,6 +80,8 @@ def _is_revolute(model: Any, joint: int) -> bool:
 def _reduced(pinocchio: Any, model: Any, joints: list[str] | None) -> Any:
     """The model with only the joints that move."""
     revolute = [model.names[joint] for joint in range(1, model.njoints) if _is_revolute(model, joint)]
+    if not revolute:
+        raise BadInput("arm.urdf: expected revolute joints, found none")
     wanted = revolute if joints is None else joints
     unknown = [name for name in wanted if name not in revolute]
     if unknown or not wanted:

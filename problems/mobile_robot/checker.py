@@ -24,7 +24,8 @@ from problems.problem import Solution, Table, Verdict
 if TYPE_CHECKING:
     from problems.mobile_robot.problem import Body, MobileRobot
 
-Pose = tuple[float, float, float]
+Coordinate = Annotated[float, Field(ge=-1e9, le=1e9)]
+Pose = tuple[Coordinate, Coordinate, Coordinate]
 Pieces = NDArray[Any]  # shapely geometries
 
 TOLERANCE = 1e-6  # m and rad

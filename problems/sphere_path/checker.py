@@ -28,7 +28,7 @@ _TOLERANCE = 1e-6  # of the length
 class PathSolution(Table):
     """What a solution of sphere-path is made of."""
 
-    path: Annotated[list[list[float]], Field(min_length=2)]
+    path: Annotated[list[list[Annotated[float, Field(ge=-1e9, le=1e9)]]], Field(min_length=2)]
     crossed: Annotated[int, Field(ge=0)]
     length: Annotated[float, Field(ge=0)]
 

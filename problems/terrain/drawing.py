@@ -25,7 +25,7 @@ GOAL = "#c8321e"
 OBSTACLE = "black"
 TOO_NEAR = "0.55"
 _MAP = 7.0  # inches
-_FINEST_GRID = 64  # cells across, beyond which lines between cells would hide them
+_FINEST_GRID = 32  # cells across, beyond which lines between cells would hide them
 
 Color = tuple[float, float, float]
 
@@ -113,7 +113,7 @@ def _draw_populations(problem: Terrain, axes: Axes, populations: Populations) ->
             axes.plot(path[:, 1], path[:, 0], color=color, linewidth=0.9, alpha=0.5, zorder=3, label=label)
     axes.set_xlim(x_limits)
     axes.set_ylim(y_limits)
-    axes.legend(loc="upper right", framealpha=0.9, fontsize="small")
+    axes.legend(loc="upper left", bbox_to_anchor=(0.0, -0.08), ncols=2, frameon=False, fontsize="small")
 
 
 def _draw_membership(problem: Terrain, axes: Axes, colors: dict[str, Color]) -> None:

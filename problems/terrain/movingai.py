@@ -19,6 +19,8 @@ def read(path: Path) -> list[str]:
         raise BadInput(f"file: expected a map in ASCII, found {error} in {path}") from error
     except OSError as error:
         raise BadInput(f"file: expected a readable map, found {error.strerror}: {path}") from error
+    except ValueError as error:
+        raise BadInput(f"file: expected the name of a map, found {shorten(str(path))}: {error}") from error
     words = [line.split() for line in lines[:4]]
     keys = ["type", "height", "width", "map"]
     if [each[0] for each in words if each] != keys or words[0][1:] != ["octile"]:

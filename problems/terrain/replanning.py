@@ -15,9 +15,14 @@ def led_on(old: Terrain, new: Terrain, genomes: Genomes) -> Genomes:
 
     Each path goes straight from the new start to its own nearest cell, and on from there. Where obstacles have come to
     lie on it, it is mended once in the way of the tuned recipe: along what blocks it, and in a small window there.
+
+    Raises:
+        ValueError: if the map is of another size.
     """
     from problems.terrain import kernels
 
+    if old.impassable.shape != new.impassable.shape or old.coding.genome_bytes != new.coding.genome_bytes:
+        raise ValueError(f"expected a map of {old.impassable.shape} cells again, found {new.impassable.shape}")
     flat = writable(genomes.reshape(-1, genomes.shape[-1]))
     led: Genomes = kernels.led_on(flat, old.judging.table, new.judging.table, new.coding.reach)
     return led.reshape(genomes.shape)

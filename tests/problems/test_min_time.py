@@ -415,6 +415,11 @@ def test_the_oracle_of_the_papers_problem():
     assert answer.solution["time"] == pytest.approx(answer.fitness)
 
 
+def test_who_is_there_needs_no_time():
+    answer = problem_of(goal=[-0.5, -1.0]).oracle()
+    assert (answer.meaning, answer.fitness) == ("optimum", 0.0)
+
+
 def test_other_arms_have_no_oracle():
     with pytest.raises(BadInput, match="expected two joints that move"):
         problem_of(goal=[0.5, -1.0]).oracle()

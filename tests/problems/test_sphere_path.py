@@ -468,9 +468,10 @@ def test_the_straight_way_is_the_best_if_it_is_free():
     assert (answer.meaning, answer.fitness, answer.figures["length"]) == ("optimum", 0.0, pytest.approx(128**0.5))
 
 
-def test_where_nothing_is_known_there_is_no_oracle():
-    with pytest.raises(BadInput, match="expected one sphere"):
-        made(spheres=[[5.0, 5.0, 2.0], [6.0, 5.0, 2.0]]).oracle()
+def test_where_nothing_is_known_the_straight_way_is_a_bound():
+    answer = made(spheres=[[5.0, 5.0, 2.0], [6.0, 5.0, 2.0]], length_weight=0.5).oracle()
+    assert (answer.meaning, answer.fitness, answer.solution) == ("lower bound", 0.0, None)
+    assert answer.figures["length"] == pytest.approx(128**0.5)
 
 
 # Runs -----------------------------------------------------------------------------------------------------------------
