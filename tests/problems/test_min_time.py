@@ -320,10 +320,19 @@ def test_bad_files_are_refused_in_one_line_that_names_the_field(fields, arm, exp
         ("example-robot-data:none.urdf", "", "arm.urdf: expected a URDF, found no file"),
         ("bad.urdf", "", "arm.urdf: expected a URDF, found .*bad.urdf"),
         ("example-robot-data:panda_description/urdf/panda.urdf", "joints = ['wrist']", "arm.joints: expected some of"),
+        ("example-robot-data:panda_description/urdf/panda.urdf", "joints = 3", "arm.joints: expected a list of names"),
+        ("light.urdf", "", "arm.urdf: expected links with a mass beyond every joint that moves, found none"),
+        ("stiff.urdf", "", "arm.urdf: expected revolute joints, found none"),
     ],
 )
 def test_a_urdf_that_cannot_be_used_is_refused_in_one_line(urdf, joints, expected, tmp_path, panda):
     (tmp_path / "bad.urdf").write_text("<robot>")
+    (tmp_path / "stiff.urdf").write_text('<robot name="stiff"><link name="base"/></robot>')
+    (tmp_path / "light.urdf").write_text(
+        '<robot name="light"><link name="base"/><link name="tip"/>'
+        '<joint name="hinge" type="revolute"><parent link="base"/><child link="tip"/><axis xyz="0 0 1"/>'
+        '<limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>'
+    )
     file = tmp_path / "arm.toml"
     file.write_text(f"kind = 'min-time'\nstart = [0.0]\ngoal = [1.0]\n[arm]\nurdf = '{urdf}'\n{joints}\n")
     with pytest.raises(BadInput, match=expected) as error:

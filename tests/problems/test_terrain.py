@@ -457,6 +457,7 @@ BASE = 'kind = "terrain"\nstart = [0, 0]\ngoal = [1, 1]\n'
         ('map = ["..", ".."]\nrobot_radius = -1', "robot_radius: expected greater than or equal to 0, found -1"),
         ("file = 3", "file: expected the name of a map, found 3"),
         ('file = "none.map"', "file: expected a map, found no such file as "),
+        ('file = "a\\u0000b"', "file: expected the name of a map, found "),
         ('file = "x.map"\nmap = [".."]', "map: expected either map or file, found both"),
         ("colour = 3", "colour: unknown field"),
     ],
