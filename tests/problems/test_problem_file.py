@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from problems import BadInput, ProblemFile, Run, load
 from problems.errors import did_you_mean, shorten
 from problems.file import parse
+from topologies.parse import EXAMPLES
 
 ARM = """\
 kind = "arm-ik"
@@ -175,7 +176,7 @@ def test_no_kind(tmp_path, text, found):
     ("kind", "suggestion"),
     [
         ("arm_ik", "; did you mean 'arm-ik'?"),
-        ("arm-kinematics", "; did you mean 'arm-ik'?"),
+        ("arm-paths", "; did you mean 'arm-path'?"),
         ("mobile robot", "; did you mean 'mobile-robot'?"),
         ("Mobile-Robot", "; did you mean 'mobile-robot'?"),
         ("functoin", "; did you mean 'function'?"),
@@ -198,7 +199,7 @@ def test_a_wrong_field_of_a_built_in_kind_is_refused_when_it_is_loaded(tmp_path)
     path = tmp_path / "arm.toml"
     path.write_text("targett = 1\n" + ARM)
     line = refused_file(path)
-    assert line.startswith("targett: unknown field, expected one of kind, code, target, ")
+    assert line.startswith("targett: unknown field, expected one of kind, code, bits, ")
     assert line.endswith("; did you mean 'target'?")
 
 
@@ -299,8 +300,8 @@ def test_a_run_that_is_no_table(tmp_path, text, found):
 @pytest.mark.parametrize(
     ("lines", "complaint"),
     [
-        (['topology = "torus 0x4"'], "topology: expected a torus of at least 1 row and 1 column, found 0 x 4"),
-        (['topology = "torus 4x-1"'], "topology: expected a topology such as \"torus 4x4\", found 'torus 4x-1'"),
+        (['topology = "torus 0x4"'], "topology: expected at least 1 row and 1 column, found 0 x 4"),
+        (['topology = "torus 4x-1"'], "topology: expected a topology such as {topologies}, found 'torus 4x-1'"),
         (['topology = "torus 9999x9999"'], "topology: expected at most 1048576 cells, found 99980001"),
         (["topology = 4"], "topology: expected a valid string, found 4"),
         (["deme = 0"], "deme: expected greater than or equal to 1, found 0"),
@@ -343,7 +344,9 @@ def test_a_run_that_is_no_table(tmp_path, text, found):
 def test_a_wrong_setting_of_the_run(tmp_path, lines, complaint):
     path = tmp_path / "run.toml"
     path.write_text("\n".join([ARM, "[run]", *lines]))
-    assert refused_file(path) == "run: " + complaint.replace("{fields}", ", ".join(Run.model_fields))
+    topologies = ", ".join(f'"{example}"' for example in EXAMPLES)
+    expected = complaint.replace("{fields}", ", ".join(Run.model_fields)).replace("{topologies}", topologies)
+    assert refused_file(path) == f"run: {expected}"
 
 
 @given(st.text(max_size=200))
