@@ -12,9 +12,9 @@ from benchmarks.planners import ompl_joints
 from benchmarks.planners.runs import Outcome, on_all_cores, run, share
 from problems import Answer
 
-WORLDS = 200
-UNSOLVABLE = 50
-MANY_LINKS = 100
+WORLDS = 120
+UNSOLVABLE = 20
+MANY_LINKS = 40
 TOPOLOGY = "torus 4x4"
 RECIPES = ("tuned", "paper")
 
