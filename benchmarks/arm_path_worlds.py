@@ -19,6 +19,8 @@ TUNED_ON = range(10_000, 30_000)
 """The worlds on which the tuned recipe was chosen; a benchmark takes others."""
 
 FEWEST_MOVES = 4
+ROUNDS = 48
+_ROUNDS_OF_MANY_LINKS = 12
 _MOST_MOVES = 32  # far fewer than the moves of a motion
 _STEP = 2.0 * np.pi / 256
 
@@ -54,7 +56,7 @@ def many_links_world(number: int) -> ArmPath:
     generator = np.random.default_rng([1992, 400, number])
     while True:
         links = 3 + number % 4
-        fields = _world(generator, links) | {"stretch": True}
+        fields = _world(generator, links) | {"stretch": True, "rounds": _ROUNDS_OF_MANY_LINKS}
         fields["arm"]["limits"] = [[-np.pi, np.pi]] * links
         fields |= dict(zip(("start", "goal"), generator.uniform(-np.pi, np.pi, (2, links)).tolist(), strict=True))
         try:
@@ -95,6 +97,7 @@ def _world(generator: np.random.Generator, count: int = 2) -> Fields:
     return {
         "kind": "arm-path",
         "start": (generator.integers(0, 256, count) * _STEP + _STEP / 3).tolist(),
+        "rounds": ROUNDS,
         "arm": {"links": links.tolist(), "radius": 0.03},
         "obstacles": obstacles,
     }

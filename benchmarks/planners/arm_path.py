@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from benchmarks.arm_path_worlds import FEWEST_MOVES, arm_path_world, many_links_world, unsolvable_world
+from benchmarks.arm_path_worlds import FEWEST_MOVES, ROUNDS, arm_path_world, many_links_world, unsolvable_world
 from benchmarks.planners import ompl_joints
 from benchmarks.planners.runs import Outcome, on_all_cores, run, share
 from problems import Answer
@@ -86,8 +86,8 @@ def _flat(worlds: Sequence[World], hopeless: Sequence[Outcome]) -> list[str]:
         "`python -m benchmarks.planners --only arm-path` (needs `pip install -e .[ompl]`)",
         "",
         f"{len(worlds)} random worlds of two links (`benchmarks/arm_path_worlds.py`, 1 to {len(worlds)}, also the",
-        f"seeds), surely solvable, but by the oracle not in fewer than {FEWEST_MOVES} moves; `rounds = 24`, 8 bits,",
-        f"4 × 4 nodes, stall 200. {len(hopeless)} more are surely unsolvable.",
+        f"seeds), surely solvable, but by the oracle not in fewer than {FEWEST_MOVES} moves; `rounds = {ROUNDS}`,",
+        f"8 bits, 4 × 4 nodes, stall 200. {len(hopeless)} more are surely unsolvable.",
         "",
         "| asked | reached by tuned | paper |",
         "|---|---|---|",

@@ -28,7 +28,7 @@ MOST_BITS = 12
 _KEPT = 1 << 12  # slices of an arm of more than two links
 _SLICES = slice(8, 12)  # of the table of all kernels
 _COARSE = 4  # bits of an angle in the first generations of the tuned recipe
-_MUTATION = 0.1  # of a bit
+_MUTATION = 0.03  # of a bit
 
 Path = NDArray[np.float64]  # (rows, links), rad, unwrapped
 Cells = NDArray[np.bool_]  # (2^q, 2^q), by the angle of joint 1, then of joint 2
