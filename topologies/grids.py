@@ -52,12 +52,9 @@ class _Rectangle(ABC):
         """The cells beside ``cell``, in the order of the slots."""
         return tuple(self.beside(cell, down, right) for down, right in self.sides)
 
+    @abstractmethod
     def table(self) -> "NDArray[np.int64]":
         """The neighbours of all cells, shape (cells, slots)."""
-        import numpy as np
-
-        grid = np.arange(self.cells).reshape(self.rows, self.columns)
-        return np.stack([np.roll(grid, (-down, -right), (0, 1)).ravel() for down, right in self.sides], axis=1)
 
     def place(self, cell: int) -> tuple[int, int]:
         """(row, column) of ``cell``."""
@@ -83,6 +80,13 @@ class Torus(_Rectangle):
         """Round the torus."""
         row, column = self.place(cell)
         return (row + down) % self.rows * self.columns + (column + right) % self.columns
+
+    def table(self) -> "NDArray[np.int64]":
+        """The neighbours of all cells, shape (cells, slots)."""
+        import numpy as np
+
+        grid = np.arange(self.cells).reshape(self.rows, self.columns)
+        return np.stack([np.roll(grid, (-down, -right), (0, 1)).ravel() for down, right in self.sides], axis=1)
 
 
 class Moore(Torus):

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from benchmarks.arm_path_worlds import FEWEST_MOVES, ROUNDS, arm_path_world, many_links_world, unsolvable_world
-from benchmarks.planners import ompl_joints
+from benchmarks.planners import ompl_joints, ompl_run
 from benchmarks.planners.runs import Outcome, on_all_cores, run, share
 from problems import Answer
 
@@ -31,7 +31,7 @@ class Reach(NamedTuple):
 
     links: int
     outcome: Outcome
-    ways: list[ompl_joints.Way]
+    ways: list[ompl_run.Way]
 
 
 def section(quick: bool) -> str:
@@ -62,8 +62,8 @@ def _with_many_links(number: int) -> Reach:
     length = None
     if _is_solved(outcome) and outcome.solution is not None:
         length = float(np.abs(np.diff(outcome.solution["path"], axis=0)).sum())
-    ours = ompl_joints.Way(outcome.seconds if _is_solved(outcome) else None, length)
-    ways = [ours, *(ompl_joints.plan(problem, planner, number) for planner in ompl_joints.PLANNERS)]
+    ours = ompl_run.Way(outcome.seconds if _is_solved(outcome) else None, length)
+    ways = [ours, *(ompl_joints.plan(problem, planner, number) for planner in ompl_run.PLANNERS)]
     return Reach(len(problem.arm.links), outcome, ways)
 
 
@@ -119,13 +119,14 @@ def _by_moves(worlds: Sequence[World]) -> list[str]:
 
 
 def _rivals(reaches: Sequence[Reach]) -> list[str]:
-    names = ["arm-path, tuned", *(f"OMPL {planner}" for planner in ompl_joints.PLANNERS)]
+    names = ["arm-path, tuned", *(f"OMPL {planner}" for planner in ompl_run.PLANNERS)]
+    limits = ompl_joints.LIMITS
     reachable = sum(any(way.seconds is not None for way in reach.ways) for reach in reaches)
     return [
         f"{len(reaches)} worlds of 3 to 6 links with limits, whose straight motion is not free; in {reachable} of them",
         "any planner finds a path. One run each on one core, ours with all 16 cells in it and `stretch = true`. OMPL's",
-        f"collision test is our compiled one, called from Python; it has {ompl_joints.LIMIT:g} s to find a path, which",
-        f"is then simplified; BIT* goes on for {ompl_joints.IMPROVING:g} s. The length is the sum of all turns.",
+        f"collision test is our compiled one, called from Python; it has {limits.finding:g} s to find a path, which",
+        f"is then simplified; BIT* goes on for {limits.improving:g} s. The length is the sum of all turns.",
         "",
         "| planner | solved | 3 links | 4 | 5 | 6 | seconds until solved, median | 90 % | turns, median (rad) |",
         "|---|---|---:|---:|---:|---:|---:|---:|---:|",

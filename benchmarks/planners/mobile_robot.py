@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import supernode
-from benchmarks.planners import ompl_se2
+from benchmarks.planners import ompl_run, ompl_se2
 from benchmarks.planners.runs import Outcome, on_all_cores, run, share
 from benchmarks.robot_worlds import robot_world
 from node import Plan
@@ -36,7 +36,7 @@ class Floor(NamedTuple):
     file: ProblemFile
     outcomes: list[Outcome]
     answer: Answer
-    rivals: list[ompl_se2.Way]
+    rivals: list[ompl_run.Way]
     hard: bool
 
 
@@ -60,7 +60,7 @@ def _on_floor(number: int) -> Floor:
     file = robot_world(number)
     outcomes = [run(file, seed=number, recipe=recipe, topology=topology) for recipe, topology in ENTRIES]
     problem: Any = file.problem()
-    rivals = [ompl_se2.plan(problem, planner, number) for planner in ompl_se2.PLANNERS]
+    rivals = [ompl_se2.plan(problem, planner, number) for planner in ompl_run.PLANNERS]
     return Floor(file, outcomes, problem.oracle(), rivals, _is_hard(file))
 
 
@@ -135,17 +135,18 @@ def _within(values: Sequence[float], share_of_all: float, digits: int = 0) -> st
 
 
 def _rivals(floors: Sequence[Floor], timed: Sequence[Timed]) -> list[str]:
+    limits = ompl_se2.LIMITS
     ours = [
-        ompl_se2.Way(each.run if each.solved else None, floor.outcomes[0].solution["length"] if each.solved else None)
+        ompl_run.Way(each.run if each.solved else None, floor.outcomes[0].solution["length"] if each.solved else None)
         for each, floor in zip(timed, floors, strict=True)
     ]
     rows = {"mobile-robot, 4 × 4 processes": ours}
     rows |= {
-        f"OMPL {planner}": [floor.rivals[place] for floor in floors] for place, planner in enumerate(ompl_se2.PLANNERS)
+        f"OMPL {planner}": [floor.rivals[place] for floor in floors] for place, planner in enumerate(ompl_run.PLANNERS)
     }
     return [
-        f"Beside OMPL in SE(2), one run each on one core, {ompl_se2.LIMIT:g} s at most; its collision test is shapely,",
-        f"called from Python, as in `check`. BIT* goes on for {ompl_se2.IMPROVING:g} s. OMPL's ways are simplified,",
+        f"Beside OMPL in SE(2), one run each on one core, {limits.finding:g} s at most; its collision test is shapely,",
+        f"called from Python, as in `check`. BIT* goes on for {limits.improving:g} s. OMPL's ways are simplified,",
         "ours are as found: the planner does not look for short ones. Lengths are over the oracle's lower bound.",
         "",
         "| planner | solved | hard ones | seconds until solved, median | 90 % | length / shortest, median | 90 % |",
@@ -154,7 +155,7 @@ def _rivals(floors: Sequence[Floor], timed: Sequence[Timed]) -> list[str]:
     ]
 
 
-def _rival(name: str, ways: Sequence[ompl_se2.Way], floors: Sequence[Floor]) -> str:
+def _rival(name: str, ways: Sequence[ompl_run.Way], floors: Sequence[Floor]) -> str:
     seconds = [way.seconds for way in ways if way.seconds is not None]
     over = [
         way.length / floor.answer.figures["shortest_length_at_least"]

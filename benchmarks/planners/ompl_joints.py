@@ -5,60 +5,28 @@ Only this module needs the extra `ompl`.
 
 from __future__ import annotations
 
-import time
-from typing import Any, NamedTuple
+from functools import partial
+from typing import Any
 
 import numpy as np
 
 from benchmarks.arm_path_worlds import same_arm
+from benchmarks.planners import ompl_run
 from problems.arm_path import ArmPath
 
-PLANNERS = ("RRTConnect", "BITstar")
-LIMIT = 5.0  # s, to find a way
-IMPROVING = 0.5  # s more, for planners that improve what they have found
+LIMITS = ompl_run.Limits(finding=5.0, improving=0.5)
 
 _STEP = 0.01  # rad: how far apart configurations along a motion are tested
 
 
-class Way(NamedTuple):
-    """What a planner found.
-
-    Attributes:
-        seconds: until the first way; None if it found none in time.
-        length: the sum of all turns of all joints, shortened, rad.
-    """
-
-    seconds: float | None
-    length: float | None
+def plan(problem: ArmPath, planner: str, seed: int) -> ompl_run.Way:
+    """One run of a planner, for joints with limits; the length is the sum of all turns of all joints, rad."""
+    return ompl_run.plan(partial(_setup, problem), planner, seed, LIMITS, partial(_turns, problem))
 
 
-def plan(problem: ArmPath, planner: str, seed: int) -> Way:
-    """One run of a planner, for joints with limits."""
-    from ompl import base, geometric, util
-
-    util.setLogLevel(util.LogLevel.LOG_NONE)
-    util.RNG.setSeed(seed)
-    setup = _setup(problem, base, geometric)
-    chosen = getattr(geometric, planner)(setup.getSpaceInformation())
-    setup.setPlanner(chosen)
-    cost = getattr(chosen, "bestCost", None)  # of the best way so far, where a planner goes on
-    began = time.perf_counter()
-    found = np.inf
-
-    def is_over() -> bool:
-        nonlocal found
-        now = time.perf_counter() - began
-        if np.isinf(found) and cost is not None and np.isfinite(cost().value()):
-            found = now
-        return bool(now > LIMIT if np.isinf(found) else now > found + IMPROVING)
-
-    setup.solve(base.PlannerTerminationCondition(is_over))
-    if not setup.haveExactSolutionPath():
-        return Way(None, None)
-    seconds = min(found, time.perf_counter() - began)
-    setup.simplifySolution()
-    rows = np.array([_angles(problem, state) for state in setup.getSolutionPath().getStates()])
-    return Way(seconds, float(np.abs(np.diff(rows, axis=0)).sum()))
+def _turns(problem: ArmPath, states: list[Any]) -> float:
+    rows = np.array([_angles(problem, state) for state in states])
+    return float(np.abs(np.diff(rows, axis=0)).sum())
 
 
 def _angles(problem: ArmPath, state: Any) -> list[float]:

@@ -5,64 +5,30 @@ Only this module needs the extra `ompl`.
 
 from __future__ import annotations
 
-import time
-from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 import shapely
 
+from benchmarks.planners import ompl_run
 from problems.mobile_robot import MobileRobot
 from problems.plane import Circle
 
-PLANNERS = ("RRTConnect", "BITstar")
-LIMIT = 10.0  # s, to find a way
-IMPROVING = 1.0  # s more, for planners that improve what they have found
+LIMITS = ompl_run.Limits(finding=10.0, improving=1.0)
 
 _ROUND = 64  # sides of a polygon that stands for a quarter of a circle
 _STEP = 0.02  # m and rad: how far apart poses along a motion are tested, about
 
 
-@dataclass(frozen=True)
-class Way:
-    """What a planner found.
-
-    Attributes:
-        seconds: until the first way; None if it found none in time.
-        length: of the way that its reference point goes, shortened, m.
-    """
-
-    seconds: float | None
-    length: float | None
+def plan(problem: MobileRobot, planner: str, seed: int) -> ompl_run.Way:
+    """One run of a planner; the length is that of the way that the robot's reference point goes, m."""
+    return ompl_run.plan(partial(_setup, problem), planner, seed, LIMITS, _length)
 
 
-def plan(problem: MobileRobot, planner: str, seed: int) -> Way:
-    """One run of a planner."""
-    from ompl import base, geometric, util
-
-    util.setLogLevel(util.LogLevel.LOG_NONE)
-    util.RNG.setSeed(seed)
-    setup = _setup(problem, base, geometric)
-    chosen = getattr(geometric, planner)(setup.getSpaceInformation())
-    setup.setPlanner(chosen)
-    cost = getattr(chosen, "bestCost", None)  # of the best way so far, where a planner goes on
-    began = time.perf_counter()
-    found = np.inf
-
-    def is_over() -> bool:
-        nonlocal found
-        now = time.perf_counter() - began
-        if np.isinf(found) and cost is not None and np.isfinite(cost().value()):
-            found = now
-        return bool(now > LIMIT if np.isinf(found) else now > found + IMPROVING)
-
-    setup.solve(base.PlannerTerminationCondition(is_over))
-    if not setup.haveExactSolutionPath():
-        return Way(None, None)
-    seconds = min(found, time.perf_counter() - began)
-    setup.simplifySolution()
-    states = [(state.getX(), state.getY()) for state in setup.getSolutionPath().getStates()]
-    return Way(seconds, float(np.linalg.norm(np.diff(states, axis=0), axis=1).sum()))
+def _length(states: list[Any]) -> float:
+    places = [(state.getX(), state.getY()) for state in states]
+    return float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum())
 
 
 def _setup(problem: MobileRobot, base: Any, geometric: Any) -> Any:

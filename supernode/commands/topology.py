@@ -98,10 +98,9 @@ def _spot(topology: "Topology", cell: int) -> tuple[float, float]:
 def _line(start: tuple[float, float], end: tuple[float, float], flat: bool) -> list[tuple[float, float]]:
     """Straight; links round a torus are bent, or they would hide those between."""
     (x0, y0), (x1, y1) = start, end
-    away = math.hypot(x1 - x0, y1 - y0)
-    if not flat or away < 2.0:
+    if not flat or math.hypot(x1 - x0, y1 - y0) < 2.0:
         return [start, end]
-    bend = 0.12 * away / max(away, 1.0)
+    bend = 0.12
     steps = [step / 16 for step in range(17)]
     return [
         (

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from benchmarks import evaluations
-from benchmarks.planners import arm_ik, mobile_robot, ompl_se2
+from benchmarks.planners import arm_ik, mobile_robot, ompl_run, ompl_se2
 from benchmarks.planners.__main__ import with_section
 from benchmarks.planners.runs import on_all_cores, run, share
 from benchmarks.robot_worlds import robot_world
@@ -70,13 +70,13 @@ def test_the_rivals_collision_test_is_that_of_the_check(number):
     assert 30 < sum(verdicts) < 270
 
 
-@pytest.mark.parametrize("planner", ompl_se2.PLANNERS)
+@pytest.mark.parametrize("planner", ompl_run.PLANNERS)
 def test_a_rival_finds_a_way_that_is_no_shorter_than_the_shortest(planner, monkeypatch):
     pytest.importorskip("ompl", reason="an extra")
-    monkeypatch.setattr(ompl_se2, "IMPROVING", 0.1)
+    monkeypatch.setattr(ompl_se2, "LIMITS", ompl_se2.LIMITS._replace(improving=0.1))
     problem = robot_world(2).problem()
     way = ompl_se2.plan(problem, planner, seed=1)
-    assert 0.0 < way.seconds < ompl_se2.LIMIT
+    assert 0.0 < way.seconds < ompl_se2.LIMITS.finding
     assert way.length >= problem.oracle().figures["shortest_length_at_least"]
 
 
