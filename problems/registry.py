@@ -94,12 +94,17 @@ def _module(name: str, folder: Path | None) -> ModuleType:
     return module
 
 
+def kernels() -> tuple[str, ...]:
+    """The modules that compile something, those first that others use."""
+    shared = ("bit_kernels", "real_kernels", "selection", "sequence_kernels")
+    packages = [target.partition(":")[0] for target in _BUILT_IN.values()]
+    own = [f"{package}.{name}" for name in ("kernels", "coding_kernels") for package in packages]
+    return (*(f"genetics.{name}" for name in shared), *(name for name in own if importlib.util.find_spec(name)))
+
+
 def warm_up() -> None:
     """Import every built-in kind with its compiled kernels, so that a forked process has them all."""
     for target in _BUILT_IN.values():
-        package = target.partition(":")[0]
-        importlib.import_module(f"{package}.kernels")
-        if importlib.util.find_spec(f"{package}.coding_kernels") is not None:
-            importlib.import_module(f"{package}.coding_kernels")
-    for kernels in ("bit_kernels", "real_kernels", "selection", "sequence_kernels"):
-        importlib.import_module(f"genetics.{kernels}")
+        importlib.import_module(target.partition(":")[0])
+    for name in kernels():
+        importlib.import_module(name)
