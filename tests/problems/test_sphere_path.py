@@ -317,6 +317,14 @@ def test_mesh_files_are_read_once_and_not_needed_again(tmp_path):
     assert len(texts[0]) > 100
 
 
+def test_worlds_are_compared_by_their_fields_whatever_was_worked_out_of_them():
+    one, other = window({"radius": 0.3}), window({"radius": 0.3})
+    assert one.mesh.triangles is not other.mesh.triangles
+    assert one == other != window({"radius": 0.4})
+    assert hash(one.mesh) == hash(other.mesh)
+    assert one.mesh != one.mesh.packed
+
+
 def test_triangles_pack_and_unpack():
     triangles = frame()
     np.testing.assert_allclose(unpacked(packed(triangles)), triangles, atol=1e-6)
