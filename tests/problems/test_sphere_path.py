@@ -614,6 +614,10 @@ def test_every_world_has_a_picture(make, tmp_path):
     assert (tmp_path / "picture.png").stat().st_size > 5000
 
 
-def test_the_template_explains_itself():
+def test_the_template_explains_itself_and_its_path_is_no_zig_zag():
     file = parse(SpherePath.template, "template", Path())
-    assert file.problem().nodes == 3
+    problem = file.problem()
+    best = best_known(simulate(Plan.of(file)), "champion")
+    solution = problem.decode(np.frombuffer(best.genome, np.uint8))
+    assert (problem.nodes, solution["crossed"]) == (2, 0)
+    assert solution["length"] - length_of(problem.straight) < 1.11
