@@ -1,6 +1,7 @@
 """The min-time planner: its file, its operators, its trajectories, its judge, its oracle and its pictures."""
 
 import json
+import os
 from itertools import pairwise, product
 from pathlib import Path
 
@@ -318,15 +319,20 @@ def test_bad_files_are_refused_in_one_line_that_names_the_field(fields, arm, exp
     [
         ("none.urdf", "", "arm.urdf: expected a URDF, found no file"),
         ("example-robot-data:none.urdf", "", "arm.urdf: expected a URDF, found no file"),
-        ("bad.urdf", "", "arm.urdf: expected a URDF, found .*bad.urdf"),
+        ("bad.urdf", "", "arm.urdf: expected a URDF, found .*bad.urdf: Error=XML_ERROR_MISMATCHED_ELEMENT"),
+        ("loose.urdf", "", "arm.urdf: expected a URDF, found .*loose.urdf: Joint .hinge. is .* not specify limits"),
         ("example-robot-data:panda_description/urdf/panda.urdf", "joints = ['wrist']", "arm.joints: expected some of"),
         ("example-robot-data:panda_description/urdf/panda.urdf", "joints = 3", "arm.joints: expected a list of names"),
         ("light.urdf", "", "arm.urdf: expected links with a mass beyond every joint that moves, found none"),
         ("stiff.urdf", "", "arm.urdf: expected revolute joints, found none"),
     ],
 )
-def test_a_urdf_that_cannot_be_used_is_refused_in_one_line(urdf, joints, expected, tmp_path, panda):
+def test_a_urdf_that_cannot_be_used_is_refused_in_one_line(urdf, joints, expected, tmp_path, panda, capfd):
     (tmp_path / "bad.urdf").write_text("<robot>")
+    (tmp_path / "loose.urdf").write_text(
+        '<robot name="loose"><link name="base"/><link name="tip"/>'
+        '<joint name="hinge" type="revolute"><parent link="base"/><child link="tip"/></joint></robot>'
+    )
     (tmp_path / "stiff.urdf").write_text('<robot name="stiff"><link name="base"/></robot>')
     (tmp_path / "light.urdf").write_text(
         '<robot name="light"><link name="base"/><link name="tip"/>'
@@ -338,6 +344,8 @@ def test_a_urdf_that_cannot_be_used_is_refused_in_one_line(urdf, joints, expecte
     with pytest.raises(BadInput, match=expected) as error:
         load(file)
     assert len(str(error.value).splitlines()) == 1
+    os.write(2, b"as before")
+    assert capfd.readouterr().err == "as before"
 
 
 def test_without_pinocchio_a_urdf_says_what_to_install_and_rods_are_judged_all_the_same(monkeypatch, tmp_path):
