@@ -458,7 +458,18 @@ def test_a_picture_shows_the_curve_and_the_limits(tmp_path):
     figure = Figure()
     problem.draw(figure, solution, {0: genomes_of(problem, 9), 5: genomes_of(problem, 2)})
     figure.savefig(tmp_path / "arm.png")
-    space, angles, torques = figure.axes
+    space, scheme, angles, torques = figure.axes
+    *odds, explained = [text.get_text() for text in scheme.texts if text.get_text()]
+    assert sorted(odds) == ["1", "1", "2", "2", "4", "½", "½"]
+    assert explained.startswith("The first trajectories")
     assert [text.get_text() for text in torques.texts] == ["limit"]
     assert angles.get_title() == f"{solution['time']:.4f} s"
     assert space.get_xlabel() == "joint 1 / rad"
+
+
+def test_the_scheme_shows_only_moves_of_joints_that_have_somewhere_to_go():
+    problem = problem_of(goal=[0.5, -1.0])
+    figure = Figure()
+    problem.draw(figure, None, {})
+    *odds, _ = [text.get_text() for text in figure.axes[1].texts if text.get_text()]
+    assert sorted(odds) == ["2", "½"]
