@@ -90,7 +90,8 @@ def _draw_scheme(problem: MinTime, axes: Axes) -> None:
             "arrowstyle": "-|>", "color": str(0.75 - 0.18 * odds), "linewidth": 0.7 + 0.45 * odds,
             "shrinkA": 0, "shrinkB": 0,
         })  # fmt: skip
-        axes.text(*(1.3 * tip), "½" if odds == 0.5 else f"{odds:g}", ha="center", va="center", fontsize="small")
+        x, y = 1.3 * tip
+        axes.text(x, y, "½" if odds == 0.5 else f"{odds:g}", ha="center", va="center", fontsize="small")
     if moves:
         axes.text(2.2, 0.0, _SCHEME, va="center", fontsize="small")
 
