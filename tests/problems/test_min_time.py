@@ -133,19 +133,25 @@ def test_recursive_newton_euler_kane_and_pinocchio_agree_on_rods():
         np.testing.assert_allclose(checker.torques(problem.arm, q, 0 * q, 0 * q), held, rtol=1e-9, atol=1e-9)
 
 
-def test_the_chain_of_a_urdf_has_the_dynamics_that_pinocchio_reads_from_it(panda):
+@pytest.mark.parametrize(
+    ("example", "path"),
+    [
+        ("min-time-panda.toml", "panda_description/urdf/panda.urdf"),
+        ("min-time-ur5.toml", "ur_description/urdf/ur5_robot.urdf"),
+    ],
+)
+def test_the_chain_of_a_urdf_has_the_dynamics_that_pinocchio_reads_from_it(example, path):
     pinocchio = pytest.importorskip("pinocchio")
     from problems.min_time import urdf
 
-    whole = pinocchio.buildModelFromUrdf(
-        str(urdf._path("example-robot-data:panda_description/urdf/panda.urdf", EXAMPLES))
-    )
-    model = urdf._reduced(pinocchio, whole, panda.arm.names)
+    problem = load(EXAMPLES / example).problem()
+    whole = pinocchio.buildModelFromUrdf(str(urdf._path(f"example-robot-data:{path}", EXAMPLES)))
+    model = urdf._reduced(pinocchio, whole, problem.arm.names)
     data = model.createData()
-    q, qd, qdd = states(panda.arm)
+    q, qd, qdd = states(problem.arm)
     expected = [pinocchio.rnea(model, data, *row) for row in zip(q, qd, qdd, strict=True)]
-    np.testing.assert_allclose(compiled_torques(panda, q, qd, qdd), expected, rtol=1e-9, atol=1e-9)
-    np.testing.assert_allclose(checker.torques(panda.arm, q, qd, qdd), expected, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(compiled_torques(problem, q, qd, qdd), expected, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(checker.torques(problem.arm, q, qd, qdd), expected, rtol=1e-9, atol=1e-9)
 
 
 @pytest.fixture(scope="module")
