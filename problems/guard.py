@@ -131,7 +131,8 @@ def moved(problem: Problem, solution: Solution, pace: Pace) -> Motion | None:
         EvaluationFailed: if it raises anything else, or returns no motion of finite numbers.
     """
     try:
-        motion = problem.motion(solution, pace)
+        with np.errstate(all="ignore"):  # of speeds beyond reason, too many rows are all there is to say
+            motion = problem.motion(solution, pace)
         if motion is None:
             return None
         times = motion.times

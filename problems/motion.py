@@ -20,6 +20,7 @@ Floats = NDArray[np.float64]
 MOST_ROWS = 1_000_000
 RATE = 50.0  # rows a second, unless told
 _CORNERS = 48  # of the line that stands for a circle
+_TICK = 1e-9  # s
 _NEAR = 0.1  # of a period: an even moment so near to another row is left out
 
 
@@ -168,16 +169,22 @@ class Pace:
         Raises:
             BadInput: if they are too many.
         """
-        knots = np.unique(knots)
+        knots = _apart(np.unique(knots))
         rate = RATE if self.rate is None else self.rate
-        count = knots[-1] * rate + len(knots)
+        count = float(knots[-1]) * rate + len(knots)
         if not count <= MOST_ROWS:
-            found = f"{count:,.0f}: {rate:g} a second for {knots[-1]:g} s"
+            found = f"{count:.4g}: {rate:g} a second for {knots[-1]:g} s"
             raise BadInput(f"--rate: expected at most {MOST_ROWS:,} rows, found {found}")
         even = np.arange(int(knots[-1] * rate) + 1) / rate
         following = np.minimum(np.searchsorted(knots, even), len(knots) - 1)
         away = np.minimum(np.abs(knots[following] - even), np.abs(even - knots[following - 1]))
         return np.unique(np.concatenate([knots, even[away > _NEAR / rate]]))
+
+
+def _apart(knots: Floats) -> Floats:
+    """Increasing knots without those that a clock of nanoseconds cannot tell from the one before, or from the last."""
+    first, inner, last = knots[:1], knots[1:-1], knots[-1:]
+    return np.unique(np.concatenate([first, inner[(inner - knots[:-2] > _TICK) & (last - inner > _TICK)], last]))
 
 
 def straight(path: Floats, seconds: Floats, pace: Pace) -> tuple[Floats, Floats]:

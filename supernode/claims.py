@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from problems import BadInput, Problem, ProblemFile, Solution, Verdict, load
+from problems import BadInput, Problem, ProblemFile, Solution, Verdict
 from problems.guard import checked, solved_at
 from spy.judge import same_fitness
 
@@ -30,19 +30,18 @@ class Judgement:
     objections: list[str]
 
 
-def judged(problem: str, result: str) -> Judgement:
-    """The judgement of a problem file on the file of a result, or of its solution alone.
+def judged(file: ProblemFile, result: str) -> Judgement:
+    """What the file of a result, or of its solution alone, is worth as an answer to a problem.
 
     Raises:
         BadInput: names the file that cannot be used, and why.
     """
     claim = _read(result)
-    file = load(problem)
     try:
         with contextlib.redirect_stdout(sys.stderr):  # a user's module may print
             return _judged(_as_it_was_run(file, claim), claim)
     except BadInput as error:
-        if str(error).startswith(problem):
+        if str(error).startswith(file.name):
             raise
         raise BadInput(f"{result}: {error}") from error
 

@@ -64,7 +64,7 @@ def _at(times: Floats, starts: Floats, moves: Moves) -> tuple[Floats, Floats]:
     move = np.maximum(np.searchsorted(starts, times, side="left") - 1, 0)
     origin, cells, seconds, ramp, peak = (part[move] for part in moves)
     elapsed = times - starts[move]
-    left = np.maximum(seconds - elapsed, 0.0)
+    left = np.where(times < starts[move] + seconds, seconds - elapsed, 0.0)
     gained = _from_rest(np.minimum(elapsed, seconds / 2.0), ramp)
     lost = _from_rest(np.minimum(left, seconds / 2.0), ramp)
     place = np.where(elapsed < left, origin + peak * gained, origin + cells - peak * lost)

@@ -18,9 +18,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Print whether the result is accepted, and what there is against it."""
+    from problems import load
     from supernode.claims import judged
 
-    judgement = judged(options.problem, options.result)
+    judgement = judged(load(options.problem), options.result)
     _print(options.json, judgement.objections, judgement.fitness)
     return exits.NOT_REACHED if judgement.objections else exits.OK
 

@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING
 from supernode import exits
 
 if TYPE_CHECKING:
-    from problems import Problem
+    from problems import BadInput, Problem, ProblemFile
     from problems.motion import Motion
-    from supernode.claims import Judgement
 
 EXAMPLE = "supernode export examples/mobile-robot.toml result.json --speed 0.5 -o motion.mcap"
 
@@ -44,20 +43,33 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Write the motion, if the check accepts the result."""
+    from problems import load
+    from problems.guard import moved
+    from problems.motion import Pace
+    from problems.registry import find
     from supernode.claims import judged
 
-    kind_of_file = _format(options)
-    judgement = judged(options.problem, options.result)
+    pace = Pace(options.speed, options.turn_speed, options.rate)
+    kind_of_file, file = _format(options), load(options.problem)
     with contextlib.redirect_stdout(sys.stderr):  # a user's module may print
-        motion = _motion(judgement, options)
-    if motion is None:
-        return exits.NOT_REACHED
-    _write(_rendered(motion, judgement.problem.kind, kind_of_file), options.output)
+        if not _moves(find(file.kind, file.folder)):
+            raise _no_motion(file)
+        judgement = judged(file, options.result)
+        if judgement.solution is None or judgement.objections:
+            print("rejected: " + "; ".join(judgement.objections), file=sys.stderr)
+            return exits.NOT_REACHED
+        motion = moved(judgement.problem, judgement.solution, pace)
+        if motion is None:
+            raise _no_motion(file)
+    _write(_rendered(motion, file.kind, kind_of_file), options.output)
     return exits.OK
 
 
 def _positive(text: str) -> float:
-    value = float(text)
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
     if not 0.0 < value < math.inf:
         raise argparse.ArgumentTypeError(f"expected a number greater than 0, found {text}")
     return value
@@ -73,35 +85,18 @@ def _format(options: argparse.Namespace) -> str:
     return chosen
 
 
-def _motion(judgement: "Judgement", options: argparse.Namespace) -> "Motion | None":
-    """None if there is nothing that could be driven, which it says."""
-    from problems import BadInput
-    from problems.guard import moved
-    from problems.motion import Pace
-
-    problem = judgement.problem
-    if not _moves(type(problem)):
-        raise BadInput(f"{options.problem}: kind: {_no_motion(problem.kind)}")
-    if judgement.solution is None or judgement.objections:
-        print("rejected: " + "; ".join(judgement.objections), file=sys.stderr)
-        return None
-    motion = moved(problem, judgement.solution, Pace(options.speed, options.turn_speed, options.rate))
-    if motion is None:
-        raise BadInput(f"{options.problem}: kind: {_no_motion(problem.kind)}")
-    return motion
-
-
 def _moves(kind: "type[Problem]") -> bool:
     from problems import Problem
 
     return kind.motion is not Problem.motion
 
 
-def _no_motion(kind: str) -> str:
+def _no_motion(file: "ProblemFile") -> "BadInput":
+    from problems import BadInput
     from problems.registry import find_built_in, kinds
 
-    known = ", ".join(each for each in kinds() if _moves(find_built_in(each)))
-    return f"expected one whose solution is a motion ({known}), found {kind!r}"
+    known = ", ".join(kind for kind in kinds() if _moves(find_built_in(kind)))
+    return BadInput(f"{file.name}: kind: expected one whose solution is a motion ({known}), found {file.kind!r}")
 
 
 def _rendered(motion: "Motion", kind: str, kind_of_file: str) -> bytes:
