@@ -1,6 +1,7 @@
 """Motions as MCAP files of JSON messages, such as Foxglove opens: joints, poses, and a picture of the world in lines.
 
-Positions are in the frame ``world``. The log time of a message is the time of its row, in nanoseconds from 0.
+What stands still has a topic of its own, as who jumps about in a file sees the last message of each topic. Positions
+are in the frame ``world``. The log time of a message is the time of its row, in nanoseconds from 0.
 """
 
 import io
@@ -60,7 +61,7 @@ def as_mcap(motion: Motion) -> bytes:
 def _messages(motion: Motion) -> Iterator[_Message]:
     standing = _standing(motion)
     if standing:
-        yield _scene(float(motion.times[0]), standing)
+        yield _scene(float(motion.times[0]), "/scene", standing)
     for number, track in enumerate(motion.tracks):
         for row, time in enumerate(motion.times.tolist()):
             yield from _row(track, row, time, _COLORS[number % len(_COLORS)])
@@ -72,8 +73,8 @@ def _row(track: Track, row: int, time: float, color: Json) -> Iterator[_Message]
         case Joints():
             yield _Message(time, _topic(track, "joints"), schemas.JOINT_STATES, stamp | {"joints": _joints(track, row)})
             if track.links is not None:
-                name = track.name or "arm"
-                yield _scene(time, [_entity(time, name, WORLD, [_line(_STRIP, track.links[row], color)])])
+                arm = _entity(time, track.name or "arm", WORLD, [_line(_STRIP, track.links[row], color)])
+                yield _scene(time, _topic(track, "links"), [arm])
         case Body():
             yield from _pose(track, row, time)
         case Values():
@@ -122,8 +123,8 @@ def _standing(motion: Motion) -> list[Json]:
     return found
 
 
-def _scene(time: float, entities: list[Json]) -> _Message:
-    return _Message(time, "/scene", schemas.SCENE_UPDATE, {"deletions": [], "entities": entities})
+def _scene(time: float, topic: str, entities: list[Json]) -> _Message:
+    return _Message(time, topic, schemas.SCENE_UPDATE, {"deletions": [], "entities": entities})
 
 
 def _entity(time: float, name: str, frame: str, lines: list[Json]) -> Json:

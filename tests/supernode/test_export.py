@@ -5,7 +5,6 @@ import io
 import json
 import math
 import sys
-from collections import Counter
 
 import jsonschema
 import numpy as np
@@ -153,10 +152,11 @@ def test_joints_say_what_is_known_of_them():
             for quantity, (_, values) in track.quantities.items():
                 assert [joint[quantity] for joint in message["joints"]] == values[row].tolist()
             assert all(joint.keys() == {"name", *track.quantities} for joint in message["joints"])
-    scenes = found["/scene", "foxglove.SceneUpdate"]
-    assert Counter(scene["entities"][0]["id"] for _, scene in scenes) == {"left": 5, "right": 5}
-    points = [list(point.values()) for point in scenes[0][1]["entities"][0]["lines"][0]["points"]]
-    np.testing.assert_array_equal(points, arms[0].links[0])
+        links = [scene["entities"][0] for _, scene in found[f"/{track.name}/links", "foxglove.SceneUpdate"]]
+        assert {entity["id"] for entity in links} == {track.name}
+        points = [[list(point.values()) for point in entity["lines"][0]["points"]] for entity in links]
+        np.testing.assert_array_equal(points, track.links)
+    assert len(found) == 4
 
 
 def test_a_body_turns_about_axes_that_stand_still():
