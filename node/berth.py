@@ -13,8 +13,8 @@ class Berth:
 
     Attributes:
         cluster: the cluster's name, part of every key.
-        node: the node's number; it lives on the cell of that number.
-        topology: who neighbours whom.
+        node: the node's number; until a job says otherwise it lives on the cell of that number.
+        topology: who neighbours whom; empty for a node that takes the place of a dead one: a job will tell it.
         folder: a private folder for Unix sockets, the same for all nodes of one machine.
         router: the endpoint of the cluster's router.
     """
@@ -30,11 +30,6 @@ class Berth:
         """The cluster's key expressions."""
         return Keys(self.cluster)
 
-    @property
-    def data_endpoint(self) -> str:
-        """Where this node's data session listens."""
-        return self.data_endpoint_of(self.node)
-
-    def data_endpoint_of(self, node: int) -> str:
-        """Where the data session of a node on this machine listens."""
-        return sessions.unix_socket(self.folder, f"n{node}")
+    def data_endpoint(self, node: int, wiring: int) -> str:
+        """Where the data session of a node on this machine listens, for the links of that wiring."""
+        return sessions.unix_socket(self.folder, f"n{node}.{wiring}")

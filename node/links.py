@@ -1,5 +1,7 @@
 """A node's links to its neighbours: direct ones, and through the router where a direct one is not possible.
 
+A session takes no further links once it is open, so another wiring is another session.
+
 The data session is a peer with direct links to the neighbours only, so an exchange crosses no router. A neighbour whom
 no direct link reaches (it lives on another network) is heard through the router instead, for as long as that is so;
 what comes by both ways the cell ignores once.
@@ -13,35 +15,53 @@ from typing import Any
 
 import zenoh
 
-import topologies
 from node.berth import Berth
+from topologies import Topology
 from wire import sessions
 from wire.callbacks import direct, frequent
+from wire.control import Wiring
 
 _DIRECT_WITHIN = 30.0  # seconds that a direct link may take to come up; a thousand nodes start in a third of it
 
+_ROUTED_WITHIN = 90.0
+
 Hear = Callable[[int, zenoh.Sample], None]
-"""Called on Zenoh's thread with the sender and its message."""
+"""Called on Zenoh's thread with the sender's cell and its message."""
 Task = Callable[[], None]
 
 
 class Links:
-    """The sessions of one node, and who is heard by which.
+    """The data session of one node in one wiring, and who is heard by which session.
 
     Args:
         berth: the node's place.
+        topology: who neighbours whom.
+        wiring: who lives where; this node must be among them.
+        control: the session through the router.
         hear: takes a neighbour's message.
         later: runs a task on the main thread: on Zenoh's thread nothing may be declared.
 
     Attributes:
+        cell: where this node lives.
         publish: sends a message to every neighbour.
     """
 
-    def __init__(self, berth: Berth, hear: Hear, later: Callable[[Task], None]) -> None:
+    def __init__(
+        self,
+        berth: Berth,
+        topology: Topology,
+        wiring: Wiring,
+        control: zenoh.Session,
+        hear: Hear,
+        later: Callable[[Task], None],
+    ) -> None:
         self.keys = berth.keys
         self.node = berth.node
-        slots = topologies.parse(berth.topology).neighbours(berth.node)
-        self.neighbours = tuple(dict.fromkeys(other for other in slots if other != berth.node))
+        self.wiring = wiring
+        self.control = control
+        self.cell = wiring.nodes.index(berth.node)
+        slots = topology.neighbours(self.cell)
+        self.neighbours = tuple(dict.fromkeys(other for other in slots if other != self.cell))
         self._hear = hear
         self._later = later
         self._changed = threading.Condition()
@@ -49,29 +69,47 @@ class Links:
         self._routed: dict[int, Any] = {}  # the others, with their subscribers
         self._listening: set[int] = set()  # those of them who say that they listen to the router
         self._routed_out: zenoh.Publisher | None = None
+        self._closed = False
         self._open(berth)
         self.publish: Callable[[bytes], None] = self._out.put
         self._wait()
 
+    def leads_to(self, topology: Topology, wiring: Wiring) -> bool:
+        """Whether these are the links that such a job wants."""
+        return wiring.number == self.wiring.number and topology.cells == len(self.wiring.nodes)
+
+    def close(self) -> None:
+        """Hear nobody any more. Idempotent."""
+        self._closed = True
+        for declared in [each for pair in self._routed.values() for each in pair]:
+            declared.undeclare()
+        self._routed.clear()
+        self._stop_publishing_both_ways()
+        self.data.close()  # type: ignore[no-untyped-call]
+
     def _open(self, berth: Berth) -> None:
-        """Of two neighbours the one with the higher number connects: the other was forked before it.
+        """Of two neighbours the one on the higher cell connects: on a cluster's start the other was forked before it.
 
         A node declares its token after its subscriptions, on the same link: who sees the token may publish to it.
         """
-        there = sorted(other for other in self.neighbours if other < berth.node)
-        self.data = sessions.peer(berth.data_endpoint, [berth.data_endpoint_of(other) for other in there])
-        self.control = sessions.client(berth.router)
+        node_of, number = self.wiring.nodes, self.wiring.number
+        there = [berth.data_endpoint(node_of[other], number) for other in sorted(self.neighbours) if other < self.cell]
+        self.data = sessions.peer(berth.data_endpoint(self.node, number), there)
         self._out = self.data.declare_publisher(self.keys.out(self.node))
         self._subscribers = [self._subscribe(self.data, other) for other in self.neighbours]
         liveliness = self.data.liveliness()
         self._watchers = [
-            liveliness.declare_subscriber(self.keys.node(other), direct(partial(self._see, other)), history=True)
+            liveliness.declare_subscriber(
+                self.keys.node(node_of[other]), direct(partial(self._see, other)), history=True
+            )
             for other in self.neighbours
         ]
         self._token = liveliness.declare_token(self.keys.node(self.node))
 
     def _subscribe(self, session: zenoh.Session, sender: int) -> Any:
-        return session.declare_subscriber(self.keys.out(sender), frequent(partial(self._hear, sender)))
+        return session.declare_subscriber(
+            self.keys.out(self.wiring.nodes[sender]), frequent(partial(self._hear, sender))
+        )
 
     def _see(self, neighbour: int, sample: zenoh.Sample) -> None:
         """A direct link has come up or gone."""
@@ -84,16 +122,25 @@ class Links:
         self._later(self._reroute)
 
     def _wait(self) -> None:
-        """Until every neighbour is linked; those who are not in time are heard through the router."""
+        """Until every neighbour is linked; those who are not in time are heard through the router.
+
+        Raises:
+            TimeoutError: if one is not heard by that either.
+        """
         with self._changed:
             if self._changed.wait_for(lambda: len(self._linked) == len(self.neighbours), _DIRECT_WITHIN):
                 return
         self._reroute()
         with self._changed:
-            self._changed.wait_for(lambda: self._linked | self._listening >= set(self.neighbours))
+            everybody = set(self.neighbours)
+            if not self._changed.wait_for(lambda: self._linked | self._listening >= everybody, _ROUTED_WITHIN):
+                missing = sorted(everybody - self._linked - self._listening)
+                raise TimeoutError(f"no link to cells {', '.join(map(str, missing))}")
 
     def _reroute(self) -> None:
         """Hear exactly those through the router who have no direct link."""
+        if self._closed:
+            return
         for neighbour in self.neighbours:
             if neighbour in self._linked and neighbour in self._routed:
                 for declared in self._routed.pop(neighbour):
@@ -107,6 +154,10 @@ class Links:
         elif self._routed_out is not None and not self._routed:
             # Links are mutual: who is heard directly hears directly.
             self.publish = self._out.put
+            self._stop_publishing_both_ways()
+
+    def _stop_publishing_both_ways(self) -> None:
+        if self._routed_out is not None:
             self._routed_token.undeclare()  # type: ignore[no-untyped-call]
             self._routed_out.undeclare()  # type: ignore[no-untyped-call]
             self._routed_out = None
@@ -127,5 +178,6 @@ class Links:
                 self._changed.notify_all()
 
         subscriber = self._subscribe(self.control, neighbour)
-        watcher = self.control.liveliness().declare_subscriber(self.keys.routed(neighbour), direct(see), history=True)
+        key = self.keys.routed(self.wiring.nodes[neighbour])
+        watcher = self.control.liveliness().declare_subscriber(key, direct(see), history=True)
         return [subscriber, watcher]

@@ -164,7 +164,7 @@ class _Delays:
         self.news: list[list[Message]] = [[] for _ in self.cells]
         self.reports: dict[int, Report] = {}
         self.best: Champion | None = None
-        self._seed = plan.keys(np.arange(0), 0).seed
+        self._seed = plan.seed
         self._agenda: list[tuple[float, int, int, Message | None]] = []  # time, order, cell, message or its turn
         self._order = 0
 
