@@ -17,8 +17,11 @@ from problems.problem import Table, quantity
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Point = tuple[float, float]
-Positive = Annotated[float, Field(gt=0)]
+# What is finite may still be too great to be squared: all numbers have bounds beyond which no plan makes sense.
+Metres = Annotated[float, Field(ge=-1e6, le=1e6)]
+Size = Annotated[float, Field(ge=1e-6, le=1e6)]  # m
+Angle = Annotated[float, Field(ge=-1e3, le=1e3)]  # rad
+Point = tuple[Metres, Metres]
 
 CONTACT = 1e-9
 """Shapes that overlap by no more than this (m) only touch, which is free."""
@@ -29,7 +32,7 @@ class Circle(Table):
 
     shape: Literal["circle"]
     center: Point = quantity("m", "its centre")
-    radius: Positive = quantity("m", "its radius")
+    radius: Size = quantity("m", "its radius")
 
     @property
     def corners(self) -> NDArray[np.float64]:
@@ -94,8 +97,8 @@ class Box(_Solid):
 
     shape: Literal["box"]
     center: Point = quantity("m", "its centre")
-    size: tuple[Positive, Positive] = quantity("m", "its width and height")
-    angle: float = quantity("rad", "by which it is turned, anticlockwise", default=0.0)
+    size: tuple[Size, Size] = quantity("m", "its width and height")
+    angle: Angle = quantity("rad", "by which it is turned, anticlockwise", default=0.0)
 
     @property
     def outline(self) -> Sequence[Point]:

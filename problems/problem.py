@@ -71,10 +71,16 @@ class Answer:
     figures: Mapping[str, float | int | bool] = field(default_factory=dict)
 
 
-class Table(BaseModel):
+class Table(BaseModel):  # noqa: PLW1641 - pydantic hashes what is frozen, by its fields
     """A table of a problem file: unknown fields, wrong types and numbers that are not finite are refused."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    def __eq__(self, other: object) -> bool:
+        """By the fields alone: what was worked out of them and kept may be arrays, which do not compare as a whole."""
+        if type(other) is not type(self):
+            return NotImplemented
+        return all(getattr(self, name) == getattr(other, name) for name in type(self).model_fields)
 
 
 def quantity(unit: str, description: str, **options: Any) -> Any:

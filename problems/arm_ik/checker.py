@@ -16,12 +16,13 @@ from numpy.typing import NDArray
 from pydantic import Field, ValidationError
 
 from problems.errors import BadInput, first_line
-from problems.plane import CONTACT, Circle, Obstacle, Point
+from problems.plane import CONTACT, Circle, Obstacle
 from problems.problem import Solution, Table, Verdict
 
 if TYPE_CHECKING:
     from problems.arm_ik.problem import Arm, ArmIk, ArmProblem
 
+Coordinate = Annotated[float, Field(ge=-1e9, le=1e9)]
 Joints = NDArray[np.complex128]  # (links + 1,), m
 
 _LENIENCE = 2 * CONTACT
@@ -32,7 +33,7 @@ class ArmSolution(Table):
     """What a solution of arm-ik is made of."""
 
     configuration: list[float]
-    tip: Point
+    tip: tuple[Coordinate, Coordinate]
     distance: Annotated[float, Field(ge=0)]
 
 

@@ -12,7 +12,7 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 from genetics.arrays import Fitness, Genomes
 from genetics.recipe import ONE_BIT, Recipe
 from problems.arm_ik import checker
-from problems.plane import Obstacle, Shapes
+from problems.plane import Angle, Metres, Obstacle, Shapes
 from problems.problem import Answer, CodedProblem, Populations, RecipeName, Solution, Table, Verdict, quantity
 
 if TYPE_CHECKING:
@@ -21,9 +21,7 @@ if TYPE_CHECKING:
     from genetics.bit_string import BitString
     from genetics.operators import Operator
 
-Metres = Annotated[float, Field(ge=-1e6, le=1e6)]
 Length = Annotated[float, Field(gt=0, le=1e6)]
-Angle = Annotated[float, Field(ge=-1e3, le=1e3)]
 Place = tuple[Metres, Metres]
 Configurations = NDArray[np.float64]  # (n, links), rad
 

@@ -12,9 +12,9 @@ from pydantic import model_validator
 
 from genetics.arrays import Fitness, Genomes, writable
 from genetics.recipe import ONE_BIT, Recipe
-from problems.arm_ik.problem import Angle, ArmProblem
+from problems.arm_ik.problem import ArmProblem
 from problems.arm_path import checker
-from problems.plane import Shapes
+from problems.plane import Angle, Shapes
 from problems.problem import Answer, Populations, RecipeName, Solution, Verdict, quantity
 
 if TYPE_CHECKING:

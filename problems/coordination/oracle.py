@@ -85,7 +85,9 @@ def _last_free(blocked: Mask) -> NDArray[np.int64]:
     return np.ascontiguousarray(np.minimum.accumulate(first_blocked[:, ::-1], axis=1)[:, ::-1] - 1, np.int64)
 
 
-@kernel("void(int64[:,::1], float64[::1], float64[::1], float64[:,::1], float64[:,::1], int64[:,::1])")
+@kernel(
+    "void(int64[:,::1], float64[::1], float64[::1], float64[:,::1], float64[:,::1], int64[:,::1])", may_be_long=True
+)
 def _relax(last_free: Ends, times_1: Seconds, times_2: Seconds, after: Seconds, now: Seconds, ends: Ends) -> None:
     """The least seconds from each cell ``now``, if one rectangle leads from it to a cell whose seconds are ``after``.
 

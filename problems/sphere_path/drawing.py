@@ -32,7 +32,8 @@ SPHERE = "0.55"
 BALL = "#d8c9a3"
 OTHERS = "#b59adf"
 _MOST_OTHERS = 16  # paths of the last generation that are drawn
-_POSES = 40  # of a vehicle along its path
+_POSES = 40  # of a vehicle along its path, in the plane
+_SOLIDS = 12  # in space
 _MOST_FACES = 4000
 _PIXELS = 120  # of a projection, each way
 
@@ -142,21 +143,36 @@ def _draw_space(problem: SpherePath, axes: Any, path: Floats | None, others: Flo
     if path is not None:
         _draw_path(problem, axes, path)
     for place, color, name in ((problem.start, START, "start"), (problem.goal, GOAL, "goal")):
+        _draw_vehicle(problem, axes, np.array(place), color, 0.5)
         axes.plot(*[[each] for each in place[:3]], "o", color=color, markersize=9, markeredgecolor="white", zorder=6)
         axes.text(*place[:3], f"  {name}", color=color, weight="bold", zorder=7)
-    (x0, x1), (y0, y1), (z0, z1) = problem.bounds[:3]
-    axes.set(xlim=(x0, x1), ylim=(y0, y1), zlim=(z0, z1))
-    axes.set_box_aspect((x1 - x0, y1 - y0, z1 - z0))
-    axes.set(xlabel="axis 1", ylabel="axis 2", zlabel="axis 3")
+    _frame_space(problem, axes)
+
+
+def _frame_space(problem: SpherePath, axes: Any) -> None:
+    """All spheres' space, or all that there is of a vehicle and its world, which reach beyond the bounds."""
+    (low, high), names = problem.space.bounds[:3].T, [f"axis {number}" for number in (1, 2, 3)]
+    if problem.vehicle is not None and problem.mesh is not None:
+        corners = problem.mesh.triangles.reshape(-1, 3)
+        low = np.minimum(low - problem.vehicle.reach, corners.min(axis=0))
+        high = np.maximum(high + problem.vehicle.reach, corners.max(axis=0))
+        names = [f"{name} / m" for name in "xyz"]
+    for name, least, greatest, label in zip("xyz", low, high, names, strict=True):
+        axes.set(**{f"{name}lim": (least, greatest), f"{name}label": label})
+    axes.set_box_aspect(high - low)
     axes.view_init(24, -58)
 
 
-def _draw_path(problem: SpherePath, axes: Any, path: Floats) -> None:
+def _draw_vehicle(problem: SpherePath, axes: Any, pose: Floats, color: str, alpha: float) -> None:
+    """A solid at a pose; a ball is where its path is."""
     if problem.vehicle is not None and problem.vehicle.mesh is not None:
-        triangles = problem.vehicle.mesh.triangles
-        for pose in _along(path, problem.space.scale, 12):
-            turned = triangles @ rotations(pose[None, 3:], 3)[0].T + pose[:3]
-            _draw_solid(axes, turned, PATH, 0.25, 3)
+        turned = problem.vehicle.mesh.triangles @ rotations(pose[None, 3:], 3)[0].T + pose[:3]
+        _draw_solid(axes, turned, color, alpha, 3)
+
+
+def _draw_path(problem: SpherePath, axes: Any, path: Floats) -> None:
+    for pose in _along(path, problem.space.scale, _SOLIDS)[1:-1]:
+        _draw_vehicle(problem, axes, pose, PATH, 0.25)
     for piece in _pieces(problem, path):
         axes.plot(*piece[:, :3].T, color=PATH, linewidth=2.2, zorder=4)
     axes.plot(*path[1:-1, :3].T, "o", color="white", markeredgecolor=PATH, markersize=5, zorder=5)

@@ -69,11 +69,11 @@ kind = "sphere-path"
 start = [0.5, 0.5, 0.5]         # one number an axis: 2 to 7 of them
 goal = [9.5, 9.5, 9.5]
 bounds = [[0.0, 10.0], [0.0, 10.0], [0.0, 10.0]]   # [least, greatest] of each axis
-nodes = 3                       # between start and goal
+nodes = 2                       # between start and goal
 bits = 8                        # of each of their components
 # code = "gray"                 # or "binary"; if not given, the recipe's
 # periodic = [false, false, true]   # axes that close upon themselves, as angles do
-# length_weight = 0.5           # of two paths that cross as many, the shorter one is better
+length_weight = 0.5             # of two paths that cross as many, the shorter one is better
 
 spheres = [                     # centre, then radius
     [5.0, 5.0, 5.0, 2.5],
@@ -99,6 +99,7 @@ spheres = [                     # centre, then radius
 [run]                           # what the command line does not say
 topology = "torus 4x4"
 seed = 1
+target = 0.03                   # nothing crossed, and a detour of at most 1.1; else the first path that is free will do
 """
     batches_alike: ClassVar[bool] = True
     any_thread: ClassVar[bool] = True

@@ -19,33 +19,45 @@ from problems.sphere_path.vehicle import Vehicle
 Floats = NDArray[np.float64]
 
 
+# Vectors are tuples here: unlike arrays, they are not allocated.
+@subroutine
+def _vector(begin: Any, end: Any) -> Any:
+    return end[0] - begin[0], end[1] - begin[1], end[2] - begin[2]
+
+
 @subroutine
 def _dot(one: Any, other: Any) -> Any:
     return one[0] * other[0] + one[1] * other[1] + one[2] * other[2]
 
 
 @subroutine
-def _squared_to_edge(offset: Any, edge: Any) -> Any:
-    """Of a point to a segment that begins at the origin."""
+def _cross(one: Any, other: Any) -> Any:
+    return (
+        one[1] * other[2] - one[2] * other[1],
+        one[2] * other[0] - one[0] * other[2],
+        one[0] * other[1] - one[1] * other[0],
+    )
+
+
+@subroutine
+def _squared_to_edge(begin: Any, end: Any) -> Any:
+    """Of the origin to a segment."""
+    edge = _vector(begin, end)
     squared = _dot(edge, edge)
-    share = min(1.0, max(0.0, _dot(offset, edge) / squared)) if squared > 0.0 else 0.0
-    away = offset - share * edge
+    share = min(1.0, max(0.0, -_dot(begin, edge) / squared)) if squared > 0.0 else 0.0
+    away = begin[0] + share * edge[0], begin[1] + share * edge[1], begin[2] + share * edge[2]
     return _dot(away, away)
 
 
 @subroutine
-def _squared_to_triangle(a: Any, b: Any, c: Any, normal: Any) -> Any:
+def _squared_to_triangle(a: Any, b: Any, c: Any) -> Any:
     """Of the origin to a triangle of three corners."""
-    edges = min(_squared_to_edge(-a, b - a), _squared_to_edge(-b, c - b), _squared_to_edge(-c, a - c))
+    edges = min(_squared_to_edge(a, b), _squared_to_edge(b, c), _squared_to_edge(c, a))
+    normal = _cross(_vector(a, b), _vector(a, c))
     size = _dot(normal, normal)
-    if size > 0.0:
-        above = (
-            _dot(np.cross(b - a, -a), normal) >= 0.0
-            and _dot(np.cross(c - b, -b), normal) >= 0.0
-            and _dot(np.cross(a - c, -c), normal) >= 0.0
-        )
-        if above:
-            return min(edges, _dot(a, normal) ** 2 / size)
+    # The origin lies above or below a triangle if it is on the inner side of each edge.
+    if size > 0.0 and min(_dot(_cross(a, b), normal), _dot(_cross(b, c), normal), _dot(_cross(c, a), normal)) >= 0.0:
+        return min(edges, _dot(a, normal) ** 2 / size)
     return edges
 
 
@@ -58,17 +70,14 @@ def signed_distances(points: Floats, triangles: Floats) -> Floats:
     """
     distances = np.empty(points.shape[0])
     for row in range(points.shape[0]):
-        squared, angle = np.inf, 0.0
+        point, squared, angle = points[row], np.inf, 0.0
         for number in range(triangles.shape[0]):
-            a, b, c = (
-                triangles[number, 0] - points[row],
-                triangles[number, 1] - points[row],
-                triangles[number, 2] - points[row],
-            )
-            squared = min(squared, _squared_to_triangle(a, b, c, np.cross(b - a, c - a)))
+            triangle = triangles[number]
+            a, b, c = _vector(point, triangle[0]), _vector(point, triangle[1]), _vector(point, triangle[2])
+            squared = min(squared, _squared_to_triangle(a, b, c))
             la, lb, lc = np.sqrt(_dot(a, a)), np.sqrt(_dot(b, b)), np.sqrt(_dot(c, c))
             across = la * lb * lc + _dot(a, b) * lc + _dot(b, c) * la + _dot(c, a) * lb
-            angle += 2.0 * np.arctan2(_dot(a, np.cross(b, c)), across)
+            angle += 2.0 * np.arctan2(_dot(a, _cross(b, c)), across)
         away = np.sqrt(squared)
         distances[row] = -away if abs(angle) > 2.0 * np.pi else away
     return distances

@@ -6,18 +6,17 @@ import base64
 import zlib
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, field_validator, model_validator
+from pydantic import field_validator, model_validator
 
 from problems.errors import BadInput, shorten
 from problems.plane import Point, simple_polygon
 from problems.problem import Table, quantity
 
 Floats = NDArray[np.float64]
-Metres = Annotated[float, Field(ge=-1e6, le=1e6)]
 
 MOST_TRIANGLES = 100_000
 
@@ -53,7 +52,7 @@ class Vehicle(Table):
     """What moves, in its own frame: it turns about the origin."""
 
     radius: float | None = quantity("m", "of a disc or ball", default=None, gt=0, le=1e6)
-    vertices: list[tuple[Metres, Metres]] | None = quantity(
+    vertices: list[Point] | None = quantity(
         "m", "corners of a polygon in the plane, in order, instead of a radius", default=None
     )
     mesh: Mesh | None = quantity("", "a solid in space, instead of a radius", default=None)

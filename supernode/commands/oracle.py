@@ -5,7 +5,9 @@ import contextlib
 import json
 import math
 import sys
+import threading
 import time
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from supernode import exits
@@ -15,11 +17,14 @@ if TYPE_CHECKING:
 
 EXAMPLE = "supernode oracle examples/arm-ik.toml"
 
+_PATIENCE = 1.0  # s
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The problem."""
     parser.add_argument("problem", metavar="PROBLEM.toml", help="the problem file")
     parser.add_argument("--json", action="store_true", help="print the answer as one JSON object")
+    parser.add_argument("--quiet", action="store_true", help="no progress on stderr")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -28,7 +33,7 @@ def run(options: argparse.Namespace) -> int:
     from problems.guard import foretold
 
     file = load(options.problem)
-    with contextlib.redirect_stdout(sys.stderr):  # a user's module may print
+    with contextlib.redirect_stdout(sys.stderr), _patience(options.quiet):  # a user's module may print
         problem = file.problem()
         started = time.perf_counter()
         try:
@@ -38,6 +43,21 @@ def run(options: argparse.Namespace) -> int:
         seconds = time.perf_counter() - started
     print(_json(answer, seconds) if options.json else _words(answer, seconds))
     return exits.OK
+
+
+@contextlib.contextmanager
+def _patience(quiet: bool) -> Iterator[None]:
+    """Whoever has to wait is told for what."""
+    timer = threading.Timer(_PATIENCE, print, ["working out the exact answer …"], {"file": sys.stderr, "flush": True})
+    if quiet:
+        yield
+        return
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
+        timer.join()  # what it says comes before the answer
 
 
 def _json(answer: "Answer", seconds: float) -> str:

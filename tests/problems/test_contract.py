@@ -1,6 +1,7 @@
 """One contract for every planner: what any problem must do, held for each example and each template."""
 
 import copy
+import functools
 import json
 import math
 import random
@@ -21,7 +22,8 @@ from spy.judge import judge
 from spy.result import best_known, states_of, stop_reasons, stopped_after
 
 EXAMPLES = sorted((Path(__file__).parent.parent.parent / "examples").glob("*.toml"))
-FILES = {path.name: lambda path=path: supernode.load(path) for path in EXAMPLES} | {
+read = functools.cache(supernode.load)  # to make the spheres of a mesh takes a second
+FILES = {path.name: lambda path=path: read(path) for path in EXAMPLES} | {
     f"init {kind}": lambda kind=kind: parse(registry.find(kind).template, kind, Path()) for kind in registry.kinds()
 }
 

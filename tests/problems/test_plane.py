@@ -1,6 +1,7 @@
 """Obstacles in the plane: what they are made of, and which are refused."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from pydantic import TypeAdapter, ValidationError
 
+from problems import BadInput, load
 from problems.plane import (
     CONTACT,
     Box,
@@ -21,6 +23,7 @@ from problems.plane import (
     simple_polygon,
 )
 
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 SQUARE = [(0.0, 0.0), (2.0, 0.0), (2.0, 2.0), (0.0, 2.0)]
 BOOMERANG = [(0.0, 0.0), (4.0, 0.0), (1.0, 1.0), (0.0, 4.0)]
 
@@ -67,16 +70,46 @@ def test_polygons_without_an_inside_are_refused(vertices, complaint):
         simple_polygon(vertices)
 
 
-@pytest.mark.parametrize("radius", [0, -1, math.nan, math.inf])
+@pytest.mark.parametrize("radius", [0, -1, 1e-300, math.nan, math.inf])
 def test_circles_without_an_inside_are_refused(radius):
     (said,) = complaints(lambda: circle(radius=radius))
-    assert "greater than 0" in said or "finite number" in said
+    assert "greater than or equal to 0.000001" in said or "finite number" in said
 
 
-@pytest.mark.parametrize("size", [(0, 1), (1, 0), (-1, 1), (1, math.inf), (1, math.nan)])
+@pytest.mark.parametrize("size", [(0, 1), (1, 0), (-1, 1), (1e-300, 1), (1, math.inf), (1, math.nan)])
 def test_boxes_without_an_inside_are_refused(size):
     (said,) = complaints(lambda: box(size=size))
-    assert "greater than 0" in said or "finite number" in said
+    assert "greater than or equal to 0.000001" in said or "finite number" in said
+
+
+BEYOND_BOUNDS = [
+    ("circle", "center = [1e300, 0], radius = 1", "center[0]: expected less than or equal to 1000000, found 1e+300"),
+    ("circle", "center = [0, nan], radius = 1", "center[1]: expected a finite number, found NaN"),
+    ("circle", "center = [0, 0], radius = 1e300", "radius: expected less than or equal to 1000000, found 1e+300"),
+    ("box", "center = [0, -1e300], size = [1, 1]", "center[1]: expected greater than or equal to -1000000, found"),
+    ("box", "center = [5, 5], size = [1, 1e300]", "size[1]: expected less than or equal to 1000000, found 1e+300"),
+    ("box", "center = [5, 5], size = [1e-300, 1]", "size[0]: expected greater than or equal to 0.000001, found 1e-300"),
+    (
+        "box",
+        "center = [5, 5], size = [1, 1], angle = 1e300",
+        "angle: expected less than or equal to 1000, found 1e+300",
+    ),
+    ("polygon", "vertices = [[0, 0], [1, 0], [0, 1e300]]", "vertices[2][1]: expected less than or equal to 1000000"),
+    ("polygon", "vertices = [[0, 0], [nan, 0], [0, 1]]", "vertices[1][0]: expected a finite number, found NaN"),
+]
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(("shape", "fields", "complaint"), BEYOND_BOUNDS)
+@pytest.mark.parametrize("example", ["arm-ik", "arm-path", "mobile-robot", "sphere-path-vehicle"])
+def test_numbers_beyond_all_bounds_give_one_clear_line(shape, fields, complaint, example, tmp_path):
+    head, _, _ = (EXAMPLES / f"{example}.toml").read_text().partition("[[obstacles]]")
+    path = tmp_path / "problem.toml"
+    path.write_text(f"obstacles = [{{shape = '{shape}', {fields}}}]\n{head}")
+    with pytest.raises(BadInput) as error:
+        load(path)
+    assert str(error.value).startswith(f"{path}: obstacles[0].{shape}.{complaint}")
+    assert "\n" not in str(error.value)
 
 
 @pytest.mark.parametrize("center", [(math.nan, 0), (0, math.inf), (0,), (0, 0, 0)])

@@ -317,6 +317,14 @@ def test_mesh_files_are_read_once_and_not_needed_again(tmp_path):
     assert len(texts[0]) > 100
 
 
+def test_worlds_are_compared_by_their_fields_whatever_was_worked_out_of_them():
+    one, other = window({"radius": 0.3}), window({"radius": 0.3})
+    assert one.mesh.triangles is not other.mesh.triangles
+    assert one == other != window({"radius": 0.4})
+    assert hash(one.mesh) == hash(other.mesh)
+    assert one.mesh != one.mesh.packed
+
+
 def test_triangles_pack_and_unpack():
     triangles = frame()
     np.testing.assert_allclose(unpacked(packed(triangles)), triangles, atol=1e-6)
@@ -606,6 +614,10 @@ def test_every_world_has_a_picture(make, tmp_path):
     assert (tmp_path / "picture.png").stat().st_size > 5000
 
 
-def test_the_template_explains_itself():
+def test_the_template_explains_itself_and_its_path_is_no_zig_zag():
     file = parse(SpherePath.template, "template", Path())
-    assert file.problem().nodes == 3
+    problem = file.problem()
+    best = best_known(simulate(Plan.of(file)), "champion")
+    solution = problem.decode(np.frombuffer(best.genome, np.uint8))
+    assert (problem.nodes, solution["crossed"]) == (2, 0)
+    assert solution["length"] - length_of(problem.straight) < 1.11

@@ -166,7 +166,7 @@ def test_check_accepts_rejects_and_cannot_read(own_problem, tmp_path, capsys):
 
 
 def test_the_oracle_answers_in_words(capsys):
-    code, out, err = in_process(capsys, "oracle", ARM)
+    code, out, err = in_process(capsys, "oracle", ARM, "--quiet")
     figure, method = out.splitlines()
     assert (code, err) == (0, "")
     assert figure.startswith("optimum 0.00")
@@ -175,7 +175,7 @@ def test_the_oracle_answers_in_words(capsys):
 
 
 def test_the_oracle_answers_in_json_and_the_check_accepts_its_solution(tmp_path, capsys):
-    code, out, err = in_process(capsys, "oracle", ARM, "--json")
+    code, out, err = in_process(capsys, "oracle", ARM, "--json", "--quiet")
     answer = json.loads(out)
     assert (code, err, len(out.splitlines())) == (0, "", 1)
     assert list(answer) == ["meaning", "fitness", "method", "seconds", "figures", "solution"]
@@ -186,9 +186,14 @@ def test_the_oracle_answers_in_json_and_the_check_accepts_its_solution(tmp_path,
 
 
 ORACLE = """
+import time
+
+
 class Knowing(OneMax):
     def oracle(self):
         print("thinking")
+        if self.trouble == "long":
+            time.sleep(0.5)
         if self.trouble == "raises":
             raise RuntimeError("the oracle is silent")
         if self.trouble == "nan":
@@ -220,6 +225,17 @@ def test_the_oracle_of_a_users_problem(own_problem, capsys):
     assert err == "thinking\n", "what the module prints is no part of the answer"
     _, out, _ = in_process(capsys, "oracle", knowing(own_problem), "--json")
     assert json.loads(out)["figures"] == {"fewest": 7, "longest": None}
+
+
+@pytest.mark.parametrize("options", [[], ["--json"]])
+def test_a_long_oracle_says_that_it_works_unless_it_shall_be_quiet(own_problem, capsys, monkeypatch, options):
+    monkeypatch.setattr("supernode.commands.oracle._PATIENCE", 0.1)
+    path = knowing(own_problem, "long")
+    code, out, err = in_process(capsys, "oracle", path, *options)
+    assert (code, err) == (0, "thinking\nworking out the exact answer …\n")
+    quiet, same, err = in_process(capsys, "oracle", path, *options, "--quiet")
+    assert (quiet, err) == (0, "thinking\n")
+    assert len(same.splitlines()) == len(out.splitlines())
 
 
 def test_what_cannot_be_solved_has_no_figure(own_problem, capsys):

@@ -1,5 +1,6 @@
 """Every example, on real processes and in the simulator: the same run, bit for bit."""
 
+import functools
 import hashlib
 import subprocess
 import sys
@@ -15,6 +16,7 @@ from spy.result import best_known
 
 EXAMPLES = Path(__file__).parent.parent.parent / "examples"
 PROBLEMS = sorted(path.name for path in EXAMPLES.glob("*.toml"))
+load = functools.cache(supernode.load)  # to make the spheres of a mesh takes a second
 
 
 @pytest.fixture(scope="module", params=["torus 4x4", "torus 3x5"])
@@ -31,7 +33,7 @@ def simulated(file):
 @pytest.mark.parametrize("deme", [1, 8])
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_solve_and_simulate_have_the_same_history(cluster, name, deme):
-    file = supernode.load(EXAMPLES / name)
+    file = load(EXAMPLES / name)
     for seed in (1, 2):
         run = {"seed": seed, "deme": deme, "stall": 20, "generations": 60, "topology": cluster.topology.spec}
         result = cluster.submit(file, **run).result()
@@ -43,7 +45,7 @@ def test_solve_and_simulate_have_the_same_history(cluster, name, deme):
 
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_as_it_stands_it_is_solved_and_accepted_in_lockstep_and_async(cluster, name):
-    file = supernode.load(EXAMPLES / name)
+    file = load(EXAMPLES / name)
     for mode in ("lockstep", "async"):
         result = cluster.submit(file, mode=mode, topology=cluster.topology.spec).result()
         if mode == "lockstep" and cluster.topology.spec == "torus 4x4":
