@@ -7,8 +7,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from pydantic import ValidationError
 
+from genetics.coding import Alphabet
 from problems import registry
 from problems.errors import BadInput, first_line, shorten
 from problems.problem import Problem
@@ -50,6 +52,24 @@ class ProblemFile:
         given = {name: value for name, value in settings.items() if value is not None}
         merged = self.run.model_dump(exclude_unset=True) | given
         return replace(self, run=_run(merged, self.name, frozenset(given)))
+
+    def changed(self, fields: dict[str, Any], run: dict[str, Any]) -> "ProblemFile":
+        """Another world: each of the problem's fields, and of the run's settings, that is given replaces the old one.
+
+        Raises:
+            BadInput: if a field is unknown or wrong, or the individuals of the old world could not live in the new one.
+        """
+        if fields.get("kind", self.kind) != self.kind:
+            raise BadInput(f"{self.name}: kind: expected {self.kind!r} as before, found {shorten(fields['kind'])}")
+        merged = self.fields | fields
+        if registry.is_built_in(self.kind):
+            merged = registry.find(self.kind).gather(merged, self.folder)
+        other = replace(self, fields=merged).with_run(**run)
+        if registry.is_built_in(self.kind):
+            before, after = self.problem().coding, other.problem().coding
+            if before.genome_bytes != after.genome_bytes or not _same(before.alphabet, after.alphabet):
+                raise BadInput(f"{self.name}: expected a change that leaves the coding as it is, found another one")
+        return other
 
     def problem(self) -> Problem:
         """The problem itself, for the recipe and deme of the run.
@@ -143,6 +163,10 @@ def _text(path: Path) -> str:
         raise BadInput(f"{path}: expected TOML in UTF-8, found {error}") from error
     except OSError as error:
         raise BadInput(f"{path}: expected a readable problem file, found {error.strerror}") from error
+
+
+def _same(one: Alphabet, other: Alphabet) -> bool:
+    return all(np.array_equal(before, after) for before, after in zip(one, other, strict=True))
 
 
 def _said(error: Exception) -> str:

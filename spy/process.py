@@ -196,9 +196,9 @@ class SpyProcess:
             for assignment in self.assignments.values():
                 assignment.log.write("log", level=mail.level, node=mail.node, text=mail.text)
         elif isinstance(mail, Counters):
-            assignment = self.assignments.get(mail.job)
-            if assignment is not None and assignment.plan.world == mail.world:
-                assignment.counters[mail.node] = mail
+            watched = self.assignments.get(mail.job)
+            if watched is not None and watched.plan.world == mail.world:
+                watched.counters[mail.node] = mail
         elif self.assignments.get(mail.assignment.job) is mail.assignment:
             self._hear(mail.assignment, mail.champion)
 
@@ -240,7 +240,7 @@ class SpyProcess:
         """Watch a world of a job, instead of the one before if there was one."""
         before = self.assignments.get(command.job)
         try:
-            plan = Plan.of(ProblemFile.from_json(command.file), command.world, command.since or 0)
+            plan = Plan.of(ProblemFile.from_json(command.file), command.world)
             log = RunLog(command.log) if before is None else before.log
         except BadInput as error:
             return Refused(str(error), "input")
@@ -258,7 +258,7 @@ class SpyProcess:
         """Judge; the job may go on with another world."""
         self._hear(assignment, command.champion)
         collector, reasons = assignment.collector, command.reasons
-        judgement = judge(collector, command.generation, reasons, command.error, dict(command.states))
+        judgement = judge(collector, command.generation, reasons, command.error, dict(command.states), command.since)
         assignment.log.end(judgement, command.generation)
         return judgement.answer()
 

@@ -108,6 +108,7 @@ class Finish:
         reasons: of the stops proposed for that generation.
         error: why a node failed, or None.
         states: what cells, by their numbers, have to say of their problems' states.
+        since: generations of the job before this world.
     """
 
     name: ClassVar[str] = "finish"
@@ -118,6 +119,7 @@ class Finish:
     reasons: tuple[Reason, ...]
     error: str | None = None
     states: tuple[tuple[int, bytes], ...] = ()
+    since: int = 0
 
 
 Command = Prepare | Begin | ProposeStop | Halt | Drop | Missed | Finish
@@ -252,6 +254,6 @@ _COMMANDS: dict[str, tuple[Callable[..., Command], tuple[Callable[[Any], Any], .
     Halt.name: (Halt, (count, count)),
     Drop.name: (Drop, (count,)),
     Missed.name: (Missed, (count, count, count)),
-    Finish.name: (Finish, (count, count, _champion, count, _reasons, _maybe_text, _states)),
+    Finish.name: (Finish, (count, count, _champion, count, _reasons, _maybe_text, _states, count)),
 }
 """How each command's fields are read, in order."""

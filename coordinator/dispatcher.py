@@ -1,0 +1,229 @@
+"""Runs jobs on the nodes of one cluster: as many at once as there are free nodes, each conducted on a thread of its own.
+
+What happens to a job is told to `Hooks`, which keep it or pass it on; a `LocalCluster` needs none.
+"""
+
+import itertools
+import threading
+from collections.abc import Callable
+from typing import Protocol
+
+import zenoh
+
+import topologies
+from coordinator.conductor import Conductor
+from coordinator.errors import ClusterFailed
+from coordinator.job import Failure, JobEntry, Order, Placing, Replaced
+from coordinator.scheduler import Placed, Scheduler
+from spy.result import Result
+from wire.control import Wiring
+from wire.keys import Keys
+from wire.news import Improvement
+
+
+class Hooks(Protocol):
+    """Told of what happens to jobs, on any thread."""
+
+    def changed(self, job: JobEntry, status: str) -> None:
+        """The job is in another state, which is not its end."""
+
+    def placed(self, job: JobEntry, placing: Placing) -> None:
+        """The job is about to begin in a world."""
+
+    def improved(self, job: JobEntry, better: Improvement) -> None:
+        """There is a better answer, verified and checked."""
+
+    def ended(self, job: JobEntry, outcome: Result | Exception) -> None:
+        """The job has ended, with a result or with the user's mistake."""
+
+
+class NoHooks:
+    """Nobody is told."""
+
+    def changed(self, job: JobEntry, status: str) -> None:
+        """See `Hooks`."""
+
+    def placed(self, job: JobEntry, placing: Placing) -> None:
+        """See `Hooks`."""
+
+    def improved(self, job: JobEntry, better: Improvement) -> None:
+        """See `Hooks`."""
+
+    def ended(self, job: JobEntry, outcome: Result | Exception) -> None:
+        """See `Hooks`."""
+
+
+class Dispatcher:
+    """The jobs of one cluster.
+
+    Args:
+        session: through the router.
+        keys: of the cluster.
+        topology: how the nodes were wired when they were launched.
+        hooks: told of what happens.
+        cpu_seconds: CPU time that each process has used so far, by name.
+        replaces: whether dead processes are replaced.
+        max_queue: how many jobs may wait.
+        first_wiring: a number that no wiring of these nodes has had.
+    """
+
+    def __init__(
+        self,
+        session: zenoh.Session,
+        keys: Keys,
+        topology: str,
+        *,
+        hooks: Hooks | None = None,
+        cpu_seconds: Callable[[], dict[str, float]] = dict,
+        seconds_to_ready: float = 0.0,
+        replaces: bool = False,
+        max_queue: int | None = None,
+        first_wiring: int = 1,
+    ) -> None:
+        self.session = session
+        self.keys = keys
+        self.hooks: Hooks = hooks or NoHooks()
+        self.cpu_seconds = cpu_seconds
+        self.seconds_to_ready = seconds_to_ready
+        self.replaces = replaces
+        self.jobs: dict[int, JobEntry] = {}  # those that have not ended
+        self._lock = threading.RLock()
+        self._failure: str | None = None
+        nodes = tuple(range(topologies.parse(topology).cells))
+        self._scheduler = Scheduler(len(nodes), max_queue)
+        self._scheduler.wired(nodes, topology)
+        self._wirings: dict[int, tuple[str, Wiring]] = dict.fromkeys(nodes, (topology, Wiring(0, nodes)))  # by node
+        self._numbers = itertools.count(first_wiring)
+        self._threads: dict[int, threading.Thread] = {}
+
+    # Orders -----------------------------------------------------------------------------------------------------------
+    def submit(self, order: Order, *, accepted_before: bool = False) -> JobEntry:
+        """Put a job into the queue; it runs when there are enough free nodes.
+
+        Raises:
+            TooLarge: if there will never be.
+            QueueFull: if too many wait.
+            ClusterFailed: if the cluster has failed, or is closed.
+        """
+        job = JobEntry(order)
+        topology = topologies.parse(order.file.run.topology)
+        with self._lock:
+            if self._failure is not None:
+                raise ClusterFailed(self._failure)
+            priority = order.priority
+            self._scheduler.add(order.number, topology.cells, topology.spec, priority, accepted_before=accepted_before)
+            self.jobs[order.number] = job
+        self.hooks.changed(job, "queued")
+        self._start()
+        return job
+
+    def adopt(self, order: Order, placing: Placing) -> JobEntry:
+        """Take over a job that runs already, from a coordinator that died."""
+        job = JobEntry(order)
+        with self._lock:
+            topology = placing.file.run.topology
+            self._scheduler.occupy(order.number, placing.nodes, topology)
+            self._note(topology, Wiring(placing.wiring, placing.nodes))
+            self.jobs[order.number] = job
+        self._conduct(job, placing.nodes, placing)
+        return job
+
+    def cancel(self, number: int) -> None:
+        """Let a job stop; one that still waits ends at once. Harmless if it has ended."""
+        with self._lock:
+            job = self.jobs.get(number)
+            waiting = self._scheduler.remove(number)
+        if job is not None:
+            job.cancel()
+            if waiting:
+                self._conduct(job, ())
+
+    def fail(self, message: str, closing: bool = False) -> None:
+        """A process died that nothing replaces, or the cluster is being closed: every job fails."""
+        with self._lock:
+            self._failure = self._failure or message
+            jobs = list(self.jobs.values())
+            for job in jobs:
+                job.mail.put(Failure(self._failure, closing))
+            waiting = [job for job in jobs if self._scheduler.remove(job.order.number)]
+        for job in waiting:
+            self._conduct(job, ())
+
+    def replaced(self, node: int | None) -> None:
+        """Another process lives in the place of a dead node, or of the dead spy."""
+        with self._lock:
+            if node is not None:
+                self._scheduler.replaced(node)
+                self._wirings.pop(node, None)
+            for job in self.jobs.values():
+                nodes = self._scheduler.nodes_of(job.order.number)
+                if nodes is not None and (node is None or node in nodes):
+                    job.mail.put(Replaced(node))
+
+    def wait(self) -> None:
+        """Until every job has ended."""
+        while self._threads:
+            for thread in list(self._threads.values()):
+                thread.join()
+
+    # For conductors, on their threads ---------------------------------------------------------------------------------
+    def wire(self, nodes: tuple[int, ...], topology: str, fresh: bool = False) -> Wiring:
+        """The links for a world: those that all its nodes have, or (``fresh``: always) new ones."""
+        with self._lock:
+            known = {self._wirings.get(node) for node in nodes}
+            for spec, wiring in [each for each in known if each is not None]:
+                if len(known) == 1 and not fresh and spec == topology and wiring.nodes == nodes:
+                    return wiring
+            wiring = Wiring(next(self._numbers), nodes)
+            self._note(topology, wiring)
+            return wiring
+
+    def _note(self, topology: str, wiring: Wiring) -> None:
+        self._wirings |= dict.fromkeys(wiring.nodes, (topology, wiring))
+
+    def changed(self, job: JobEntry, status: str) -> None:
+        """The job is in another state."""
+        self.hooks.changed(job, status)
+
+    def placed(self, job: JobEntry, placing: Placing) -> None:
+        """The job is about to begin in a world."""
+        if placing.world > 0:
+            with self._lock:
+                self._scheduler.rewired(job.order.number, placing.file.run.topology)
+        self.hooks.placed(job, placing)
+
+    def improved(self, job: JobEntry, better: Improvement) -> None:
+        """There is a better answer."""
+        self.hooks.improved(job, better)
+
+    # Who runs ---------------------------------------------------------------------------------------------------------
+    def _start(self) -> None:
+        """Those that may."""
+        with self._lock:
+            placed: list[Placed] = self._scheduler.start()
+        for number, nodes in placed:
+            self._conduct(self.jobs[number], nodes)
+
+    def _conduct(self, job: JobEntry, nodes: tuple[int, ...], adopted: Placing | None = None) -> None:
+        """On a thread of its own; a job without nodes has only its mail to open, and ends by that."""
+        thread = threading.Thread(
+            target=self._run, args=(job, nodes, adopted), name=f"conductor {job.order.number}", daemon=True
+        )
+        with self._lock:
+            self._threads[job.order.number] = thread
+            thread.start()
+
+    def _run(self, job: JobEntry, nodes: tuple[int, ...], adopted: Placing | None) -> None:
+        outcome: Result | Exception
+        try:
+            conductor = Conductor(job, self.session, self.keys, nodes, self, self.replaces, adopted)
+            outcome = conductor.conduct(self.seconds_to_ready, self.cpu_seconds)
+        except Exception as error:  # a mistake in the problem, or else; whoever waits must hear of it
+            outcome = error
+        with self._lock:
+            self._scheduler.free(job.order.number)
+            self.jobs.pop(job.order.number, None)
+            self._threads.pop(job.order.number, None)
+        self.hooks.ended(job, outcome)
+        job.end(outcome)
+        self._start()
