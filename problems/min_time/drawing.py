@@ -24,15 +24,21 @@ START = "#2a8c4a"
 GOAL = "#c8321e"
 COLORS = ("#1f5fa8", "#d9731a", "#2a8c4a", "#8a4fbf", "#c8321e", "#7a6a4f", "#c45aa0")
 _MOST_LINES = 60  # of a grid that is drawn
+_SCHEME = """\
+The first trajectories are random: from a node
+to one of its neighbours, with these odds,
+2^(joints towards the goal − joints away)"""
 
 
 def draw(problem: MinTime, figure: Figure, solution: Solution | None, populations: Populations) -> None:
     """Fill an empty figure; see `problems.problem.Problem.draw`."""
     figure.set_layout_engine("constrained")
     if problem.arm.size == 2:
-        figure.set_size_inches(12.0, 6.2)
+        figure.set_size_inches(12.0, 7.0)
         left, right = np.ravel(figure.subfigures(1, 2, width_ratios=[1.0, 1.15], squeeze=False))
-        _draw_space(problem, left.subplots(), solution, populations)
+        space, scheme = left.subplots(2, 1, height_ratios=[5.0, 1.0])
+        _draw_space(problem, space, solution, populations)
+        _draw_scheme(problem, scheme)
     else:
         figure.set_size_inches(8.0, 7.0)
         right = figure
@@ -41,10 +47,9 @@ def draw(problem: MinTime, figure: Figure, solution: Solution | None, population
 
 
 def _draw_space(problem: MinTime, axes: Axes, solution: Solution | None, populations: Populations) -> None:
-    """The grid, the moves that the first trajectories are made of, and the curve through its nodes."""
+    """The grid, and the curve through its nodes."""
     start, goal = np.array(problem.start), np.array(problem.goal)
     _draw_grid(problem, axes)
-    _draw_moves(problem, axes)
     if populations:
         _draw_population(problem, axes, populations)
     if solution is not None:
@@ -72,24 +77,28 @@ def _draw_grid(problem: MinTime, axes: Axes) -> None:
         axes.plot(lines[[0, -1], 0], [y, y], color="0.85", linewidth=0.7, zorder=1)
 
 
-def _draw_moves(problem: MinTime, axes: Axes) -> None:
-    """The relative transition scheme at a node: the likelier a move, the darker its arrow."""
-    if not 4 <= problem.grid <= _MOST_LINES:
-        return
-    step = np.subtract(problem.goal, problem.start) / (problem.grid - 1)
-    corner = np.subtract(problem.goal, problem.start) * [0.84, 0.16] + problem.start
-    node = problem.start + np.rint((corner - problem.start) / np.where(step == 0.0, 1.0, step)) * step
-    for move in product((-1, 0, 1), repeat=2):
-        away = move.count(-1)
-        if move == (0, 0) or away > 1:
-            continue
-        weight = 2.0 ** (move.count(1) - away)
-        x, y = node + np.array(move) * step
-        axes.annotate("", xy=(x, y), xytext=(node[0], node[1]), zorder=3, arrowprops={
-            "arrowstyle": "-|>", "color": str(0.75 - 0.18 * weight), "linewidth": 0.7 + 0.45 * weight,
+def _draw_scheme(problem: MinTime, axes: Axes) -> None:
+    """The relative transition scheme (figure 1), with its odds: the likelier a move, the darker its arrow."""
+    axes.set_axis_off()
+    axes.set(aspect="equal", xlim=(-1.7, 9.3), ylim=(-1.5, 1.5))
+    towards = np.sign(np.subtract(problem.goal, problem.start))
+    moves = [move for move in product((-1, 0, 1), repeat=2) if _is_possible(move, towards)]
+    for move in moves:
+        odds = 2.0 ** (move.count(1) - move.count(-1))
+        tip = towards * move
+        axes.annotate("", xy=tuple(tip), xytext=(0.0, 0.0), arrowprops={
+            "arrowstyle": "-|>", "color": str(0.75 - 0.18 * odds), "linewidth": 0.7 + 0.45 * odds,
             "shrinkA": 0, "shrinkB": 0,
         })  # fmt: skip
-    axes.plot([], [], color="0.3", linewidth=1.6, label="first moves")
+        x, y = 1.3 * tip
+        axes.text(x, y, "½" if odds == 0.5 else f"{odds:g}", ha="center", va="center", fontsize="small")
+    if moves:
+        axes.text(2.2, 0.0, _SCHEME, va="center", fontsize="small")
+
+
+def _is_possible(move: tuple[int, ...], towards: Floats) -> bool:
+    """Some joint moves, at most one away from the goal, and none that is there from the start."""
+    return any(move) and move.count(-1) <= 1 and not np.any((towards == 0.0) & (np.array(move) != 0))
 
 
 def _draw_population(problem: MinTime, axes: Axes, populations: Populations) -> None:

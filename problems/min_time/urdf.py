@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import os
+import re
 import sysconfig
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import Any
 
 import numpy as np
@@ -34,11 +39,7 @@ def read(name: str, joints: list[str] | None, folder: Path) -> dict[str, Any]:
     except ImportError as error:
         raise BadInput(f"arm.urdf: {_MISSING.format('pinocchio')}") from error
     path = _path(name, folder)
-    try:
-        whole = pinocchio.buildModelFromUrdf(str(path))
-    except Exception as error:
-        raise BadInput(f"arm.urdf: expected a URDF, found {path}: {error}") from error
-    model = _reduced(pinocchio, whole, joints)
+    model = _reduced(pinocchio, _parsed(pinocchio, path), joints)
     for joint in range(1, model.njoints):
         if model.parents[joint] != joint - 1:
             raise BadInput(
@@ -49,6 +50,36 @@ def read(name: str, joints: list[str] | None, folder: Path) -> dict[str, Any]:
         raise BadInput(f"arm.urdf: expected links with a mass beyond every joint that moves, found none in {path}")
     bodies = [_body(model, joint) for joint in range(1, model.njoints)]
     return {"bodies": bodies, "torque": [float(limit) for limit in model.effortLimit]}
+
+
+def _parsed(pinocchio: Any, path: Path) -> Any:
+    """The model of all joints; what the parser complains of is said in one line, and nowhere else."""
+    with TemporaryFile() as complaints:
+        try:
+            with _stderr_to(complaints.fileno()):
+                return pinocchio.buildModelFromUrdf(str(path))
+        except Exception as error:
+            complaints.seek(0)
+            reason = _first_complaint(complaints.read().decode(errors="replace")) or error
+            raise BadInput(f"arm.urdf: expected a URDF, found {path}: {reason}") from error
+
+
+@contextmanager
+def _stderr_to(descriptor: int) -> Iterator[None]:
+    """File descriptor 2 is another for a while: urdfdom, which is C++, writes there and knows no other place."""
+    kept = os.dup(2)
+    os.dup2(descriptor, 2)
+    try:
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+
+
+def _first_complaint(text: str) -> str:
+    """Of urdfdom's, each of which is a line ``Error: ..`` and a line that says where in its source."""
+    complaint = re.search(r"^Error:\s*(.*\S)", text, re.MULTILINE)
+    return complaint[1] if complaint else ""
 
 
 def _mass_matrix(pinocchio: Any, model: Any) -> NDArray[np.float64]:

@@ -1,6 +1,5 @@
 """One contract for every planner: what any problem must do, held for each example and each template."""
 
-import copy
 import functools
 import json
 import math
@@ -70,7 +69,7 @@ def test_it_is_solved_and_its_check_accepts(plan):
 
 def test_a_corrupted_solution_is_rejected_or_unreadable(plan):
     _, judgement = outcome(plan)
-    solution = judgement.best.solution
+    solution = json.loads(json.dumps(judgement.best.solution))
     for name in solution:
         lacking = {other: value for other, value in solution.items() if other != name}
         with pytest.raises(supernode.BadInput) as error:
@@ -79,26 +78,26 @@ def test_a_corrupted_solution_is_rejected_or_unreadable(plan):
         for nonsense in (None, "nonsense", [[]], {"a": 1}):
             with pytest.raises(supernode.BadInput):
                 plan.problem.check(solution | {name: nonsense})
-    for broken in _shifted(solution):
+    numbers = list(_numbers(solution))
+    for container, name in random.Random(1).sample(numbers, min(len(numbers), 500)):
+        true, container[name] = container[name], container[name] + 0.37
         try:
-            verdict = plan.problem.check(broken)
+            verdict = plan.problem.check(solution)
         except supernode.BadInput:
             continue
-        true = math.isclose(verdict.fitness, judgement.best.fitness, rel_tol=1e-6, abs_tol=1e-6)
-        assert verdict.objections or not true
+        finally:
+            container[name] = true
+        same = math.isclose(verdict.fitness, judgement.best.fitness, rel_tol=1e-6, abs_tol=1e-6)
+        assert verdict.objections or not same
 
 
-def _shifted(value):
-    """Copies of a solution in each of which one number is another."""
-    if isinstance(value, dict | list):
-        items = value.items() if isinstance(value, dict) else enumerate(value)
-        for name, part in items:
-            for shifted in _shifted(part):
-                broken = copy.deepcopy(value)
-                broken[name] = shifted
-                yield broken
-    elif isinstance(value, float):
-        yield value + 0.37
+def _numbers(value):
+    """Each number of a solution: what holds it, and its name or place there."""
+    for name, part in value.items() if isinstance(value, dict) else enumerate(value):
+        if isinstance(part, dict | list):
+            yield from _numbers(part)
+        elif isinstance(part, float):
+            yield value, name
 
 
 def test_the_same_seed_gives_the_same_run(plan):

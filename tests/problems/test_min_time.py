@@ -1,6 +1,7 @@
 """The min-time planner: its file, its operators, its trajectories, its judge, its oracle and its pictures."""
 
 import json
+import os
 from itertools import pairwise, product
 from pathlib import Path
 
@@ -132,19 +133,25 @@ def test_recursive_newton_euler_kane_and_pinocchio_agree_on_rods():
         np.testing.assert_allclose(checker.torques(problem.arm, q, 0 * q, 0 * q), held, rtol=1e-9, atol=1e-9)
 
 
-def test_the_chain_of_a_urdf_has_the_dynamics_that_pinocchio_reads_from_it(panda):
+@pytest.mark.parametrize(
+    ("example", "path"),
+    [
+        ("min-time-panda.toml", "panda_description/urdf/panda.urdf"),
+        ("min-time-ur5.toml", "ur_description/urdf/ur5_robot.urdf"),
+    ],
+)
+def test_the_chain_of_a_urdf_has_the_dynamics_that_pinocchio_reads_from_it(example, path):
     pinocchio = pytest.importorskip("pinocchio")
     from problems.min_time import urdf
 
-    whole = pinocchio.buildModelFromUrdf(
-        str(urdf._path("example-robot-data:panda_description/urdf/panda.urdf", EXAMPLES))
-    )
-    model = urdf._reduced(pinocchio, whole, panda.arm.names)
+    problem = load(EXAMPLES / example).problem()
+    whole = pinocchio.buildModelFromUrdf(str(urdf._path(f"example-robot-data:{path}", EXAMPLES)))
+    model = urdf._reduced(pinocchio, whole, problem.arm.names)
     data = model.createData()
-    q, qd, qdd = states(panda.arm)
+    q, qd, qdd = states(problem.arm)
     expected = [pinocchio.rnea(model, data, *row) for row in zip(q, qd, qdd, strict=True)]
-    np.testing.assert_allclose(compiled_torques(panda, q, qd, qdd), expected, rtol=1e-9, atol=1e-9)
-    np.testing.assert_allclose(checker.torques(panda.arm, q, qd, qdd), expected, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(compiled_torques(problem, q, qd, qdd), expected, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(checker.torques(problem.arm, q, qd, qdd), expected, rtol=1e-9, atol=1e-9)
 
 
 @pytest.fixture(scope="module")
@@ -318,15 +325,20 @@ def test_bad_files_are_refused_in_one_line_that_names_the_field(fields, arm, exp
     [
         ("none.urdf", "", "arm.urdf: expected a URDF, found no file"),
         ("example-robot-data:none.urdf", "", "arm.urdf: expected a URDF, found no file"),
-        ("bad.urdf", "", "arm.urdf: expected a URDF, found .*bad.urdf"),
+        ("bad.urdf", "", "arm.urdf: expected a URDF, found .*bad.urdf: Error=XML_ERROR_MISMATCHED_ELEMENT"),
+        ("loose.urdf", "", "arm.urdf: expected a URDF, found .*loose.urdf: Joint .hinge. is .* not specify limits"),
         ("example-robot-data:panda_description/urdf/panda.urdf", "joints = ['wrist']", "arm.joints: expected some of"),
         ("example-robot-data:panda_description/urdf/panda.urdf", "joints = 3", "arm.joints: expected a list of names"),
         ("light.urdf", "", "arm.urdf: expected links with a mass beyond every joint that moves, found none"),
         ("stiff.urdf", "", "arm.urdf: expected revolute joints, found none"),
     ],
 )
-def test_a_urdf_that_cannot_be_used_is_refused_in_one_line(urdf, joints, expected, tmp_path, panda):
+def test_a_urdf_that_cannot_be_used_is_refused_in_one_line(urdf, joints, expected, tmp_path, panda, capfd):
     (tmp_path / "bad.urdf").write_text("<robot>")
+    (tmp_path / "loose.urdf").write_text(
+        '<robot name="loose"><link name="base"/><link name="tip"/>'
+        '<joint name="hinge" type="revolute"><parent link="base"/><child link="tip"/></joint></robot>'
+    )
     (tmp_path / "stiff.urdf").write_text('<robot name="stiff"><link name="base"/></robot>')
     (tmp_path / "light.urdf").write_text(
         '<robot name="light"><link name="base"/><link name="tip"/>'
@@ -338,6 +350,8 @@ def test_a_urdf_that_cannot_be_used_is_refused_in_one_line(urdf, joints, expecte
     with pytest.raises(BadInput, match=expected) as error:
         load(file)
     assert len(str(error.value).splitlines()) == 1
+    os.write(2, b"as before")
+    assert capfd.readouterr().err == "as before"
 
 
 def test_without_pinocchio_a_urdf_says_what_to_install_and_rods_are_judged_all_the_same(monkeypatch, tmp_path):
@@ -450,7 +464,18 @@ def test_a_picture_shows_the_curve_and_the_limits(tmp_path):
     figure = Figure()
     problem.draw(figure, solution, {0: genomes_of(problem, 9), 5: genomes_of(problem, 2)})
     figure.savefig(tmp_path / "arm.png")
-    space, angles, torques = figure.axes
+    space, scheme, angles, torques = figure.axes
+    *odds, explained = [text.get_text() for text in scheme.texts if text.get_text()]
+    assert sorted(odds) == ["1", "1", "2", "2", "4", "½", "½"]
+    assert explained.startswith("The first trajectories")
     assert [text.get_text() for text in torques.texts] == ["limit"]
     assert angles.get_title() == f"{solution['time']:.4f} s"
     assert space.get_xlabel() == "joint 1 / rad"
+
+
+def test_the_scheme_shows_only_moves_of_joints_that_have_somewhere_to_go():
+    problem = problem_of(goal=[0.5, -1.0])
+    figure = Figure()
+    problem.draw(figure, None, {})
+    *odds, _ = [text.get_text() for text in figure.axes[1].texts if text.get_text()]
+    assert sorted(odds) == ["2", "½"]
