@@ -72,5 +72,20 @@ class Keys:
         return f"{self._base}/best"
 
     @property
+    def coordinator(self) -> str:
+        """The liveliness token of a coordinator that takes jobs."""
+        return f"{self._base}/coordinator"
+
+    @property
+    def jobs(self) -> str:
+        """Where the coordinator takes jobs, and questions about them."""
+        return f"{self._base}/jobs"
+
+    @property
+    def state(self) -> str:
+        """Where the coordinator publishes each change of a job's state."""
+        return f"{self._base}/state"
+
+    @property
     def _base(self) -> str:
         return f"{PREFIX}/{self.cluster}"

@@ -58,3 +58,5 @@ def test_the_keys_of_the_protocol():
     assert keys.stats(7) == "supernode/c1/node/7/stats"
     assert keys.best == "supernode/c1/best"
     assert keys.log == "supernode/c1/log"
+    assert keys.jobs == "supernode/c1/jobs"
+    assert keys.state == "supernode/c1/state"
