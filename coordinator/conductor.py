@@ -189,6 +189,7 @@ class Conductor:
                 # The spy first: it finds a wrong problem before a thousand nodes do.
                 self._show_to_the_spy(first)
                 self._prepare(first)
+                self._let_the_spy_listen(first)
                 return self._begin(first)
             except ReplacedError:
                 fresh = True
@@ -198,6 +199,7 @@ class Conductor:
         world = _World(placing.world, placing.file, Wiring(placing.wiring, placing.nodes))
         self.worlds.append(world)
         self._show_to_the_spy(world)
+        self._let_the_spy_listen(world)
         self.calls.ask_for_reports(self.keys.every_control, Begin(self.number, world.number))
         if world.number > 0:  # the coordinator before may not have come to this
             self._stop(world.number - 1, "update")
@@ -223,10 +225,12 @@ class Conductor:
         return Prepare(self.number, world.number, world.file.to_json(), world.wiring, since, deme, log)
 
     def _show_to_the_spy(self, world: _World) -> None:
-        """Let it watch this world from now on."""
-        spy = self.keys.spy_control
-        self.calls.ask([(spy, self._preparation(world))], give_up=not self.worlds)
-        self.calls.ask([(spy, Begin(self.number, world.number))], give_up=not self.worlds)
+        """It forgets the world before."""
+        self.calls.ask([(self.keys.spy_control, self._preparation(world))], give_up=not self.worlds)
+
+    def _let_the_spy_listen(self, world: _World) -> None:
+        """To the root, whose links are those of this world by now."""
+        self.calls.ask([(self.keys.spy_control, Begin(self.number, world.number))], give_up=not self.worlds)
 
     def _begin(self, world: _World) -> None:
         """Go, as soon as the world before has stopped."""
@@ -299,7 +303,7 @@ class Conductor:
         self._stop(self.world.number, wish.reason)
 
     def _stop(self, number: int, reason: Reason) -> None:
-        """Propose a stop in that world, to the root unless that has ended (in async mode it may have, before others)."""
+        """Propose a stop in that world, to the root unless that has ended: in async mode it may have, before others."""
         world = next((each for each in self.worlds if each.number == number), None)
         root_ended = world is None or ROOT in world.reports
         key = self.keys.every_control if root_ended else self.keys.control(self.nodes[ROOT])
@@ -345,6 +349,7 @@ class Conductor:
             change.answer.put(error)
             return
         self._show_to_the_spy(world)
+        self._let_the_spy_listen(world)
         self.best = None
         self._begin(world)
         self._stop(before.number, "update")
@@ -375,7 +380,8 @@ class Conductor:
         while True:
             try:
                 if node is None:
-                    return self._show_to_the_spy(self.world)
+                    self._show_to_the_spy(self.world)
+                    return self._let_the_spy_listen(self.world)
                 if node in self.nodes:
                     self._go_on_without(self.nodes.index(node))
                 return None
@@ -417,6 +423,7 @@ class Conductor:
         )
         self._prepare(world, {dead: deme})
         self._show_to_the_spy(world)
+        self._let_the_spy_listen(world)
         self._begin(world)
         if self._wish is not None:
             self._stop(world.number, self._wish.reason)

@@ -1,4 +1,4 @@
-"""Runs jobs on the nodes of one cluster: as many at once as there are free nodes, each conducted on a thread of its own.
+"""Runs jobs on the nodes of one cluster: as many at once as find free nodes, each conducted on a thread of its own.
 
 What happens to a job is told to `Hooks`, which keep it or pass it on; a `LocalCluster` needs none.
 """

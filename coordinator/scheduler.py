@@ -138,6 +138,10 @@ class Scheduler:
             raise ValueError(f"job {number} cannot have the nodes {nodes}: they are not all free")
         self._take(number, nodes, topology_spec)
 
+    def wired(self, nodes: Iterable[int], topology_spec: str) -> None:
+        """These nodes, free or not, are linked in this order as that topology."""
+        self._wire(tuple(nodes), topology_spec)
+
     def rewired(self, number: int, topology_spec: str) -> None:
         """A running job's nodes are now linked, in their order, as another topology."""
         self._wire(self._busy[number], topology_spec)

@@ -166,7 +166,8 @@ def _text(path: Path) -> str:
 
 
 def _same(one: Alphabet, other: Alphabet) -> bool:
-    return all(np.array_equal(before, after) for before, after in zip(one, other, strict=True))
+    pairs: list[tuple[Any, Any]] = list(zip(one, other, strict=True))
+    return all(np.array_equal(before, after) for before, after in pairs)
 
 
 def _said(error: Exception) -> str:

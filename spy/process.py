@@ -83,6 +83,7 @@ class _Assignment:
 
     job: int
     plan: Plan
+    wiring: Wiring
     collector: Collector
     log: RunLog
     root: _Root
@@ -231,6 +232,7 @@ class SpyProcess:
             return Refused(f"the spy is not at job {command.job}, world {command.world}")
         if isinstance(command, Finish):
             return self._finish(assignment, command)
+        self._listen_to(assignment)
         assignment.began = assignment.added_up = time.monotonic()
         plan = assignment.plan
         assignment.log.write("start", job=command.job, world=plan.world, run=plan.run.model_dump())
@@ -246,13 +248,19 @@ class SpyProcess:
             return Refused(str(error), "input")
         except Exception as error:
             return Refused(f"spy: {type(error).__name__}: {error}")
-        assignment = _Assignment(command.job, plan, Collector(plan, command.job), log, _Root(plan, command.job))
-        self.assignments[command.job] = assignment
-        for link in self.links.values():
-            link.listening = [each for each in link.listening if each is not before]
-        link = self._link(command.wiring)
-        link.listening = [*link.listening, assignment]
+        collector, root = Collector(plan, command.job), _Root(plan, command.job)
+        self.assignments[command.job] = _Assignment(command.job, plan, command.wiring, collector, log, root)
+        self._stop_listening_to(before)
         return Done()
+
+    def _listen_to(self, assignment: _Assignment) -> None:
+        """Not before the nodes are prepared: the root may have to link itself anew."""
+        link = self._link(assignment.wiring)
+        link.listening = [*(each for each in link.listening if each is not assignment), assignment]
+
+    def _stop_listening_to(self, assignment: _Assignment | None) -> None:
+        for link in self.links.values():
+            link.listening = [each for each in link.listening if each is not assignment]
 
     def _finish(self, assignment: _Assignment, command: Finish) -> Judged:
         """Judge; the job may go on with another world."""
@@ -266,8 +274,7 @@ class SpyProcess:
         assignment = self.assignments.pop(job, None)
         if assignment is not None:
             assignment.log.close()
-            for link in self.links.values():
-                link.listening = [each for each in link.listening if each is not assignment]
+            self._stop_listening_to(assignment)
 
     def _tell_statistics(self, assignment: _Assignment, now: float) -> None:
         counters = list(assignment.counters.values())

@@ -80,7 +80,7 @@ def _simulate(file: "ProblemFile", terminal: "Terminal", log: "RunLog", outside:
     from problems import EvaluationFailed
     from spy.collector import Collector
     from spy.judge import judge
-    from spy.result import Clocks, best_known, result_of, states_of, stop_reasons, stopped_after
+    from spy.result import Clocks, Lived, best_known, result_of, states_of, stop_reasons, stopped_after
 
     plan = Plan.of(file)
     collector = Collector(plan, job=1)
@@ -106,5 +106,6 @@ def _simulate(file: "ProblemFile", terminal: "Terminal", log: "RunLog", outside:
     reasons = stop_reasons(reports, file.run.mode)
     judgement = judge(collector, generation, reasons, error, states_of(reports))
     log.end(judgement, generation)
+    log.close()
     clocks = Clocks(seconds, 0.0, time.process_time())
-    return result_of("1", file, reports, judgement, fingerprint(), clocks)
+    return result_of("1", [Lived(file, reports)], judgement, fingerprint(), clocks)
