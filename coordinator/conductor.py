@@ -8,6 +8,7 @@ that it has.
 import contextlib
 import json
 import time
+from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import Protocol
@@ -58,7 +59,8 @@ class _World:
         since: generations of the job before it, as far as is known.
         reports: of the cells that have stopped.
         why: how it followed the one before, for the result.
-        error: why a cell failed, if one did.
+        rescued: whether, in async mode, all cells have been told to stop.
+        halted: whether a node died in it.
     """
 
     number: int
@@ -68,6 +70,7 @@ class _World:
     reports: dict[int, Report] = field(default_factory=dict)
     why: dict[str, object] = field(default_factory=dict)
     rescued: bool = False
+    halted: bool = False
 
     @property
     def cells(self) -> int:
@@ -108,6 +111,7 @@ class Conductor:
         self.seconds = 0.0
         self._adopted = adopted
         self._wish: Wish | None = None
+        self._changes: deque[Change] = deque()
         seconds = job.order.file.run.seconds
         self._deadline = None if seconds is None else job.order.submitted + seconds
 
@@ -254,6 +258,8 @@ class Conductor:
         """Wait for the report of every cell. Returns why one failed, if it did; others are not waited for then."""
         again: float | None = None  # when to ask for reports again
         while not self.world.stopped:
+            if self._changes and self._settled:
+                self._change(self._changes.popleft())
             due = min((each for each in (self._deadline, again) if each is not None), default=None)
             mail = self.calls.next(due)
             if mail is None and again is not None and time.monotonic() >= again:
@@ -267,6 +273,11 @@ class Conductor:
             else:
                 self._attend_to(mail)
         return None
+
+    @property
+    def _settled(self) -> bool:
+        """Whether all cells have come to the latest world; before that there cannot be another one."""
+        return len(self.worlds) < 2 or self.worlds[-2].stopped or self.worlds[-2].halted
 
     def _note(self, number: int, report: Report) -> str | None:
         """A cell has stopped in one of the worlds; returns why, if it failed."""
@@ -290,10 +301,7 @@ class Conductor:
         elif isinstance(mail, Replaced):
             raise ReplacedError(mail)
         elif isinstance(mail, Change):
-            if len(self.worlds) > 1 and not self.worlds[-2].stopped and self.worlds[-2].reports != {}:
-                self.calls.put_off(mail)
-            else:
-                self._change(mail)
+            self._changes.append(mail)
 
     def _give_up(self, wish: Wish) -> None:
         """Let all cells stop; the answer at a deadline is what is known now."""
@@ -360,7 +368,7 @@ class Conductor:
         self.dispatch.changed(self.job, "waiting")
         number = self.world.number
         while self.world.number == number:
-            mail = self.calls.next(self._deadline)
+            mail = self._changes.popleft() if self._changes else self.calls.next(self._deadline)
             if isinstance(mail, Wish) or (mail is None and self._deadline is not None):
                 self._wish = mail if isinstance(mail, Wish) else Wish("deadline")
                 return False
@@ -396,6 +404,7 @@ class Conductor:
         before = self.world
         for world in self.worlds[-2:]:
             self.calls.ask_for_reports(self.keys.every_control, Halt(self.number, world.number))
+        before.halted = True
         before.reports.pop(dead, None)
         others = set(range(before.cells)) - {dead}
         while not others <= before.reports.keys():

@@ -161,6 +161,7 @@ class NodeProcess:
         self.berth = berth
         self.keys = berth.keys
         self.mail: queue.SimpleQueue[Task] = queue.SimpleQueue()  # for the main thread
+        self.past: _Assignment | None = None  # the world before, which neighbours may still be at
         self.assignment: _Assignment | None = None
         self.coming: _Coming | None = None
         self._questions_due = 0.0
@@ -290,7 +291,7 @@ class NodeProcess:
             command = control.decode(payload)
         except Rejected as error:
             _answer(query, Refused(f"node {self.berth.node}: bad command: {error.reason}"))
-            return
+            return None
         if isinstance(command, Prepare):
             if self.berth.node in command.wiring.nodes:
                 _answer(query, self._prepare(command))
@@ -302,11 +303,11 @@ class NodeProcess:
         elif isinstance(command, Begin):
             self._begin(command, query)
         else:
-            assignment = self.assignment
-            if assignment is not None and (assignment.job, assignment.world) == (command.job, command.world):
-                self._obey(assignment, command, query)
-            else:
-                self._leave(query)
+            for assignment in (self.assignment, self.past):
+                if assignment is not None and (assignment.job, assignment.world) == (command.job, command.world):
+                    return self._obey(assignment, command, query)
+            self._leave(query)
+        return None
 
     def _leave(self, query: zenoh.Query) -> None:
         """What is said to others needs no answer."""
@@ -319,6 +320,8 @@ class NodeProcess:
             _answer(query, Done())
         elif isinstance(command, Missed):
             assignment.events.append(Asked(command.generation, query))
+            if assignment is self.past:
+                self._carry_on(assignment)
         elif isinstance(command, Halt):
             assignment.events.append(Halted())
             self._answer_with_report(assignment, query)
@@ -331,6 +334,7 @@ class NodeProcess:
         if not goes_on and self.assignment is not None:
             self._forget(self.assignment.job)
         self.coming = None
+        self._leave_the_past()  # nobody is at it any more, when another world is prepared
         try:
             plan = Plan.of(ProblemFile.from_json(command.file), command.world)
             links = self._linked(plan.topology, command.wiring)
@@ -396,17 +400,22 @@ class NodeProcess:
         plan = replace(coming.plan, since=bred if coming.since is None else coming.since)
         genomes = before.cell.rows.genomes[0] if before is not None else plan.deme_of(coming.deme)
         assignment = _Assignment(Cell(plan, coming.links.cell, coming.job), coming.links, coming.news)
-        self.assignment, self.coming = assignment, None
-        if before is not None and before.links is not assignment.links:
-            before.links.close()
+        self.past, self.assignment, self.coming = before, assignment, None
         assignment.begun = coming.begun
         self._start(assignment, Start(genomes))
+
+    def _leave_the_past(self) -> None:
+        past, self.past = self.past, None
+        in_use = (self.links, None if self.assignment is None else self.assignment.links)
+        if past is not None and past.links not in in_use:
+            past.links.close()
 
     def _forget(self, job: int) -> None:
         """The latest links stay: the next job may want the same."""
         assignment = self.assignment
         if assignment is not None and assignment.job == job:
             self.assignment = None
+            self._leave_the_past()
             if assignment.links is not self.links:
                 assignment.links.close()
         if self.coming is not None and self.coming.job == job:

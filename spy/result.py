@@ -185,7 +185,11 @@ def _staleness(reports: Sequence[Report]) -> dict[str, float] | None:
 
 def _history(worlds: Sequence[Lived]) -> str:
     """Over the digests of all cells, world by world."""
-    ordered = [sorted(world.reports, key=lambda report: report.cell) for world in worlds]
+    # What a node that died had lived through nobody knows: such a world is not counted.
+    whole = [
+        each for each, after in itertools.zip_longest(worlds, worlds[1:]) if not after or after.why["do"] != "replace"
+    ]
+    ordered = [sorted(world.reports, key=lambda report: report.cell) for world in whole]
     return hashlib.sha256(b"".join(report.digest for reports in ordered for report in reports)).hexdigest()
 
 
