@@ -89,7 +89,8 @@ class Stored(Summary):
         file_now: the same as its world is now.
         best: the best verified answer, decoded.
         result: as `spy.result.Result.to_json` makes it, once the job has ended.
-        worlds: what changed with each world after the first (the latest thousand), oldest first: "world", "at", and "patch" or "topology".
+        worlds: what changed with each world after the first (the latest thousand), oldest first: "world", "at", and
+            "patch" or "topology".
     """
 
     file: str = field(repr=False)
