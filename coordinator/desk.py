@@ -1,4 +1,4 @@
-"""Where clients' requests are answered: a job is checked, kept, handed to the dispatcher, and only then acknowledged."""
+"""Where clients' requests are answered: a job is checked, kept and handed to the dispatcher, then acknowledged."""
 
 import contextlib
 import dataclasses
