@@ -16,7 +16,7 @@ from wire.strict import MOST_BYTES, MOST_ELEMENTS, Rejected, count, fields, of, 
 VERSION = 1  # of this protocol
 MOST_FILE_BYTES = 8 << 20  # of a problem file, in UTF-8
 MOST_LISTED = 10_000  # jobs in one answer
-MOST_PRIORITY = 1 << 31  # in either direction
+MOST_PRIORITY = 1_000_000  # in either direction
 
 _MOST_REQUEST_BYTES = MOST_FILE_BYTES + 4096
 _MOST_ARGUMENTS = 16

@@ -36,7 +36,7 @@ plain = st.recursive(
     max_leaves=8,
 )
 REQUESTS = st.one_of(
-    st.builds(Submit, words, st.none() | ids, st.integers(-(1 << 31), 1 << 31)),
+    st.builds(Submit, words, st.none() | ids, st.integers(-1_000_000, 1_000_000)),
     st.builds(ListJobs, st.none() | st.integers(0, MOST_LISTED)),
     st.builds(Show, ids),
     st.builds(Cancel, ids),

@@ -1,0 +1,62 @@
+"""Between the service and the dispatcher: what each may ask of the other."""
+
+from typing import Any, Protocol
+
+import zenoh
+
+from coordinator.job import JobEntry, Order
+from problems import ProblemFile
+from spy.result import Result
+from wire.keys import Keys
+from wire.news import Improvement
+
+
+class Hooks(Protocol):
+    """What the dispatcher tells, on any thread; nobody waits in there."""
+
+    def changed(self, number: int, status: str, nodes: tuple[int, ...]) -> None:
+        """A job's state, or the nodes that it lives on, in the order of its cells."""
+
+    def improved(self, number: int, improvement: Improvement) -> None:
+        """A better answer was verified."""
+
+    def ended(self, number: int, outcome: Result | Exception) -> None:
+        """A job has ended, with a result or because something broke."""
+
+
+class Dispatcher(Protocol):
+    """What runs jobs. It refuses with `BadInput` or `coordinator.scheduler.QueueFull`, in words for the client."""
+
+    def submit(self, order: Order) -> JobEntry:
+        """Queue a job."""
+        ...
+
+    def adopt(self, order: Order, nodes: tuple[int, ...], world: int) -> JobEntry:
+        """A job that runs already; if its nodes know nothing of it, it is queued to start over."""
+        ...
+
+    def cancel(self, number: int) -> None:
+        """End a job, queued or running; nothing happens if it has ended already."""
+
+    def update(self, number: int, file: ProblemFile) -> int:
+        """Another world for a job; its number, once all nodes are prepared."""
+        ...
+
+    def rewire(self, number: int, topology: str) -> int:
+        """Another topology for a job, which makes another world; its number."""
+        ...
+
+    def nodes(self) -> list[dict[str, Any]]:
+        """Each node, as `status` shows it."""
+        ...
+
+    def close(self) -> None:
+        """Stop, without a word to the hooks."""
+
+
+class MakeDispatcher(Protocol):
+    """How a dispatcher is made."""
+
+    def __call__(self, session: zenoh.Session, keys: Keys, nodes: int, hooks: Hooks) -> Dispatcher:
+        """A dispatcher of that many nodes."""
+        ...

@@ -1,0 +1,192 @@
+"""Writes down what the dispatcher tells, and then publishes it: nobody hears of an end that a restart could take back.
+
+The dispatcher does not wait for the disk: a thread of the recorder's own writes whatever has come in one transaction.
+While the database is away it waits, and tries again.
+"""
+
+import contextlib
+import dataclasses
+import math
+import queue
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from coordinator.database import StoreFailed
+from coordinator.states import WrongTransition
+from coordinator.store import Store, Summary, UnknownJob
+from problems.errors import BadInput
+from spy.result import Result
+from wire.jobs import JobState
+from wire.news import Improvement
+
+_TRY_AGAIN = 0.5  # seconds
+_MOST_AT_ONCE = 1000  # events in a transaction
+
+
+@dataclass(frozen=True)
+class _Changed:
+    number: int
+    status: str
+    nodes: tuple[int, ...]
+    at: float
+
+
+@dataclass(frozen=True)
+class _Improved:
+    number: int
+    improvement: Improvement
+
+
+@dataclass(frozen=True)
+class _Ended:
+    number: int
+    outcome: Result | Exception
+
+
+_Event = _Changed | _Improved | _Ended
+
+
+class Recorder:
+    """The dispatcher's hooks.
+
+    Args:
+        store: where it is written.
+        publish: called with each change of a state, once it is written.
+        forget: called with the number of each job that has ended.
+    """
+
+    def __init__(self, store: Store, publish: Callable[[JobState], None], forget: Callable[[int], None]) -> None:
+        self._store = store
+        self._publish = publish
+        self._forget = forget
+        self._events: queue.SimpleQueue[_Event | None] = queue.SimpleQueue()
+        self._closing = threading.Event()
+        self._pen = threading.Lock()
+        self._thread = threading.Thread(target=self._work, name="recorder", daemon=True)
+        self._thread.start()
+
+    @contextlib.contextmanager
+    def paused(self) -> Iterator[None]:
+        """Nothing is written or published meanwhile, so that a job's first news can come before what follows."""
+        with self._pen:
+            yield
+
+    def changed(self, number: int, status: str, nodes: tuple[int, ...]) -> None:
+        """A job's state, or its nodes."""
+        self._events.put(_Changed(number, status, nodes, time.time()))
+
+    def improved(self, number: int, improvement: Improvement) -> None:
+        """A better answer."""
+        self._events.put(_Improved(number, improvement))
+
+    def ended(self, number: int, outcome: Result | Exception) -> None:
+        """The end of a job."""
+        self._events.put(_Ended(number, outcome))
+
+    def close(self) -> None:
+        """Write what has come so far, and stop. Idempotent."""
+        self._closing.set()
+        self._events.put(None)
+        self._thread.join()
+
+    def _work(self) -> None:
+        while events := self._batch():
+            self._settle(events)
+
+    def _batch(self) -> list[_Event]:
+        """What has come, at least one; nothing at the end."""
+        events: list[_Event] = []
+        with contextlib.suppress(queue.Empty):
+            event = self._events.get()
+            while event is not None and len(events) < _MOST_AT_ONCE:
+                events.append(event)
+                event = self._events.get_nowait()
+            self._events.put(event)
+        return events
+
+    def _settle(self, events: list[_Event]) -> None:
+        """Write and publish these, however long it takes; if something is wrong with one, all but that one."""
+        away = False
+        while True:
+            try:
+                return self._commit(events)
+            except StoreFailed as error:
+                if not away:
+                    _complain(str(error))
+                if not error.passing:
+                    break
+                away = True
+            if self._closing.wait(_TRY_AGAIN):
+                return None
+        for event in events if len(events) > 1 else ():
+            self._settle([event])
+        return None
+
+    def _commit(self, events: list[_Event]) -> None:
+        with self._pen:
+            with self._store.transaction():
+                states = [self._write(event) for event in _latest(events)]
+            for state in states:
+                if state is not None:
+                    self._publish(state)
+        for event in events:
+            if isinstance(event, _Ended):
+                self._forget(event.number)
+
+    def _write(self, event: _Event) -> JobState | None:
+        """Write one down; what there is to publish."""
+        try:
+            match event:
+                case _Changed(number, status, nodes, at):
+                    return self._write_change(number, status, nodes, at)
+                case _Improved(number, improvement):
+                    best = plain(dataclasses.asdict(improvement))
+                    self._store.note_best(number, best["fitness"], best)
+                case _Ended(number, outcome):
+                    return state_of(self._write_end(number, outcome))
+        except (WrongTransition, UnknownJob) as error:
+            _complain(f"job {event.number}: {error}")
+        return None
+
+    def _write_change(self, number: int, status: str, nodes: tuple[int, ...], at: float) -> JobState | None:
+        before = self._store.at(number)
+        if status != before.status:
+            return state_of(self._store.change(number, status, nodes=nodes or None, at=at), at)
+        if nodes and nodes != before.nodes:
+            self._store.note_nodes(number, nodes)
+        return None
+
+    def _write_end(self, number: int, outcome: Result | Exception) -> Summary:
+        if isinstance(outcome, Exception):
+            said = str(outcome) if isinstance(outcome, BadInput) else f"{type(outcome).__name__}: {outcome}"
+            return self._store.end(number, "failed", None, message=said)
+        result = plain(outcome.to_json()) | {"job": self._store.at(number).job}
+        return self._store.end(number, outcome.status, result, message=outcome.message)
+
+
+def state_of(job: Summary, at: float | None = None) -> JobState:
+    """What is published of a job that has come to another state."""
+    return JobState(job.job, job.number, job.status, job.fitness, job.message, time.time() if at is None else at)
+
+
+def plain(value: Any) -> Any:
+    """``value`` as JSON can say it: null for numbers that are not finite."""
+    if isinstance(value, dict):
+        return {name: plain(each) for name, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(each) for each in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _latest(events: list[_Event]) -> list[_Event]:
+    """Without the improvements that a later one in the same batch replaces."""
+    last = {event.number: event for event in events if isinstance(event, _Improved)}
+    return [event for event in events if not isinstance(event, _Improved) or last[event.number] is event]
+
+
+def _complain(text: str) -> None:
+    sys.stderr.write(f"coordinator: {text}\n")
