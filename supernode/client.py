@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from spy.result import Result
 
 _Value = TypeVar("_Value")
-_SOON = 0.1  # seconds until a look at a job whose world has just been replaced
+_BEGUN_WITHIN = 2.0  # seconds: a new world of a job has begun, or nothing was heard of it
 
 
 def connect(endpoint_or_state: str | Path | None = None) -> "Client":
@@ -214,7 +214,9 @@ class AsyncClientJob:
     def __init__(self, client: AsyncClient, trail: Trail) -> None:
         self._client = client
         self._trail = trail
-        self._world = 0  # of the last update
+        self._world = 0  # that the last update made
+        self._begun = 0  # how often a world had begun before that
+        self._patient_until = 0.0  # the loop's time from which on a state is believed to be of that world
 
     @property
     def id(self) -> str:
@@ -248,7 +250,7 @@ class AsyncClientJob:
         """
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(timeout):
-                while self._trail.end is None and self._trail.status != WAITING:
+                while not self._is_answered():
                     await self._client.more(self._trail)
         return self._trail.best(self._world)
 
@@ -316,12 +318,19 @@ class AsyncClientJob:
         return await self._new_world(wire.Rewire(self.id, topology))
 
     async def _new_world(self, request: wire.Update | wire.Rewire) -> int:
-        begun = self._trail.begun
+        self._begun = self._trail.begun
         told = await self._client.ask(request)
         self._world = int(told["world"])
-        if self._trail.begun == begun:
-            self._trail.expect_begin(self._client.now() + _SOON)
+        self._patient_until = self._client.now() + _BEGUN_WITHIN
         return self._world
+
+    def _is_answered(self) -> bool:
+        """Whether the job has ended, or waits in the world that the last update made, not still in the one before."""
+        trail = self._trail
+        if trail.end is not None or trail.status != WAITING:
+            return trail.end is not None
+        begun = trail.begun > self._begun or trail.best(self._world) is not None
+        return self._world == 0 or begun or self._client.now() >= self._patient_until
 
 
 class Client:

@@ -103,13 +103,6 @@ class Trail:
         self.look_at = now + LOOK_EVERY
         self.wake()
 
-    def expect_begin(self, at: float) -> None:
-        """The job's world has been replaced, and not begun yet: what was heard of its state is of the world before."""
-        if self.status == WAITING:
-            self.status = None
-        self.look_at = min(self.look_at, at)
-        self.wake()
-
     def best(self, world: int) -> Improvement | None:
         """The best so far of that world or a later one."""
         if not self.improvements or self.improvements[-1].world < world:

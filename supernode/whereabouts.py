@@ -45,17 +45,22 @@ class Place:
         """An endpoint such as ``tcp/127.0.0.1:7447``, or a folder; None is the default folder."""
         if isinstance(text, str) and _ENDPOINT.fullmatch(text):
             return Place(text, None)
-        return Place(None, default_folder() if text is None else Path(text))
+        return Place.of_folder(text)
 
     @staticmethod
-    def at(endpoint: str) -> "Place":
-        """An endpoint.
+    def of_folder(folder: str | Path | None) -> "Place":
+        """A state folder; None is the default one."""
+        return Place(None, default_folder() if folder is None else Path(folder))
+
+    @staticmethod
+    def at(endpoint: str, option: str = "--connect") -> "Place":
+        """The endpoint that an option names.
 
         Raises:
             BadInput: if it is none.
         """
         if not _ENDPOINT.fullmatch(endpoint):
-            raise BadInput(f"--connect: expected an endpoint such as tcp/127.0.0.1:7447, found {endpoint}")
+            raise BadInput(f"{option}: expected an endpoint such as tcp/127.0.0.1:7447, found {endpoint}")
         return Place(endpoint, None)
 
     def card(self) -> Card | None:

@@ -146,7 +146,7 @@ def test_the_answer_comes_at_the_deadline_or_when_the_job_waits(service, client,
 
 def test_cancel_and_timeouts(service, client, file):
     job = client.submit(file, id="a")
-    with pytest.raises(TimeoutError, match="job a has not ended within 0.1 s"):
+    with pytest.raises(TimeoutError, match=r"job a has not ended within 0\.1 s"):
         job.result(0.1)
     assert job.cancel() == "queued"
     assert job.result(5).status == "cancelled"

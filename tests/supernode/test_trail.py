@@ -79,12 +79,6 @@ def test_news_put_off_the_next_look(trail):
     assert trail.look_at == 5.5 + LOOK_EVERY
 
 
-def test_an_answer_of_the_world_before_is_no_answer(trail):
-    trail.hear_state(state("waiting"), 0.0)
-    trail.expect_begin(0.1)
-    assert (trail.status, trail.look_at) == (None, 0.1)
-
-
 def test_an_improvement_of_show():
     told = vars(better(2)) | {"fitness": None, "more": 1}
     assert improvement_in(told).fitness == float("inf")
