@@ -28,7 +28,7 @@ ARM = Path(__file__).parent / "arm-ik.toml"
 def endpoint_of_this_machine() -> str:
     """What `supernode up` left in the user's state folder."""
     state = os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state"
-    return json.loads(Path(state, "supernode", "cluster.json").read_text())["endpoint"]
+    return str(json.loads(Path(state, "supernode", "cluster.json").read_text())["endpoint"])
 
 
 def open_session(endpoint: str) -> zenoh.Session:

@@ -19,13 +19,14 @@ import secrets
 import threading
 import weakref
 from collections.abc import AsyncIterator, Coroutine, Iterator, Mapping
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 from coordinator.errors import ClusterFailed
 from problems import ProblemFile, load
 from problems.errors import BadInput
-from supernode.link import Link
+from supernode.link import PATIENCE, Link
 from supernode.trail import WAITING, Trail, improvement_in
 from supernode.whereabouts import Place
 from wire import jobs as wire
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
     from spy.result import Result
 
 _Value = TypeVar("_Value")
+_GONE_WITHIN = 5.0  # seconds: who is asked to end may do so before its answer has left
 _BEGUN_WITHIN = 2.0  # seconds: a new world of a job has begun, or nothing was heard of it
 
 
@@ -65,6 +67,7 @@ class AsyncClient:
         self._loop = asyncio.get_running_loop()
         self._trails: weakref.WeakValueDictionary[str, Trail] = weakref.WeakValueDictionary()
         self._closed = False
+        self._results: asyncio.Task[Any] | None = None
         link.listen(link.keys.best, self._hear_best)
         link.listen(link.keys.state, self._hear_state)
 
@@ -122,7 +125,7 @@ class AsyncClient:
 
     async def down(self) -> None:
         """End the whole cluster."""
-        await self.ask(wire.Down())
+        await self.ask(wire.Down(), _GONE_WITHIN)
 
     async def close(self) -> None:
         """Leave the cluster; jobs go on. Idempotent."""
@@ -130,11 +133,17 @@ class AsyncClient:
             return
         self._closed = True
         for trail in list(self._trails.values()):
+            if trail.looking is not None:
+                trail.looking.cancel()
             trail.wake()
         await self._link.close()
 
-    async def ask(self, request: wire.Request) -> Any:
+    async def ask(self, request: wire.Request, patience: float = PATIENCE) -> Any:
         """The value that a request is answered with.
+
+        Args:
+            request: what to ask.
+            patience: seconds without any answer, after which the cluster is given up.
 
         Raises:
             BadInput: if it is refused and the input is to blame.
@@ -142,7 +151,7 @@ class AsyncClient:
         """
         if self._closed:
             raise ClusterFailed("the client is closed")
-        return await self._link.ask(request)
+        return await self._link.ask(request, patience)
 
     async def look(self, trail: Trail) -> dict[str, Any]:
         """Ask for all there is to know of a job."""
@@ -179,6 +188,12 @@ class AsyncClient:
         finally:
             trail.looking = None
             trail.wake()
+
+    def results(self) -> "asyncio.Task[Any]":
+        """The module that reads results: importing it takes a second, in which the loop has other things to do."""
+        if self._results is None:
+            self._results = asyncio.create_task(asyncio.to_thread(import_module, "supernode.results"))
+        return self._results
 
     def now(self) -> float:
         """The loop's time."""
@@ -264,9 +279,10 @@ class AsyncClientJob:
             TimeoutError: if the job has not ended by then.
             ClusterFailed: if the cluster has not answered for a while.
         """
-        from supernode.results import result_in
-
-        return result_in(await self.end(timeout))
+        results = self._client.results()  # meanwhile
+        view = await self.end(timeout)
+        result: Result = (await asyncio.shield(results)).result_in(view)
+        return result
 
     async def end(self, timeout: float | None = None) -> Mapping[str, Any]:
         """Wait for the end; all that the cluster knows of the job then, see `show`."""

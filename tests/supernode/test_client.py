@@ -1,7 +1,9 @@
 """Clients against a coordinator that does what the test tells it; see test_service.py for the real one."""
 
 import asyncio
+import gc
 import json
+import os
 import threading
 import time
 
@@ -179,8 +181,6 @@ def test_where_no_cluster_answers_there_is_an_error_within_two_seconds(service, 
 
 
 def test_a_state_folder_leads_to_its_cluster(service, tmp_path, monkeypatch):
-    import os
-
     folder = tmp_path / "supernode"
     folder.mkdir()
     write_card(folder, Card(service.endpoint, "fake", os.getpid(), "0"))
@@ -191,8 +191,6 @@ def test_a_state_folder_leads_to_its_cluster(service, tmp_path, monkeypatch):
 
 
 def test_a_cluster_that_is_down_is_not_waited_for(service, tmp_path):
-    import os
-
     write_card(tmp_path, Card(service.endpoint, "fake", os.getpid(), "0"))
     with supernode.connect(tmp_path) as client:
         client.down()
@@ -224,6 +222,17 @@ def test_a_closed_client_says_so(service, file):
     assert failed == ["the client is closed"]
     with pytest.raises(supernode.ClusterFailed, match="closed"):
         client.jobs()
+
+
+def test_a_job_that_nobody_holds_is_forgotten(service, client, file):
+    for _ in range(3):
+        job = client.submit(file)
+        service.improve(job.id, 1)
+        service.end(job.id)
+        assert job.result().status == "solved"
+    del job
+    gc.collect()
+    assert len(client._client._trails) == 0
 
 
 def test_clients_leave_no_threads_behind(service):
