@@ -14,10 +14,19 @@ from typing import NoReturn
 from supernode.exits import BAD_INPUT, FAILED, INTERRUPTED
 
 _COMMANDS = {
-    "solve": "solve a problem on a cluster of processes started for it",
+    "solve": "solve a problem on a cluster of processes started for it, or on a running one",
     "simulate": "the same job in this process: bit-identical to a lockstep solve",
     "check": "verify a result independently of the code that found it",
     "oracle": "the exact optimum of a problem, or a bound, where there is one",
+    "up": "start a cluster that stays up and takes jobs",
+    "down": "end it",
+    "status": "what the nodes of a running cluster do",
+    "submit": "hand it a job, and print the job's id",
+    "jobs": "the jobs of a running cluster, or one of them",
+    "watch": "follow a job to its result",
+    "update": "tell a job that its world has moved",
+    "rewire": "give a running job another topology",
+    "cancel": "end a job",
     "scale": "measure how a problem scales with the number of nodes; a table, plots and a report",
     "topology": "cells, degree and diameter of a topology, and a drawing",
     "problems": "the kinds of problem, or the fields of one",
