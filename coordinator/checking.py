@@ -12,13 +12,8 @@ import subprocess
 import sys
 from collections.abc import Collection
 from pathlib import Path
-from typing import Any
-
-import numpy as np
 
 from problems import BadInput, ProblemFile, registry
-from problems.errors import shorten
-from problems.problem import Problem
 
 _WITHIN = 60.0  # seconds: a user's module may have much to import
 _PR_SET_PDEATHSIG = 1
@@ -68,33 +63,11 @@ def is_own(file: ProblemFile) -> bool:
     return not registry.is_built_in(file.kind) and ":" in file.kind
 
 
-def patched(file: ProblemFile, patch: dict[str, Any]) -> ProblemFile:
-    """The problem with each top-level key of ``patch`` in the place of its own.
-
-    Raises:
-        BadInput: if that would make it another kind of problem, or another run.
-    """
-    if patch.get("kind", file.kind) != file.kind:
-        raise BadInput(f"{file.name}: kind: expected {file.kind!r} as before, found {shorten(patch['kind'])}")
-    if "run" in patch:
-        raise BadInput(f"{file.name}: run: expected no [run] in an update, it is for the problem alone")
-    return dataclasses.replace(file, fields=file.fields | patch)
-
-
 def check(file: ProblemFile, before: ProblemFile | None = None) -> None:
     """As `Checker.check`, in this process."""
     problem = file.problem()
-    if before is not None and not _coded_alike(problem, before.problem()):
-        raise BadInput(f"{file.name}: the update would change how individuals are coded; submit another job instead")
-
-
-def _coded_alike(one: Problem, other: Problem) -> bool:
-    """Whether each could have made the individuals of the other."""
-    codings = (one.coding, other.coding)
-    if type(codings[0]) is not type(codings[1]) or codings[0].genome_bytes != codings[1].genome_bytes:
-        return False
-    pairs = zip(*(coding.alphabet for coding in codings), strict=True)
-    return all(np.array_equal(*pair) for pair in pairs)
+    if before is not None:
+        file.go_on_from(before, problem)
 
 
 def _check_in_a_child(file: ProblemFile, before: ProblemFile | None) -> None:

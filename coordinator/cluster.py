@@ -154,10 +154,10 @@ class LocalCluster:
         if self._failure is not None:
             raise ClusterFailed(self._failure)
 
-    def _on_death(self, text: str) -> None:
+    def _on_death(self, text: str | None) -> None:
         """Called by the launcher: nothing of a cluster may die while it is open."""
         with self._changed:
-            self._failure = self._failure or self._naming_the_cell(text)
+            self._failure = self._failure or self._naming_the_cell(text or "")
             dispatcher = self._dispatcher
             self._changed.notify_all()
         if dispatcher is not None:

@@ -239,7 +239,7 @@ class Conductor:
     def _begin(self, world: _World) -> None:
         """Go, as soon as the world before has stopped."""
         self.worlds.append(world)
-        placing = Placing(world.number, world.file, self.nodes, world.wiring.number)
+        placing = Placing(world.number, world.file, self.nodes, world.wiring.number, world.why)
         self.dispatch.placed(self.job, placing)
         self.calls.ask_for_reports(self.keys.every_control, Begin(self.number, world.number))
         self.dispatch.changed(self.job, "running")

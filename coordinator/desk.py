@@ -10,11 +10,11 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import topologies
-from coordinator.checking import Checker, patched
+from coordinator.checking import Checker, is_own
 from coordinator.database import StoreFailed
 from coordinator.errors import ClusterFailed
 from coordinator.hooks import Dispatcher
-from coordinator.job import Order
+from coordinator.job import Order, Placing
 from coordinator.recorder import Recorder, state_of
 from coordinator.scheduler import QueueFull
 from coordinator.states import ENDS
@@ -160,7 +160,8 @@ class Desk:
 
     def _adopted(self, job: Stored) -> bool:
         try:
-            self._dispatcher.adopt(_order(job, self._checker.read(job.file_now)), job.nodes, job.world)
+            file = self._checker.read(job.file_now)
+            self._dispatcher.adopt(_order(job, file), Placing(job.world, file, job.nodes, job.wiring))
         except Exception:
             return False
         self._handed_over.add(job.number)
@@ -189,10 +190,9 @@ class Desk:
         with self._change_of(job):
             now = self._running(job)
             before = self._checker.read(now.file_now)
-            file = patched(before, patch)
-            self._checker.check(file, before)
-            world = self._dispatcher.update(now.number, file)
-            self._store.note_world(now.number, world, {"patch": patch}, file.to_json())
+            if is_own(before):
+                self._checker.check(before.changed(patch, {}), before)
+            world = self._dispatcher.update(now.number, patch)
         return {"job": job, "world": world}
 
     def _rewire(self, job: str, topology: str) -> dict[str, Any]:
@@ -204,7 +204,6 @@ class Desk:
             if cells != now.cells:
                 raise BadInput(f"topology: expected one of {now.cells} cells, as the job has, found {cells}")
             world = self._dispatcher.rewire(now.number, file.run.topology)
-            self._store.note_world(now.number, world, {"topology": file.run.topology}, file.to_json())
         return {"job": job, "world": world}
 
     def _running(self, job: str) -> Stored:
@@ -243,7 +242,7 @@ def digest_of(file: ProblemFile) -> str:
 def _order(job: Summary, file: ProblemFile) -> Order:
     """The job for the dispatcher, whose clock does not know of Unix time: its ``seconds`` run from acceptance."""
     submitted = time.monotonic() - max(0.0, time.time() - job.submitted)
-    return Order(job.number, file, None, submitted, priority=job.priority, job=job.job)  # type: ignore[call-arg]
+    return Order(job.number, file, None, job.job, job.priority, submitted)
 
 
 def _line(job: Summary) -> dict[str, Any]:

@@ -6,13 +6,14 @@ What happens to a job is told to `Hooks`, which keep it or pass it on; a `LocalC
 import itertools
 import threading
 from collections.abc import Callable
-from typing import Protocol
+from typing import Any
 
 import zenoh
 
 import topologies
 from coordinator.conductor import Conductor
 from coordinator.errors import ClusterFailed
+from coordinator.hooks import Hooks
 from coordinator.job import Failure, JobEntry, Order, Placing, Replaced
 from coordinator.scheduler import Placed, Scheduler
 from spy.result import Result
@@ -21,35 +22,19 @@ from wire.keys import Keys
 from wire.news import Improvement
 
 
-class Hooks(Protocol):
-    """Told of what happens to jobs, on any thread."""
-
-    def changed(self, job: JobEntry, status: str) -> None:
-        """The job is in another state, which is not its end."""
-
-    def placed(self, job: JobEntry, placing: Placing) -> None:
-        """The job is about to begin in a world."""
-
-    def improved(self, job: JobEntry, better: Improvement) -> None:
-        """There is a better answer, verified and checked."""
-
-    def ended(self, job: JobEntry, outcome: Result | Exception) -> None:
-        """The job has ended, with a result or with the user's mistake."""
-
-
-class NoHooks:
+class _NoHooks:
     """Nobody is told."""
 
-    def changed(self, job: JobEntry, status: str) -> None:
+    def changed(self, number: int, status: str, nodes: tuple[int, ...]) -> None:
         """See `Hooks`."""
 
-    def placed(self, job: JobEntry, placing: Placing) -> None:
+    def placed(self, number: int, placing: Placing) -> None:
         """See `Hooks`."""
 
-    def improved(self, job: JobEntry, better: Improvement) -> None:
+    def improved(self, number: int, improvement: Improvement) -> None:
         """See `Hooks`."""
 
-    def ended(self, job: JobEntry, outcome: Result | Exception) -> None:
+    def ended(self, number: int, outcome: Result | Exception) -> None:
         """See `Hooks`."""
 
 
@@ -82,7 +67,7 @@ class Dispatcher:
     ) -> None:
         self.session = session
         self.keys = keys
-        self.hooks: Hooks = hooks or NoHooks()
+        self.hooks: Hooks = hooks or _NoHooks()
         self.cpu_seconds = cpu_seconds
         self.seconds_to_ready = seconds_to_ready
         self.replaces = replaces
@@ -113,7 +98,7 @@ class Dispatcher:
             priority = order.priority
             self._scheduler.add(order.number, topology.cells, topology.spec, priority, accepted_before=accepted_before)
             self.jobs[order.number] = job
-        self.hooks.changed(job, "queued")
+        self.hooks.changed(order.number, "queued", ())
         self._start()
         return job
 
@@ -137,6 +122,33 @@ class Dispatcher:
             job.cancel()
             if waiting:
                 self._conduct(job, ())
+
+    def update(self, number: int, fields: dict[str, Any]) -> int:
+        """Another world for a job: each field that is given replaces the old one. Its number.
+
+        Raises:
+            BadInput: if there can be no such world.
+            ClusterFailed: if the job has ended.
+        """
+        return self._running(number).update(**fields)
+
+    def rewire(self, number: int, topology: str) -> int:
+        """Another topology for a job, which makes another world; see `update`."""
+        return self._running(number).rewire(topology)
+
+    def _running(self, number: int) -> JobEntry:
+        with self._lock:
+            if number not in self.jobs:
+                raise ClusterFailed(f"job {number} has ended")
+            return self.jobs[number]
+
+    def job_on(self, node: int) -> str | None:
+        """The job that a node is at."""
+        with self._lock:
+            for number, job in self.jobs.items():
+                if node in (self._scheduler.nodes_of(number) or ()):
+                    return job.order.job
+        return None
 
     def fail(self, message: str, closing: bool = False) -> None:
         """A process died that nothing replaces, or the cluster is being closed: every job fails."""
@@ -183,18 +195,19 @@ class Dispatcher:
 
     def changed(self, job: JobEntry, status: str) -> None:
         """The job is in another state."""
-        self.hooks.changed(job, status)
+        number = job.order.number
+        self.hooks.changed(number, status, self._scheduler.nodes_of(number) or ())
 
     def placed(self, job: JobEntry, placing: Placing) -> None:
         """The job is about to begin in a world."""
         if placing.world > 0:
             with self._lock:
                 self._scheduler.rewired(job.order.number, placing.file.run.topology)
-        self.hooks.placed(job, placing)
+        self.hooks.placed(job.order.number, placing)
 
     def improved(self, job: JobEntry, better: Improvement) -> None:
         """There is a better answer."""
-        self.hooks.improved(job, better)
+        self.hooks.improved(job.order.number, better)
 
     # Who runs ---------------------------------------------------------------------------------------------------------
     def _start(self) -> None:
@@ -224,6 +237,6 @@ class Dispatcher:
             self._scheduler.free(job.order.number)
             self.jobs.pop(job.order.number, None)
             self._threads.pop(job.order.number, None)
-        self.hooks.ended(job, outcome)
+        self.hooks.ended(job.order.number, outcome)
         job.end(outcome)
         self._start()

@@ -4,8 +4,7 @@ from typing import Any, Protocol
 
 import zenoh
 
-from coordinator.job import JobEntry, Order
-from problems import ProblemFile
+from coordinator.job import JobEntry, Order, Placing
 from spy.result import Result
 from wire.keys import Keys
 from wire.news import Improvement
@@ -16,6 +15,9 @@ class Hooks(Protocol):
 
     def changed(self, number: int, status: str, nodes: tuple[int, ...]) -> None:
         """A job's state, or the nodes that it lives on, in the order of its cells."""
+
+    def placed(self, number: int, placing: Placing) -> None:
+        """A job is about to begin in a world; when this returns it is known to whoever takes over."""
 
     def improved(self, number: int, improvement: Improvement) -> None:
         """A better answer was verified."""
@@ -31,14 +33,14 @@ class Dispatcher(Protocol):
         """Queue a job."""
         ...
 
-    def adopt(self, order: Order, nodes: tuple[int, ...], world: int) -> JobEntry:
-        """A job that runs already; if its nodes know nothing of it, it is queued to start over."""
+    def adopt(self, order: Order, placing: Placing) -> JobEntry:
+        """A job that runs already."""
         ...
 
     def cancel(self, number: int) -> None:
         """End a job, queued or running; nothing happens if it has ended already."""
 
-    def update(self, number: int, file: ProblemFile) -> int:
+    def update(self, number: int, fields: dict[str, Any]) -> int:
         """Another world for a job; its number, once all nodes are prepared."""
         ...
 

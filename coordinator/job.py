@@ -3,7 +3,7 @@
 import queue
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -75,12 +75,18 @@ class Order:
 
 @dataclass(frozen=True)
 class Placing:
-    """Where a job lives in its latest world: what a coordinator must know to take over from a dead one."""
+    """Where a job lives in its latest world: what a coordinator must know to take over from a dead one.
+
+    Attributes:
+        wiring: the number of the links between the nodes.
+        why: how that world followed the one before, as a directive.
+    """
 
     world: int
     file: ProblemFile
     nodes: tuple[int, ...]
     wiring: int
+    why: Mapping[str, Any] = field(default_factory=dict)
 
 
 class Job:

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from coordinator.database import StoreFailed
+from coordinator.job import Placing
 from coordinator.states import WrongTransition
 from coordinator.store import Store, Summary, UnknownJob
 from problems.errors import BadInput
@@ -24,6 +25,7 @@ from wire.jobs import JobState
 from wire.news import Improvement
 
 _TRY_AGAIN = 0.5  # seconds
+_PATIENCE = 5.0  # seconds
 _MOST_AT_ONCE = 1000  # events in a transaction
 
 
@@ -47,7 +49,14 @@ class _Ended:
     outcome: Result | Exception
 
 
-_Event = _Changed | _Improved | _Ended
+@dataclass(frozen=True)
+class _Placed:
+    number: int
+    placing: Placing
+    written: threading.Event
+
+
+_Event = _Changed | _Placed | _Improved | _Ended
 
 
 class Recorder:
@@ -78,6 +87,12 @@ class Recorder:
     def changed(self, number: int, status: str, nodes: tuple[int, ...]) -> None:
         """A job's state, or its nodes."""
         self._events.put(_Changed(number, status, nodes, time.time()))
+
+    def placed(self, number: int, placing: Placing) -> None:
+        """A job is about to begin in a world: return once that is written, or the database is away for long."""
+        written = threading.Event()
+        self._events.put(_Placed(number, placing, written))
+        written.wait(_PATIENCE)
 
     def improved(self, number: int, improvement: Improvement) -> None:
         """A better answer."""
@@ -136,6 +151,8 @@ class Recorder:
         for event in events:
             if isinstance(event, _Ended):
                 self._forget(event.number)
+            elif isinstance(event, _Placed):
+                event.written.set()
 
     def _write(self, event: _Event) -> JobState | None:
         """Write one down; what there is to publish."""
@@ -143,6 +160,8 @@ class Recorder:
             match event:
                 case _Changed(number, status, nodes, at):
                     return self._write_change(number, status, nodes, at)
+                case _Placed(number, placing, _):
+                    self._store.note_placing(number, placing)
                 case _Improved(number, improvement):
                     best = plain(dataclasses.asdict(improvement))
                     self._store.note_best(number, best["fitness"], best)

@@ -17,6 +17,7 @@ from sqlalchemy import Select, delete, func, select
 from sqlalchemy.orm import Session, undefer
 
 from coordinator.database import Database, StoreFailed
+from coordinator.job import Placing
 from coordinator.states import ENDS, State, WrongTransition, follow, state_of
 from coordinator.tables import Base, JobRow, MetaRow, TransitionRow, WorldRow
 from problems.errors import BadInput
@@ -89,8 +90,10 @@ class Stored(Summary):
         file_now: the same as its world is now.
         best: the best verified answer, decoded.
         result: as `spy.result.Result.to_json` makes it, once the job has ended.
-        worlds: what changed with each world after the first (the latest thousand), oldest first: "world", "at", and
-            "patch" or "topology".
+        worlds: what changed with each world after the first (the latest thousand), oldest first: "world", "at", and a
+            directive as results have them.
+        world: the number of the one that it is in.
+        wiring: of its nodes' links.
     """
 
     file: str = field(repr=False)
@@ -98,11 +101,8 @@ class Stored(Summary):
     best: dict[str, Any] | None
     result: dict[str, Any] | None
     worlds: tuple[dict[str, Any], ...]
-
-    @property
-    def world(self) -> int:
-        """The number of the world that it is in."""
-        return int(self.worlds[-1]["world"]) if self.worlds else 0
+    world: int
+    wiring: int
 
 
 class Store:
@@ -247,13 +247,18 @@ class Store:
             row.nodes_json = json.dumps(nodes)
             return _summary(row)
 
-    def note_world(self, number: int, world: int, change: dict[str, Any], file: str) -> None:
-        """A job is in another world: what changed (its "patch" or "topology"), and the whole problem file as JSON."""
+    def note_placing(self, number: int, placing: Placing) -> None:
+        """A job is about to begin in a world, on these nodes."""
         with self._writing() as session:
             row = _get(session, number)
-            session.add(WorldRow(number=number, world=world, at=time.time(), change_json=json.dumps(change)))
-            row.changed_file = file
-            row.topology = change.get("topology", row.topology)
+            row.nodes_json = json.dumps(placing.nodes)
+            row.wiring = placing.wiring
+            row.world = placing.world
+            row.topology = placing.file.run.topology
+            if placing.world > 0:
+                row.changed_file = placing.file.to_json()
+                change = json.dumps(dict(placing.why))
+                session.add(WorldRow(number=number, world=placing.world, at=time.time(), change_json=change))
 
     # Reading ----------------------------------------------------------------------------------------------------------
     def unended(self) -> list[Stored]:

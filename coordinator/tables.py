@@ -3,7 +3,7 @@
 import json
 from typing import Any
 
-from sqlalchemy import Double, ForeignKey, String, Text
+from sqlalchemy import BigInteger, Double, ForeignKey, String, Text
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 
 
@@ -38,6 +38,8 @@ class JobRow(Base):
     ended: Mapped[float | None] = mapped_column(Double)
     message: Mapped[str | None] = mapped_column(Text)
     nodes_json: Mapped[str] = mapped_column("nodes", Text, default="[]")
+    wiring: Mapped[int] = mapped_column(BigInteger, default=0)
+    world: Mapped[int] = mapped_column(default=0)
     # What may be large is read only where it is asked for.
     file: Mapped[str] = mapped_column(Text, deferred=True)
     changed_file: Mapped[str | None] = mapped_column(Text, deferred=True)

@@ -43,7 +43,7 @@ from problems import BadInput, ProblemFile
 from topologies import Topology
 from wire import control, sessions
 from wire.callbacks import direct
-from wire.control import Begin, Command, Done, Drop, Halt, Missed, Prepare, ProposeStop, Refused, Wiring
+from wire.control import Begin, Command, Done, Drop, Halt, Look, Missed, Prepare, ProposeStop, Refused, Wiring
 from wire.news import Counters, LogRecord
 from wire.report import Report
 from wire.strict import Rejected
@@ -188,7 +188,10 @@ class NodeProcess:
         self._queryable = session.declare_queryable(
             self.keys.control(node), direct(lambda query: self.mail.put(partial(self._open_command, query)))
         )
-        self._token = session.liveliness().declare_token(self.keys.node(node))
+        liveliness = session.liveliness()
+        self._tokens = [
+            liveliness.declare_token(key) for key in (self.keys.life(node, os.getpid()), self.keys.node(node))
+        ]
 
     # On the network thread --------------------------------------------------------------------------------------------
     def _hear(self, sender: int, sample: zenoh.Sample) -> None:
@@ -322,6 +325,8 @@ class NodeProcess:
             assignment.events.append(Asked(command.generation, query))
             if assignment is self.past:
                 self._carry_on(assignment)
+        elif isinstance(command, Look):
+            _answer(query, Done(json.dumps(assignment.cell.cell)))
         elif isinstance(command, Halt):
             assignment.events.append(Halted())
             self._answer_with_report(assignment, query)
@@ -453,6 +458,7 @@ class NodeProcess:
     def _tell_counters(self, cell: Cell) -> None:
         counters = Counters(
             self.berth.node,
+            cell.cell,
             cell.job,
             cell.plan.world,
             cell.plan.since + cell.rows.generation,

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
-from genetics.coding import Alphabet
 from problems import registry
 from problems.errors import BadInput, first_line, shorten
 from problems.problem import Problem
@@ -56,20 +55,36 @@ class ProblemFile:
     def changed(self, fields: dict[str, Any], run: dict[str, Any]) -> "ProblemFile":
         """Another world: each of the problem's fields, and of the run's settings, that is given replaces the old one.
 
+        A user's own problem is not checked here.
+
         Raises:
             BadInput: if a field is unknown or wrong, or the individuals of the old world could not live in the new one.
         """
-        if fields.get("kind", self.kind) != self.kind:
-            raise BadInput(f"{self.name}: kind: expected {self.kind!r} as before, found {shorten(fields['kind'])}")
+        for name in ("kind", "run"):
+            if name in fields and not (name == "kind" and fields[name] == self.kind):
+                raise BadInput(f"{self.name}: {name}: expected none in an update, found {shorten(fields[name])}")
         merged = self.fields | fields
-        if registry.is_built_in(self.kind):
+        built_in = registry.is_built_in(self.kind)
+        if built_in:
             merged = registry.find(self.kind).gather(merged, self.folder)
         other = replace(self, fields=merged).with_run(**run)
-        if registry.is_built_in(self.kind):
-            before, after = self.problem().coding, other.problem().coding
-            if before.genome_bytes != after.genome_bytes or not _same(before.alphabet, after.alphabet):
-                raise BadInput(f"{self.name}: expected a change that leaves the coding as it is, found another one")
+        if built_in:
+            other.go_on_from(self, other.problem())
         return other
+
+    def go_on_from(self, before: "ProblemFile", problem: Problem) -> None:
+        """Make sure that the individuals of the world ``before`` can live in this one, whose problem is ``problem``.
+
+        Raises:
+            BadInput: if they are coded otherwise.
+        """
+        old, new = before.problem().coding, problem.coding
+        pairs: list[tuple[Any, Any]] = list(zip(old.alphabet, new.alphabet, strict=True))
+        alike = type(old) is type(new) and old.genome_bytes == new.genome_bytes
+        if not (alike and all(np.array_equal(*pair) for pair in pairs)):
+            raise BadInput(
+                f"{self.name}: the update would change how individuals are coded; submit another job instead"
+            )
 
     def problem(self) -> Problem:
         """The problem itself, for the recipe and deme of the run.
@@ -163,11 +178,6 @@ def _text(path: Path) -> str:
         raise BadInput(f"{path}: expected TOML in UTF-8, found {error}") from error
     except OSError as error:
         raise BadInput(f"{path}: expected a readable problem file, found {error.strerror}") from error
-
-
-def _same(one: Alphabet, other: Alphabet) -> bool:
-    pairs: list[tuple[Any, Any]] = list(zip(one, other, strict=True))
-    return all(np.array_equal(before, after) for before, after in pairs)
 
 
 def _said(error: Exception) -> str:

@@ -7,6 +7,7 @@ its own. The control session also gathers the nodes' counters and log records, a
 """
 
 import contextlib
+import os
 import queue
 import threading
 import time
@@ -163,7 +164,7 @@ class SpyProcess:
             liveliness.declare_subscriber(self.keys.any_node, direct(self._see), history=True),
         ]
         self._queryable = self.control.declare_queryable(self.keys.spy_control, direct(self.mail.put))
-        self._token = liveliness.declare_token(self.keys.spy)
+        self._tokens = [liveliness.declare_token(key) for key in (self.keys.spy_life(os.getpid()), self.keys.spy)]
 
     def _reader(self, kind: type[Counters] | type[LogRecord]) -> Any:
         def read(sample: zenoh.Sample) -> None:

@@ -81,6 +81,15 @@ class Halt:
 
 
 @dataclass(frozen=True)
+class Look:
+    """Are you at this? Those who are answer with their cells."""
+
+    name: ClassVar[str] = "look"
+    job: int
+    world: int
+
+
+@dataclass(frozen=True)
 class Drop:
     """Forget a job that failed elsewhere, or has ended."""
 
@@ -122,7 +131,7 @@ class Finish:
     since: int = 0
 
 
-Command = Prepare | Begin | ProposeStop | Halt | Drop | Missed | Finish
+Command = Prepare | Begin | ProposeStop | Halt | Look | Drop | Missed | Finish
 
 
 @dataclass(frozen=True)
@@ -252,6 +261,7 @@ _COMMANDS: dict[str, tuple[Callable[..., Command], tuple[Callable[[Any], Any], .
     Begin.name: (Begin, (count, count)),
     ProposeStop.name: (ProposeStop, (count, count, reason_of)),
     Halt.name: (Halt, (count, count)),
+    Look.name: (Look, (count, count)),
     Drop.name: (Drop, (count,)),
     Missed.name: (Missed, (count, count, count)),
     Finish.name: (Finish, (count, count, _champion, count, _reasons, _maybe_text, _states, count)),

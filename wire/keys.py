@@ -19,6 +19,30 @@ class Keys:
         """The liveliness token of a node."""
         return f"{self._base}/node/{node}"
 
+    def life(self, node: int, process: int) -> str:
+        """The liveliness token of a node's process: another process on the same node has another token."""
+        return f"{self.node(node)}/life/{process}"
+
+    @property
+    def any_life(self) -> str:
+        """The processes of all nodes."""
+        return f"{self._base}/node/*/life/*"
+
+    def spy_life(self, process: int) -> str:
+        """The liveliness token of the spy's process."""
+        return f"{self.spy}/life/{process}"
+
+    @property
+    def any_spy_life(self) -> str:
+        """Whatever process is the spy."""
+        return f"{self.spy}/life/*"
+
+    @staticmethod
+    def life_of(key: str) -> tuple[int | None, int]:
+        """The node, None for the spy, and the process that such a token names."""
+        *_, whose, _, process = key.split("/")
+        return (None if whose == "spy" else int(whose)), int(process)
+
     def routed(self, node: int) -> str:
         """The liveliness token of a node that hears some neighbours through the router."""
         return f"{self.node(node)}/routed"

@@ -61,6 +61,7 @@ class Counters(NamedTuple):
     """One node's counters for the job that it is at."""
 
     node: int
+    cell: int
     job: int
     world: int
     generation: int
@@ -81,7 +82,7 @@ class Counters(NamedTuple):
         Raises:
             Rejected: whatever is wrong with it.
         """
-        return Counters(*(count(each) for each in fields(unpack(payload), 9)))
+        return Counters(*(count(each) for each in fields(unpack(payload), 10)))
 
 
 class Statistics(NamedTuple):

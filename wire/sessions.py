@@ -47,9 +47,9 @@ def unix_socket(folder: Path, name: str) -> str:
     return f"unixsock-stream/{folder}/{name}.sock"
 
 
-def router(listen: str) -> zenoh.Session:
+def router(listen: Iterable[str]) -> zenoh.Session:
     """Open the session that makes this process a router."""
-    return _open("router", [listen], [])
+    return _open("router", list(listen), [])
 
 
 def client(endpoint: str) -> zenoh.Session:

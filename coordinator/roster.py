@@ -1,0 +1,103 @@
+"""Which process lives on which node, and what each has told of itself last.
+
+A node's token drops when its process dies, but also when the router does; so only another process in its place is news.
+"""
+
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import zenoh
+
+from coordinator.launcher import cpu_seconds_of
+from wire.callbacks import direct
+from wire.keys import Keys
+from wire.news import Counters
+from wire.strict import Rejected
+
+_PAGE = 4096  # bytes
+
+
+class Roster:
+    """The processes of one cluster, as a coordinator that did not launch them sees it.
+
+    Args:
+        session: through the router.
+        keys: of the cluster.
+        replaced: called by Zenoh's thread with the number of a node that another process has come to live on, or with
+            None for the spy.
+    """
+
+    def __init__(self, session: zenoh.Session, keys: Keys, replaced: Callable[[int | None], None]) -> None:
+        self._keys = keys
+        self._replaced = replaced
+        self._lock = threading.Lock()
+        self._processes: dict[str, int] = {}  # by name
+        self._seen: dict[int, float] = {}  # when a node's process was first seen, on the monotonic clock
+        self._counters: dict[int, Counters] = {}
+        liveliness = session.liveliness()
+        self._declared = [
+            liveliness.declare_subscriber(keys.any_life, direct(self._see), history=True),
+            liveliness.declare_subscriber(keys.any_spy_life, direct(self._see), history=True),
+            session.declare_subscriber(keys.any_stats, direct(self._hear)),
+        ]
+
+    def cpu_seconds(self) -> dict[str, float]:
+        """CPU time that each process has used so far, by name, this one's included."""
+        with self._lock:
+            processes = dict(self._processes)
+        return cpu_seconds_of(processes) | {"coordinator": time.process_time()}
+
+    def nodes(self, number: int, job_on: Callable[[int], str | None]) -> list[dict[str, Any]]:
+        """Each of so many nodes, as `status` shows it; ``job_on`` tells the job that a node is at."""
+        with self._lock:
+            return [self._node(node, job_on(node)) for node in range(number)]
+
+    def _node(self, node: int, job: str | None) -> dict[str, Any]:
+        process, told = self._processes.get(f"node {node}"), self._counters.get(node)
+        busy = job is not None and told is not None
+        return {
+            "node": node,
+            "process": process,
+            "job": job,
+            "cell": told.cell if busy and told is not None else None,
+            "world": told.world if busy and told is not None else None,
+            "generation": told.generation if busy and told is not None else None,
+            "seconds": round(time.monotonic() - self._seen[node], 3) if node in self._seen else None,
+            "memory": None if process is None else _memory(process),
+            "sent": 0 if told is None else told.sent,
+            "received": 0 if told is None else told.received,
+        }
+
+    def _see(self, sample: zenoh.Sample) -> None:
+        if sample.kind != zenoh.SampleKind.PUT:
+            return
+        node, process = self._keys.life_of(str(sample.key_expr))
+        name = "spy" if node is None else f"node {node}"
+        with self._lock:
+            before = self._processes.get(name)
+            self._processes[name] = process
+            if node is not None and before != process:
+                self._seen[node] = time.monotonic()
+                self._counters.pop(node, None)
+        if before not in (None, process):
+            self._replaced(node)
+
+    def _hear(self, sample: zenoh.Sample) -> None:
+        try:
+            counters = Counters.decode(sample.payload.to_bytes())
+        except Rejected:
+            return
+        with self._lock:
+            self._counters[counters.node] = counters
+
+
+def _memory(process: int) -> int | None:
+    """The resident bytes that a process has for itself; what it shares with others was there before it."""
+    try:
+        _, resident, shared, *_ = Path(f"/proc/{process}/statm").read_text(encoding="ascii").split()
+    except OSError:
+        return None
+    return (int(resident) - int(shared)) * _PAGE
