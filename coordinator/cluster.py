@@ -65,9 +65,7 @@ class LocalCluster:
         )
         with self._changed:  # a death so far has had nobody to be told to
             self._dispatcher = dispatcher
-            failure = self._failure
-        if failure is not None:
-            dispatcher.fail(failure)
+        self._pass_on_failure()
 
     def __enter__(self) -> Self:
         return self
@@ -150,6 +148,10 @@ class LocalCluster:
         if self._session is not None:
             self._session.close()  # type: ignore[no-untyped-call]
 
+    def _pass_on_failure(self) -> None:
+        if self._failure is not None and self._dispatcher is not None:
+            self._dispatcher.fail(self._failure)
+
     def _raise_failure(self) -> None:
         if self._failure is not None:
             raise ClusterFailed(self._failure)
@@ -158,10 +160,8 @@ class LocalCluster:
         """Called by the launcher: nothing of a cluster may die while it is open."""
         with self._changed:
             self._failure = self._failure or self._naming_the_cell(text or "")
-            dispatcher = self._dispatcher
             self._changed.notify_all()
-        if dispatcher is not None:
-            dispatcher.fail(self._failure)
+        self._pass_on_failure()
 
     def _naming_the_cell(self, text: str) -> str:
         kind, _, rest = text.partition(" ")

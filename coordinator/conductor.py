@@ -9,7 +9,7 @@ import contextlib
 import json
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
@@ -24,7 +24,7 @@ from spy.judge import STATUS_OF, Judgement
 from spy.result import Clocks, Lived, Result, best_known, result_of, states_of, stop_reasons, stopped_after
 from topologies import ROOT
 from wire.callbacks import direct
-from wire.control import Begin, Done, Drop, Finish, Halt, Judged, Prepare, ProposeStop, Wiring
+from wire.control import Begin, Done, Drop, Finish, Halt, Judged, Look, Prepare, ProposeStop, Wiring
 from wire.keys import Keys
 from wire.news import Improvement, Statistics
 from wire.report import Reason, Report
@@ -68,7 +68,7 @@ class _World:
     wiring: Wiring
     since: int = 0
     reports: dict[int, Report] = field(default_factory=dict)
-    why: dict[str, object] = field(default_factory=dict)
+    why: Mapping[str, object] = field(default_factory=dict)
     rescued: bool = False
     halted: bool = False
 
@@ -133,7 +133,7 @@ class Conductor:
             self._improve(judgement.best)
         spent = sum(after - used[name] for name, after in cpu_seconds().items() if name in used)
         clocks = Clocks(self.seconds, seconds_to_ready, spent)
-        lived = [Lived(each.file, list(each.reports.values()), each.why) for each in self.worlds]
+        lived = [Lived(each.file, list(each.reports.values()), each.why, each.number) for each in self.worlds]
         name = self.job.order.job or str(self.number)
         return result_of(name, lived or [Lived(self.job.order.file)], judgement, self.versions, clocks)
 
@@ -199,14 +199,21 @@ class Conductor:
                 fresh = True
 
     def _take_over(self, placing: Placing) -> None:
-        """Go on with a job that runs already."""
+        """Go on with a job that runs already, unless all its nodes have died too."""
         world = _World(placing.world, placing.file, Wiring(placing.wiring, placing.nodes))
+        answers = self.calls.ask([(self.keys.every_control, Look(self.number))], expected=0)
+        there = {json.loads(answer.note) for answer in answers if isinstance(answer, Done)}
+        if not there:
+            return self._set_out()
         self.worlds.append(world)
         self._show_to_the_spy(world)
+        if len(there) < world.cells:
+            return self._go_on_without(set(range(world.cells)) - there)
         self._let_the_spy_listen(world)
         self.calls.ask_for_reports(self.keys.every_control, Begin(self.number, world.number))
         if world.number > 0:  # the coordinator before may not have come to this
             self._stop(world.number - 1, "update")
+        return None
 
     def _prepare(self, world: _World, demes: dict[int, bytes] | None = None) -> None:
         """Every node gets ready; with the ``demes`` of cells that have none of their own, each is told by itself."""
@@ -356,6 +363,9 @@ class Conductor:
         except (BadInput, ClusterFailed) as error:
             change.answer.put(error)
             return
+        except ReplacedError:
+            self._changes.appendleft(change)
+            raise
         self._show_to_the_spy(world)
         self._let_the_spy_listen(world)
         self.best = None
@@ -391,46 +401,44 @@ class Conductor:
                     self._show_to_the_spy(self.world)
                     return self._let_the_spy_listen(self.world)
                 if node in self.nodes:
-                    self._go_on_without(self.nodes.index(node))
+                    self._go_on_without({self.nodes.index(node)})
                 return None
             except ReplacedError as another:
                 node = another.node
 
-    def _go_on_without(self, dead: int) -> None:
-        """All others halt; in a new world the new node begins with the deme of a neighbour, and they with theirs.
+    def _go_on_without(self, dead: set[int]) -> None:
+        """All others halt; in a new world a new node begins with the deme of a neighbour, and they with theirs.
 
-        They are at most as many generations apart as the dead cell was links away from them.
+        They are at most as many generations apart as the dead cells were links away from them.
         """
         before = self.world
         for world in self.worlds[-2:]:
             self.calls.ask_for_reports(self.keys.every_control, Halt(self.number, world.number))
         before.halted = True
-        before.reports.pop(dead, None)
-        others = set(range(before.cells)) - {dead}
+        others = set(range(before.cells)) - dead
         while not others <= before.reports.keys():
             mail = self.calls.next(time.monotonic() + _HALTED_WITHIN)
             if mail is None:
                 raise ClusterFailed("the cells did not halt after a node had died")
             if isinstance(mail, Reported):
-                if mail.report is not None and mail.report.cell != dead:
+                if mail.report is not None and mail.report.cell not in dead:
                     self._note(mail.world, mail.report)
             elif isinstance(mail, Replaced):
                 raise ReplacedError(mail)
             else:
                 self.calls.put_off(mail)
-        self._begin_with_a_new_node(before, dead)
+        before.reports = {cell: report for cell, report in before.reports.items() if cell in others}
+        self._begin_with_new_nodes(before, dead)
 
-    def _begin_with_a_new_node(self, before: _World, dead: int) -> None:
-        slots = topologies.parse(before.file.run.topology).neighbours(dead)
-        heir = next((cell for cell in slots if cell != dead), None)
-        deme = b"" if heir is None else before.reports[heir].deme
+    def _begin_with_new_nodes(self, before: _World, dead: set[int]) -> None:
+        topology = topologies.parse(before.file.run.topology)
+        heirs = {cell: _heir(topology.neighbours(cell), before) for cell in sorted(dead)}
         reached = {str(cell): report.generation for cell, report in sorted(before.reports.items())}
-        why = {"do": "replace", "cell": dead, "deme_of": heir, "generations": reached}
-        wiring = self.dispatch.wire(self.nodes, before.file.run.topology, fresh=True)
-        world = _World(
-            before.number + 1, before.file, wiring, self._since() + max(reached.values(), default=0), why=why
-        )
-        self._prepare(world, {dead: deme})
+        why = {"do": "replace", "demes_of": {str(cell): heir for cell, heir in heirs.items()}, "generations": reached}
+        wiring = self.dispatch.wire(self.nodes, topology.spec, fresh=True)
+        since = self._since() + max(reached.values())
+        world = _World(before.number + 1, before.file, wiring, since, why=why)
+        self._prepare(world, {cell: before.reports[heir].deme for cell, heir in heirs.items()})
         self._show_to_the_spy(world)
         self._let_the_spy_listen(world)
         self._begin(world)
@@ -462,6 +470,11 @@ class Conductor:
             self.best = better
             self.job.tell(better)
             self.dispatch.improved(self.job, better)
+
+
+def _heir(slots: tuple[int, ...], world: _World) -> int:
+    """The first neighbour that lives; if none does, the first cell that does."""
+    return next(cell for cell in (*slots, *sorted(world.reports)) if cell in world.reports)
 
 
 def _directive(change: Change) -> dict[str, object]:

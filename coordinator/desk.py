@@ -142,10 +142,10 @@ class Desk:
         for status in ("submitted", "queued"):
             self._publish(dataclasses.replace(state_of(job, job.submitted), status=status))
 
-    def _hand_over(self, job: Summary, file: ProblemFile) -> None:
+    def _hand_over(self, job: Summary, file: ProblemFile, accepted_before: bool = False) -> None:
         self._handed_over.add(job.number)
         try:
-            self._dispatcher.submit(_order(job, file))
+            self._dispatcher.submit(_order(job, file), accepted_before=accepted_before)
         except BaseException:
             self._handed_over.discard(job.number)
             raise
@@ -154,7 +154,7 @@ class Desk:
         if job.status != "queued":
             self._recorder.changed(job.number, "queued", ())
         try:
-            self._hand_over(job, self._checker.read(job.file_now))
+            self._hand_over(job, self._checker.read(job.file_now), accepted_before=True)
         except Exception as error:
             self._recorder.ended(job.number, error)
 

@@ -17,7 +17,9 @@ from coordinator.hooks import Hooks
 from coordinator.job import Failure, JobEntry, Order, Placing, Replaced
 from coordinator.scheduler import Placed, Scheduler
 from spy.result import Result
-from wire.control import Wiring
+from wire import control
+from wire.callbacks import direct
+from wire.control import Drop, Wiring
 from wire.keys import Keys
 from wire.news import Improvement
 
@@ -68,6 +70,7 @@ class Dispatcher:
         self.session = session
         self.keys = keys
         self.hooks: Hooks = hooks or _NoHooks()
+        self._told = hooks is None  # whether somebody here listens to the jobs themselves
         self.cpu_seconds = cpu_seconds
         self.seconds_to_ready = seconds_to_ready
         self.replaces = replaces
@@ -85,13 +88,18 @@ class Dispatcher:
     def submit(self, order: Order, *, accepted_before: bool = False) -> JobEntry:
         """Put a job into the queue; it runs when there are enough free nodes.
 
+        One that was ``accepted_before`` by a coordinator that died starts over: no node may still be at it.
+
         Raises:
             TooLarge: if there will never be.
             QueueFull: if too many wait.
             ClusterFailed: if the cluster has failed, or is closed.
         """
-        job = JobEntry(order)
+        job = JobEntry(order, self._told)
         topology = topologies.parse(order.file.run.topology)
+        if accepted_before:
+            payload = control.encode(Drop(order.number))
+            self.session.get(self.keys.every_control, direct(lambda _: None), payload=payload)
         with self._lock:
             if self._failure is not None:
                 raise ClusterFailed(self._failure)
@@ -104,7 +112,7 @@ class Dispatcher:
 
     def adopt(self, order: Order, placing: Placing) -> JobEntry:
         """Take over a job that runs already, from a coordinator that died."""
-        job = JobEntry(order)
+        job = JobEntry(order, self._told)
         with self._lock:
             topology = placing.file.run.topology
             self._scheduler.occupy(order.number, placing.nodes, topology)

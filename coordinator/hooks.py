@@ -29,8 +29,8 @@ class Hooks(Protocol):
 class Dispatcher(Protocol):
     """What runs jobs. It refuses with `BadInput` or `coordinator.scheduler.QueueFull`, in words for the client."""
 
-    def submit(self, order: Order) -> JobEntry:
-        """Queue a job."""
+    def submit(self, order: Order, *, accepted_before: bool = False) -> JobEntry:
+        """Queue a job; one that was ``accepted_before`` is never too many, and no node may still be at it."""
         ...
 
     def adopt(self, order: Order, placing: Placing) -> JobEntry:

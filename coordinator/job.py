@@ -169,11 +169,20 @@ class Job:
 
 
 class JobEntry(Job):
-    """The same job, as the coordinator sees it."""
+    """The same job, as the coordinator sees it.
+
+    Args:
+        told: whether somebody may ask for its events.
+    """
+
+    def __init__(self, order: Order, told: bool = True) -> None:
+        super().__init__(order)
+        self._told = told
 
     def tell(self, event: Improvement | Statistics) -> None:
         """Pass on what happens."""
-        self._news.put(event)
+        if self._told:
+            self._news.put(event)
 
     def end(self, outcome: Result | Exception) -> None:
         """The job has ended, with a result or with the user's mistake."""

@@ -8,7 +8,10 @@ from wire import sessions
 
 
 def route(endpoints: Sequence[str], ready: int) -> None:
-    """Route between all who connect to one of the ``endpoints`` until the process is ended; a byte is written to the descriptor ``ready`` when it listens."""
+    """Route between all who connect to one of the ``endpoints``, until the process is ended.
+
+    A byte is written to the descriptor ``ready`` when it listens.
+    """
     sessions.use_runtime(sessions.ROUTER_RUNTIME)
     session = sessions.router(endpoints)
     os.write(ready, b"!")

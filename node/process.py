@@ -305,12 +305,20 @@ class NodeProcess:
             _answer(query, Done())
         elif isinstance(command, Begin):
             self._begin(command, query)
+        elif isinstance(command, Look):
+            self._show_up(command, query)
         else:
             for assignment in (self.assignment, self.past):
                 if assignment is not None and (assignment.job, assignment.world) == (command.job, command.world):
                     return self._obey(assignment, command, query)
             self._leave(query)
         return None
+
+    def _show_up(self, command: Look, query: zenoh.Query) -> None:
+        if self.assignment is not None and self.assignment.job == command.job:
+            _answer(query, Done(json.dumps(self.assignment.cell.cell)))
+        else:
+            self._leave(query)
 
     def _leave(self, query: zenoh.Query) -> None:
         """What is said to others needs no answer."""
@@ -325,8 +333,6 @@ class NodeProcess:
             assignment.events.append(Asked(command.generation, query))
             if assignment is self.past:
                 self._carry_on(assignment)
-        elif isinstance(command, Look):
-            _answer(query, Done(json.dumps(assignment.cell.cell)))
         elif isinstance(command, Halt):
             assignment.events.append(Halted())
             self._answer_with_report(assignment, query)

@@ -98,5 +98,5 @@ def _left_at(turn: Mapping[str, Any], cells: int) -> dict[int, int]:
 def _handed_on(turn: Mapping[str, Any], kept: dict[int, Genomes]) -> Genomes:
     """The demes of all cells, (cells, deme, genome_bytes); a new node has that of a neighbour."""
     if turn["do"] == "replace":
-        kept[int(turn["cell"])] = kept[int(turn["deme_of"])]
+        kept |= {int(cell): kept[heir] for cell, heir in turn["demes_of"].items()}
     return np.stack([kept[cell] for cell in sorted(kept)])

@@ -84,6 +84,7 @@ class Lived:
     """What became of a job in one of its worlds.
 
     Attributes:
+        number: of the world.
         reports: of the cells that told of their end in it.
         why: how it followed the world before, as a directive.
     """
@@ -91,6 +92,7 @@ class Lived:
     file: ProblemFile
     reports: Sequence[Report] = ()
     why: Mapping[str, Any] = field(default_factory=dict)
+    number: int = 0
 
 
 @dataclass(frozen=True)
@@ -183,8 +185,10 @@ def _staleness(reports: Sequence[Report]) -> dict[str, float] | None:
     }
 
 
-def _history(worlds: Sequence[Lived]) -> str:
-    """Over the digests of all cells, world by world."""
+def _history(worlds: Sequence[Lived]) -> str | None:
+    """Over the digests of all cells, world by world; None if nobody knows of the first ones any more."""
+    if worlds[0].number > 0:
+        return None
     # What a node that died had lived through nobody knows: such a world is not counted.
     whole = [
         each for each, after in itertools.zip_longest(worlds, worlds[1:]) if not after or after.why["do"] != "replace"
@@ -202,9 +206,9 @@ def _found_at(best: Improvement, topology: Topology) -> dict[str, Any]:
 def _directives(worlds: Sequence[Lived]) -> list[dict[str, Any]]:
     """What came from outside and when: how each world followed the one before, and who stopped the last one."""
     directives: list[dict[str, Any]] = []
-    for number, (before, world) in enumerate(itertools.pairwise(worlds), start=1):
+    for before, world in itertools.pairwise(worlds):
         stopped = stopped_after(before.reports) if before.reports else 0
-        directives.append({"world": number, "generation": stopped, **world.why})
+        directives.append({"world": world.number, "generation": stopped, **world.why})
     for report in worlds[-1].reports:
         directives += [_directive(each) for each in report.proposals if each.reason in ("deadline", "cancel")]
     return directives

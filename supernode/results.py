@@ -10,7 +10,7 @@ from coordinator.errors import ClusterFailed
 from node.fingerprint import fingerprint
 from problems import ProblemFile
 from spy.judge import Judgement
-from spy.result import Clocks, Result, result_of
+from spy.result import Clocks, Lived, Result, result_of
 
 
 def result_in(view: Mapping[str, Any]) -> Result:
@@ -38,5 +38,5 @@ def result_in(view: Mapping[str, Any]) -> Result:
 def _without_run(view: Mapping[str, Any]) -> Result:
     judgement = Judgement(view["status"], False, view.get("message"), None)
     file = ProblemFile.from_json(view["file"])
-    blank = result_of(view["job"], file, [], judgement, fingerprint(), Clocks(0.0, 0.0, 0.0))
+    blank = result_of(view["job"], [Lived(file)], judgement, fingerprint(), Clocks(0.0, 0.0, 0.0))
     return replace(blank, history_sha256=None)

@@ -82,11 +82,10 @@ class Halt:
 
 @dataclass(frozen=True)
 class Look:
-    """Are you at this? Those who are answer with their cells."""
+    """Are you at this job? Those who are answer with their cells."""
 
     name: ClassVar[str] = "look"
     job: int
-    world: int
 
 
 @dataclass(frozen=True)
@@ -261,7 +260,7 @@ _COMMANDS: dict[str, tuple[Callable[..., Command], tuple[Callable[[Any], Any], .
     Begin.name: (Begin, (count, count)),
     ProposeStop.name: (ProposeStop, (count, count, reason_of)),
     Halt.name: (Halt, (count, count)),
-    Look.name: (Look, (count, count)),
+    Look.name: (Look, (count,)),
     Drop.name: (Drop, (count,)),
     Missed.name: (Missed, (count, count, count)),
     Finish.name: (Finish, (count, count, _champion, count, _reasons, _maybe_text, _states, count)),
