@@ -17,7 +17,7 @@ from wire.keys import Keys
 from wire.news import Counters
 from wire.strict import Rejected
 
-_PAGE = 4096  # bytes
+_KILOBYTE = 1024
 
 
 class Roster:
@@ -95,9 +95,12 @@ class Roster:
 
 
 def _memory(process: int) -> int | None:
-    """The resident bytes that a process has for itself; what it shares with others was there before it."""
+    """The proportional set size of a process, bytes: what it shares with others counts in shares."""
     try:
-        _, resident, shared, *_ = Path(f"/proc/{process}/statm").read_text(encoding="ascii").split()
+        rollup = Path(f"/proc/{process}/smaps_rollup").read_text(encoding="ascii")
     except OSError:
         return None
-    return (int(resident) - int(shared)) * _PAGE
+    for line in rollup.splitlines():
+        if line.startswith("Pss:"):
+            return int(line.split()[1]) * _KILOBYTE
+    return None
