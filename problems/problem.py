@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
     from genetics.coding import Coding
     from genetics.operators import Operator
+    from problems.motion import Motion, Pace
 
 RecipeName = Literal["tuned", "paper"]
 Solution = dict[str, Any]  # plain JSON values
@@ -226,6 +227,18 @@ class Problem(Table):
             BadInput: if there is none for this problem.
         """
         raise BadInput(f"problems of kind {self.kind!r} have no oracle")
+
+    def motion(self, solution: Solution, pace: Pace) -> Motion | None:
+        """The solution as a motion over time, for `supernode export`; None if solutions of this kind are none.
+
+        Args:
+            solution: one that `check` accepts.
+            pace: the speed of a path without times, and how densely the motion is told.
+
+        Raises:
+            BadInput: if ``pace`` does not suit the solution.
+        """
+        return None
 
     def draw(self, figure: Figure, solution: Solution | None, populations: Populations) -> None:
         """Draw the problem's world, and the solution in it if there is one, onto an empty figure.

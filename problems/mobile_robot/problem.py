@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
     from genetics.bit_string import BitString
     from genetics.operators import Operator
+    from problems.motion import Motion, Pace
 
 Metres = Annotated[float, Field(ge=-1e4, le=1e4)]
 Heading = Annotated[float, Field(ge=-1e3, le=1e3)]
@@ -194,6 +195,12 @@ seed = 1
         from problems.mobile_robot import oracle
 
         return oracle.foretell(self)
+
+    def motion(self, solution: Solution, pace: Pace) -> Motion:
+        """Moves at an even speed, m/s, and turns at another, rad/s; see `problems.mobile_robot.moving`."""
+        from problems.mobile_robot import moving
+
+        return moving.motion(self, solution, pace)
 
     def draw(self, figure: Figure, solution: Solution | None, populations: Populations) -> None:
         """The floor and the swept robot (figure 6 of the paper)."""

@@ -35,7 +35,9 @@ class StubDispatcher:
         self._lock = threading.RLock()
         self._timers = {}
 
-    def submit(self, order):
+    topology = "torus 4x4"
+
+    def submit(self, order, *, accepted_before=False):
         with self._lock:
             self.asked.append(("submit", order.number))
             run = order.file.run
