@@ -193,8 +193,9 @@ class Desk:
         with self._change_of(job):
             now = self._running(job)
             before = self._checker.read(now.file_now)
-            if is_own(before):
-                self._checker.check(before.changed(patch, {}), before)
+            file = before.changed(patch, {})
+            if is_own(file):
+                self._checker.check(file, before)
             world = self._dispatcher.update(now.number, patch)
         return {"job": job, "world": world}
 

@@ -60,9 +60,10 @@ class ProblemFile:
         Raises:
             BadInput: if a field is unknown or wrong, or the individuals of the old world could not live in the new one.
         """
-        for name in ("kind", "run"):
-            if name in fields and not (name == "kind" and fields[name] == self.kind):
-                raise BadInput(f"{self.name}: {name}: expected none in an update, found {shorten(fields[name])}")
+        if fields.get("kind", self.kind) != self.kind:
+            raise BadInput(f"{self.name}: kind: expected {self.kind!r} as before, found {shorten(fields['kind'])}")
+        if "run" in fields:
+            raise BadInput(f"{self.name}: run: expected no [run] in an update, it is for the problem alone")
         merged = self.fields | fields
         built_in = registry.is_built_in(self.kind)
         if built_in:

@@ -31,7 +31,7 @@ class FakeService:
         self.start()
 
     def start_router(self):
-        self.router = sessions.router(self.endpoint)
+        self.router = sessions.router([self.endpoint])
 
     def stop_router(self):
         self.router.close()
