@@ -265,5 +265,8 @@ class CodedProblem(Problem):
         """The paper's binary code, or the tuned recipe's Gray code, unless the file chooses."""
         if self.code is not None:
             return self
-        code = "gray" if name == "tuned" else "binary"
-        return self.model_validate(self.model_dump(exclude_unset=True) | {"code": code})
+        # Not validated anew: what the code is decides nothing else, and a thousand nodes wait for this.
+        chosen = self.model_copy(update={"code": "gray" if name == "tuned" else "binary"})
+        for cached in chosen.__dict__.keys() - type(self).model_fields.keys():
+            del chosen.__dict__[cached]
+        return chosen
