@@ -9,8 +9,10 @@ as well: from the call of ``submit``.
 """
 
 import argparse
+import queue
 import random
 import statistics
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -62,20 +64,23 @@ def measure(mover: Mover, updates: int, topology: str) -> list[Timed]:
     """Move the world so many times; only worlds are counted that one of the two ways found a good answer for."""
     source = random.Random(1992)
     timed: list[Timed] = []
-    with LocalCluster(topology=topology) as living, LocalCluster(topology=topology) as fresh:
-        with _kept_alive(living, mover) as (job, news):
-            file = mover.file
-            while len(timed) < updates:
-                fields = mover.moved(file, source)
-                began = time.perf_counter()
-                try:
-                    world = job.update(**fields)
-                except supernode.BadInput:  # the start or the goal was covered
-                    continue
-                file = file.changed(fields, {})
-                good = mover.good(file)
-                replanned = _until_good(news, began, world, good)
-                timed.append(Timed(replanned, _from_scratch(fresh, file, good, len(timed))))
+    with (
+        LocalCluster(topology=topology) as living,
+        LocalCluster(topology=topology) as fresh,
+        _kept_alive(living, mover) as (job, news),
+    ):
+        file = mover.file
+        while len(timed) < updates:
+            fields = mover.moved(file, source)
+            began = time.perf_counter()
+            try:
+                world = job.update(**fields)
+            except supernode.BadInput:  # the start or the goal was covered
+                continue
+            file = file.changed(fields, {})
+            good = mover.good(file)
+            replanned = _until_good(news, began, world, good)
+            timed.append(Timed(replanned, _from_scratch(fresh, file, good, len(timed))))
     return [each for each in timed if each != Timed(None, None)]
 
 
@@ -94,9 +99,6 @@ class _News:
     """Improvements of a job, with a patience."""
 
     def __init__(self, job: Job) -> None:
-        import queue
-        import threading
-
         self._queue: queue.SimpleQueue[Improvement] = queue.SimpleQueue()
         threading.Thread(target=self._read, args=(job,), daemon=True).start()
 
@@ -106,8 +108,6 @@ class _News:
 
     def next(self, seconds: float) -> Improvement | None:
         """The next one; None if there is none so soon."""
-        import queue
-
         try:
             return self._queue.get(timeout=max(0.0, seconds))
         except queue.Empty:
