@@ -112,6 +112,7 @@ class Conductor:
         self._adopted = adopted
         self._wish: Wish | None = None
         self._changes: deque[Change] = deque()
+        self._asked = -1  # the latest question for reports
         seconds = job.order.file.run.seconds
         self._deadline = None if seconds is None else job.order.submitted + seconds
 
@@ -210,7 +211,7 @@ class Conductor:
         if len(there) < world.cells:
             return self._go_on_without(set(range(world.cells)) - there)
         self._let_the_spy_listen(world)
-        self.calls.ask_for_reports(self.keys.every_control, Begin(self.number, world.number))
+        self._ask_for_reports()
         if world.number > 0:  # the coordinator before may not have come to this
             self._stop(world.number - 1, "update")
         return None
@@ -248,8 +249,12 @@ class Conductor:
         self.worlds.append(world)
         placing = Placing(world.number, world.file, self.nodes, world.wiring.number, world.why)
         self.dispatch.placed(self.job, placing)
-        self.calls.ask_for_reports(self.keys.every_control, Begin(self.number, world.number))
+        self._ask_for_reports()
         self.dispatch.changed(self.job, "running")
+
+    def _ask_for_reports(self) -> None:
+        """Of the latest world, which begins by that; a cell answers to who asked last."""
+        self._asked = self.calls.ask_for_reports(self.keys.every_control, Begin(self.number, self.world.number))
 
     # While it runs ----------------------------------------------------------------------------------------------------
     def _live(self) -> Judgement:
@@ -270,11 +275,11 @@ class Conductor:
             due = min((each for each in (self._deadline, again) if each is not None), default=None)
             mail = self.calls.next(due)
             if mail is None and again is not None and time.monotonic() >= again:
-                self.calls.ask_for_reports(self.keys.every_control, Begin(self.number, self.world.number))
+                self._ask_for_reports()
                 again = None
             elif isinstance(mail, Reported):
-                if mail.report is None:
-                    again = again or time.monotonic() + _ASK_AGAIN
+                if mail.report is None:  # the router has died: a question ends when nobody is left to answer it
+                    again = time.monotonic() + _ASK_AGAIN if mail.question == self._asked else again
                 elif (error := self._note(mail.world, mail.report)) is not None:
                     return error
             else:
