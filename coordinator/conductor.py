@@ -112,6 +112,7 @@ class Conductor:
         self._adopted = adopted
         self._wish: Wish | None = None
         self._changes: deque[Change] = deque()
+        self._unheard = False  # whether the cells have still to be told of the wish
         self._asked = -1  # the latest question for reports
         seconds = job.order.file.run.seconds
         self._deadline = None if seconds is None else job.order.submitted + seconds
@@ -270,8 +271,8 @@ class Conductor:
         """Wait for the report of every cell. Returns why one failed, if it did; others are not waited for then."""
         again: float | None = None  # when to ask for reports again
         while not self.world.stopped:
-            if self._changes and self._settled:
-                self._change(self._changes.popleft())
+            if self._settled:
+                self._do_what_was_put_off()
             due = min((each for each in (self._deadline, again) if each is not None), default=None)
             mail = self.calls.next(due)
             if mail is None and again is not None and time.monotonic() >= again:
@@ -285,6 +286,14 @@ class Conductor:
             else:
                 self._attend_to(mail)
         return None
+
+    def _do_what_was_put_off(self) -> None:
+        """While cells were on their way to the latest world none could be told to leave it."""
+        if self._wish is not None and self._unheard:
+            self._unheard = False
+            self._stop(self.world.number, self._wish.reason)
+        if self._changes:
+            self._change(self._changes.popleft())
 
     @property
     def _settled(self) -> bool:
@@ -320,7 +329,7 @@ class Conductor:
         self._wish = self._wish or wish
         if wish.reason == "deadline":
             self.dispatch.changed(self.job, "deadline")
-        self._stop(self.world.number, wish.reason)
+        self._unheard = True
 
     def _stop(self, number: int, reason: Reason) -> None:
         """Propose a stop in that world, to the root unless that has ended: in async mode it may have, before others."""
@@ -447,8 +456,7 @@ class Conductor:
         self._show_to_the_spy(world)
         self._let_the_spy_listen(world)
         self._begin(world)
-        if self._wish is not None:
-            self._stop(world.number, self._wish.reason)
+        self._unheard = self._wish is not None
 
     def _drop(self) -> None:
         """Let nodes and spy forget the job, if they still can hear."""
