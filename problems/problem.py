@@ -31,6 +31,9 @@ RecipeName = Literal["tuned", "paper"]
 Solution = dict[str, Any]  # plain JSON values
 Populations = Mapping[int, Genomes]  # generation to genomes, shape (n, genome_bytes)
 
+CHECKED = {"checked": True}
+"""The context of a validation that may leave out what costs time, since another process has done it."""
+
 MOST_REPORT_BYTES = 1 << 12  # a thousand cells report at once
 
 
