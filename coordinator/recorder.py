@@ -17,7 +17,7 @@ from typing import Any
 
 from coordinator.database import StoreFailed
 from coordinator.job import Placing
-from coordinator.states import WrongTransition
+from coordinator.states import ENDS, WrongTransition
 from coordinator.store import Store, Summary, UnknownJob
 from problems.errors import BadInput
 from spy.result import Result
@@ -166,25 +166,33 @@ class Recorder:
                     best = plain(dataclasses.asdict(improvement))
                     self._store.note_best(number, best["fitness"], best)
                 case _Ended(number, outcome):
-                    return state_of(self._write_end(number, outcome))
+                    return self._write_end(number, outcome)
         except (WrongTransition, UnknownJob) as error:
             _complain(f"job {event.number}: {error}")
         return None
 
     def _write_change(self, number: int, status: str, nodes: tuple[int, ...], at: float) -> JobState | None:
         before = self._store.at(number)
+        if before.status in ENDS:  # its deadline has passed; what its nodes do until they stop is nobody's business
+            return None
         if status != before.status:
             return state_of(self._store.change(number, status, nodes=nodes or None, at=at), at)
         if nodes and nodes != before.nodes:
             self._store.note_nodes(number, nodes)
         return None
 
-    def _write_end(self, number: int, outcome: Result | Exception) -> Summary:
+    def _write_end(self, number: int, outcome: Result | Exception) -> JobState | None:
+        """What was published at the deadline stays; the result comes later."""
+        before = self._store.at(number)
+        told = before.status == "deadline"
         if isinstance(outcome, Exception):
             said = str(outcome) if isinstance(outcome, BadInput) else f"{type(outcome).__name__}: {outcome}"
-            return self._store.end(number, "failed", None, message=said)
-        result = plain(outcome.to_json()) | {"job": self._store.at(number).job}
-        return self._store.end(number, outcome.status, result, message=outcome.message)
+            ended = self._store.end(number, "deadline" if told else "failed", None, message=said)
+        else:
+            status = "deadline" if told else outcome.status
+            result = plain(outcome.to_json()) | {"job": before.job, "status": status, "solved": status == "solved"}
+            ended = self._store.end(number, status, result, message=outcome.message)
+        return None if told else state_of(ended)
 
 
 def state_of(job: Summary, at: float | None = None) -> JobState:

@@ -316,7 +316,7 @@ class NodeProcess:
 
     def _show_up(self, command: Look, query: zenoh.Query) -> None:
         if self.assignment is not None and self.assignment.job == command.job:
-            _answer(query, Done(json.dumps(self.assignment.cell.cell)))
+            _answer(query, Done(json.dumps({"cell": self.assignment.cell.cell, "versions": fingerprint()})))
         else:
             self._leave(query)
 
@@ -341,7 +341,7 @@ class NodeProcess:
 
     def _prepare(self, command: Prepare) -> Done | Refused:
         """A first world is ready to begin; a later one comes after the one that this node is at."""
-        goes_on = self.assignment is not None and self.assignment.job == command.job and not command.deme
+        goes_on = self._has_lived_before(command) and not command.deme
         if not goes_on and self.assignment is not None:
             self._forget(self.assignment.job)
         self.coming = None
@@ -360,6 +360,13 @@ class NodeProcess:
         else:
             self.assignment = _Assignment(cell, links)
         return Done(json.dumps(fingerprint()))
+
+    def _has_lived_before(self, command: Prepare) -> bool:
+        """In an earlier world of that job; told again to prepare for its first one, this node begins from there."""
+        assignment = self.assignment
+        if assignment is None or assignment.job != command.job:
+            return False
+        return assignment.world < command.world and assignment.cell.state != "prepared"
 
     def _keep(self, links: Links) -> None:
         """From now on these; those before serve a world that has not stopped yet, or nobody."""
@@ -381,6 +388,8 @@ class NodeProcess:
             if assignment.cell.state == "prepared":
                 self._start(assignment, Start())
             self._answer_with_report(assignment, query)
+        elif self.past is not None and (self.past.job, self.past.world) == (command.job, command.world):
+            self._answer_with_report(self.past, query)  # the one before may have been lost
         else:
             self._leave(query)
 

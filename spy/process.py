@@ -230,7 +230,7 @@ class SpyProcess:
             return Refused("that is a command for nodes")
         assignment = self.assignments.get(command.job)
         if assignment is None or command.world != assignment.plan.world:
-            return Refused(f"the spy is not at job {command.job}, world {command.world}")
+            return Refused(f"the spy is not at job {command.job}, world {command.world}", "stranger")
         if isinstance(command, Finish):
             return self._finish(assignment, command)
         self._listen_to(assignment)
