@@ -21,7 +21,7 @@ from coordinator.errors import ClusterFailed
 from coordinator.job import Change, JobEntry, Placing, Replaced, Wish
 from problems import BadInput, ProblemFile
 from spy.judge import STATUS_OF, Judgement
-from spy.result import Clocks, Lived, Result, best_known, result_of, states_of, stop_reasons, stopped_after
+from spy.result import Clocks, Lived, Result, best_known, lived_for, result_of, states_of, stop_reasons, stopped_after
 from topologies import ROOT
 from wire.control import Begin, Done, Drop, Finish, Halt, Judged, Look, Prepare, ProposeStop, Wiring
 from wire.keys import Keys
@@ -370,7 +370,7 @@ class Conductor:
 
     def _since(self) -> int:
         """Generations of the job before the latest world."""
-        return sum(stopped_after(list(each.reports.values())) for each in self.worlds[:-1] if each.reports)
+        return sum(lived_for(list(each.reports.values()), each.halted) for each in self.worlds[:-1] if each.reports)
 
     # From one world to the next ---------------------------------------------------------------------------------------
     def _change(self, change: Change) -> None:
@@ -499,7 +499,7 @@ class Conductor:
         reached = {str(cell): report.generation for cell, report in sorted(before.reports.items())}
         why = {"do": "replace", "demes_of": {str(cell): heir for cell, heir in heirs.items()}, "generations": reached}
         wiring = self.dispatch.wire(self.nodes, topology.spec, fresh=True)
-        since = self._since() + max(reached.values())
+        since = self._since() + lived_for(list(before.reports.values()), halted=True)
         world = _World(before.number + 1, before.file, wiring, since, why=why)
         self._prepare(world, {cell: before.reports[heir].deme for cell, heir in heirs.items()})
         self._show_to_the_spy(world)
