@@ -164,6 +164,7 @@ class NodeProcess:
         self.past: _Assignment | None = None  # the world before, which neighbours may still be at
         self.assignment: _Assignment | None = None
         self.coming: _Coming | None = None
+        self._ordered: Prepare | Drop | None = None  # the latest that is for this node
         self._questions_due = 0.0
         self._stats_due = 0.0
         self._stats_period = 1.0
@@ -175,25 +176,39 @@ class NodeProcess:
             self.links = self._linked(topology, Wiring(0, tuple(range(topology.cells))))
         self._register()
 
-    def _linked(self, topology: Topology, wiring: Wiring) -> Links:
-        """The links that a job wants: those that there are, or new ones."""
+    def _linked(self, topology: Topology, wiring: Wiring, order: Prepare | None = None) -> Links:
+        """The links that a job wants: those that there are, or new ones, unless another order comes meanwhile."""
         if self.links is not None and self.links.leads_to(topology, wiring):
             return self.links
-        return Links(self.berth, topology, wiring, self.control, self._hear, self.mail.put)
+
+        def given_up() -> bool:
+            return order is not None and self._ordered is not order
+
+        return Links(self.berth, topology, wiring, self.control, self._hear, self.mail.put, given_up)
 
     def _register(self) -> None:
         """The token comes last, since it means ready."""
         node, session = self.berth.node, self.control
         self.stats = session.declare_publisher(self.keys.stats(node))
-        self._queryable = session.declare_queryable(
-            self.keys.control(node), direct(lambda query: self.mail.put(partial(self._open_command, query)))
-        )
+        self._queryable = session.declare_queryable(self.keys.control(node), direct(self._take_command))
         liveliness = session.liveliness()
         self._tokens = [
             liveliness.declare_token(key) for key in (self.keys.life(node, os.getpid()), self.keys.node(node))
         ]
 
     # On the network thread --------------------------------------------------------------------------------------------
+    def _take_command(self, query: zenoh.Query) -> None:
+        command: Command | Rejected
+        try:
+            command = control.decode(query.payload.to_bytes() if query.payload is not None else b"")
+        except Rejected as error:
+            command = error
+        if (isinstance(command, Prepare) and self.berth.node in command.wiring.nodes) or (
+            isinstance(command, Drop) and self._ordered is not None and command.job == self._ordered.job
+        ):
+            self._ordered = command
+        self.mail.put(partial(self._open_command, query, command))
+
     def _hear(self, sender: int, sample: zenoh.Sample) -> None:
         assignment = self.assignment
         if self.coming is not None:  # each cell takes what is meant for its world
@@ -288,14 +303,10 @@ class NodeProcess:
             self._stats_due = now + self._stats_period
             self._tell_counters(assignment.cell)
 
-    def _open_command(self, query: zenoh.Query) -> None:
-        payload = query.payload.to_bytes() if query.payload is not None else b""
-        try:
-            command = control.decode(payload)
-        except Rejected as error:
-            _answer(query, Refused(f"node {self.berth.node}: bad command: {error.reason}"))
-            return None
-        if isinstance(command, Prepare):
+    def _open_command(self, query: zenoh.Query, command: Command | Rejected) -> None:
+        if isinstance(command, Rejected):
+            _answer(query, Refused(f"node {self.berth.node}: bad command: {command.reason}"))
+        elif isinstance(command, Prepare):
             if self.berth.node in command.wiring.nodes:
                 _answer(query, self._prepare(command))
             else:
@@ -348,7 +359,7 @@ class NodeProcess:
         self._leave_the_past()  # nobody is at it any more, when another world is prepared
         try:
             plan = Plan.of(ProblemFile.from_json(command.file), command.world)
-            links = self._linked(plan.topology, command.wiring)
+            links = self._linked(plan.topology, command.wiring, command)
             cell = None if goes_on or command.deme else Cell(plan, links.cell, command.job)
         except BadInput as error:
             return Refused(str(error), "input")

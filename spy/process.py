@@ -33,7 +33,7 @@ from wire.strict import Rejected
 
 STATISTICS_PERIOD = 0.5  # seconds
 
-_LINKED_WITHIN = 90.0  # seconds; the root is there before it is said to be
+_LINKED_WITHIN = 5.0  # seconds; the root is there before it is said to be, unless it has died, when others wait
 
 
 def watch(berth: Berth) -> None:
