@@ -164,7 +164,7 @@ class NodeProcess:
         self.past: _Assignment | None = None  # the world before, which neighbours may still be at
         self.assignment: _Assignment | None = None
         self.coming: _Coming | None = None
-        self._ordered: Prepare | Drop | None = None  # the latest that is for this node
+        self._ordered: Prepare | Halt | Drop | None = None  # the latest that is for this node
         self._questions_due = 0.0
         self._stats_due = 0.0
         self._stats_period = 1.0
@@ -204,7 +204,7 @@ class NodeProcess:
         except Rejected as error:
             command = error
         if (isinstance(command, Prepare) and self.berth.node in command.wiring.nodes) or (
-            isinstance(command, Drop) and self._ordered is not None and command.job == self._ordered.job
+            isinstance(command, Drop | Halt) and self._ordered is not None and command.job == self._ordered.job
         ):
             self._ordered = command
         self.mail.put(partial(self._open_command, query, command))
