@@ -73,6 +73,8 @@ class Recorder:
         self._publish = publish
         self._forget = forget
         self._events: queue.SimpleQueue[_Event | None] = queue.SimpleQueue()
+        self._known: dict[int, Summary] = {}  # what is published of jobs that have not ended
+        self._late: set[int] = set()  # jobs whose deadline was told
         self._closing = threading.Event()
         self._pen = threading.Lock()
         self._thread = threading.Thread(target=self._work, name="recorder", daemon=True)
@@ -86,7 +88,12 @@ class Recorder:
 
     def changed(self, number: int, status: str, nodes: tuple[int, ...]) -> None:
         """A job's state, or its nodes."""
-        self._events.put(_Changed(number, status, nodes, time.time()))
+        at = time.time()
+        if status == "deadline" and (job := self._known.get(number)) is not None:
+            # Nobody waits for the disk then; who takes over finds that the deadline has passed, and says the same.
+            self._late.add(number)
+            self._publish(dataclasses.replace(state_of(job, at), status=status))
+        self._events.put(_Changed(number, status, nodes, at))
 
     def placed(self, number: int, placing: Placing) -> None:
         """A job is about to begin in a world: return once that is written, or the database is away for long."""
@@ -96,6 +103,9 @@ class Recorder:
 
     def improved(self, number: int, improvement: Improvement) -> None:
         """A better answer."""
+        job = self._known.get(number)
+        if job is not None and math.isfinite(improvement.fitness):
+            self._known[number] = dataclasses.replace(job, fitness=improvement.fitness)
         self._events.put(_Improved(number, improvement))
 
     def ended(self, number: int, outcome: Result | Exception) -> None:
@@ -150,6 +160,8 @@ class Recorder:
                     self._publish(state)
         for event in events:
             if isinstance(event, _Ended):
+                self._known.pop(event.number, None)
+                self._late.discard(event.number)
                 self._forget(event.number)
             elif isinstance(event, _Placed):
                 event.written.set()
@@ -175,8 +187,10 @@ class Recorder:
         before = self._store.at(number)
         if before.status in ENDS:  # its deadline has passed; what its nodes do until they stop is nobody's business
             return None
+        self._known.setdefault(number, before)
         if status != before.status:
-            return state_of(self._store.change(number, status, nodes=nodes or None, at=at), at)
+            now = self._store.change(number, status, nodes=nodes or None, at=at)
+            return None if number in self._late else state_of(now, at)
         if nodes and nodes != before.nodes:
             self._store.note_nodes(number, nodes)
         return None
