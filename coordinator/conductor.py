@@ -115,6 +115,7 @@ class Conductor:
         self.best = None if adopted is None else adopted.best
         self.seconds = 0.0
         self._adopted = adopted
+        self._checked = replaces  # the desk of a cluster that stays up has done so
         self._spy_is_new = False
         self._wish: Wish | None = None
         self._changes: deque[Change] = deque()
@@ -192,9 +193,9 @@ class Conductor:
         while True:
             first = _World(0, file, self.dispatch.wire(self.nodes, file.run.topology, fresh))
             try:
-                # The spy first: it finds a wrong problem before a thousand nodes do.
-                self._show_to_the_spy(first)
-                self._prepare(first)
+                if not self._checked:  # the spy first: it finds a wrong problem before a thousand nodes do
+                    self._show_to_the_spy(first)
+                self._prepare(first, with_the_spy=self._checked)
                 self._let_the_spy_listen(first)
                 return self._begin(first)
             except ReplacedError:
@@ -241,7 +242,7 @@ class Conductor:
         self.dispatch.changed(self.job, "queued")
         self._set_out()
 
-    def _prepare(self, world: _World, demes: dict[int, bytes] | None = None) -> None:
+    def _prepare(self, world: _World, demes: dict[int, bytes] | None = None, *, with_the_spy: bool = False) -> None:
         """Every node gets ready; with the ``demes`` of cells that have none of their own, each is told by itself."""
         wiring = world.wiring
         if demes is None:
@@ -251,8 +252,10 @@ class Conductor:
                 (self.keys.control(node), self._preparation(world, world.since, demes.get(cell, b"")))
                 for cell, node in enumerate(wiring.nodes)
             ]
-        answers = self.calls.ask(questions, world.cells, give_up=not self.worlds)
-        fingerprints = {answer.note for answer in answers if isinstance(answer, Done)}
+        if with_the_spy:
+            questions.append((self.keys.spy_control, self._preparation(world)))
+        answers = self.calls.ask(questions, world.cells + with_the_spy, give_up=not self.worlds)
+        fingerprints = {answer.note for answer in answers if isinstance(answer, Done)} - {Done().note}
         if world.file.run.mode == "lockstep" and len(fingerprints) > 1:
             raise ClusterFailed(f"nodes differ, lockstep would not repeat: {' / '.join(sorted(fingerprints))}")
         self.versions = json.loads(min(fingerprints))
