@@ -26,6 +26,8 @@ from wire.strict import Rejected
 _ANSWER_WITHIN = 600.0  # seconds; a problem may have much to prepare, and a dead process is heard of otherwise
 _FOR_EVER = 30 * 24 * 3600.0  # seconds; a run may take long
 _DEATH_NOTICE = 1.0  # seconds: an answer that never comes may be explained this much later
+_REPLACED_WITHIN = 60.0  # seconds: a dead process, or the router, by which all questions go
+_ASK_AGAIN = 0.2  # seconds: a router that has died is there again after about so long
 
 
 @dataclass(frozen=True)
@@ -76,7 +78,7 @@ class Calls:
     def __init__(self, session: zenoh.Session, mail: "queue.SimpleQueue[object]", replaces: bool) -> None:
         self.session = session
         self.mail = mail
-        self._replacement_within = 60.0 if replaces else _DEATH_NOTICE
+        self._replaces = replaces
         self._put_off: deque[object] = deque()
         self._questions = itertools.count()
         self.closing = False
@@ -95,6 +97,16 @@ class Calls:
             GivenUpError: if somebody wants the job to stop meanwhile.
             ReplacedError: if a process died meanwhile.
         """
+        until = time.monotonic() + (_REPLACED_WITHIN if self._replaces else 0.0)
+        while True:
+            answers = self._ask_once(questions, give_up)
+            if len(answers) >= expected:
+                return answers
+            self._wait_for_news_of_a_death(_ASK_AGAIN if self._replaces else _DEATH_NOTICE, give_up)
+            if time.monotonic() >= until:
+                raise ClusterFailed(f"{len(answers)} of {expected} answered to {questions[0][1].name!r}")
+
+    def _ask_once(self, questions: Sequence[tuple[str, Command]], give_up: bool) -> list[Given]:
         number = next(self._questions)
         mail = self.mail
 
@@ -102,13 +114,16 @@ class Calls:
             if reply.ok is not None:
                 mail.put(_Answer(number, _decoded(reply.ok.payload.to_bytes())))
 
+        if give_up:
+            self._raise_wish_put_off()
         for key, command in questions:
             self._get(key, command, direct(hear, lambda: mail.put(_Answer(number, None))), _ANSWER_WITHIN)
-        answers = self._answers(number, len(questions), give_up)
-        if len(answers) < expected:
-            self._wait_for_news_of_a_death()
-            raise ClusterFailed(f"{len(answers)} of {expected} answered to {questions[0][1].name!r}")
-        return answers
+        return self._answers(number, len(questions), give_up)
+
+    def _raise_wish_put_off(self) -> None:
+        wish = next((each for each in self._put_off if isinstance(each, Wish)), None)
+        if wish is not None:
+            raise GivenUpError(wish)
 
     def _answers(self, number: int, open_questions: int, give_up: bool) -> list[Given]:
         answers: list[Given] = []
@@ -126,21 +141,29 @@ class Calls:
             if news.answer is None:
                 open_questions -= 1
             elif isinstance(news.answer, Refused):
-                blame = BadInput if news.answer.blame == "input" else ClusterFailed
-                raise blame(news.answer.message)
+                raise self._refusal(news.answer)
             else:
                 answers.append(news.answer)
         return answers
 
-    def _wait_for_news_of_a_death(self) -> None:
+    def _refusal(self, answer: Refused) -> Exception:
+        if answer.blame == "input":
+            return BadInput(answer.message)
+        if answer.blame == "stranger" and self._replaces:
+            return ReplacedError(Replaced(None))  # the news of that are on their way
+        return ClusterFailed(answer.message)
+
+    def _wait_for_news_of_a_death(self, seconds: float, give_up: bool) -> None:
         """Raises if there is any."""
-        deadline = time.monotonic() + self._replacement_within
+        deadline = time.monotonic() + seconds
         while True:
             news = self._take(deadline)
             if news is None:
                 return
             if isinstance(news, Replaced):
                 raise ReplacedError(news)
+            if isinstance(news, Wish) and give_up:
+                raise GivenUpError(news)
             self._put_off.append(news)
 
     def ask_for_reports(self, key: str, command: control.Begin | control.Halt) -> int:
@@ -169,6 +192,14 @@ class Calls:
             ClusterFailed: if the news is that the job cannot go on.
         """
         return self._put_off.popleft() if self._put_off else self._take(deadline)
+
+    def wait(self, seconds: float) -> None:
+        """Let some time go by; mail is put off.
+
+        Raises:
+            ReplacedError: if a process dies meanwhile.
+        """
+        self._wait_for_news_of_a_death(seconds, give_up=False)
 
     def _take(self, deadline: float | None) -> object:
         try:

@@ -9,7 +9,7 @@ import contextlib
 import json
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
@@ -21,17 +21,16 @@ from coordinator.errors import ClusterFailed
 from coordinator.job import Change, JobEntry, Placing, Replaced, Wish
 from problems import BadInput, ProblemFile
 from spy.judge import STATUS_OF, Judgement
-from spy.result import Clocks, Lived, Result, best_known, result_of, states_of, stop_reasons, stopped_after
+from spy.result import Clocks, Lived, Result, best_known, lived_for, result_of, states_of, stop_reasons, stopped_after
 from topologies import ROOT
-from wire.callbacks import direct
 from wire.control import Begin, Done, Drop, Finish, Halt, Judged, Look, Prepare, ProposeStop, Wiring
 from wire.keys import Keys
-from wire.news import Improvement, Statistics
+from wire.news import Improvement
 from wire.report import Reason, Report
-from wire.strict import Rejected
 
 _ASK_AGAIN = 0.2  # seconds: a router that has died is there again after about so long
-_HALTED_WITHIN = 30.0  # seconds
+_FOUND_WITHIN = 1.0  # seconds: nodes that live find a new router in a fifth of it
+_HALTED_WITHIN = 60.0  # seconds
 _LASTING = ("solved", "stalled", "exhausted")  # how a world can end that a job kept alive goes on after
 
 
@@ -60,7 +59,8 @@ class _World:
         reports: of the cells that have stopped.
         why: how it followed the one before, for the result.
         rescued: whether, in async mode, all cells have been told to stop.
-        halted: whether a node died in it.
+        dead: cells whose nodes have died in it.
+        asked: the latest question for its reports.
     """
 
     number: int
@@ -70,7 +70,8 @@ class _World:
     reports: dict[int, Report] = field(default_factory=dict)
     why: Mapping[str, object] = field(default_factory=dict)
     rescued: bool = False
-    halted: bool = False
+    dead: set[int] = field(default_factory=set)
+    asked: int = -1
 
     @property
     def cells(self) -> int:
@@ -80,11 +81,17 @@ class _World:
     def stopped(self) -> bool:
         return len(self.reports) == self.cells
 
+    @property
+    def halted(self) -> bool:
+        """Whether it did not stop by itself: a node died in it."""
+        return bool(self.dead)
+
 
 class Conductor:
-    """Conducts one job on ``nodes``; `conduct` is all there is to call.
+    """Conducts one job on ``nodes``; without any, it has only its mail to open, and ends by that.
 
     Args:
+        replaces: whether dead processes are replaced.
         adopted: where the job is, if it was running when the coordinator before this one died.
     """
 
@@ -95,7 +102,8 @@ class Conductor:
         keys: Keys,
         nodes: tuple[int, ...],
         dispatch: Dispatch,
-        replaces: bool,
+        *,
+        replaces: bool = False,
         adopted: Placing | None = None,
     ) -> None:
         self.job = job
@@ -103,19 +111,17 @@ class Conductor:
         self.keys = keys
         self.nodes = nodes
         self.dispatch = dispatch
-        self.session = session
         self.calls = Calls(session, job.mail, replaces)
         self.worlds: list[_World] = []
         self.versions: dict[str, str] = {}
-        self.best: Improvement | None = None
+        self.best = None if adopted is None else adopted.best
         self.seconds = 0.0
         self._adopted = adopted
+        self._checked = replaces  # the desk of a cluster that stays up has done so
+        self._spy_is_new = False
         self._wish: Wish | None = None
         self._changes: deque[Change] = deque()
-        self._unheard = False  # whether the cells have still to be told of the wish
-        self._asked = -1  # the latest question for reports
-        seconds = job.order.file.run.seconds
-        self._deadline = None if seconds is None else job.order.submitted + seconds
+        self._unheard: Wish | None = None  # what the cells have still to be told
 
     @property
     def world(self) -> _World:
@@ -129,35 +135,30 @@ class Conductor:
             BadInput: if the problem is wrong.
         """
         used = cpu_seconds()
-        with self._listening():
-            judgement = self._judgement()
+        judgement = self._judgement()
         if judgement.best is not None:
-            self._improve(judgement.best)
+            self.improve(judgement.best)
         spent = sum(after - used[name] for name, after in cpu_seconds().items() if name in used)
         clocks = Clocks(self.seconds, seconds_to_ready, spent)
         lived = [Lived(each.file, list(each.reports.values()), each.why, each.number) for each in self.worlds]
         name = self.job.order.job or str(self.number)
         return result_of(name, lived or [Lived(self.job.order.file)], judgement, self.versions, clocks)
 
-    @contextlib.contextmanager
-    def _listening(self) -> Iterator[None]:
-        subscribers = [
-            self.session.declare_subscriber(self.keys.best, direct(self._hear_best)),
-            self.session.declare_subscriber(self.keys.spy_stats, direct(self._hear_statistics)),
-        ]
-        try:
-            yield
-        finally:
-            for subscriber in subscribers:
-                with contextlib.suppress(zenoh.ZError):
-                    subscriber.undeclare()  # type: ignore[no-untyped-call]
+    def improve(self, better: Improvement) -> None:
+        """Pass on an improvement, if it is one. Called by Zenoh's thread too."""
+        best = self.best
+        if best is None or (better.world, -better.fitness) > (best.world, -best.fitness):
+            self.best = better
+            self.job.tell(better)
+            self.dispatch.improved(self.job, better)
 
     def _judgement(self) -> Judgement:
         """What came of it, whatever goes wrong."""
         try:
             return self._run()
         except GivenUpError as error:
-            return Judgement(STATUS_OF[error.wish.reason], False, "stopped before there was a result", self.best)
+            feasible = self.best is not None and self.best.feasible
+            return Judgement(STATUS_OF[error.wish.reason], feasible, "stopped before there was a result", self.best)
         except ClusterFailed as error:
             cancelled = self._wish is not None and self._wish.reason == "cancel" and self.calls.closing
             return Judgement("cancelled" if cancelled else "failed", False, str(error), self.best)
@@ -166,9 +167,12 @@ class Conductor:
         except Exception as error:  # whatever it is, whoever waits for this job must hear of its end
             return Judgement("failed", False, f"{type(error).__name__}: {error}", self.best)
         finally:
-            self._drop()
+            if self.nodes:
+                self._drop()
 
     def _run(self) -> Judgement:
+        if not self.nodes:
+            raise GivenUpError(self._wish_in_the_queue())
         if self._adopted is None:
             self._set_out()
         else:
@@ -192,32 +196,56 @@ class Conductor:
         while True:
             first = _World(0, file, self.dispatch.wire(self.nodes, file.run.topology, fresh))
             try:
-                # The spy first: it finds a wrong problem before a thousand nodes do.
-                self._show_to_the_spy(first)
-                self._prepare(first)
+                if not self._checked:  # the spy first: it finds a wrong problem before a thousand nodes do
+                    self._show_to_the_spy(first)
+                self._prepare(first, with_the_spy=self._checked)
                 self._let_the_spy_listen(first)
                 return self._begin(first)
             except ReplacedError:
                 fresh = True
 
+    def _wish_in_the_queue(self) -> Wish:
+        """A job that never got nodes was given up."""
+        while not isinstance(mail := self.calls.next(), Wish):
+            pass
+        return mail
+
     def _take_over(self, placing: Placing) -> None:
         """Go on with a job that runs already, unless all its nodes have died too."""
         world = _World(placing.world, placing.file, Wiring(placing.wiring, placing.nodes))
-        answers = self.calls.ask([(self.keys.every_control, Look(self.number))], expected=0)
-        there = {json.loads(answer.note) for answer in answers if isinstance(answer, Done)}
-        if not there:
-            return self._set_out()
         self.worlds.append(world)
-        self._show_to_the_spy(world)
-        if len(there) < world.cells:
-            return self._go_on_without(set(range(world.cells)) - there)
-        self._let_the_spy_listen(world)
-        self._ask_for_reports()
-        if world.number > 0:  # the coordinator before may not have come to this
-            self._stop(world.number - 1, "update")
+        there = self._who_is_there(world)
+        if not there:
+            return self._start_over()
+        self._spy_is_new = True
+        world.dead = set(range(world.cells)) - there
+        self._replace_the_dead()
+        if self.world is world:
+            self._ask_for_reports(world)
+            if world.number > 0:  # the coordinator before may not have come to this
+                self._stop(world.number - 1, "update")
         return None
 
-    def _prepare(self, world: _World, demes: dict[int, bytes] | None = None) -> None:
+    def _who_is_there(self, world: _World) -> set[int]:
+        """The cells whose nodes are at this job; a node that cannot hear yet has a second for it."""
+        until = time.monotonic() + _FOUND_WITHIN
+        while True:
+            with contextlib.suppress(ReplacedError):
+                answers = self.calls.ask([(self.keys.every_control, Look(self.number))], 0, give_up=False)
+                looks = [json.loads(answer.note) for answer in answers if isinstance(answer, Done)]
+                self.versions = looks[0]["versions"] if looks else {}
+                there = {look["cell"] for look in looks}
+                if len(there) == world.cells or time.monotonic() >= until:
+                    return there
+                self.calls.wait(_ASK_AGAIN)
+
+    def _start_over(self) -> None:
+        """Nobody is left who knows anything of the job."""
+        self.worlds.clear()
+        self.dispatch.changed(self.job, "queued")
+        self._set_out()
+
+    def _prepare(self, world: _World, demes: dict[int, bytes] | None = None, *, with_the_spy: bool = False) -> None:
         """Every node gets ready; with the ``demes`` of cells that have none of their own, each is told by itself."""
         wiring = world.wiring
         if demes is None:
@@ -227,8 +255,10 @@ class Conductor:
                 (self.keys.control(node), self._preparation(world, world.since, demes.get(cell, b"")))
                 for cell, node in enumerate(wiring.nodes)
             ]
-        answers = self.calls.ask(questions, world.cells, give_up=not self.worlds)
-        fingerprints = {answer.note for answer in answers if isinstance(answer, Done)}
+        if with_the_spy:
+            questions.append((self.keys.spy_control, self._preparation(world)))
+        answers = self.calls.ask(questions, world.cells + with_the_spy, give_up=not self.worlds)
+        fingerprints = {answer.note for answer in answers if isinstance(answer, Done)} - {Done().note}
         if world.file.run.mode == "lockstep" and len(fingerprints) > 1:
             raise ClusterFailed(f"nodes differ, lockstep would not repeat: {' / '.join(sorted(fingerprints))}")
         self.versions = json.loads(min(fingerprints))
@@ -250,12 +280,12 @@ class Conductor:
         self.worlds.append(world)
         placing = Placing(world.number, world.file, self.nodes, world.wiring.number, world.why)
         self.dispatch.placed(self.job, placing)
-        self._ask_for_reports()
+        self._ask_for_reports(world)
         self.dispatch.changed(self.job, "running")
 
-    def _ask_for_reports(self) -> None:
-        """Of the latest world, which begins by that; a cell answers to who asked last."""
-        self._asked = self.calls.ask_for_reports(self.keys.every_control, Begin(self.number, self.world.number))
+    def _ask_for_reports(self, world: _World) -> None:
+        """Also of cells that run, or have stopped: who asked before may have died, or the router on the way back."""
+        world.asked = self.calls.ask_for_reports(self.keys.every_control, Begin(self.number, world.number))
 
     # While it runs ----------------------------------------------------------------------------------------------------
     def _live(self) -> Judgement:
@@ -265,22 +295,24 @@ class Conductor:
                 error = self._gather()
                 return self._finish(error)
             except ReplacedError as replaced:
-                self._replace(replaced.node)
+                self._mourn(replaced.node)
+                self._replace_the_dead()
 
     def _gather(self) -> str | None:
         """Wait for the report of every cell. Returns why one failed, if it did; others are not waited for then."""
         again: float | None = None  # when to ask for reports again
-        while not self.world.stopped:
+        while self._unsettled:
             if self._settled:
                 self._do_what_was_put_off()
-            due = min((each for each in (self._deadline, again) if each is not None), default=None)
-            mail = self.calls.next(due)
-            if mail is None and again is not None and time.monotonic() >= again:
-                self._ask_for_reports()
+            mail = self.calls.next(again)
+            if mail is None:
                 again = None
+                for world in self._unsettled:
+                    self._ask_for_reports(world)
             elif isinstance(mail, Reported):
-                if mail.report is None:  # the router has died: a question ends when nobody is left to answer it
-                    again = time.monotonic() + _ASK_AGAIN if mail.question == self._asked else again
+                if mail.report is None:  # a question ends early when the router dies
+                    is_latest = any(mail.question == world.asked for world in self._unsettled)
+                    again = time.monotonic() + _ASK_AGAIN if is_latest else again
                 elif (error := self._note(mail.world, mail.report)) is not None:
                     return error
             else:
@@ -289,16 +321,21 @@ class Conductor:
 
     def _do_what_was_put_off(self) -> None:
         """While cells were on their way to the latest world none could be told to leave it."""
-        if self._wish is not None and self._unheard:
-            self._unheard = False
-            self._stop(self.world.number, self._wish.reason)
+        if self._unheard is not None:
+            self._stop(self.world.number, self._unheard.reason)
+            self._unheard = None
         if self._changes:
             self._change(self._changes.popleft())
 
     @property
     def _settled(self) -> bool:
         """Whether all cells have come to the latest world; before that there cannot be another one."""
-        return len(self.worlds) < 2 or self.worlds[-2].stopped or self.worlds[-2].halted
+        return len(self._unsettled) < 2
+
+    @property
+    def _unsettled(self) -> list[_World]:
+        """The worlds that cells are at."""
+        return [world for world in self.worlds[-2:] if not (world.stopped or world.halted)]
 
     def _note(self, number: int, report: Report) -> str | None:
         """A cell has stopped in one of the worlds; returns why, if it failed."""
@@ -313,23 +350,13 @@ class Conductor:
         return report.error if number == self.world.number else None
 
     def _attend_to(self, mail: object) -> None:
-        if mail is None:
-            if self._deadline is not None and time.monotonic() >= self._deadline:
-                self._deadline = None
-                self._give_up(Wish("deadline"))
-        elif isinstance(mail, Wish):
-            self._give_up(mail)
+        if isinstance(mail, Wish):
+            self._wish = self._wish or mail
+            self._unheard = mail
         elif isinstance(mail, Replaced):
             raise ReplacedError(mail)
         elif isinstance(mail, Change):
             self._changes.append(mail)
-
-    def _give_up(self, wish: Wish) -> None:
-        """Let all cells stop; the answer at a deadline is what is known now."""
-        self._wish = self._wish or wish
-        if wish.reason == "deadline":
-            self.dispatch.changed(self.job, "deadline")
-        self._unheard = True
 
     def _stop(self, number: int, reason: Reason) -> None:
         """Propose a stop in that world, to the root unless that has ended: in async mode it may have, before others."""
@@ -358,11 +385,18 @@ class Conductor:
 
     def _since(self) -> int:
         """Generations of the job before the latest world."""
-        return sum(stopped_after(list(each.reports.values())) for each in self.worlds[:-1] if each.reports)
+        return sum(lived_for(list(each.reports.values()), each.halted) for each in self.worlds[:-1] if each.reports)
 
     # From one world to the next ---------------------------------------------------------------------------------------
     def _change(self, change: Change) -> None:
         """Go on in another world, if there can be such a one; else the old one lasts."""
+        try:
+            self._begin_another(change)
+        except ReplacedError:
+            self._changes.appendleft(change)  # once the dead are replaced
+            raise
+
+    def _begin_another(self, change: Change) -> None:
         before = self.world
         try:
             if self._wish is not None:
@@ -377,9 +411,6 @@ class Conductor:
         except (BadInput, ClusterFailed) as error:
             change.answer.put(error)
             return
-        except ReplacedError:
-            self._changes.appendleft(change)
-            raise
         self._show_to_the_spy(world)
         self._let_the_spy_listen(world)
         self.best = None
@@ -392,14 +423,18 @@ class Conductor:
         self.dispatch.changed(self.job, "waiting")
         number = self.world.number
         while self.world.number == number:
-            mail = self._changes.popleft() if self._changes else self.calls.next(self._deadline)
-            if isinstance(mail, Wish) or (mail is None and self._deadline is not None):
-                self._wish = mail if isinstance(mail, Wish) else Wish("deadline")
-                return False
-            if isinstance(mail, Change):
-                self._change(mail)
-            elif isinstance(mail, Replaced):
-                self._replace(mail.node)
+            mail = self._changes.popleft() if self._changes else self.calls.next()
+            try:
+                if isinstance(mail, Wish):
+                    self._wish = mail
+                    return False
+                if isinstance(mail, Change):
+                    self._change(mail)
+                elif isinstance(mail, Replaced):
+                    raise ReplacedError(mail)
+            except ReplacedError as replaced:
+                self._mourn(replaced.node)
+                self._replace_the_dead()
         return True
 
     def _ended_waiting(self, judgement: Judgement) -> Judgement:
@@ -407,82 +442,91 @@ class Conductor:
         assert self._wish is not None
         return replace(judgement, status=STATUS_OF[self._wish.reason])
 
-    def _replace(self, node: int | None) -> None:
-        """Another process lives in the place of a dead one: go on with it from where the others are."""
-        while True:
-            try:
-                if node is None:
-                    self._show_to_the_spy(self.world)
-                    return self._let_the_spy_listen(self.world)
-                if node in self.nodes:
-                    self._go_on_without({self.nodes.index(node)})
-                return None
-            except ReplacedError as another:
-                node = another.node
+    def _mourn(self, node: int | None) -> None:
+        """Another process lives in the place of a dead node, or of the spy.
 
-    def _go_on_without(self, dead: set[int]) -> None:
+        When all cells have told of their ends, a dead one is missed only if the job lives on.
+        """
+        if node is None:
+            self._spy_is_new = True
+        elif node in self.nodes and (self.world.file.run.keep_alive or not self.world.stopped):
+            self.world.dead.add(self.nodes.index(node))
+
+    def _replace_the_dead(self) -> None:
+        """Go on with those who live in their places, from where the others are."""
+        while self._spy_is_new or self.world.dead:
+            try:
+                if self.world.dead:
+                    self._go_on_without_the_dead()
+                else:
+                    self._show_to_the_spy(self.world)
+                    self._let_the_spy_listen(self.world)
+                self._spy_is_new = False
+            except ReplacedError as another:
+                self._mourn(another.node)
+
+    def _go_on_without_the_dead(self) -> None:
         """All others halt; in a new world a new node begins with the deme of a neighbour, and they with theirs.
 
         They are at most as many generations apart as the dead cells were links away from them.
         """
         before = self.world
-        for world in self.worlds[-2:]:
-            self.calls.ask_for_reports(self.keys.every_control, Halt(self.number, world.number))
-        before.halted = True
-        others = set(range(before.cells)) - dead
-        while not others <= before.reports.keys():
-            mail = self.calls.next(time.monotonic() + _HALTED_WITHIN)
-            if mail is None:
-                raise ClusterFailed("the cells did not halt after a node had died")
-            if isinstance(mail, Reported):
-                if mail.report is not None and mail.report.cell not in dead:
-                    self._note(mail.world, mail.report)
-            elif isinstance(mail, Replaced):
-                raise ReplacedError(mail)
-            else:
-                self.calls.put_off(mail)
+        others = set(range(before.cells)) - before.dead
+        if not others:
+            return self._start_over()
+        self._wait_until_halted(before, others)
         before.reports = {cell: report for cell, report in before.reports.items() if cell in others}
-        self._begin_with_new_nodes(before, dead)
+        return self._begin_with_new_nodes(before)
 
-    def _begin_with_new_nodes(self, before: _World, dead: set[int]) -> None:
+    def _wait_until_halted(self, world: _World, others: set[int]) -> None:
+        until, again = time.monotonic() + _HALTED_WITHIN, 0.0  # when to tell them again
+        aside = []
+        try:
+            while not others <= world.reports.keys():
+                now = time.monotonic()
+                if now >= until:
+                    raise ClusterFailed("the cells did not halt after a node had died")
+                if now >= again:
+                    self._halt()
+                    again = until
+                mail = self.calls.next(again)
+                if isinstance(mail, Replaced):
+                    raise ReplacedError(mail)
+                if not isinstance(mail, Reported):
+                    aside.append(mail)
+                elif mail.report is None:
+                    again = min(again, time.monotonic() + _ASK_AGAIN)
+                elif (error := self._note(mail.world, mail.report)) is not None:
+                    raise ClusterFailed(error)
+        finally:
+            for mail in aside:
+                self.calls.put_off(mail)
+
+    def _halt(self) -> None:
+        """The cells, wherever they are; one that has not begun with the latest world, since it did not hear, does."""
+        for world in self.worlds[-2:]:
+            self._ask_for_reports(world)
+            self.calls.ask_for_reports(self.keys.every_control, Halt(self.number, world.number))
+
+    def _begin_with_new_nodes(self, before: _World) -> None:
         topology = topologies.parse(before.file.run.topology)
-        heirs = {cell: _heir(topology.neighbours(cell), before) for cell in sorted(dead)}
+        heirs = {cell: _heir(topology.neighbours(cell), before) for cell in sorted(before.dead)}
         reached = {str(cell): report.generation for cell, report in sorted(before.reports.items())}
         why = {"do": "replace", "demes_of": {str(cell): heir for cell, heir in heirs.items()}, "generations": reached}
         wiring = self.dispatch.wire(self.nodes, topology.spec, fresh=True)
-        since = self._since() + max(reached.values())
+        since = self._since() + lived_for(list(before.reports.values()), halted=True)
         world = _World(before.number + 1, before.file, wiring, since, why=why)
         self._prepare(world, {cell: before.reports[heir].deme for cell, heir in heirs.items()})
         self._show_to_the_spy(world)
         self._let_the_spy_listen(world)
         self._begin(world)
-        self._unheard = self._wish is not None
+        self._unheard = self._wish
 
     def _drop(self) -> None:
         """Let nodes and spy forget the job, if they still can hear."""
         with contextlib.suppress(zenoh.ZError):
             self.calls.tell(self.keys.every_control, Drop(self.number))
             self.calls.tell(self.keys.spy_control, Drop(self.number))
-
-    # Called by Zenoh, on its thread -----------------------------------------------------------------------------------
-    def _hear_best(self, sample: zenoh.Sample) -> None:
-        with contextlib.suppress(Rejected):
-            better = Improvement.decode(sample.payload.to_bytes())
-            if better.job == self.number:
-                self._improve(better)
-
-    def _hear_statistics(self, sample: zenoh.Sample) -> None:
-        with contextlib.suppress(Rejected):
-            statistics = Statistics.decode(sample.payload.to_bytes())
-            if statistics.job == self.number:
-                self.job.tell(statistics)
-
-    def _improve(self, better: Improvement) -> None:
-        best = self.best
-        if best is None or (better.world, -better.fitness) > (best.world, -best.fitness):
-            self.best = better
-            self.job.tell(better)
-            self.dispatch.improved(self.job, better)
 
 
 def _heir(slots: tuple[int, ...], world: _World) -> int:

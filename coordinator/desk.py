@@ -4,6 +4,7 @@ import contextlib
 import dataclasses
 import hashlib
 import json
+import math
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -38,6 +39,7 @@ from wire.jobs import (
     Submit,
     Update,
 )
+from wire.news import Improvement
 
 _FAILURES = (ClusterFailed, QueueFull, StoreFailed)  # not the client's fault
 
@@ -87,10 +89,14 @@ class Desk:
     def restore(self) -> None:
         """Hand over what the last coordinator left: running jobs first, so that nobody else gets their nodes."""
         unended = self._store.unended()
-        living = [job for job in unended if job.status in ("running", "waiting") and job.nodes]
+        living = [job for job in unended if job.status in ("running", "waiting", "deadline") and job.nodes]
         adopted = {job.number for job in living if self._adopted(job)}
         for job in unended:
-            if job.number not in adopted:
+            if job.number in adopted:
+                continue
+            if job.status == "deadline":
+                self._recorder.ended(job.number, ClusterFailed("stopped before there was a result"))
+            else:
                 self._queue_again(job)
 
     def forget(self, number: int) -> None:
@@ -163,7 +169,8 @@ class Desk:
     def _adopted(self, job: Stored) -> bool:
         try:
             file = self._checker.read(job.file_now)
-            self._dispatcher.adopt(_order(job, file), Placing(job.world, file, job.nodes, job.wiring))
+            best = None if job.best is None else _improvement(job.best)
+            self._dispatcher.adopt(_order(job, file), Placing(job.world, file, job.nodes, job.wiring, best=best))
         except Exception:
             return False
         self._handed_over.add(job.number)
@@ -247,6 +254,11 @@ def _order(job: Summary, file: ProblemFile) -> Order:
     """The job for the dispatcher, whose clock does not know of Unix time: its ``seconds`` run from acceptance."""
     submitted = time.monotonic() - max(0.0, time.time() - job.submitted)
     return Order(job.number, file, None, job.job, job.priority, submitted)
+
+
+def _improvement(best: dict[str, Any]) -> Improvement:
+    """As the recorder has kept it."""
+    return Improvement(**{**best, "fitness": math.inf if best["fitness"] is None else best["fitness"]})
 
 
 def _line(job: Summary) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 What happens to a job is told to `Hooks`, which keep it or pass it on; a `LocalCluster` needs none.
 """
 
+import contextlib
 import itertools
 import threading
 from collections.abc import Callable
@@ -11,17 +12,19 @@ from typing import Any
 import zenoh
 
 import topologies
+from coordinator.alarms import Alarms
 from coordinator.conductor import Conductor
 from coordinator.errors import ClusterFailed
 from coordinator.hooks import Hooks
-from coordinator.job import Failure, JobEntry, Order, Placing, Replaced
+from coordinator.job import Failure, JobEntry, Order, Placing, Replaced, Wish
 from coordinator.scheduler import Placed, Scheduler
 from spy.result import Result
 from wire import control
 from wire.callbacks import direct
 from wire.control import Drop, Wiring
 from wire.keys import Keys
-from wire.news import Improvement
+from wire.news import Improvement, Statistics
+from wire.strict import Rejected
 
 
 class _NoHooks:
@@ -46,7 +49,8 @@ class Dispatcher:
     Args:
         session: through the router.
         keys: of the cluster.
-        topology: how the nodes were wired when they were launched.
+        topology: of the nodes.
+        wired: whether they have those links; if not, nothing is known of their links.
         hooks: told of what happens.
         cpu_seconds: CPU time that each process has used so far, by name.
         replaces: whether dead processes are replaced.
@@ -60,6 +64,7 @@ class Dispatcher:
         keys: Keys,
         topology: str,
         *,
+        wired: bool = True,
         hooks: Hooks | None = None,
         cpu_seconds: Callable[[], dict[str, float]] = dict,
         seconds_to_ready: float = 0.0,
@@ -80,10 +85,18 @@ class Dispatcher:
         self._failure: str | None = None
         nodes = tuple(range(topologies.parse(topology).cells))
         self._scheduler = Scheduler(len(nodes), max_queue)
-        self._scheduler.wired(nodes, topology)
-        self._wirings: dict[int, tuple[str, Wiring]] = dict.fromkeys(nodes, (topology, Wiring(0, nodes)))  # by node
+        self._wirings: dict[int, tuple[str, Wiring]] = {}  # by node
+        if wired:
+            self._scheduler.wired(nodes, topology)
+            self._note(topology, Wiring(0, nodes))
         self._numbers = itertools.count(first_wiring)
         self._threads: dict[int, threading.Thread] = {}
+        self._conductors: dict[int, Conductor] = {}
+        self._deadlines = Alarms(self._be_late)
+        # Once for all jobs: to declare costs time, and each key that was ever declared some memory.
+        self._subscribers = [session.declare_subscriber(keys.best, direct(self._hear_best))]
+        if self._told:
+            self._subscribers.append(session.declare_subscriber(keys.spy_stats, direct(self._hear_statistics)))
 
     # Orders -----------------------------------------------------------------------------------------------------------
     def submit(self, order: Order, *, accepted_before: bool = False) -> JobEntry:
@@ -108,6 +121,7 @@ class Dispatcher:
             self._scheduler.add(order.number, topology.cells, topology.spec, priority, accepted_before=accepted_before)
             self.jobs[order.number] = job
         self.hooks.changed(order.number, "queued", ())
+        self._set_deadline(order)
         self._start()
         return job
 
@@ -119,8 +133,26 @@ class Dispatcher:
             self._scheduler.occupy(order.number, placing.nodes, topology)
             self._note(topology, Wiring(placing.wiring, placing.nodes))
             self.jobs[order.number] = job
+        self._set_deadline(order)
         self._conduct(job, placing.nodes, placing)
         return job
+
+    def _set_deadline(self, order: Order) -> None:
+        seconds = order.file.run.seconds
+        if seconds is not None:
+            self._deadlines.set(order.number, order.submitted + seconds)
+
+    def _be_late(self, number: int) -> None:
+        """A job's time is over: its answer is what is known now, wherever it is; its nodes stop when they can."""
+        with self._lock:
+            job = self.jobs.get(number)
+            if job is None:
+                return
+            waiting = self._scheduler.remove(number)
+            self.hooks.changed(number, "deadline", self._scheduler.nodes_of(number) or ())
+        job.mail.put(Wish("deadline"))
+        if waiting:
+            self._conduct(job, ())
 
     def cancel(self, number: int) -> None:
         """Let a job stop; one that still waits ends at once. Harmless if it has ended."""
@@ -187,6 +219,21 @@ class Dispatcher:
             for thread in list(self._threads.values()):
                 thread.join()
 
+    # Called by Zenoh, on its thread -----------------------------------------------------------------------------------
+    def _hear_best(self, sample: zenoh.Sample) -> None:
+        with contextlib.suppress(Rejected):
+            better = Improvement.decode(sample.payload.to_bytes())
+            conductor = self._conductors.get(better.job)
+            if conductor is not None:
+                conductor.improve(better)
+
+    def _hear_statistics(self, sample: zenoh.Sample) -> None:
+        with contextlib.suppress(Rejected):
+            statistics = Statistics.decode(sample.payload.to_bytes())
+            job = self.jobs.get(statistics.job)
+            if job is not None:
+                job.tell(statistics)
+
     # For conductors, on their threads ---------------------------------------------------------------------------------
     def wire(self, nodes: tuple[int, ...], topology: str, fresh: bool = False) -> Wiring:
         """The links for a world: those that all its nodes have, or (``fresh``: always) new ones."""
@@ -238,14 +285,19 @@ class Dispatcher:
     def _run(self, job: JobEntry, nodes: tuple[int, ...], adopted: Placing | None) -> None:
         outcome: Result | Exception
         try:
-            conductor = Conductor(job, self.session, self.keys, nodes, self, self.replaces, adopted)
+            conductor = Conductor(job, self.session, self.keys, nodes, self, replaces=self.replaces, adopted=adopted)
+            self._conductors[job.order.number] = conductor
             outcome = conductor.conduct(self.seconds_to_ready, self.cpu_seconds)
         except Exception as error:  # a mistake in the problem, or else; whoever waits must hear of it
             outcome = error
+        number = job.order.number
+        self._deadlines.forget(number)
         with self._lock:
-            self._scheduler.free(job.order.number)
-            self.jobs.pop(job.order.number, None)
-            self._threads.pop(job.order.number, None)
-        self.hooks.ended(job.order.number, outcome)
+            self._scheduler.free(number)
+            self.jobs.pop(number, None)
+            self._conductors.pop(number, None)
+        self.hooks.ended(number, outcome)
         job.end(outcome)
         self._start()
+        with self._lock:
+            self._threads.pop(number, None)

@@ -80,6 +80,7 @@ class Placing:
     Attributes:
         wiring: the number of the links between the nodes.
         why: how that world followed the one before, as a directive.
+        best: the best verified answer so far, for a coordinator that takes over.
     """
 
     world: int
@@ -87,6 +88,7 @@ class Placing:
     nodes: tuple[int, ...]
     wiring: int
     why: Mapping[str, Any] = field(default_factory=dict)
+    best: Improvement | None = None
 
 
 class Job:

@@ -17,7 +17,7 @@ from typing import Any
 
 from coordinator.database import StoreFailed
 from coordinator.job import Placing
-from coordinator.states import WrongTransition
+from coordinator.states import ENDS, WrongTransition
 from coordinator.store import Store, Summary, UnknownJob
 from problems.errors import BadInput
 from spy.result import Result
@@ -73,6 +73,8 @@ class Recorder:
         self._publish = publish
         self._forget = forget
         self._events: queue.SimpleQueue[_Event | None] = queue.SimpleQueue()
+        self._known: dict[int, Summary] = {}  # what is published of jobs that have not ended
+        self._late: set[int] = set()  # jobs whose deadline was told
         self._closing = threading.Event()
         self._pen = threading.Lock()
         self._thread = threading.Thread(target=self._work, name="recorder", daemon=True)
@@ -86,7 +88,12 @@ class Recorder:
 
     def changed(self, number: int, status: str, nodes: tuple[int, ...]) -> None:
         """A job's state, or its nodes."""
-        self._events.put(_Changed(number, status, nodes, time.time()))
+        at = time.time()
+        if status == "deadline" and (job := self._known.get(number)) is not None:
+            # Nobody waits for the disk then; who takes over finds that the deadline has passed, and says the same.
+            self._late.add(number)
+            self._publish(dataclasses.replace(state_of(job, at), status=status))
+        self._events.put(_Changed(number, status, nodes, at))
 
     def placed(self, number: int, placing: Placing) -> None:
         """A job is about to begin in a world: return once that is written, or the database is away for long."""
@@ -96,6 +103,9 @@ class Recorder:
 
     def improved(self, number: int, improvement: Improvement) -> None:
         """A better answer."""
+        job = self._known.get(number)
+        if job is not None and math.isfinite(improvement.fitness):
+            self._known[number] = dataclasses.replace(job, fitness=improvement.fitness)
         self._events.put(_Improved(number, improvement))
 
     def ended(self, number: int, outcome: Result | Exception) -> None:
@@ -150,6 +160,8 @@ class Recorder:
                     self._publish(state)
         for event in events:
             if isinstance(event, _Ended):
+                self._known.pop(event.number, None)
+                self._late.discard(event.number)
                 self._forget(event.number)
             elif isinstance(event, _Placed):
                 event.written.set()
@@ -166,25 +178,35 @@ class Recorder:
                     best = plain(dataclasses.asdict(improvement))
                     self._store.note_best(number, best["fitness"], best)
                 case _Ended(number, outcome):
-                    return state_of(self._write_end(number, outcome))
+                    return self._write_end(number, outcome)
         except (WrongTransition, UnknownJob) as error:
             _complain(f"job {event.number}: {error}")
         return None
 
     def _write_change(self, number: int, status: str, nodes: tuple[int, ...], at: float) -> JobState | None:
         before = self._store.at(number)
+        if before.status in ENDS:  # its deadline has passed; what its nodes do until they stop is nobody's business
+            return None
+        self._known.setdefault(number, before)
         if status != before.status:
-            return state_of(self._store.change(number, status, nodes=nodes or None, at=at), at)
+            now = self._store.change(number, status, nodes=nodes or None, at=at)
+            return None if number in self._late else state_of(now, at)
         if nodes and nodes != before.nodes:
             self._store.note_nodes(number, nodes)
         return None
 
-    def _write_end(self, number: int, outcome: Result | Exception) -> Summary:
+    def _write_end(self, number: int, outcome: Result | Exception) -> JobState | None:
+        """What was published at the deadline stays; the result comes later."""
+        before = self._store.at(number)
+        told = before.status == "deadline"
         if isinstance(outcome, Exception):
             said = str(outcome) if isinstance(outcome, BadInput) else f"{type(outcome).__name__}: {outcome}"
-            return self._store.end(number, "failed", None, message=said)
-        result = plain(outcome.to_json()) | {"job": self._store.at(number).job}
-        return self._store.end(number, outcome.status, result, message=outcome.message)
+            ended = self._store.end(number, "deadline" if told else "failed", None, message=said)
+        else:
+            status = "deadline" if told else outcome.status
+            result = plain(outcome.to_json()) | {"job": before.job, "status": status, "solved": status == "solved"}
+            ended = self._store.end(number, status, result, message=outcome.message)
+        return None if told else state_of(ended)
 
 
 def state_of(job: Summary, at: float | None = None) -> JobState:

@@ -38,11 +38,14 @@ _SLOW_AT_ONCE = 8
 _MOST_WAITING = 1000  # requests
 
 
-def coordinate(berth: Berth, told: Mapping[str, Any]) -> None:
-    """Be the coordinator of a cluster, started as ``told`` (see `coordinator.launcher.ServiceOptions`)."""
+def coordinate(berth: Berth, told: Mapping[str, Any], first: bool) -> None:
+    """Be the coordinator of a cluster, started as ``told`` (see `coordinator.launcher.ServiceOptions`).
+
+    Only the ``first`` one knows how the nodes are linked.
+    """
     url = told["database"] or f"sqlite:///{Path(told['state']) / 'jobs.sqlite'}"
     cells = topologies.parse(berth.topology).cells
-    staff = partial(Staff, topology=berth.topology, max_queue=told["max_queue"])
+    staff = partial(Staff, topology=berth.topology, wired=first, max_queue=told["max_queue"])
     run(berth, Options(cells, url, tuple(told["allow_modules"])), staff)
 
 
@@ -50,20 +53,32 @@ class Staff(Dispatcher):
     """The dispatcher of a cluster whose dead are replaced."""
 
     def __init__(
-        self, session: zenoh.Session, keys: Keys, nodes: int, hooks: Hooks, *, topology: str, max_queue: int | None
+        self,
+        session: zenoh.Session,
+        keys: Keys,
+        nodes: int,
+        hooks: Hooks,
+        *,
+        topology: str,
+        wired: bool,
+        max_queue: int | None,
     ) -> None:
         self._number = nodes
-        self._roster = Roster(session, keys, self.replaced)
         super().__init__(
             session,
             keys,
             topology,
+            wired=wired,
             hooks=hooks,
-            cpu_seconds=self._roster.cpu_seconds,
+            cpu_seconds=self._cpu_seconds,
             replaces=True,
             max_queue=max_queue,
             first_wiring=time.time_ns() // 1_000_000,  # no coordinator before this one has come so far
         )
+        self._roster = Roster(session, keys, self.replaced)
+
+    def _cpu_seconds(self) -> dict[str, float]:
+        return self._roster.cpu_seconds()
 
     def nodes(self) -> list[dict[str, Any]]:
         """Each node, as `status` shows it."""

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, fields
 from typing import Any
 
-from sqlalchemy import Select, delete, func, select
+from sqlalchemy import Select, and_, delete, func, or_, select
 from sqlalchemy.orm import Session, undefer
 
 from coordinator.database import Database, StoreFailed
@@ -61,7 +61,8 @@ class Summary:
         job: the id.
         number: its place in the order of coming.
         fitness: of the best verified answer, if there is a finite one.
-        submitted: Unix time, seconds; ``started`` and ``ended`` too.
+        submitted: Unix time, seconds; ``started`` and ``ended`` too. A job ends at its deadline for all who wait for
+            its answer; it has ``ended`` when its nodes have stopped and its result is here.
         message: why it failed, or what else there is to say.
         nodes: which it has, or had, in the order of its cells.
     """
@@ -217,7 +218,7 @@ class Store:
             return _summary(row)
 
     def end(self, number: int, status: str, result: dict[str, Any] | None, *, message: str | None = None) -> Summary:
-        """A job ends, with a result unless something broke.
+        """A job ends, with a result unless something broke. One whose deadline has passed is in that state already.
 
         Raises:
             WrongTransition: if it has ended before, or this is no end.
@@ -225,12 +226,15 @@ class Store:
         if state_of(status) not in ENDS:
             raise WrongTransition(f"{status!r} is no end")
         with self._writing() as session:
-            summary = self.change(number, status, message=message)
-            if result is None:
-                return summary
             row = _get(session, number)
-            row.result_json = json.dumps(result)
-            row.fitness = result.get("fitness", row.fitness)
+            if not (status == row.status == "deadline" and row.ended is None):
+                self.change(number, status)
+            row.ended = row.ended or time.time()
+            if message is not None:
+                row.message = _storable(message)
+            if result is not None:
+                row.result_json = json.dumps(result)
+                row.fitness = result.get("fitness", row.fitness)
             return _summary(row)
 
     def note_best(self, number: int, fitness: float | None, best: dict[str, Any]) -> None:
@@ -262,9 +266,11 @@ class Store:
 
     # Reading ----------------------------------------------------------------------------------------------------------
     def unended(self) -> list[Stored]:
-        """All jobs that have not ended, in the order of coming."""
+        """All jobs that have not ended, in the order of coming; also those whose nodes stop, after the deadline."""
         with self._reading() as session:
-            rows = session.scalars(_whole().where(JobRow.status.not_in(ENDS)).order_by(JobRow.number))
+            draining = and_(JobRow.status == "deadline", JobRow.ended.is_(None))
+            found = _whole().where(or_(JobRow.status.not_in(ENDS), draining)).order_by(JobRow.number)
+            rows = session.scalars(found)
             return [_stored(session, row) for row in rows]
 
     def newest(self, limit: int | None = None) -> list[Summary]:
@@ -356,7 +362,7 @@ def _change(session: Session, row: JobRow, status: str, at: float) -> None:
         row.started = at
     elif state == "queued":
         row.started, row.nodes_json = None, "[]"
-    elif state in ENDS:
+    elif state in ENDS and state != "deadline":  # then nodes stop first; see `Store.end`
         row.ended = at
     session.add(TransitionRow(number=row.number, status=state, at=at))
 

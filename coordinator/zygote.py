@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from node.berth import Berth
 
 _PR_SET_PDEATHSIG = 1
+_PR_SET_NAME = 15  # at most 15 bytes of it
 _DOWN = 100  # the exit status of a coordinator that was told to end the cluster
 _LATELY = 60.0  # seconds
 _MOST_DEATHS = 20  # more than each process once: something is wrong that no new process mends
@@ -95,7 +96,7 @@ class Zygote:
         for node in range(topologies.parse(self.topology).cells):
             self._fork(f"node {node}", partial(self._node, node, self.topology))
         if self.service is not None:
-            self._fork("coordinator", self._coordinate)
+            self._fork("coordinator", partial(self._coordinate, first=True))
         _tell({"processes": {name: process for process, name in self.children.items()}})
         while not (_at_end(sys.stdin.fileno()) or self._one_died()):
             signal.sigwait(_WAKING)
@@ -136,11 +137,11 @@ class Zygote:
     def _node(self, node: int, topology: str) -> None:
         self._node_live(self._berth(node, topology))
 
-    def _coordinate(self) -> None:
+    def _coordinate(self, first: bool = False) -> None:
         from coordinator.service import coordinate
 
         assert self.service is not None, "only for a cluster that stays up"
-        coordinate(self._berth(0, self.topology), self.service)
+        coordinate(self._berth(0, self.topology), self.service, first)
         os._exit(_DOWN)
 
     def _berth(self, node: int, topology: str = "") -> "Berth":
@@ -156,7 +157,7 @@ class Zygote:
             self.children[process] = name
             return
         try:
-            _be_a_child(parent)
+            _be_a_child(parent, name)
             live()
         except BaseException as error:
             sys.stderr.write(f"{name}: {type(error).__name__}: {error}\n")
@@ -206,8 +207,9 @@ class Zygote:
         shutil.rmtree(self.folder, ignore_errors=True)
 
 
-def _be_a_child(parent: int) -> None:
-    """Die with the zygote, take signals as any process does, and leave its pipes alone."""
+def _be_a_child(parent: int, name: str) -> None:
+    """Die with the zygote, take signals as any process does, leave its pipes alone, and be known by name to `ps`."""
+    _LIBC.prctl(_PR_SET_NAME, f"sn {name}".encode())
     _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     if os.getppid() != parent:
         os._exit(1)

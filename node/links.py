@@ -9,6 +9,7 @@ what comes by both ways the cell ignores once.
 
 import contextlib
 import threading
+import time
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -24,6 +25,7 @@ from wire.control import Wiring
 _DIRECT_WITHIN = 30.0  # seconds that a direct link may take to come up; a thousand nodes start in a third of it
 
 _ROUTED_WITHIN = 90.0
+_LOOK_EVERY = 0.05  # seconds
 
 Hear = Callable[[int, zenoh.Sample], None]
 """Called on Zenoh's thread with the sender's cell and its message."""
@@ -40,6 +42,7 @@ class Links:
         control: the session through the router.
         hear: takes a neighbour's message.
         later: runs a task on the main thread: on Zenoh's thread nothing may be declared.
+        given_up: whether nobody wants these links any more, which ends the waiting for neighbours: one may have died.
 
     Attributes:
         cell: where this node lives.
@@ -54,6 +57,7 @@ class Links:
         control: zenoh.Session,
         hear: Hear,
         later: Callable[[Task], None],
+        given_up: Callable[[], bool] = lambda: False,
     ) -> None:
         self.keys = berth.keys
         self.node = berth.node
@@ -64,6 +68,7 @@ class Links:
         self.neighbours = tuple(dict.fromkeys(other for other in slots if other != self.cell))
         self._hear = hear
         self._later = later
+        self._given_up = given_up
         self._changed = threading.Condition()
         self._linked: set[int] = set()  # the neighbours with a direct link
         self._routed: dict[int, Any] = {}  # the others, with their subscribers
@@ -72,7 +77,11 @@ class Links:
         self._closed = False
         self._open(berth)
         self.publish: Callable[[bytes], None] = self._out.put
-        self._wait()
+        try:
+            self._wait()
+        except TimeoutError:
+            self.close()
+            raise
 
     def leads_to(self, topology: Topology, wiring: Wiring) -> bool:
         """Whether these are the links that such a job wants."""
@@ -127,15 +136,28 @@ class Links:
         Raises:
             TimeoutError: if one is not heard by that either.
         """
-        with self._changed:
-            if self._changed.wait_for(lambda: len(self._linked) == len(self.neighbours), _DIRECT_WITHIN):
-                return
+        everybody = set(self.neighbours)
+        if self._are_there(lambda: self._linked == everybody, _DIRECT_WITHIN):
+            return
         self._reroute()
+        if not self._are_there(lambda: self._linked | self._listening >= everybody, _ROUTED_WITHIN):
+            missing = sorted(everybody - self._linked - self._listening)
+            raise TimeoutError(f"no link to cells {', '.join(map(str, missing))}")
+
+    def _are_there(self, condition: Callable[[], bool], seconds: float) -> bool:
+        """Whether the neighbours are linked in time.
+
+        Raises:
+            TimeoutError: if the links are given up.
+        """
+        until = time.monotonic() + seconds
         with self._changed:
-            everybody = set(self.neighbours)
-            if not self._changed.wait_for(lambda: self._linked | self._listening >= everybody, _ROUTED_WITHIN):
-                missing = sorted(everybody - self._linked - self._listening)
-                raise TimeoutError(f"no link to cells {', '.join(map(str, missing))}")
+            while not self._changed.wait_for(condition, _LOOK_EVERY):
+                if self._given_up():
+                    raise TimeoutError("other links are wanted by now")
+                if time.monotonic() >= until:
+                    return False
+        return True
 
     def _reroute(self) -> None:
         """Hear exactly those through the router who have no direct link."""

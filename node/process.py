@@ -164,6 +164,7 @@ class NodeProcess:
         self.past: _Assignment | None = None  # the world before, which neighbours may still be at
         self.assignment: _Assignment | None = None
         self.coming: _Coming | None = None
+        self._ordered: Prepare | Halt | Drop | None = None  # the latest that is for this node
         self._questions_due = 0.0
         self._stats_due = 0.0
         self._stats_period = 1.0
@@ -175,25 +176,39 @@ class NodeProcess:
             self.links = self._linked(topology, Wiring(0, tuple(range(topology.cells))))
         self._register()
 
-    def _linked(self, topology: Topology, wiring: Wiring) -> Links:
-        """The links that a job wants: those that there are, or new ones."""
+    def _linked(self, topology: Topology, wiring: Wiring, order: Prepare | None = None) -> Links:
+        """The links that a job wants: those that there are, or new ones, unless another order comes meanwhile."""
         if self.links is not None and self.links.leads_to(topology, wiring):
             return self.links
-        return Links(self.berth, topology, wiring, self.control, self._hear, self.mail.put)
+
+        def given_up() -> bool:
+            return order is not None and self._ordered is not order
+
+        return Links(self.berth, topology, wiring, self.control, self._hear, self.mail.put, given_up)
 
     def _register(self) -> None:
         """The token comes last, since it means ready."""
         node, session = self.berth.node, self.control
         self.stats = session.declare_publisher(self.keys.stats(node))
-        self._queryable = session.declare_queryable(
-            self.keys.control(node), direct(lambda query: self.mail.put(partial(self._open_command, query)))
-        )
+        self._queryable = session.declare_queryable(self.keys.control(node), direct(self._take_command))
         liveliness = session.liveliness()
         self._tokens = [
             liveliness.declare_token(key) for key in (self.keys.life(node, os.getpid()), self.keys.node(node))
         ]
 
     # On the network thread --------------------------------------------------------------------------------------------
+    def _take_command(self, query: zenoh.Query) -> None:
+        command: Command | Rejected
+        try:
+            command = control.decode(query.payload.to_bytes() if query.payload is not None else b"")
+        except Rejected as error:
+            command = error
+        if (isinstance(command, Prepare) and self.berth.node in command.wiring.nodes) or (
+            isinstance(command, Drop | Halt) and self._ordered is not None and command.job == self._ordered.job
+        ):
+            self._ordered = command
+        self.mail.put(partial(self._open_command, query, command))
+
     def _hear(self, sender: int, sample: zenoh.Sample) -> None:
         assignment = self.assignment
         if self.coming is not None:  # each cell takes what is meant for its world
@@ -288,14 +303,10 @@ class NodeProcess:
             self._stats_due = now + self._stats_period
             self._tell_counters(assignment.cell)
 
-    def _open_command(self, query: zenoh.Query) -> None:
-        payload = query.payload.to_bytes() if query.payload is not None else b""
-        try:
-            command = control.decode(payload)
-        except Rejected as error:
-            _answer(query, Refused(f"node {self.berth.node}: bad command: {error.reason}"))
-            return None
-        if isinstance(command, Prepare):
+    def _open_command(self, query: zenoh.Query, command: Command | Rejected) -> None:
+        if isinstance(command, Rejected):
+            _answer(query, Refused(f"node {self.berth.node}: bad command: {command.reason}"))
+        elif isinstance(command, Prepare):
             if self.berth.node in command.wiring.nodes:
                 _answer(query, self._prepare(command))
             else:
@@ -316,7 +327,7 @@ class NodeProcess:
 
     def _show_up(self, command: Look, query: zenoh.Query) -> None:
         if self.assignment is not None and self.assignment.job == command.job:
-            _answer(query, Done(json.dumps(self.assignment.cell.cell)))
+            _answer(query, Done(json.dumps({"cell": self.assignment.cell.cell, "versions": fingerprint()})))
         else:
             self._leave(query)
 
@@ -341,14 +352,14 @@ class NodeProcess:
 
     def _prepare(self, command: Prepare) -> Done | Refused:
         """A first world is ready to begin; a later one comes after the one that this node is at."""
-        goes_on = self.assignment is not None and self.assignment.job == command.job and not command.deme
+        goes_on = self._has_lived_before(command) and not command.deme
         if not goes_on and self.assignment is not None:
             self._forget(self.assignment.job)
         self.coming = None
         self._leave_the_past()  # nobody is at it any more, when another world is prepared
         try:
             plan = Plan.of(ProblemFile.from_json(command.file), command.world, checked=True)
-            links = self._linked(plan.topology, command.wiring)
+            links = self._linked(plan.topology, command.wiring, command)
             cell = None if goes_on or command.deme else Cell(plan, links.cell, command.job)
         except BadInput as error:
             return Refused(str(error), "input")
@@ -360,6 +371,13 @@ class NodeProcess:
         else:
             self.assignment = _Assignment(cell, links)
         return Done(json.dumps(fingerprint()))
+
+    def _has_lived_before(self, command: Prepare) -> bool:
+        """In an earlier world of that job; told again to prepare for its first one, this node begins from there."""
+        assignment = self.assignment
+        if assignment is None or assignment.job != command.job:
+            return False
+        return assignment.world < command.world and assignment.cell.state != "prepared"
 
     def _keep(self, links: Links) -> None:
         """From now on these; those before serve a world that has not stopped yet, or nobody."""
@@ -381,6 +399,8 @@ class NodeProcess:
             if assignment.cell.state == "prepared":
                 self._start(assignment, Start())
             self._answer_with_report(assignment, query)
+        elif self.past is not None and (self.past.job, self.past.world) == (command.job, command.world):
+            self._answer_with_report(self.past, query)  # the one before may have been lost
         else:
             self._leave(query)
 

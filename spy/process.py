@@ -33,7 +33,7 @@ from wire.strict import Rejected
 
 STATISTICS_PERIOD = 0.5  # seconds
 
-_LINKED_WITHIN = 90.0  # seconds; the root is there before it is said to be
+_LINKED_WITHIN = 5.0  # seconds; the root is there before it is said to be, unless it has died, when others wait
 
 
 def watch(berth: Berth) -> None:
@@ -227,7 +227,7 @@ class SpyProcess:
             return Refused("that is a command for nodes")
         assignment = self.assignments.get(command.job)
         if assignment is None or command.world != assignment.plan.world:
-            return Refused(f"the spy is not at job {command.job}, world {command.world}")
+            return Refused(f"the spy is not at job {command.job}, world {command.world}", "stranger")
         if isinstance(command, Finish):
             return self._finish(assignment, command)
         self._listen_to(assignment)

@@ -115,6 +115,11 @@ def stopped_after(reports: Sequence[Report]) -> int:
     return statistics.median_low(report.generation for report in reports)
 
 
+def lived_for(reports: Sequence[Report], halted: bool) -> int:
+    """Generations of a world. Where cells halted since one had died, the next world counts from the furthest."""
+    return max(report.generation for report in reports) if halted else stopped_after(reports)
+
+
 def stop_reasons(reports: Sequence[Report], mode: str) -> tuple[Reason, ...]:
     """Why the cells stopped: the reasons proposed for the generation of the stop (in async mode, all)."""
     if not reports:
@@ -147,7 +152,7 @@ def result_of(
         fitness=math.inf if best is None else best.fitness,
         solution=None if best is None else best.solution,
         found_at=None if best is None else _found_at(best, topology),
-        generations=sum(stopped_after(world.reports) for world in worlds if world.reports),
+        generations=sum(_generations(worlds)),
         evaluations=sum(report.evaluations for report in reports),
         seconds=round(clocks.seconds, 6),
         seconds_to_ready=round(clocks.seconds_to_ready, 6),
@@ -171,6 +176,12 @@ def result_of(
         words=judgement.words,
         demes=[report.deme for report in last],
     )
+
+
+def _generations(worlds: Sequence[Lived]) -> list[int]:
+    """Of each world, as far as anybody has told."""
+    halted = [after.why.get("do") == "replace" for after in worlds[1:]] + [False]
+    return [lived_for(each.reports, dead) if each.reports else 0 for each, dead in zip(worlds, halted, strict=True)]
 
 
 def _staleness(reports: Sequence[Report]) -> dict[str, float] | None:
@@ -206,9 +217,8 @@ def _found_at(best: Improvement, topology: Topology) -> dict[str, Any]:
 def _directives(worlds: Sequence[Lived]) -> list[dict[str, Any]]:
     """What came from outside and when: how each world followed the one before, and who stopped the last one."""
     directives: list[dict[str, Any]] = []
-    for before, world in itertools.pairwise(worlds):
-        stopped = stopped_after(before.reports) if before.reports else 0
-        directives.append({"world": world.number, "generation": stopped, **world.why})
+    for generations, world in zip(_generations(worlds), worlds[1:], strict=False):
+        directives.append({"world": world.number, "generation": generations, **world.why})
     for report in worlds[-1].reports:
         directives += [_directive(each) for each in report.proposals if each.reason in ("deadline", "cancel")]
     return directives

@@ -343,8 +343,8 @@ class AsyncClientJob:
     def _is_answered(self) -> bool:
         """Whether the job has ended, or waits in the world that the last update made, not still in the one before."""
         trail = self._trail
-        if trail.end is not None or trail.status != WAITING:
-            return trail.end is not None
+        if trail.status != WAITING:
+            return trail.answered
         begun = trail.begun > self._begun or trail.best(self._world) is not None
         return self._world == 0 or begun or self._client.now() >= self._patient_until
 

@@ -24,6 +24,7 @@ WAITING = "waiting"
 """The state of a job that has its answer and is kept alive for the next world."""
 
 LOOK_EVERY = 1.0  # seconds without news
+_RESULT_AFTER = 0.1  # seconds: nodes stop only after a deadline, and then there is a result
 
 
 class Trail:
@@ -33,6 +34,7 @@ class Trail:
         improvements: in order, each better than the one before or of a later world.
         status: the last one heard of.
         begun: how often a world was heard to begin.
+        answered: whether there will be no better answer.
         end: the answer to `show` after the end.
         look_at: the time at which to ask for all there is to know, unless news comes before.
     """
@@ -43,6 +45,7 @@ class Trail:
         self.improvements: list[Improvement] = []
         self.status: str | None = None
         self.begun = 0
+        self.answered = False
         self.end: Mapping[str, Any] | None = None
         self.look_at = now
         self.looking: asyncio.Task[None] | None = None
@@ -98,9 +101,10 @@ class Trail:
         if best is not None:
             self._add(best)
         self.status = str(view["status"])
-        if self.status in ENDED:
+        self.answered = self.status in ENDED
+        if _is_over(view):
             self.end = view
-        self.look_at = now + LOOK_EVERY
+        self.look_at = now + (LOOK_EVERY if self.status not in ENDED else _RESULT_AFTER)
         self.wake()
 
     def best(self, world: int) -> Improvement | None:
@@ -119,6 +123,12 @@ class Trail:
     def _add(self, better: Improvement) -> None:
         if not self.improvements or _order(better) > _order(self.improvements[-1]):
             self.improvements.append(better)
+
+
+def _is_over(view: Mapping[str, Any]) -> bool:
+    """Whether nothing more will be known of the job: after a deadline its nodes have still to stop."""
+    draining = view["status"] == "deadline" and view.get("result") is None and view.get("ended") is None
+    return view["status"] in ENDED and not draining
 
 
 def _order(better: Improvement) -> tuple[int, float]:

@@ -142,7 +142,12 @@ class Done:
 
 @dataclass(frozen=True)
 class Refused:
-    """The command was not carried out; ``blame`` is "input" if the user's input is at fault, else "failure"."""
+    """The command was not carried out.
+
+    Attributes:
+        blame: "input" if the user's input is at fault; "stranger" if it is about a job that this process, being
+            younger, has never heard of; else "failure".
+    """
 
     message: str
     blame: str = "failure"
