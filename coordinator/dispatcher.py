@@ -5,7 +5,7 @@ What happens to a job is told to `Hooks`, which keep it or pass it on; a `LocalC
 
 import itertools
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import zenoh
@@ -13,6 +13,7 @@ import zenoh
 import topologies
 from coordinator.conductor import Conductor
 from coordinator.errors import ClusterFailed
+from coordinator.homes import Homes
 from coordinator.hooks import Hooks
 from coordinator.job import Failure, JobEntry, Order, Placing, Replaced
 from coordinator.scheduler import Placed, Scheduler
@@ -52,6 +53,7 @@ class Dispatcher:
         replaces: whether dead processes are replaced.
         max_queue: how many jobs may wait.
         first_wiring: a number that no wiring of these nodes has had.
+        expected: for a cluster whose nodes `join`, how many at least; then ``topology`` says nothing.
     """
 
     def __init__(
@@ -66,6 +68,7 @@ class Dispatcher:
         replaces: bool = False,
         max_queue: int | None = None,
         first_wiring: int = 1,
+        expected: int | None = None,
     ) -> None:
         self.session = session
         self.keys = keys
@@ -78,10 +81,15 @@ class Dispatcher:
         self.jobs: dict[int, JobEntry] = {}  # those that have not ended
         self._lock = threading.RLock()
         self._failure: str | None = None
-        nodes = tuple(range(topologies.parse(topology).cells))
-        self._scheduler = Scheduler(len(nodes), max_queue)
-        self._scheduler.wired(nodes, topology)
-        self._wirings: dict[int, tuple[str, Wiring]] = dict.fromkeys(nodes, (topology, Wiring(0, nodes)))  # by node
+        self._homes = Homes()
+        self._wirings: dict[int, tuple[str, Wiring]] = {}  # by node
+        if expected is None:
+            nodes = tuple(range(topologies.parse(topology).cells))
+            self._scheduler = Scheduler(len(nodes), max_queue)
+            self._scheduler.wired(nodes, topology)
+            self._note(topology, Wiring(0, nodes))
+        else:
+            self._scheduler = Scheduler(expected, max_queue, joining=True)
         self._numbers = itertools.count(first_wiring)
         self._threads: dict[int, threading.Thread] = {}
 
@@ -117,7 +125,7 @@ class Dispatcher:
         with self._lock:
             topology = placing.file.run.topology
             self._scheduler.occupy(order.number, placing.nodes, topology)
-            self._note(topology, Wiring(placing.wiring, placing.nodes))
+            self._note(topology, self._homes.wiring(placing.wiring, placing.nodes))
             self.jobs[order.number] = job
         self._conduct(job, placing.nodes, placing)
         return job
@@ -181,6 +189,21 @@ class Dispatcher:
                 if nodes is not None and (node is None or node in nodes):
                     job.mail.put(Replaced(node))
 
+    def joined(self, node: int) -> None:
+        """There is another node. Harmless if it is there already."""
+        with self._lock:
+            self._scheduler.join([node])
+        self._start()
+
+    def left(self, nodes: Iterable[int], why: str) -> None:
+        """Nodes are gone that nothing replaces: the jobs that live on one of them fail."""
+        with self._lock:
+            self._homes.leave(nodes)
+            for node in nodes:
+                self._wirings.pop(node, None)
+            for number in self._scheduler.leave(nodes):
+                self.jobs[number].mail.put(Failure(why))
+
     def wait(self) -> None:
         """Until every job has ended."""
         while self._threads:
@@ -195,7 +218,7 @@ class Dispatcher:
             for spec, wiring in [each for each in known if each is not None]:
                 if len(known) == 1 and not fresh and spec == topology and wiring.nodes == nodes:
                     return wiring
-            wiring = Wiring(next(self._numbers), nodes)
+            wiring = self._homes.wiring(next(self._numbers), nodes)
             self._note(topology, wiring)
             return wiring
 

@@ -190,7 +190,8 @@ class NodeProcess:
         )
         liveliness = session.liveliness()
         self._tokens = [
-            liveliness.declare_token(key) for key in (self.keys.life(node, os.getpid()), self.keys.node(node))
+            liveliness.declare_token(key)
+            for key in (self.keys.life(node, os.getpid(), self.berth.host), self.keys.node(node))
         ]
 
     # On the network thread --------------------------------------------------------------------------------------------
@@ -341,7 +342,12 @@ class NodeProcess:
 
     def _prepare(self, command: Prepare) -> Done | Refused:
         """A first world is ready to begin; a later one comes after the one that this node is at."""
-        goes_on = self.assignment is not None and self.assignment.job == command.job and not command.deme
+        goes_on = (
+            self.assignment is not None
+            and self.assignment.job == command.job
+            and command.world > 0  # else it starts over
+            and not command.deme
+        )
         if not goes_on and self.assignment is not None:
             self._forget(self.assignment.job)
         self.coming = None
