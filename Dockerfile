@@ -16,18 +16,19 @@ COPY . /src/
 RUN pip install --no-deps /src
 # Kernels for any processor of this architecture, so that all containers compute the same bits and none compiles.
 # The cache knows sources by their times, and layers keep whole seconds only.
-ENV NUMBA_CACHE_DIR=/opt/supernode/kernels NUMBA_CPU_NAME=generic
+ENV NUMBA_CACHE_DIR=/opt/kernels NUMBA_CPU_NAME=generic
 RUN find /opt/supernode -name '*.py' -exec touch --date=@946684800 {} + \
     && python -c 'from problems.registry import kernels; print("node.generation", *kernels(), sep="\n")' > /src/kernels \
     && xargs -n 1 -P "$(nproc)" python -c 'import importlib, sys; importlib.import_module(sys.argv[1])' < /src/kernels \
-    && python -c 'from coordinator.zygote import import_all; import_all()' \
-    && chmod -R a+rX /opt/supernode
+    && python -c 'from coordinator.zygote import import_all; import_all()'
 
 FROM python:${PYTHON}-slim
 RUN useradd --system --uid 10001 --create-home supernode \
     && install --directory --owner=supernode --mode=0700 /var/lib/supernode
 COPY --from=build /opt/supernode /opt/supernode
-ENV PATH=/opt/supernode/bin:$PATH NUMBA_CACHE_DIR=/opt/supernode/kernels NUMBA_CPU_NAME=generic
+# Numba reads a cache only where it could write one.
+COPY --from=build --chown=supernode /opt/kernels /opt/kernels
+ENV PATH=/opt/supernode/bin:$PATH NUMBA_CACHE_DIR=/opt/kernels NUMBA_CPU_NAME=generic
 USER supernode
 WORKDIR /home/supernode
 VOLUME /var/lib/supernode

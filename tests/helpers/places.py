@@ -31,23 +31,26 @@ def free_port():
 
 
 class Places:
-    """A router, a coordinator, a spy and hosts of nodes, configured by the environment."""
+    """A router, a coordinator, a spy and hosts of nodes, configured by the environment; nothing yet if for no nodes."""
 
     def __init__(self, folder, nodes):
         self.endpoint = f"tcp/127.0.0.1:{free_port()}"
         self.processes = {}
         self.folder = Path(folder)
-        self.start("router", LISTEN=self.endpoint)
-        self.start("coordinator", NODES=nodes, STATE=folder)
-        self.start("spy")
+        if nodes is not None:
+            self.start("router", LISTEN=self.endpoint)
+            self.start("coordinator", NODES=nodes, STATE=folder)
+            self.start("spy")
 
     def start(self, name, command=None, prefix=(), **settings):
         """A process called ``name`` that runs ``command``, by default the one of that name."""
         words = {"CONNECT": self.endpoint} | settings
         variables = {f"SUPERNODE_{key}": str(value) for key, value in words.items()}
-        arguments = [*prefix, sys.executable, "-m", "supernode", *(command or [name])]
+        return self.run(name, command or [name], variables, prefix)
+
+    def run(self, name, command, variables, prefix=()):
         self.processes[name] = subprocess.Popen(
-            arguments,
+            [*prefix, sys.executable, "-m", "supernode", *command],
             env=os.environ | {"PYTHONPATH": str(ROOT)} | variables,
             preexec_fn=die_with_the_test,
             cwd=self.folder,
