@@ -77,7 +77,7 @@ def test_the_services_as_plain_processes_solve_a_job():
             result = client.submit(supernode.load(ROOT / "examples" / "arm-ik.toml")).result(100)
         for name, variables in dict(started).items():
             until(lambda name=name, variables=variables: is_healthy(SERVICES[name], variables, cluster.endpoint))
-    assert (result["status"], result["nodes"]) == ("solved", 16)
+    assert (result.status, result.nodes) == ("solved", 16)
 
 
 def is_healthy(described, variables, endpoint):
