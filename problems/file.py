@@ -12,7 +12,7 @@ from pydantic import ValidationError
 
 from problems import registry
 from problems.errors import BadInput, first_line, shorten
-from problems.problem import Problem
+from problems.problem import CHECKED, Problem
 from problems.run import Run
 
 
@@ -87,8 +87,10 @@ class ProblemFile:
                 f"{self.name}: the update would change how individuals are coded; submit another job instead"
             )
 
-    def problem(self) -> Problem:
+    def problem(self, *, checked: bool = False) -> Problem:
         """The problem itself, for the recipe and deme of the run.
+
+        If it was ``checked`` by another process, it need not do again what costs time.
 
         Raises:
             BadInput: names this file and the field that is wrong.
@@ -98,7 +100,8 @@ class ProblemFile:
         except BadInput as error:
             raise BadInput(f"{self.name}: {error}") from error
         try:
-            problem = model.model_validate_json(json.dumps(self.fields), strict=True)
+            context = CHECKED if checked else None
+            problem = model.model_validate_json(json.dumps(self.fields), strict=True, context=context)
         except ValidationError as error:
             raise first_line(error, model, self.name) from error
         except Exception as error:  # from a user's class, which may be abstract or raise as it likes

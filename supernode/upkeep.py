@@ -4,6 +4,7 @@ This process is the cluster's lifeline: when it ends, however it ends, every pro
 """
 
 import argparse
+import importlib.util
 import os
 import queue
 import secrets
@@ -42,6 +43,8 @@ def wish_of(options: argparse.Namespace) -> Wish:
     Raises:
         BadInput: if one is wrong.
     """
+    if importlib.util.find_spec("sqlalchemy") is None:
+        raise BadInput("up: expected sqlalchemy to be installed: pip install 'supernode[service]'")
     for endpoint in options.listen:
         Place.at(endpoint, "--listen")
     if options.max_queue is not None and options.max_queue < 0:
