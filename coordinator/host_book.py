@@ -52,7 +52,8 @@ class HostBook:
         self._came = came
         self._left = left
         self._hosts: dict[str, Host] = {}  # by id; their nodes are disjoint
-        self._away: dict[str, float] = {}  # when it is too late to come again, on the monotonic clock
+        self._present: set[str] = set()  # those whose token is there
+        self._away: dict[str, float] = {}  # the others: when it is too late to come again, on the monotonic clock
         self._mail: queue.SimpleQueue[zenoh.Query | _Seen] = queue.SimpleQueue()
         self._ask_all()
         self._declared = [
@@ -76,6 +77,8 @@ class HostBook:
     def _note(self, host: Host) -> None:
         if host.nodes:
             self._hosts[host.id] = host
+            if host.id not in self._present:
+                self._away[host.id] = time.monotonic() + LEFT_AFTER
             self._came(host)
 
     def _see(self, sample: zenoh.Sample) -> None:
@@ -102,9 +105,12 @@ class HostBook:
 
     def _notice(self, seen: _Seen) -> None:
         if seen.here:
+            self._present.add(seen.id)
             self._away.pop(seen.id, None)
-        elif seen.id in self._hosts:
-            self._away[seen.id] = time.monotonic() + LEFT_AFTER
+        else:
+            self._present.discard(seen.id)
+            if seen.id in self._hosts:
+                self._away[seen.id] = time.monotonic() + LEFT_AFTER
 
     def _give_up_those_away(self) -> None:
         now = time.monotonic()
