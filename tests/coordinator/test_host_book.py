@@ -78,9 +78,11 @@ class Room:
 
 @pytest.fixture
 def room():
-    with tempfile.TemporaryDirectory(dir="/dev/shm") as folder:
-        with contextlib.closing(Room(sessions.unix_socket(Path(folder), "r"))) as room:
-            yield room
+    with (
+        tempfile.TemporaryDirectory(dir="/dev/shm") as folder,
+        contextlib.closing(Room(sessions.unix_socket(Path(folder), "r"))) as room,
+    ):
+        yield room
 
 
 def test_each_gets_the_lowest_numbers_that_nobody_has_and_the_same_when_it_asks_again(room):

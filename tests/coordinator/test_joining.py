@@ -4,6 +4,7 @@ import contextlib
 import hashlib
 import os
 import signal
+from pathlib import Path
 
 import pytest
 from places import ROOT, free_port, places, until
@@ -123,5 +124,4 @@ def test_a_second_host_of_the_same_name_is_not_let_in(capfd):
 
 
 def _parent(process):
-    with open(f"/proc/{process}/stat") as status:
-        return int(status.read().rpartition(")")[2].split()[1])
+    return int(Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[1])

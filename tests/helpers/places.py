@@ -1,7 +1,6 @@
 """A cluster whose processes live in several places, each started by its command, all on this machine."""
 
 import contextlib
-import ctypes
 import os
 import signal
 import socket
@@ -18,10 +17,7 @@ from supernode.whereabouts import Place
 
 ROOT = Path(__file__).resolve().parents[2]
 PATIENCE = 60.0  # seconds
-
-
-def die_with_the_test():
-    ctypes.CDLL(None).prctl(1, signal.SIGKILL)
+DYING_WITH_THE_TEST = ("setpriv", "--pdeathsig", "KILL")
 
 
 def free_port():
@@ -50,9 +46,8 @@ class Places:
 
     def run(self, name, command, variables, prefix=()):
         self.processes[name] = subprocess.Popen(
-            [*prefix, sys.executable, "-m", "supernode", *command],
+            [*prefix, *DYING_WITH_THE_TEST, sys.executable, "-m", "supernode", *command],
             env=os.environ | {"PYTHONPATH": str(ROOT)} | variables,
-            preexec_fn=die_with_the_test,
             cwd=self.folder,
         )
         return self.processes[name]
