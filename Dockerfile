@@ -2,7 +2,7 @@
 ARG PYTHON=3.11
 FROM python:${PYTHON}-slim AS build
 
-ENV PIP_NO_CACHE_DIR=1 PIP_DISABLE_PIP_VERSION_CHECK=1 PYTHONDONTWRITEBYTECODE=1
+ENV PIP_NO_CACHE_DIR=1 PIP_DISABLE_PIP_VERSION_CHECK=1
 RUN python -m venv /opt/supernode
 ENV PATH=/opt/supernode/bin:$PATH
 COPY pyproject.toml README.md LICENSE /src/
@@ -11,13 +11,15 @@ RUN python -c "import tomllib; project = tomllib.load(open('/src/pyproject.toml'
       more = project['optional-dependencies']; \
       print(*project['dependencies'], *more['service'], *more['postgres'], *more['dynamics'], *more['mesh'], sep='\n')" \
       > /src/requirements.txt \
-    && pip install --requirement /src/requirements.txt
+    && pip install --requirement /src/requirements.txt \
+    && touch /src/libraries
 COPY . /src/
-RUN pip install --no-deps /src
 # Kernels for any processor of this architecture, so that all containers compute the same bits and none compiles.
 # The cache knows sources by their times, and layers keep whole seconds only.
 ENV NUMBA_CACHE_DIR=/opt/kernels NUMBA_CPU_NAME=generic
-RUN find /opt/supernode -name '*.py' -exec touch --date=@946684800 {} + \
+RUN pip install --no-deps --no-compile /src \
+    && find /opt/supernode -name '*.py' -newer /src/libraries \
+      -exec touch --date=@946684800 {} + -exec python -m compileall -q {} + \
     && python -c 'from problems.registry import kernels; print("node.generation", *kernels(), sep="\n")' > /src/kernels \
     && xargs -n 1 -P "$(nproc)" python -c 'import importlib, sys; importlib.import_module(sys.argv[1])' < /src/kernels \
     && python -c 'from coordinator.zygote import import_all; import_all()'
