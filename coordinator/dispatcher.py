@@ -6,7 +6,7 @@ What happens to a job is told to `Hooks`, which keep it or pass it on; a `LocalC
 import contextlib
 import itertools
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import zenoh
@@ -15,6 +15,7 @@ import topologies
 from coordinator.alarms import Alarms
 from coordinator.conductor import Conductor
 from coordinator.errors import ClusterFailed
+from coordinator.homes import Homes
 from coordinator.hooks import Hooks
 from coordinator.job import Failure, JobEntry, Order, Placing, Replaced, Wish
 from coordinator.scheduler import Placed, Scheduler
@@ -56,6 +57,7 @@ class Dispatcher:
         replaces: whether dead processes are replaced.
         max_queue: how many jobs may wait.
         first_wiring: a number that no wiring of these nodes has had.
+        expected: for a cluster whose nodes `join`, how many at least; then ``topology`` says nothing.
     """
 
     def __init__(
@@ -71,6 +73,7 @@ class Dispatcher:
         replaces: bool = False,
         max_queue: int | None = None,
         first_wiring: int = 1,
+        expected: int | None = None,
     ) -> None:
         self.session = session
         self.keys = keys
@@ -83,10 +86,11 @@ class Dispatcher:
         self.jobs: dict[int, JobEntry] = {}  # those that have not ended
         self._lock = threading.RLock()
         self._failure: str | None = None
-        nodes = tuple(range(topologies.parse(topology).cells))
-        self._scheduler = Scheduler(len(nodes), max_queue)
+        self._homes = Homes()
         self._wirings: dict[int, tuple[str, Wiring]] = {}  # by node
-        if wired:
+        nodes = () if expected is not None else tuple(range(topologies.parse(topology).cells))
+        self._scheduler = Scheduler(expected or len(nodes), max_queue, joining=expected is not None)
+        if wired and nodes:
             self._scheduler.wired(nodes, topology)
             self._note(topology, Wiring(0, nodes))
         self._numbers = itertools.count(first_wiring)
@@ -131,7 +135,7 @@ class Dispatcher:
         with self._lock:
             topology = placing.file.run.topology
             self._scheduler.occupy(order.number, placing.nodes, topology)
-            self._note(topology, Wiring(placing.wiring, placing.nodes))
+            self._note(topology, self._homes.wiring(placing.wiring, placing.nodes))
             self.jobs[order.number] = job
         self._set_deadline(order)
         self._conduct(job, placing.nodes, placing)
@@ -213,6 +217,21 @@ class Dispatcher:
                 if nodes is not None and (node is None or node in nodes):
                     job.mail.put(Replaced(node))
 
+    def joined(self, node: int) -> None:
+        """There is another node. Harmless if it is there already."""
+        with self._lock:
+            self._scheduler.join([node])
+        self._start()
+
+    def left(self, nodes: Iterable[int], why: str) -> None:
+        """Nodes are gone that nothing replaces: the jobs that live on one of them fail."""
+        with self._lock:
+            self._homes.leave(nodes)
+            for node in nodes:
+                self._wirings.pop(node, None)
+            for number in self._scheduler.leave(nodes):
+                self.jobs[number].mail.put(Failure(why))
+
     def wait(self) -> None:
         """Until every job has ended."""
         while self._threads:
@@ -242,7 +261,7 @@ class Dispatcher:
             for spec, wiring in [each for each in known if each is not None]:
                 if len(known) == 1 and not fresh and spec == topology and wiring.nodes == nodes:
                     return wiring
-            wiring = Wiring(next(self._numbers), nodes)
+            wiring = self._homes.wiring(next(self._numbers), nodes)
             self._note(topology, wiring)
             return wiring
 

@@ -21,7 +21,7 @@ _IN_MEMORY = Path("/dev/shm")
 _END_WITHIN = 60.0  # seconds: a thousand processes are gone in three, but machines may be busy
 _YOUNG = 5.0  # seconds
 _LONGEST_HOME = 60  # bytes
-_ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
 
 @dataclass(frozen=True)
@@ -64,10 +64,8 @@ class Launcher:
         on_death: Callable[[str | None], None],
         service: ServiceOptions | None = None,
     ) -> None:
-        _remove_stale_folders()
-        self.folder = Path(tempfile.mkdtemp(prefix=_PREFIX, dir=_home()))
-        self._lock = _lock(self.folder)
-        assert self._lock is not None
+        self.folder, lock = make_folder()
+        self._lock: int | None = lock
         self.processes: dict[str, int] = {}
         self.started = threading.Event()
         self._on_death = on_death
@@ -78,8 +76,8 @@ class Launcher:
             [sys.executable, "-P", "-m", "coordinator.zygote", json.dumps(config)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
-            env=os.environ | _ONE_THREAD,
-            pass_fds=[self._lock],  # held by every process of the cluster: the folder is stale once none lives
+            env=os.environ | ONE_THREAD,
+            pass_fds=[lock],  # held by every process of the cluster: the folder is stale once none lives
             start_new_session=True,  # Ctrl-C is the caller's business
         )
         self._reader = threading.Thread(target=self._read, name="zygote reader", daemon=True)
@@ -128,6 +126,15 @@ class Launcher:
                 shutil.rmtree(self.folder, ignore_errors=True)
                 os.close(self._lock)
                 self._lock = None
+
+
+def make_folder() -> tuple[Path, int]:
+    """A private folder for Unix sockets, and an open descriptor that locks it for as long as a process has it."""
+    _remove_stale_folders()
+    folder = Path(tempfile.mkdtemp(prefix=_PREFIX, dir=_home()))
+    lock = _lock(folder)
+    assert lock is not None, "nobody knows it yet"
+    return folder, lock
 
 
 def _home() -> Path:

@@ -52,18 +52,25 @@ class Scheduler:
     """The queue and the nodes of one cluster.
 
     Args:
-        nodes: how many there are; they are numbered from 0.
+        nodes: how many there are, numbered from 0; or, if they are still to `join`, how many are expected at least.
         max_queue: how many jobs may wait for nodes, or None for any number.
+        joining: whether there are none yet.
     """
 
-    def __init__(self, nodes: int, max_queue: int | None = None) -> None:
-        self.nodes = nodes
+    def __init__(self, nodes: int, max_queue: int | None = None, *, joining: bool = False) -> None:
+        self._expected = nodes
+        self._here = set() if joining else set(range(nodes))
         self.max_queue = max_queue
         self._queue: list[_Waiting] = []
         self._busy: dict[int, tuple[int, ...]] = {}  # job to nodes
-        self._free = set(range(nodes))
+        self._free = set(self._here)
         self._wired: dict[int, _Wiring] = {}  # node to its latest wiring
         self._ages = itertools.count()
+
+    @property
+    def nodes(self) -> int:
+        """How many there are, or will be."""
+        return max(self._expected, len(self._here))
 
     @property
     def queued(self) -> tuple[int, ...]:
@@ -74,6 +81,11 @@ class Scheduler:
     def free_nodes(self) -> int:
         """How many nodes no job has."""
         return len(self._free)
+
+    @property
+    def here(self) -> tuple[int, ...]:
+        """The nodes that there are."""
+        return tuple(sorted(self._here))
 
     def nodes_of(self, number: int) -> tuple[int, ...] | None:
         """The nodes of a job that has some."""
@@ -125,7 +137,22 @@ class Scheduler:
 
     def free(self, number: int) -> None:
         """A job has ended: its nodes are free again, wired as they are. Harmless if it has none."""
-        self._free.update(self._busy.pop(number, ()))
+        self._free.update(self._here.intersection(self._busy.pop(number, ())))
+
+    def join(self, nodes: Iterable[int]) -> None:
+        """There are more nodes, or some are there again; they are linked to nobody. Harmless if they are there."""
+        new = set(nodes) - self._here
+        self._here |= new
+        self._free |= new - {node for busy in self._busy.values() for node in busy}
+
+    def leave(self, nodes: Iterable[int]) -> set[int]:
+        """These nodes are gone. The jobs that have one of them, which have to end."""
+        gone = set(nodes)
+        self._here -= gone
+        self._free -= gone
+        for node in gone:
+            self._wired.pop(node, None)
+        return {number for number, nodes in self._busy.items() if gone.intersection(nodes)}
 
     def occupy(self, number: int, nodes: Iterable[int], topology_spec: str | None = None) -> None:
         """A job was found running on these nodes, linked in this order as that topology if it is known.

@@ -82,7 +82,7 @@ class Staff(Dispatcher):
 
     def nodes(self) -> list[dict[str, Any]]:
         """Each node, as `status` shows it."""
-        return self._roster.nodes(self._number, self.job_on)
+        return self._roster.nodes(range(self._number), self.job_on)
 
     def close(self) -> None:
         """Leave the jobs to whoever comes next."""

@@ -17,6 +17,7 @@ class Berth:
         topology: who neighbours whom; empty for a node that takes the place of a dead one: a job will tell it.
         folder: a private folder for Unix sockets, the same for all nodes of one machine.
         router: the endpoint of the cluster's router.
+        host: names this start of the processes that share ``folder``, if the cluster's live in several places.
     """
 
     cluster: str
@@ -24,6 +25,7 @@ class Berth:
     topology: str
     folder: Path
     router: str
+    host: str = ""
 
     @property
     def keys(self) -> Keys:

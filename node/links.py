@@ -4,7 +4,8 @@ A session takes no further links once it is open, so another wiring is another s
 
 The data session is a peer with direct links to the neighbours only, so an exchange crosses no router. A neighbour whom
 no direct link reaches (it lives on another network) is heard through the router instead, for as long as that is so;
-what comes by both ways the cell ignores once.
+what comes by both ways the cell ignores once. Nodes on different hosts have direct links if both listen on a network;
+where there can be none nobody waits for one. The spy of such a cluster hears the root through the router too.
 """
 
 import contextlib
@@ -17,7 +18,7 @@ from typing import Any
 import zenoh
 
 from node.berth import Berth
-from topologies import Topology
+from topologies import ROOT, Topology
 from wire import sessions
 from wire.callbacks import direct, frequent
 from wire.control import Wiring
@@ -74,9 +75,11 @@ class Links:
         self._routed: dict[int, Any] = {}  # the others, with their subscribers
         self._listening: set[int] = set()  # those of them who say that they listen to the router
         self._routed_out: zenoh.Publisher | None = None
+        self._apart = frozenset(other for other in self.neighbours if self._way_to(berth, other) is None)
+        self._for_the_spy = self.cell == ROOT and bool(wiring.hosts)
+        self._patient = True  # as long as direct links may still come up
         self._closed = False
         self._open(berth)
-        self.publish: Callable[[bytes], None] = self._out.put
         try:
             self._wait()
         except TimeoutError:
@@ -101,10 +104,19 @@ class Links:
 
         A node declares its token after its subscriptions, on the same link: who sees the token may publish to it.
         """
-        node_of, number = self.wiring.nodes, self.wiring.number
-        there = [berth.data_endpoint(node_of[other], number) for other in sorted(self.neighbours) if other < self.cell]
-        self.data = sessions.peer(berth.data_endpoint(self.node, number), there)
+        node_of, endpoints = self.wiring.nodes, self.wiring.endpoints
+        here = [berth.data_endpoint(self.node, self.wiring.number)]
+        abroad = [endpoints[self.cell]] if endpoints and endpoints[self.cell] else []
+        ways = [self._way_to(berth, other) for other in sorted(self.neighbours) if other < self.cell]
+        there = [way for way in ways if way is not None]
+        try:
+            self.data = sessions.peer([*here, *abroad], there)
+        except zenoh.ZError:
+            if not abroad:
+                raise
+            self.data = sessions.peer(here, there)  # somebody else has that port: these links go by the router
         self._out = self.data.declare_publisher(self.keys.out(self.node))
+        self.publish: Callable[[bytes], None] = self._out.put
         self._subscribers = [self._subscribe(self.data, other) for other in self.neighbours]
         liveliness = self.data.liveliness()
         self._watchers = [
@@ -114,6 +126,14 @@ class Links:
             for other in self.neighbours
         ]
         self._token = liveliness.declare_token(self.keys.node(self.node))
+
+    def _way_to(self, berth: Berth, other: int) -> str | None:
+        """Where a neighbour listens to this node; None if there can be no direct link."""
+        hosts, endpoints = self.wiring.hosts, self.wiring.endpoints
+        if not hosts or hosts[other] == hosts[self.cell]:
+            return berth.data_endpoint(self.wiring.nodes[other], self.wiring.number)
+        both_listen = bool(endpoints) and bool(endpoints[self.cell]) and bool(endpoints[other])
+        return endpoints[other] if both_listen else None
 
     def _subscribe(self, session: zenoh.Session, sender: int) -> Any:
         return session.declare_subscriber(
@@ -136,10 +156,12 @@ class Links:
         Raises:
             TimeoutError: if one is not heard by that either.
         """
-        everybody = set(self.neighbours)
-        if self._are_there(lambda: self._linked == everybody, _DIRECT_WITHIN):
-            return
         self._reroute()
+        everybody = set(self.neighbours)
+        direct_ones = self._are_there(lambda: self._linked >= everybody - self._apart, _DIRECT_WITHIN)
+        self._patient = False
+        if not direct_ones:
+            self._reroute()
         if not self._are_there(lambda: self._linked | self._listening >= everybody, _ROUTED_WITHIN):
             missing = sorted(everybody - self._linked - self._listening)
             raise TimeoutError(f"no link to cells {', '.join(map(str, missing))}")
@@ -160,20 +182,23 @@ class Links:
         return True
 
     def _reroute(self) -> None:
-        """Hear exactly those through the router who have no direct link."""
+        """Hear exactly those through the router who have no direct link, but for those that may still get one."""
         if self._closed:
             return
         for neighbour in self.neighbours:
             if neighbour in self._linked and neighbour in self._routed:
                 for declared in self._routed.pop(neighbour):
                     declared.undeclare()
-            elif neighbour not in self._linked and neighbour not in self._routed:
+            elif neighbour not in self._linked | self._routed.keys() and not (
+                self._patient and neighbour not in self._apart
+            ):
                 self._routed[neighbour] = self._route(neighbour)
-        if self._routed and self._routed_out is None:
+        both_ways = bool(self._routed) or self._for_the_spy
+        if both_ways and self._routed_out is None:
             self._routed_out = self.control.declare_publisher(self.keys.out(self.node))
             self._routed_token = self.control.liveliness().declare_token(self.keys.routed(self.node))
             self.publish = self._publish_both_ways
-        elif self._routed_out is not None and not self._routed:
+        elif self._routed_out is not None and not both_ways:
             # Links are mutual: who is heard directly hears directly.
             self.publish = self._out.put
             self._stop_publishing_both_ways()

@@ -98,15 +98,17 @@ class _Assignment:
 class _Link:
     """The session that is linked to the root of a job, and what is heard by it."""
 
-    def __init__(self, berth: Berth, wiring: Wiring, mail: "queue.SimpleQueue[Any]") -> None:
+    def __init__(self, berth: Berth, wiring: Wiring, mail: "queue.SimpleQueue[Any]", routed: zenoh.Session) -> None:
         root = wiring.nodes[ROOT]
         self.wiring = wiring
         self.listening: list[_Assignment] = []  # worlds of the job at that root; replaced as a whole
         self._mail = mail
-        self._session = sessions.peer(None, [berth.data_endpoint(root, wiring.number)])
-        self._root = self._session.declare_subscriber(berth.keys.out(root), frequent(self._listen))
+        # A spy that has joined a cluster is nowhere near the root, which then publishes through the router too.
+        self._own = None if berth.host else sessions.peer([], [berth.data_endpoint(root, wiring.number)])
+        session = self._own or routed
+        self._root = session.declare_subscriber(berth.keys.out(root), frequent(self._listen))
         linked = threading.Event()
-        watcher = self._session.liveliness().declare_subscriber(
+        watcher = session.liveliness().declare_subscriber(
             berth.keys.node(root), direct(lambda _: linked.set()), history=True
         )
         linked.wait(_LINKED_WITHIN)
@@ -123,7 +125,9 @@ class _Link:
 
     def close(self) -> None:
         """Hear nothing any more."""
-        self._session.close()  # type: ignore[no-untyped-call]
+        self._root.undeclare()  # type: ignore[no-untyped-call]
+        if self._own is not None:
+            self._own.close()  # type: ignore[no-untyped-call]
 
 
 class SpyProcess:
@@ -137,6 +141,7 @@ class SpyProcess:
         self.assignments: dict[int, _Assignment] = {}  # by job: its latest world
         self.links: dict[int, _Link] = {}  # by root: its node's number
         self._due = 0.0
+        self.control = sessions.client(berth.router)
         if berth.topology:
             nodes = tuple(range(topologies.parse(berth.topology).cells))
             self._link(Wiring(0, nodes))
@@ -149,11 +154,10 @@ class SpyProcess:
         if link is None or link.wiring.number != wiring.number:
             if link is not None:
                 link.close()
-            link = self.links[root] = _Link(self.berth, wiring, self.mail)
+            link = self.links[root] = _Link(self.berth, wiring, self.mail, self.control)
         return link
 
     def _register(self) -> None:
-        self.control = sessions.client(self.berth.router)
         liveliness = self.control.liveliness()
         self._subscribers = [
             self.control.declare_subscriber(self.keys.any_stats, direct(self._reader(Counters))),
@@ -161,7 +165,9 @@ class SpyProcess:
             liveliness.declare_subscriber(self.keys.any_node, direct(self._see), history=True),
         ]
         self._queryable = self.control.declare_queryable(self.keys.spy_control, direct(self.mail.put))
-        self._tokens = [liveliness.declare_token(key) for key in (self.keys.spy_life(os.getpid()), self.keys.spy)]
+        self._tokens = [
+            liveliness.declare_token(key) for key in (self.keys.spy_life(os.getpid(), self.berth.host), self.keys.spy)
+        ]
 
     def _reader(self, kind: type[Counters] | type[LogRecord]) -> Any:
         def read(sample: zenoh.Sample) -> None:

@@ -25,10 +25,14 @@ class Wiring:
     Attributes:
         number: nodes that have the links of this number keep them.
         nodes: the numbers of the nodes, cell by cell.
+        hosts: where they live, cell by cell: those on one host share a folder of Unix sockets. Empty: all on one host.
+        endpoints: where each, cell by cell, listens to nodes on other hosts; "" for one who does not.
     """
 
     number: int
     nodes: tuple[int, ...]
+    hosts: tuple[str, ...] = ()
+    endpoints: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -224,8 +228,12 @@ def decode_answer(payload: bytes) -> Answer:
 
 
 def _wiring(value: object) -> Wiring:
-    number, nodes = fields(value, 2)
-    return Wiring(count(number), tuple(count(node) for node in of(list, nodes)))
+    number, nodes, *places = fields(value, 4)
+    numbers = tuple(count(node) for node in of(list, nodes))
+    hosts, endpoints = (tuple(of(str, each) for each in of(list, texts)) for texts in places)
+    if {len(hosts), len(endpoints)} - {0, len(numbers)}:
+        raise Rejected("wrong shape")
+    return Wiring(count(number), numbers, hosts, endpoints)
 
 
 def _state(value: object) -> tuple[int, bytes]:

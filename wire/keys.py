@@ -19,18 +19,18 @@ class Keys:
         """The liveliness token of a node."""
         return f"{self._base}/node/{node}"
 
-    def life(self, node: int, process: int) -> str:
+    def life(self, node: int, process: int, host: str = "") -> str:
         """The liveliness token of a node's process: another process on the same node has another token."""
-        return f"{self.node(node)}/life/{process}"
+        return f"{self.node(node)}/life/{_process_on(process, host)}"
 
     @property
     def any_life(self) -> str:
         """The processes of all nodes."""
         return f"{self._base}/node/*/life/*"
 
-    def spy_life(self, process: int) -> str:
+    def spy_life(self, process: int, host: str = "") -> str:
         """The liveliness token of the spy's process."""
-        return f"{self.spy}/life/{process}"
+        return f"{self.spy}/life/{_process_on(process, host)}"
 
     @property
     def any_spy_life(self) -> str:
@@ -38,10 +38,25 @@ class Keys:
         return f"{self.spy}/life/*"
 
     @staticmethod
-    def life_of(key: str) -> tuple[int | None, int]:
-        """The node, None for the spy, and the process that such a token names."""
-        *_, whose, _, process = key.split("/")
-        return (None if whose == "spy" else int(whose)), int(process)
+    def life_of(key: str) -> tuple[int | None, int, str]:
+        """The node, None for the spy, the process, and its host, "" for the coordinator's, that such a token names."""
+        *_, whose, _, life = key.split("/")
+        process, _, host = life.partition("-")
+        return (None if whose == "spy" else int(whose)), int(process), host
+
+    def host(self, host: str) -> str:
+        """The liveliness token of a host of nodes that have joined, and where it tells which nodes those are."""
+        return f"{self._base}/host/{host}"
+
+    @property
+    def any_host(self) -> str:
+        """All hosts that have joined."""
+        return f"{self._base}/host/*"
+
+    @property
+    def nodes(self) -> str:
+        """Where the coordinator gives numbers to nodes that want to join."""
+        return f"{self._base}/nodes"
 
     def routed(self, node: int) -> str:
         """The liveliness token of a node that hears some neighbours through the router."""
@@ -113,3 +128,8 @@ class Keys:
     @property
     def _base(self) -> str:
         return f"{PREFIX}/{self.cluster}"
+
+
+def _process_on(process: int, host: str) -> str:
+    """Process ids repeat from host to host, and from one start of a container to the next."""
+    return f"{process}-{host}" if host else str(process)

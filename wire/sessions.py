@@ -69,9 +69,9 @@ def visitor(endpoint: str, within: float) -> zenoh.Session:
     return _open("client", [], [endpoint], hasty)
 
 
-def peer(listen: str | None, links: Iterable[str]) -> zenoh.Session:
+def peer(listen: Iterable[str], links: Iterable[str]) -> zenoh.Session:
     """Open a session with direct links only; peers never forward for each other."""
-    return _open("peer", [] if listen is None else [listen], list(links))
+    return _open("peer", list(listen), list(links))
 
 
 def _open(mode: str, listen: list[str], connect: list[str], other: Mapping[str, Any] | None = None) -> zenoh.Session:

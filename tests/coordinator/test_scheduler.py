@@ -259,3 +259,30 @@ class AnyOrder(RuleBasedStateMachine):
 
 TestAnyOrder = AnyOrder.TestCase
 TestAnyOrder.settings = settings(max_examples=60, stateful_step_count=40, deadline=None)
+
+
+def test_nodes_join_and_leave():
+    scheduler = Scheduler(4, joining=True)
+    assert (scheduler.nodes, scheduler.free_nodes) == (4, 0)
+    scheduler.add(1, 4, "ring 4")
+    scheduler.join([0, 1, 2])
+    assert scheduler.start() == []
+    scheduler.join([3, 4])
+    assert (scheduler.nodes, scheduler.here) == (5, (0, 1, 2, 3, 4))
+    assert scheduler.start() == [Placed(1, (0, 1, 2, 3))]
+    assert scheduler.leave([3, 4]) == {1}
+    assert (scheduler.nodes, scheduler.free_nodes) == (4, 0)
+    scheduler.free(1)
+    assert (scheduler.here, scheduler.free_nodes) == ((0, 1, 2), 3)
+
+
+def test_a_node_that_comes_back_while_its_job_still_has_it_is_not_free():
+    scheduler = Scheduler(2, joining=True)
+    scheduler.join([0, 1])
+    scheduler.add(1, 2, "ring 2")
+    scheduler.start()
+    scheduler.leave([1])
+    scheduler.join([1])
+    assert scheduler.free_nodes == 0
+    scheduler.free(1)
+    assert scheduler.free_nodes == 2
