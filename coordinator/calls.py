@@ -43,6 +43,7 @@ Given = Done | Judged
 class Reported(NamedTuple):
     """A cell has stopped in a world; None when no more reports will come by the question that asked for them."""
 
+    question: int
     world: int
     report: Report | None
 
@@ -142,19 +143,20 @@ class Calls:
                 raise ReplacedError(news)
             self._put_off.append(news)
 
-    def ask_for_reports(self, key: str, command: control.Begin | control.Halt) -> None:
-        """Let the report of each cell that ``key`` reaches be mail, once it stops."""
-        mail, world = self.mail, command.world
+    def ask_for_reports(self, key: str, command: control.Begin | control.Halt) -> int:
+        """Let the report of each cell that ``key`` reaches be mail, once it stops; returns the question's number."""
+        question, mail, world = next(self._questions), self.mail, command.world
 
         def hear(reply: zenoh.Reply) -> None:
             if reply.ok is None:
                 return
             try:
-                mail.put(Reported(world, Report.decode(reply.ok.payload.to_bytes())))
+                mail.put(Reported(question, world, Report.decode(reply.ok.payload.to_bytes())))
             except Rejected as error:
                 mail.put(Failure(f"a node's report is not readable: {error.reason}"))
 
-        self._get(key, command, direct(hear, lambda: mail.put(Reported(world, None))), _FOR_EVER)
+        self._get(key, command, direct(hear, lambda: mail.put(Reported(question, world, None))), _FOR_EVER)
+        return question
 
     def tell(self, key: str, command: Command) -> None:
         """Send a command without waiting for the answers."""

@@ -112,6 +112,8 @@ class Conductor:
         self._adopted = adopted
         self._wish: Wish | None = None
         self._changes: deque[Change] = deque()
+        self._unheard = False  # whether the cells have still to be told of the wish
+        self._asked = -1  # the latest question for reports
         seconds = job.order.file.run.seconds
         self._deadline = None if seconds is None else job.order.submitted + seconds
 
@@ -210,7 +212,7 @@ class Conductor:
         if len(there) < world.cells:
             return self._go_on_without(set(range(world.cells)) - there)
         self._let_the_spy_listen(world)
-        self.calls.ask_for_reports(self.keys.every_control, Begin(self.number, world.number))
+        self._ask_for_reports()
         if world.number > 0:  # the coordinator before may not have come to this
             self._stop(world.number - 1, "update")
         return None
@@ -248,8 +250,12 @@ class Conductor:
         self.worlds.append(world)
         placing = Placing(world.number, world.file, self.nodes, world.wiring.number, world.why)
         self.dispatch.placed(self.job, placing)
-        self.calls.ask_for_reports(self.keys.every_control, Begin(self.number, world.number))
+        self._ask_for_reports()
         self.dispatch.changed(self.job, "running")
+
+    def _ask_for_reports(self) -> None:
+        """Of the latest world, which begins by that; a cell answers to who asked last."""
+        self._asked = self.calls.ask_for_reports(self.keys.every_control, Begin(self.number, self.world.number))
 
     # While it runs ----------------------------------------------------------------------------------------------------
     def _live(self) -> Judgement:
@@ -265,21 +271,29 @@ class Conductor:
         """Wait for the report of every cell. Returns why one failed, if it did; others are not waited for then."""
         again: float | None = None  # when to ask for reports again
         while not self.world.stopped:
-            if self._changes and self._settled:
-                self._change(self._changes.popleft())
+            if self._settled:
+                self._do_what_was_put_off()
             due = min((each for each in (self._deadline, again) if each is not None), default=None)
             mail = self.calls.next(due)
             if mail is None and again is not None and time.monotonic() >= again:
-                self.calls.ask_for_reports(self.keys.every_control, Begin(self.number, self.world.number))
+                self._ask_for_reports()
                 again = None
             elif isinstance(mail, Reported):
-                if mail.report is None:
-                    again = again or time.monotonic() + _ASK_AGAIN
+                if mail.report is None:  # the router has died: a question ends when nobody is left to answer it
+                    again = time.monotonic() + _ASK_AGAIN if mail.question == self._asked else again
                 elif (error := self._note(mail.world, mail.report)) is not None:
                     return error
             else:
                 self._attend_to(mail)
         return None
+
+    def _do_what_was_put_off(self) -> None:
+        """While cells were on their way to the latest world none could be told to leave it."""
+        if self._wish is not None and self._unheard:
+            self._unheard = False
+            self._stop(self.world.number, self._wish.reason)
+        if self._changes:
+            self._change(self._changes.popleft())
 
     @property
     def _settled(self) -> bool:
@@ -315,7 +329,7 @@ class Conductor:
         self._wish = self._wish or wish
         if wish.reason == "deadline":
             self.dispatch.changed(self.job, "deadline")
-        self._stop(self.world.number, wish.reason)
+        self._unheard = True
 
     def _stop(self, number: int, reason: Reason) -> None:
         """Propose a stop in that world, to the root unless that has ended: in async mode it may have, before others."""
@@ -442,8 +456,7 @@ class Conductor:
         self._show_to_the_spy(world)
         self._let_the_spy_listen(world)
         self._begin(world)
-        if self._wish is not None:
-            self._stop(world.number, self._wish.reason)
+        self._unheard = self._wish is not None
 
     def _drop(self) -> None:
         """Let nodes and spy forget the job, if they still can hear."""

@@ -122,6 +122,8 @@ class Desk:
     # Submitting -------------------------------------------------------------------------------------------------------
     def _submit(self, request: Submit) -> dict[str, Any]:
         file = self._checker.read(request.file)
+        if "topology" not in file.run.model_fields_set:
+            file = file.with_run(topology=self._dispatcher.topology)
         self._checker.check(file)
         topology = topologies.parse(file.run.topology)
         new = Submission(file.to_json(), digest_of(file), file.kind, topology.spec, topology.cells, request.priority)
@@ -173,6 +175,7 @@ class Desk:
         transitions = [list(each) for each in self._store.transitions(stored.number)]
         return _line(stored) | {
             "file": stored.file,
+            "file_now": stored.file_now,
             "best": stored.best,
             "result": stored.result,
             "worlds": list(stored.worlds),
@@ -190,8 +193,9 @@ class Desk:
         with self._change_of(job):
             now = self._running(job)
             before = self._checker.read(now.file_now)
-            if is_own(before):
-                self._checker.check(before.changed(patch, {}), before)
+            file = before.changed(patch, {})
+            if is_own(file):
+                self._checker.check(file, before)
             world = self._dispatcher.update(now.number, patch)
         return {"job": job, "world": world}
 

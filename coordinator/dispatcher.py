@@ -74,6 +74,7 @@ class Dispatcher:
         self.cpu_seconds = cpu_seconds
         self.seconds_to_ready = seconds_to_ready
         self.replaces = replaces
+        self.topology = topology
         self.jobs: dict[int, JobEntry] = {}  # those that have not ended
         self._lock = threading.RLock()
         self._failure: str | None = None

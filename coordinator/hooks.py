@@ -29,6 +29,11 @@ class Hooks(Protocol):
 class Dispatcher(Protocol):
     """What runs jobs. It refuses with `BadInput` or `coordinator.scheduler.QueueFull`, in words for the client."""
 
+    @property
+    def topology(self) -> str:
+        """How the nodes were wired when they were launched: that of jobs that ask for none."""
+        ...
+
     def submit(self, order: Order, *, accepted_before: bool = False) -> JobEntry:
         """Queue a job; one that was ``accepted_before`` is never too many, and no node may still be at it."""
         ...

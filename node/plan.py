@@ -35,9 +35,9 @@ class Plan:
     since: int = 0
 
     @staticmethod
-    def of(file: ProblemFile, world: int = 0, since: int = 0) -> "Plan":
-        """The plan of a problem file; this imports a user's module."""
-        plan = Plan(file.problem(), file.run, world, since)
+    def of(file: ProblemFile, world: int = 0, since: int = 0, *, checked: bool = False) -> "Plan":
+        """The plan of a problem file, which another process has ``checked`` or not; this imports a user's module."""
+        plan = Plan(file.problem(checked=checked), file.run, world, since)
         _ = plan.target  # asks a user's problem, so that a wrong answer is found now
         return plan
 

@@ -347,7 +347,7 @@ class NodeProcess:
         self.coming = None
         self._leave_the_past()  # nobody is at it any more, when another world is prepared
         try:
-            plan = Plan.of(ProblemFile.from_json(command.file), command.world)
+            plan = Plan.of(ProblemFile.from_json(command.file), command.world, checked=True)
             links = self._linked(plan.topology, command.wiring)
             cell = None if goes_on or command.deme else Cell(plan, links.cell, command.job)
         except BadInput as error:

@@ -12,7 +12,7 @@ from pydantic import ValidationError
 
 from problems import registry
 from problems.errors import BadInput, first_line, shorten
-from problems.problem import Problem
+from problems.problem import CHECKED, Problem
 from problems.run import Run
 
 
@@ -60,9 +60,10 @@ class ProblemFile:
         Raises:
             BadInput: if a field is unknown or wrong, or the individuals of the old world could not live in the new one.
         """
-        for name in ("kind", "run"):
-            if name in fields and not (name == "kind" and fields[name] == self.kind):
-                raise BadInput(f"{self.name}: {name}: expected none in an update, found {shorten(fields[name])}")
+        if fields.get("kind", self.kind) != self.kind:
+            raise BadInput(f"{self.name}: kind: expected {self.kind!r} as before, found {shorten(fields['kind'])}")
+        if "run" in fields:
+            raise BadInput(f"{self.name}: run: expected no [run] in an update, it is for the problem alone")
         merged = self.fields | fields
         built_in = registry.is_built_in(self.kind)
         if built_in:
@@ -86,8 +87,10 @@ class ProblemFile:
                 f"{self.name}: the update would change how individuals are coded; submit another job instead"
             )
 
-    def problem(self) -> Problem:
+    def problem(self, *, checked: bool = False) -> Problem:
         """The problem itself, for the recipe and deme of the run.
+
+        If it was ``checked`` by another process, it need not do again what costs time.
 
         Raises:
             BadInput: names this file and the field that is wrong.
@@ -97,7 +100,8 @@ class ProblemFile:
         except BadInput as error:
             raise BadInput(f"{self.name}: {error}") from error
         try:
-            problem = model.model_validate_json(json.dumps(self.fields), strict=True)
+            context = CHECKED if checked else None
+            problem = model.model_validate_json(json.dumps(self.fields), strict=True, context=context)
         except ValidationError as error:
             raise first_line(error, model, self.name) from error
         except Exception as error:  # from a user's class, which may be abstract or raise as it likes

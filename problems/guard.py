@@ -9,6 +9,7 @@ import numpy as np
 
 from genetics.arrays import Evaluate, Fitness, Genomes
 from problems.errors import BadInput, EvaluationFailed, shorten
+from problems.motion import Motion, Pace
 from problems.problem import MOST_REPORT_BYTES, Answer, Problem, Solution, Verdict
 
 _ANYTHING = (Exception, SystemExit)
@@ -120,6 +121,31 @@ def foretold(problem: Problem) -> Answer:
     except (TypeError, ValueError, RecursionError) as error:
         raise EvaluationFailed(f"{problem.kind}: oracle must answer in plain JSON values: {error}") from error
     return answer
+
+
+def moved(problem: Problem, solution: Solution, pace: Pace) -> Motion | None:
+    """What ``problem.motion`` returns.
+
+    Raises:
+        BadInput: if it says that the pace does not suit.
+        EvaluationFailed: if it raises anything else, or returns no motion of finite numbers.
+    """
+    try:
+        with np.errstate(all="ignore"):  # of speeds beyond reason, too many rows are all there is to say
+            motion = problem.motion(solution, pace)
+        if motion is None:
+            return None
+        times = motion.times
+        good = all(
+            column.values.shape == times.shape and np.isfinite(column.values).all() for column in motion.columns()
+        )
+    except BadInput:
+        raise
+    except _ANYTHING as error:
+        raise _raised(problem, "motion", error) from error
+    if not good or not len(times) or times[0] < 0.0 or np.any(np.diff(times) <= 0.0):
+        raise EvaluationFailed(f"{problem.kind}: motion must return finite numbers for moments that increase from 0")
+    return motion
 
 
 def described(problem: Problem, solution: Solution) -> str:

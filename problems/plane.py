@@ -12,6 +12,7 @@ import shapely
 from numpy.typing import NDArray
 from pydantic import Field, field_validator
 
+from problems.motion import loop
 from problems.problem import Table, quantity
 
 if TYPE_CHECKING:
@@ -133,6 +134,11 @@ class Shapes:
             np.cumsum([0, *(len(part) for part in corners)], dtype=np.int64),
             np.array([obstacle.thickness for obstacle in obstacles], dtype=np.float64),
         )
+
+
+def outlines(obstacles: Sequence[Circle | Polygon | Box]) -> tuple[NDArray[np.float64], ...]:
+    """Closed lines around obstacles, each of shape (corners, 3)."""
+    return tuple(loop(obstacle.corners, obstacle.thickness) for obstacle in obstacles)
 
 
 def simple_polygon(vertices: list[Point]) -> list[Point]:

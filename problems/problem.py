@@ -25,10 +25,14 @@ if TYPE_CHECKING:
 
     from genetics.coding import Coding
     from genetics.operators import Operator
+    from problems.motion import Motion, Pace
 
 RecipeName = Literal["tuned", "paper"]
 Solution = dict[str, Any]  # plain JSON values
 Populations = Mapping[int, Genomes]  # generation to genomes, shape (n, genome_bytes)
+
+CHECKED = {"checked": True}
+"""The context of a validation that may leave out what costs time, since another process has done it."""
 
 MOST_REPORT_BYTES = 1 << 12  # a thousand cells report at once
 
@@ -227,6 +231,18 @@ class Problem(Table):
         """
         raise BadInput(f"problems of kind {self.kind!r} have no oracle")
 
+    def motion(self, solution: Solution, pace: Pace) -> Motion | None:
+        """The solution as a motion over time, for `supernode export`; None if solutions of this kind are none.
+
+        Args:
+            solution: one that `check` accepts.
+            pace: the speed of a path without times, and how densely the motion is told.
+
+        Raises:
+            BadInput: if ``pace`` does not suit the solution.
+        """
+        return None
+
     def draw(self, figure: Figure, solution: Solution | None, populations: Populations) -> None:
         """Draw the problem's world, and the solution in it if there is one, onto an empty figure.
 
@@ -252,5 +268,8 @@ class CodedProblem(Problem):
         """The paper's binary code, or the tuned recipe's Gray code, unless the file chooses."""
         if self.code is not None:
             return self
-        code = "gray" if name == "tuned" else "binary"
-        return self.model_validate(self.model_dump(exclude_unset=True) | {"code": code})
+        # Not validated anew: what the code is decides nothing else, and a thousand nodes wait for this.
+        chosen = self.model_copy(update={"code": "gray" if name == "tuned" else "binary"})
+        for cached in chosen.__dict__.keys() - type(self).model_fields.keys():
+            del chosen.__dict__[cached]
+        return chosen

@@ -42,14 +42,6 @@ def watch(berth: Berth) -> None:
     SpyProcess(berth).run()
 
 
-@dataclass(frozen=True)
-class _News:
-    """A champion of the root's that it has not told before."""
-
-    assignment: "_Assignment"
-    champion: Champion
-
-
 class _Root:
     """What the root says in one world of a job."""
 
@@ -80,7 +72,10 @@ class _Root:
 
 @dataclass(eq=False)
 class _Assignment:
-    """A world of a job that is being watched."""
+    """A world of a job that is being watched; as mail: the root has told of a champion that it had not told before.
+
+    Only the ``latest`` is looked at: a check may take longer than it takes to find something better.
+    """
 
     job: int
     plan: Plan
@@ -88,6 +83,7 @@ class _Assignment:
     collector: Collector
     log: RunLog
     root: _Root
+    latest: Champion | None = None
     began: float | None = None  # on the monotonic clock
     counters: dict[int, Counters] = field(default_factory=dict)  # the latest of each node
     messages: int = 0  # when they were last added up,
@@ -122,7 +118,8 @@ class _Link:
         for assignment in self.listening:
             champion = assignment.root.hear(payload)
             if champion is not None:
-                self._mail.put(_News(assignment, champion))
+                assignment.latest = champion
+                self._mail.put(assignment)
 
     def close(self) -> None:
         """Hear nothing any more."""
@@ -135,7 +132,7 @@ class SpyProcess:
     def __init__(self, berth: Berth) -> None:
         self.berth = berth
         self.keys = berth.keys
-        self.mail: queue.SimpleQueue[_News | Counters | LogRecord | zenoh.Query] = queue.SimpleQueue()
+        self.mail: queue.SimpleQueue[_Assignment | Counters | LogRecord | zenoh.Query] = queue.SimpleQueue()
         self.alive: set[str] = set()
         self.assignments: dict[int, _Assignment] = {}  # by job: its latest world
         self.links: dict[int, _Link] = {}  # by root: its node's number
@@ -191,7 +188,7 @@ class SpyProcess:
                 for assignment in watched:
                     self._tell_statistics(assignment, now)
 
-    def _open(self, mail: _News | Counters | LogRecord | zenoh.Query) -> None:
+    def _open(self, mail: _Assignment | Counters | LogRecord | zenoh.Query) -> None:
         if isinstance(mail, zenoh.Query):
             self._open_command(mail)
         elif isinstance(mail, LogRecord):
@@ -201,8 +198,8 @@ class SpyProcess:
             watched = self.assignments.get(mail.job)
             if watched is not None and watched.plan.world == mail.world:
                 watched.counters[mail.node] = mail
-        elif self.assignments.get(mail.assignment.job) is mail.assignment:
-            self._hear(mail.assignment, mail.champion)
+        elif self.assignments.get(mail.job) is mail:
+            self._hear(mail, mail.latest)
 
     def _hear(self, assignment: _Assignment, champion: Champion | None) -> None:
         better = assignment.collector.hear(champion, assignment.seconds)

@@ -17,6 +17,7 @@ _COMMANDS = {
     "solve": "solve a problem on a cluster of processes started for it, or on a running one",
     "simulate": "the same job in this process: bit-identical to a lockstep solve",
     "check": "verify a result independently of the code that found it",
+    "export": "write the motion of a result over time: CSV, JSON or MCAP",
     "oracle": "the exact optimum of a problem, or a bound, where there is one",
     "up": "start a cluster that stays up and takes jobs",
     "down": "end it",

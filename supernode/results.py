@@ -3,14 +3,12 @@
 import dataclasses
 import math
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
+import topologies
 from coordinator.errors import ClusterFailed
-from node.fingerprint import fingerprint
 from problems import ProblemFile
-from spy.judge import Judgement
-from spy.result import Clocks, Lived, Result, result_of
+from spy.result import Result
 
 
 def result_in(view: Mapping[str, Any]) -> Result:
@@ -22,9 +20,7 @@ def result_in(view: Mapping[str, Any]) -> Result:
     Raises:
         ClusterFailed: if it cannot be read.
     """
-    values = view["result"]
-    if values is None:
-        return _without_run(view)
+    values = _nothing(view) if view["result"] is None else view["result"]
     known = {field.name for field in dataclasses.fields(Result)}
     given = {name: value for name, value in values.items() if name in known}
     if given.get("fitness") is None:
@@ -35,8 +31,31 @@ def result_in(view: Mapping[str, Any]) -> Result:
         raise ClusterFailed(f"job {view['job']}: its result cannot be read: {error}") from error
 
 
-def _without_run(view: Mapping[str, Any]) -> Result:
-    judgement = Judgement(view["status"], False, view.get("message"), None)
+def _nothing(view: Mapping[str, Any]) -> dict[str, Any]:
+    """What a job that never ran would have left."""
     file = ProblemFile.from_json(view["file"])
-    blank = result_of(view["job"], [Lived(file)], judgement, fingerprint(), Clocks(0.0, 0.0, 0.0))
-    return replace(blank, history_sha256=None)
+    topology = topologies.parse(file.run.topology)
+    whole = dict.fromkeys(("generations", "evaluations"), 0)
+    seconds = dict.fromkeys(("seconds", "seconds_to_ready", "cpu_seconds"), 0.0)
+    absent = dict.fromkeys(("fitness", "solution", "found_at", "staleness", "history_sha256"))
+    return {
+        "job": view["job"],
+        "kind": file.kind,
+        "status": view["status"],
+        "solved": False,
+        "feasible": False,
+        "nodes": topology.cells,
+        "topology": topology.spec,
+        "deme": file.run.deme,
+        "mode": file.run.mode,
+        "seed": file.run.seed,
+        "run": file.run.model_dump(),
+        "problem_sha256": file.sha256,
+        "versions": {},
+        "directives": [],
+        "messages": dict.fromkeys(("sent", "received", "lost", "rejected"), 0),
+        "message": view.get("message"),
+        **whole,
+        **seconds,
+        **absent,
+    }

@@ -4,7 +4,7 @@ This process is the cluster's lifeline: when it ends, however it ends, every pro
 """
 
 import argparse
-import importlib
+import importlib.util
 import os
 import queue
 import secrets
@@ -15,9 +15,9 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
 
 from coordinator.errors import ClusterFailed
+from coordinator.launcher import Launcher, ServiceOptions
 from problems.errors import BadInput
 from supernode.client import Client
 from supernode.whereabouts import Card, Place, occupy, remove_card, write_card
@@ -43,6 +43,8 @@ def wish_of(options: argparse.Namespace) -> Wish:
     Raises:
         BadInput: if one is wrong.
     """
+    if importlib.util.find_spec("sqlalchemy") is None:
+        raise BadInput("up: expected sqlalchemy to be installed: pip install 'supernode[service]'")
     for endpoint in options.listen:
         Place.at(endpoint, "--listen")
     if options.max_queue is not None and options.max_queue < 0:
@@ -106,16 +108,15 @@ class Upkeep:
             remove_card(self.folder)
             launcher.close()
 
-    def _launch(self, cluster: str) -> Any:
-        module: Any = importlib.import_module("coordinator.launcher")
-        service = module.ServiceOptions(
+    def _launch(self, cluster: str) -> Launcher:
+        service = ServiceOptions(
             state=self.folder,
             database=self._wish.database,
             listen=self._wish.listen,
             max_queue=self._wish.max_queue,
             allow_modules=self._wish.allow_modules,
         )
-        return module.Launcher(cluster, self._wish.topology, self._ends.put, service=service)
+        return Launcher(cluster, self._wish.topology, self._ends.put, service=service)
 
     def _wait_until_ready(self, endpoint: str) -> int | None:
         """Until the coordinator says how many nodes there are; None if it is to end before."""

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
     from genetics.bit_string import BitString
     from genetics.operators import Operator
+    from problems.motion import Motion, Pace
 
 MOST_LINKS = 6
 MOST_BITS = 12
@@ -249,6 +250,12 @@ seed = 1
         from problems.arm_path import oracle
 
         return oracle.answer(self)
+
+    def motion(self, solution: Solution, pace: Pace) -> Motion:
+        """One joint after another, each at the same even speed, rad/s."""
+        from problems.arm_path import moving
+
+        return moving.motion(self, solution, pace)
 
     def draw(self, figure: Figure, solution: Solution | None, populations: Populations) -> None:
         """The path in the workspace and, of two links, in configuration space (figures 4 and 5 of the paper)."""

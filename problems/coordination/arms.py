@@ -87,6 +87,14 @@ class Motion:
         """Joint angles at some places λ: (n,) to (n, joints)."""
         return self._along(self.corners, where)
 
+    def directions(self, where: NDArray[Any]) -> Floats:
+        """How much each joint turns with λ from there on: (n,) to (n, joints)."""
+        lengths = np.diff(self._at)[:, None]
+        steps = np.diff(self.corners, axis=0)
+        slopes = np.divide(steps, lengths, out=np.zeros(steps.shape), where=lengths > 0.0)
+        stretch = np.searchsorted(self._at, where, side="right") - 1
+        return slopes[np.minimum(stretch, len(slopes) - 1)]
+
     def turned(self, where: NDArray[Any]) -> Floats:
         """How much each joint has turned until there, there and back counted; (n,) to (n, joints)."""
         steps = np.abs(np.diff(self.corners, axis=0))
@@ -124,6 +132,13 @@ def places(robot: Robot, indices: NDArray[Any]) -> Floats:
     """Joint angles at some cells, or between them: (n,) to (n, joints)."""
     motion = Motion(robot)
     return motion.configurations(indices * motion.length / (robot.cells - 1))
+
+
+def directions(robot: Robot, indices: NDArray[Any]) -> Floats:
+    """How much the joints turn in a cell from there on, rad: (n,) to (n, joints)."""
+    motion = Motion(robot)
+    cell = motion.length / (robot.cells - 1)
+    return motion.directions(indices * cell) * cell
 
 
 def origins(robot: Robot, configurations: Floats) -> Floats:

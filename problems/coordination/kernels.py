@@ -28,8 +28,10 @@ MUTANTS = 0.5  # of the offspring come of mutation alone (*unstated*)
 STRONG = 0.5  # of the mutations are strong (*unstated*)
 EACH = 0.5  # probability that a strong mutation first mutates one of its two SPs slightly (*unstated*)
 
-REBUILT = 0.7  # of the tuned mutations rebuild a stretch
+REBUILT = 0.35  # of the tuned mutations rebuild a short stretch
 STRETCH = 4  # SPs at most that make way for others
+RECHAINED = 0.35  # of the tuned mutations chain a stretch of any length anew
+SITES = 40  # random cells that a new chain may go through
 SWEEPS = 3  # through the new SPs and their neighbours, each put where it is best
 
 
@@ -305,6 +307,14 @@ def _settle(points: Any, count: Any, place: Any, diagram: Any) -> Any:
 
 
 @subroutine
+def _settle_all(points: Any, count: Any, place: Any, new: Any, diagram: Any) -> Any:
+    """Settle ``new`` SPs from ``place`` on and their neighbours in turn, a few times over."""
+    for _ in range(SWEEPS):
+        for each in range(max(place - 1, 0), min(place + new + 1, count)):
+            _settle(points, count, each, diagram)
+
+
+@subroutine
 def _rebuild(points: Any, count: Any, variable: Any, diagram: Any, chance: Any) -> Any:
     """Ours: a few SPs in a row make way for others anywhere between, which settle with their neighbours; the count."""
     place = _choice(chance, MUTATE, _PLACE, count + 1 if variable else count)
@@ -319,19 +329,111 @@ def _rebuild(points: Any, count: Any, variable: Any, diagram: Any, chance: Any) 
         return count
     count = _make_room(points, count, place, gone, new)
     _scatter(points, count, place, new, diagram, chance, _REBUILD)
-    for _ in range(SWEEPS):
-        for each in range(max(place - 1, 0), min(place + new + 1, count)):
-            _settle(points, count, each, diagram)
+    _settle_all(points, count, place, new, diagram)
+    return count
+
+
+@subroutine
+def _slide(site: Any, side: Any, low: Any, high: Any, diagram: Any) -> Any:
+    """Out of an obstacle to one side of it, but not out of the box: good SPs lie where obstacles begin."""
+    axis, step = side >> 1, 2 * (side & 1) - 1
+    while low[axis] < site[axis] < high[axis] and _rectangle(diagram, site[0], site[1], site[0], site[1])[1] > 0:
+        site[axis] += step
+
+
+@subroutine
+def _order(sites: Any) -> Any:
+    """By the first coordinate, those with the same one by the second."""
+    for place in range(1, sites.shape[0]):
+        x, y, hole = sites[place, 0], sites[place, 1], place
+        while hole > 0 and (sites[hole - 1, 0] > x or (sites[hole - 1, 0] == x and sites[hole - 1, 1] > y)):
+            sites[hole] = sites[hole - 1]
+            hole -= 1
+        sites[hole, 0], sites[hole, 1] = x, y
+
+
+@subroutine
+def _sites(low: Any, high: Any, diagram: Any, chance: Any) -> Any:
+    """Random cells of a box, in order, from its corner ``low`` to its corner ``high``."""
+    sites = np.empty((SITES + 2, 2), np.int64)
+    sites[0], sites[-1] = low, high
+    for each in range(SITES):
+        site, number = sites[1 + each], _REBUILD + 3 * each
+        for axis in range(2):
+            site[axis] = low[axis] + _choice(chance, MUTATE, number + axis, high[axis] - low[axis] + 1)
+        _slide(site, _choice(chance, MUTATE, number + 2, 4), low, high, diagram)
+    _order(sites[1:-1])
+    return sites
+
+
+@subroutine
+def _best_before(sites: Any, diagram: Any) -> Any:
+    """For each site the one before it on the best sequence to it from the first, by dynamic programming.
+
+    Of sequences with the fewest obstacle cells in their rectangles, the best takes the least time.
+    """
+    count = sites.shape[0]
+    fewest, least, before = np.zeros(count, np.int64), np.zeros(count), np.zeros(count, np.int64)
+    for to in range(1, count):
+        fewest[to] = diagram.sums.size * 2 * count
+        for place in range(to):
+            if sites[place, 1] > sites[to, 1] or fewest[place] > fewest[to]:
+                continue
+            time, hit = _rectangle(diagram, sites[place, 0], sites[place, 1], sites[to, 0], sites[to, 1])
+            time, hit = time + least[place], hit + fewest[place]
+            if hit < fewest[to] or (hit == fewest[to] and time < least[to]):
+                fewest[to], least[to], before[to] = hit, time, place
+    return before
+
+
+@subroutine
+def _chain(sites: Any, diagram: Any) -> Any:
+    """The SPs between the first site and the last of the best sequence that leads from the one to the other."""
+    before = _best_before(sites, diagram)
+    first, site = sites.shape[0], before[-1]
+    links = np.empty_like(sites)
+    while site > 0:
+        first -= 1
+        links[first] = sites[site]
+        site = before[site]
+    return links[first:]
+
+
+@subroutine
+def _rechain(points: Any, count: Any, variable: Any, diagram: Any, chance: Any) -> Any:
+    """Ours: a stretch of any length makes way for the best sequence through random cells between its ends; the count.
+
+    Where it has fewer SPs than there must be, its far end is repeated; if there is no room, all stays as it is.
+    """
+    place = _choice(chance, MUTATE, _PLACE, count)
+    gone = min(_choice(chance, MUTATE, _GONE, count + 1), count - place)
+    low, high = np.empty(2, np.int64), np.empty(2, np.int64)
+    for axis in range(2):
+        low[axis] = _coordinate(points, count, place - 1, axis, diagram)
+        high[axis] = _coordinate(points, count, place + gone, axis, diagram)
+    chain = _chain(_sites(low, high, diagram, chance), diagram)
+    found, needed = chain.shape[0], 1 - (count - gone) if variable else gone
+    new = max(found, needed)
+    if count - gone + new > points.shape[0]:
+        return count
+    count = _make_room(points, count, place, gone, new)
+    points[place : place + found] = chain
+    for each in range(found, new):
+        points[place + each] = high
+    _settle_all(points, count, place, new, diagram)
     return count
 
 
 @subroutine
 def _mutate(points: Any, count: Any, variable: Any, tuned: Any, diagram: Any, chance: Any) -> Any:
-    """A slight mutation, or the other one; returns the new count."""
-    if _share(chance, MUTATE, _STRONGLY) >= (REBUILT if tuned else STRONG):
+    """A slight mutation, or another one; returns the new count."""
+    which = _share(chance, MUTATE, _STRONGLY)
+    if which >= (REBUILT + RECHAINED if tuned else STRONG):
         _shift(points, _choice(chance, MUTATE, _PLACE, count), diagram, chance, _SLIGHT)
         _repair(points, count)
         return count
+    if tuned and which >= REBUILT:
+        return _rechain(points, count, variable, diagram, chance)
     if tuned:
         return _rebuild(points, count, variable, diagram, chance)
     if variable:

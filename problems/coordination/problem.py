@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from genetics.bit_string import BitString
     from genetics.operators import Operator
     from problems.coordination.coding import SynchronisationPoints
+    from problems.motion import Motion, Pace
 
 
 class Coordination(Problem):
@@ -203,6 +204,12 @@ seed = 1
         from problems.coordination import oracle
 
         return oracle.answer(self)
+
+    def motion(self, solution: Solution, pace: Pace) -> Motion:
+        """Both robots along their paths, each waiting for the other where it must."""
+        from problems.coordination import moving
+
+        return moving.motion(self, solution, pace)
 
     def draw(self, figure: Figure, solution: Solution | None, populations: Populations) -> None:
         """The diagram with the rectangles (figure 3 of the paper), and the arms (figure 4)."""

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
     from genetics.operators import Operator
     from problems.min_time.coding import Trajectories
+    from problems.motion import Motion, Pace
 
 Angle = Annotated[float, Field(ge=-1e3, le=1e3)]
 
@@ -178,6 +179,12 @@ stall = 50                      # generations without a quicker one, after which
         from problems.min_time import oracle
 
         return oracle.best_on_grid(self)
+
+    def motion(self, solution: Solution, pace: Pace) -> Motion:
+        """The trajectory, row by row."""
+        from problems.min_time import moving
+
+        return moving.motion(self, solution, pace)
 
     def draw(self, figure: Figure, solution: Solution | None, populations: Populations) -> None:
         """The nodes in joint space (figure 1), and joints and torques against time (figure 2)."""

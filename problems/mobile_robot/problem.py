@@ -6,20 +6,31 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, ClassVar, Self
 
 import numpy as np
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from genetics.arrays import Fitness, Genomes, writable
 from genetics.recipe import Recipe
 from problems.mobile_robot import checker
 from problems.mobile_robot.arrays import SLIMMEST, floor_arrays, is_wide, robot_arrays
 from problems.plane import Obstacle, Point, simple_polygon
-from problems.problem import Answer, CodedProblem, Populations, RecipeName, Solution, Table, Verdict, quantity
+from problems.problem import (
+    CHECKED,
+    Answer,
+    CodedProblem,
+    Populations,
+    RecipeName,
+    Solution,
+    Table,
+    Verdict,
+    quantity,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from genetics.bit_string import BitString
     from genetics.operators import Operator
+    from problems.motion import Motion, Pace
 
 Metres = Annotated[float, Field(ge=-1e4, le=1e4)]
 Heading = Annotated[float, Field(ge=-1e3, le=1e3)]
@@ -123,7 +134,9 @@ seed = 1
         return bounds
 
     @model_validator(mode="after")
-    def _stands_free(self) -> Self:
+    def _stands_free(self, info: ValidationInfo) -> Self:
+        if info.context == CHECKED:
+            return self
         for name, pose in (("start", self.start), ("goal", self.goal)):
             objection = checker.objection_to(self, pose)
             if objection is not None:
@@ -194,6 +207,12 @@ seed = 1
         from problems.mobile_robot import oracle
 
         return oracle.foretell(self)
+
+    def motion(self, solution: Solution, pace: Pace) -> Motion:
+        """Moves at an even speed, m/s, and turns at another, rad/s; see `problems.mobile_robot.moving`."""
+        from problems.mobile_robot import moving
+
+        return moving.motion(self, solution, pace)
 
     def draw(self, figure: Figure, solution: Solution | None, populations: Populations) -> None:
         """The floor and the swept robot (figure 6 of the paper)."""

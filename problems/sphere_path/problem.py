@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
     from genetics.bit_string import BitString
     from genetics.operators import Operator
+    from problems.motion import Motion, Pace
 
 Floats = NDArray[np.float64]
 Place = Annotated[float, Field(ge=-1e6, le=1e6)]
@@ -337,6 +338,12 @@ target = 0.03                   # nothing crossed, and a detour of at most 1.1; 
         from problems.sphere_path import oracle
 
         return oracle.answer(self)
+
+    def motion(self, solution: Solution, pace: Pace) -> Motion:
+        """Along the path at an even speed, in the unit of its length per second."""
+        from problems.sphere_path import moving
+
+        return moving.motion(self, solution, pace)
 
     def draw(self, figure: Figure, solution: Solution | None, populations: Populations) -> None:
         """The path among the spheres (the paper's figure), or the vehicle in its world."""

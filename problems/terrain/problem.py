@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from genetics.operators import Operator
+    from problems.motion import Motion, Pace
     from problems.terrain.coding import Moves
 
 MOST_SIDE = 1024
@@ -279,6 +280,12 @@ seed = 1
         from problems.terrain import oracle
 
         return oracle.easiest(self)
+
+    def motion(self, solution: Solution, pace: Pace) -> Motion:
+        """From cell to cell at an even speed, cells/s."""
+        from problems.terrain import moving
+
+        return moving.motion(self, solution, pace)
 
     def draw(self, figure: Figure, solution: Solution | None, populations: Populations) -> None:
         """The map and the path (figures 7 to 10 of the paper), and the difficulties (figure 5)."""

@@ -233,13 +233,12 @@ def robot(office):
 def test_an_update_replaces_top_level_keys(robot):
     start = [OFFICE.fields["start"][0] + 0.1, *OFFICE.fields["start"][1:]]
     assert robot.ask(Update("r", json.dumps({"start": start}))) == {"job": "r", "world": 1}
-    _, number, file = robot.dispatcher.asked[-1]
-    assert number == 1
-    assert file.fields == OFFICE.fields | {"start": start}
+    assert robot.dispatcher.asked[-1] == ("update", 1, {"start": start})
+    assert robot.dispatcher.placings[1].file.fields == OFFICE.fields | {"start": start}
     assert robot.ask(Update("r", json.dumps({"goal": OFFICE.fields["goal"]})))["world"] == 2
-    assert robot.dispatcher.asked[-1][2].fields["start"] == start  # the second builds on the first
+    assert robot.dispatcher.placings[1].file.fields["start"] == start  # the second builds on the first
     worlds = robot.ask(Show("r"))["worlds"]
-    assert [(world["world"], world["patch"]) for world in worlds] == [
+    assert [(world["world"], world["fields"]) for world in worlds] == [
         (1, {"start": start}),
         (2, {"goal": OFFICE.fields["goal"]}),
     ]

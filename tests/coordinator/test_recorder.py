@@ -39,7 +39,7 @@ def bench(tmp_path):
 
 
 def better(number, fitness):
-    return Improvement(number, 0.1, 3, 1, fitness, {"x": 1.0})
+    return Improvement(number, 0, 0.1, 3, 1, fitness, True, {"x": 1.0})
 
 
 def test_states_are_published_in_their_order(bench):

@@ -24,7 +24,7 @@ from wire.keys import Keys
 ROOT = Path(__file__).resolve().parents[2]
 FILE = supernode.load(ROOT / "examples" / "arm-ik.toml")
 KEYS = Keys("c1")
-ROUTER = "import sys; from coordinator.router import route; route(sys.argv[1], int(sys.argv[2]))"
+ROUTER = "import sys; from coordinator.router import route; route([sys.argv[1]], int(sys.argv[2]))"
 ENVIRONMENT = os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT), str(ROOT / "tests" / "helpers")])}
 PATIENCE = 60.0  # seconds
 

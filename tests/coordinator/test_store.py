@@ -17,8 +17,11 @@ import pytest
 
 from coordinator import database
 from coordinator.database import StoreFailed, sqlite_url
+from coordinator.job import Placing
 from coordinator.states import WrongTransition
 from coordinator.store import IdTaken, Store, Submission, UnknownJob
+from problems import ProblemFile
+from problems.run import Run
 
 FILE = Submission('["a.toml", {"kind": "arm-ik"}, {}, "/"]', "d1", "arm-ik", "torus 4x4", 16)
 OTHER = Submission('["b.toml", {"kind": "terrain"}, {}, "/"]', "d2", "terrain", "torus 2x2", 4, 5)
@@ -170,12 +173,17 @@ def test_a_job_that_starts_over_has_no_nodes_and_has_not_started(store):
 def test_worlds_are_numbered_and_the_file_is_that_of_the_latest(store, reopened):
     added(store, job="a")
     live(store, 1, "preparing", "running")
-    store.note_world(1, 1, {"patch": {"goal": [1, 2]}}, "file 1")
-    store.note_world(1, 2, {"topology": "ring 16"}, "file 2")
+    file = ProblemFile("a.toml", {"kind": "arm-ik"}, Run(topology="ring 4"), Path("/"))
+    store.note_placing(1, Placing(0, file, (0, 1, 2, 3), 7))
+    assert store.show("a").worlds == ()
+    store.note_placing(1, Placing(1, file, (0, 1, 2, 3), 7, {"do": "update", "fields": {"goal": [1, 2]}}))
+    rewired = file.with_run(topology="complete 4")
+    store.note_placing(1, Placing(2, rewired, (4, 5, 6, 7), 8, {"do": "rewire", "topology": "complete 4"}))
     shown = reopened(store).show("a")
-    assert (shown.world, shown.file, shown.file_now, shown.topology) == (2, FILE.file, "file 2", "ring 16")
+    assert (shown.world, shown.file, shown.topology, shown.wiring) == (2, FILE.file, "complete 4", 8)
+    assert (shown.file_now, shown.nodes) == (rewired.to_json(), (4, 5, 6, 7))
     assert [world["world"] for world in shown.worlds] == [1, 2]
-    assert shown.worlds[0]["patch"] == {"goal": [1, 2]}
+    assert shown.worlds[0]["fields"] == {"goal": [1, 2]}
 
 
 def test_a_job_may_get_other_nodes(store):

@@ -31,7 +31,7 @@ class FakeService:
         self.start()
 
     def start_router(self):
-        self.router = sessions.router(self.endpoint)
+        self.router = sessions.router([self.endpoint])
 
     def stop_router(self):
         self.router.close()
@@ -77,7 +77,7 @@ class FakeService:
             self.session.put(key, payload)
 
     def wait_until_asked(self, name):
-        for _ in range(500):
+        for _ in range(3000):
             if name in self.asked:
                 return
             time.sleep(0.01)

@@ -3,9 +3,11 @@
 import dataclasses
 import threading
 import time
+from dataclasses import replace
 
 import topologies
 from coordinator import desk, job
+from coordinator.job import Placing
 from coordinator.scheduler import Scheduler
 from problems import BadInput
 from spy.result import Result
@@ -29,13 +31,15 @@ class StubDispatcher:
         self.scheduler = Scheduler(nodes, max_queue)
         self.orders = {}
         self.asked = []
-        self.worlds = {}
+        self.placings = {}
         self._manual = manual
         self._lost = lost  # whether nodes have forgotten their jobs
         self._lock = threading.RLock()
         self._timers = {}
 
-    def submit(self, order):
+    topology = "torus 4x4"
+
+    def submit(self, order, *, accepted_before=False):
         with self._lock:
             self.asked.append(("submit", order.number))
             run = order.file.run
@@ -44,14 +48,14 @@ class StubDispatcher:
             self.orders[order.number] = order
             self._start()
 
-    def adopt(self, order, nodes, world):
+    def adopt(self, order, placing):
         with self._lock:
-            self.asked.append(("adopt", order.number, nodes, world))
+            self.asked.append(("adopt", order.number, placing.nodes, placing.world))
             self.orders[order.number] = order
-            self.worlds[order.number] = world
+            self.placings[order.number] = placing
             if self._lost:
                 raise BadInput("they know nothing of it")
-            self.scheduler.occupy(order.number, nodes, order.file.run.topology)
+            self.scheduler.occupy(order.number, placing.nodes, order.file.run.topology)
             self._time(order)
 
     def cancel(self, number):
@@ -59,15 +63,22 @@ class StubDispatcher:
             if number in self.orders:
                 self.end(number, "cancelled")
 
-    def update(self, number, file):
-        self.asked.append(("update", number, file))
-        self.worlds[number] = self.worlds.get(number, 0) + 1
-        return self.worlds[number]
+    def update(self, number, fields):
+        self.asked.append(("update", number, fields))
+        return self._change(number, fields, {}, {"do": "update", "fields": fields})
 
     def rewire(self, number, topology):
         self.asked.append(("rewire", number, topology))
-        self.worlds[number] = self.worlds.get(number, 0) + 1
-        return self.worlds[number]
+        return self._change(number, {}, {"topology": topology}, {"do": "rewire", "topology": topology})
+
+    def _change(self, number, fields, run, why):
+        now = self.placings[number]
+        self._place(number, replace(now, world=now.world + 1, file=now.file.changed(fields, run), why=why))
+        return now.world + 1
+
+    def _place(self, number, placing):
+        self.placings[number] = placing
+        self.hooks.placed(number, placing)
 
     def nodes(self):
         return [{"node": node} for node in range(self.scheduler.nodes)]
@@ -89,8 +100,9 @@ class StubDispatcher:
     def _start(self):
         for number, nodes in self.scheduler.start():
             self.hooks.changed(number, "preparing", nodes)
+            self.placings[number] = Placing(0, self.orders[number].file, nodes, 1)
             self.hooks.changed(number, "running", nodes)
-            self.hooks.improved(number, Improvement(number, 0.1, 3, 1, 0.5, {"x": [float("inf")]}))
+            self.hooks.improved(number, Improvement(number, 0, 0.1, 3, 1, 0.5, True, {"x": [float("inf")]}))
             self._time(self.orders[number])
 
     def _time(self, order):

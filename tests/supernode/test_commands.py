@@ -15,7 +15,7 @@ from supernode.__main__ import main
 
 ARM = Path(__file__).resolve().parents[2] / "examples" / "arm-ik.toml"
 KINDS = ["arm-ik", "arm-path", "coordination", "function", "min-time", "mobile-robot", "sphere-path", "terrain"]
-COMMANDS = ("solve", "simulate", "check", "oracle", "topology", "problems", "init")
+COMMANDS = ("solve", "simulate", "check", "export", "oracle", "topology", "problems", "init")
 
 
 def run(*arguments, **options):

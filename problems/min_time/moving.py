@@ -1,0 +1,27 @@
+"""A min-time solution over time: its trajectory is one already."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from problems.motion import Joints, Motion, Pace, joint_names, planar_links
+from problems.problem import Solution
+
+if TYPE_CHECKING:
+    from problems.min_time.problem import MinTime
+
+
+def motion(problem: MinTime, solution: Solution, pace: Pace) -> Motion:
+    """Row by row; accelerations and torques of a row are those of the step that begins there."""
+    own = "which has times of its own"
+    pace.refuse(problem.kind, speed=own, turn_speed=own, rate="whose rows are those of the solution")
+    arm, rows = problem.arm, solution["trajectory"]
+    position, velocity, acceleration, effort = (
+        np.array(rows[name], np.float64) for name in ("q", "qd", "qdd", "torque")
+    )
+    links = None if arm.lengths is None else planar_links(arm.lengths, (0.0, 0.0), position)
+    names = joint_names(arm.size) if arm.is_planar else tuple(arm.names)
+    track = Joints("", names, position, velocity, acceleration, effort, links)
+    return Motion(np.array(rows["t"], np.float64), (track,))

@@ -1,0 +1,50 @@
+"""A sphere-path solution over time: a vehicle in its world, or a place in a configuration space."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from problems.motion import Body, Column, Floats, Motion, Pace, Track, Values, loop, straight
+from problems.plane import outlines
+from problems.problem import Solution
+
+if TYPE_CHECKING:
+    from problems.sphere_path.problem import SpherePath
+    from problems.sphere_path.vehicle import Vehicle
+
+_IN_THE_PLANE = ("x", "y", "heading")
+_IN_SPACE = {3: ("x", "y", "z"), 4: ("x", "y", "z", "yaw"), 6: ("x", "y", "z", "roll", "pitch", "yaw")}
+
+
+def motion(problem: SpherePath, solution: Solution, pace: Pace) -> Motion:
+    """At an even speed, by the lengths of the solution: a vehicle's angles count as arcs of its farthest point."""
+    unit = "units of its axes per second" if problem.vehicle is None else "m/s"
+    speed = pace.along(problem.kind, unit)
+    pace.refuse(problem.kind, turn_speed="where angles count as arcs, at --speed")
+    path = np.array(solution["path"], np.float64)
+    lengths = np.linalg.norm(np.diff(path, axis=0) * problem.space.scale, axis=1)
+    times, rows = straight(path, lengths / speed, pace)
+    return Motion(times, (_track(problem, rows),), outlines(problem.obstacles))
+
+
+def _track(problem: SpherePath, rows: Floats) -> Track:
+    if problem.vehicle is None:
+        return Values("", tuple(Column(f"axis_{axis}", "", values) for axis, values in enumerate(rows.T, start=1)))
+    dimensions = 2 if problem.mesh is None else 3
+    names = _IN_THE_PLANE if dimensions == 2 else _IN_SPACE[rows.shape[1]]
+    units = ["m"] * dimensions + ["rad"] * 3
+    columns = tuple(Column(*each) for each in zip(names, units, rows.T, strict=False))
+    places, angles = np.zeros((len(rows), 3)), np.zeros((len(rows), 3))
+    places[:, :dimensions] = rows[:, :dimensions]
+    turns = rows.shape[1] - dimensions  # the last of them is about z
+    angles[:, 3 - turns :] = rows[:, dimensions:]
+    return Body("", columns, places, angles, _outline(problem.vehicle))
+
+
+def _outline(vehicle: Vehicle) -> Floats | None:
+    """Of a polygon, disc or ball."""
+    if vehicle.mesh is not None:
+        return None
+    return loop(np.array(vehicle.vertices or [(0.0, 0.0)]), vehicle.radius or 0.0)

@@ -1,0 +1,91 @@
+"""Results as files claim them: what they hold is believed only once the planner's own check has accepted it."""
+
+import contextlib
+import json
+import math
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from problems import BadInput, Problem, ProblemFile, Solution, Verdict
+from problems.guard import checked, solved_at
+from spy.judge import same_fitness
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """What a claim is worth.
+
+    Attributes:
+        problem: as it was run.
+        solution: the claimed one, if there is one.
+        fitness: that the check finds.
+        objections: all that is wrong with the claim.
+    """
+
+    problem: Problem
+    solution: Solution | None
+    fitness: float
+    objections: list[str]
+
+
+def judged(file: ProblemFile, result: str) -> Judgement:
+    """What the file of a result, or of its solution alone, is worth as an answer to a problem.
+
+    Raises:
+        BadInput: names the file that cannot be used, and why.
+    """
+    claim = _read(result)
+    try:
+        with contextlib.redirect_stdout(sys.stderr):  # a user's module may print
+            return _judged(_as_it_was_run(file, claim), claim)
+    except BadInput as error:
+        if str(error).startswith(file.name):
+            raise
+        raise BadInput(f"{result}: {error}") from error
+
+
+def _judged(file: ProblemFile, claim: dict[str, Any]) -> Judgement:
+    problem, solution = file.problem(), claim.get("solution", claim)
+    if solution is None:
+        return Judgement(problem, None, math.inf, ["there is no solution"])
+    verdict = checked(problem, solution)
+    return Judgement(problem, solution, verdict.fitness, [*verdict.objections, *_false_claims(claim, verdict, file)])
+
+
+def _read(name: str) -> dict[str, Any]:
+    try:
+        claim = json.loads(Path(name).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise BadInput(f"{name}: expected a result, found {error.strerror}") from error
+    except ValueError as error:
+        raise BadInput(f"{name}: expected JSON, found {error}") from error
+    if not isinstance(claim, dict):
+        raise BadInput(f"{name}: expected a JSON object, found {type(claim).__name__}")
+    return claim
+
+
+def _as_it_was_run(file: ProblemFile, claim: dict[str, Any]) -> ProblemFile:
+    """A whole result says by which recipe it was found, which may decide how bits are read."""
+    settings = claim.get("run")
+    if not isinstance(settings, dict):
+        return file
+    known = {name: settings[name] for name in ("recipe", "deme", "target") if name in settings}
+    return file.with_run(**known)
+
+
+def _false_claims(claim: dict[str, Any], verdict: Verdict, file: ProblemFile) -> list[str]:
+    """What a whole result says beside its solution, and is not so."""
+    false = []
+    claimed = claim.get("fitness", verdict.fitness)
+    claimed = math.inf if claimed is None else claimed
+    if not isinstance(claimed, float | int) or not same_fitness(claimed, verdict.fitness):
+        false.append(f"the result claims a fitness of {claimed}, the check finds {verdict.fitness:.9g}")
+    if claim.get("problem_sha256", file.sha256) != file.sha256:
+        false.append("the result is of another problem: problem_sha256 differs")
+    target = file.run.target if file.run.target is not None else solved_at(file.problem())
+    solved = target is None or verdict.fitness <= target or same_fitness(verdict.fitness, target)
+    if claim.get("solved") is True and not solved:
+        false.append(f"the result claims to be solved, the target is {target}")
+    return false
