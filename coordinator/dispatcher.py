@@ -14,7 +14,7 @@ import topologies
 from coordinator.conductor import Conductor
 from coordinator.errors import ClusterFailed
 from coordinator.hooks import Hooks
-from coordinator.job import Failure, JobEntry, Order, Placing, Replaced
+from coordinator.job import Failure, JobEntry, Order, Placing, Replaced, Wish
 from coordinator.scheduler import Placed, Scheduler
 from spy.result import Result
 from wire import control
@@ -96,7 +96,7 @@ class Dispatcher:
             QueueFull: if too many wait.
             ClusterFailed: if the cluster has failed, or is closed.
         """
-        job = JobEntry(order, self._told)
+        job = JobEntry(order, self._told, self.cancel)
         topology = topologies.parse(order.file.run.topology)
         if accepted_before:
             payload = control.encode(Drop(order.number))
@@ -128,7 +128,7 @@ class Dispatcher:
             job = self.jobs.get(number)
             waiting = self._scheduler.remove(number)
         if job is not None:
-            job.cancel()
+            job.mail.put(Wish("cancel"))
             if waiting:
                 self._conduct(job, ())
 

@@ -32,9 +32,18 @@ size = [2.0, 2.0]
 
 
 @pytest.fixture(scope="module")
-def cluster():
+def shared():
     with supernode.LocalCluster(torus=(4, 4)) as cluster:
         yield cluster
+
+
+@pytest.fixture
+def cluster(shared):
+    """A cluster without jobs; those that a test leaves behind end with it."""
+    yield shared
+    for job in list(shared._dispatcher.jobs.values()):
+        job.cancel()
+        job.result(timeout=60)
 
 
 @pytest.fixture
@@ -110,7 +119,7 @@ def test_jobs_that_follow_each_other_on_the_same_nodes_do_not_hear_each_other(cl
         assert result.history_sha256 == again(file, result)
 
 
-@pytest.mark.parametrize("topology", ["ring 7", "complete 6", "grid 3x3", "moore 4x4", "random-regular 10 3"])
+@pytest.mark.parametrize("topology", ["ring 7", "complete 6", "grid 3x3", "moore 4x4", "random-regular 10 3 seed 1"])
 def test_a_job_of_another_topology_on_the_same_cluster(cluster, function, topology):
     run = {"topology": topology, "deme": 4, "generations": 40, "target": -1.0}
     result = cluster.submit(function, **run).result(timeout=60)
@@ -131,16 +140,18 @@ def test_jobs_queued_behind_a_large_one_keep_their_order(cluster, states, functi
     first = cluster.submit(function, **small)
     next(first.improvements())
     large = cluster.submit(function, **ENDLESS)
-    behind = [cluster.submit(function, **small, seed=seed) for seed in (1, 2)]
+    behind = [cluster.submit(function, **ENDLESS, seed=1), cluster.submit(function, **small, seed=2)]
     states.wait(behind[1], "queued")
     assert [states.of(job) for job in (large, *behind)] == [["queued"]] * 3, "twelve nodes are free, and wait for it"
     cancelled(first)
     next(large.improvements())
     assert [states.of(job) for job in behind] == [["queued"]] * 2
     cancelled(large)
-    for job in behind:
-        next(job.improvements())
-    results = [cancelled(job) for job in (behind[1], behind[0])]
+    next(behind[0].improvements())
+    assert states.of(behind[1]) == ["queued"]
+    results = [cancelled(behind[0])]
+    next(behind[1].improvements())
+    results.append(cancelled(behind[1]))
     assert states.order_of("preparing", [first, large, *behind]) == [0, 1, 2, 3]
     assert all(result.history_sha256 == again(function, result) for result in results)
 
@@ -151,9 +162,9 @@ def test_a_job_that_is_cancelled_while_it_is_queued_never_runs(cluster, states, 
     next(large.improvements())
     queued.cancel()
     result = queued.result(timeout=60)
-    assert (result.status, result.generations, result.history_sha256) == ("cancelled", 0, result.history_sha256)
+    assert (result.status, result.generations, result.evaluations) == ("cancelled", 0, 0)
     assert math.isinf(result.fitness)
-    assert "preparing" not in states.of(queued)
+    assert "running" not in states.of(queued)
     cancelled(large)
     assert next_one.result(timeout=60).history_sha256 == again(function, next_one.result())
 
@@ -286,7 +297,7 @@ def test_an_update_of_a_users_own_problem_that_codes_otherwise_is_refused_too(cl
     next(improvements)
     with pytest.raises(supernode.BadInput, match="the update would change how individuals are coded"):
         job.update(size=4008)
-    with pytest.raises(supernode.BadInput, match="own.toml: size: "):
+    with pytest.raises(supernode.BadInput, match=r"own.toml: size: "):
         job.update(size="large")
     assert job.update(trouble="none that it knows") == 1
     result = cancelled(job)

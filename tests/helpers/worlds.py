@@ -1,4 +1,4 @@
-"""Jobs that live in several worlds: what becomes of them is watched, and repeated in this process from their results."""
+"""Jobs that live in several worlds: their states are watched, and they are repeated here from their results."""
 
 import hashlib
 import itertools

@@ -71,6 +71,8 @@ def test_a_lie_is_not_believed_and_fails_the_run():
         ({"target": -1.0}, 7, ["deadline"], "deadline"),
         ({"target": -1.0}, 7, ["cancel"], "cancelled"),
         ({"target": 0.0, "generations": 8}, 8, ["target"], "solved"),
+        ({"target": -1.0, "generations": 8}, 7, [], "exhausted"),  # in async mode, after another world
+        ({"target": -1.0}, 7, [], "failed"),
     ],
 )
 def test_status(settings, generation, reasons, status):
