@@ -113,7 +113,7 @@ class Dispatcher:
             QueueFull: if too many wait.
             ClusterFailed: if the cluster has failed, or is closed.
         """
-        job = JobEntry(order, self._told)
+        job = JobEntry(order, self._told, self.cancel)
         topology = topologies.parse(order.file.run.topology)
         if accepted_before:
             payload = control.encode(Drop(order.number))
@@ -164,7 +164,7 @@ class Dispatcher:
             job = self.jobs.get(number)
             waiting = self._scheduler.remove(number)
         if job is not None:
-            job.cancel()
+            job.mail.put(Wish("cancel"))
             if waiting:
                 self._conduct(job, ())
 

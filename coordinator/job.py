@@ -3,7 +3,7 @@
 import queue
 import threading
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -175,11 +175,20 @@ class JobEntry(Job):
 
     Args:
         told: whether somebody may ask for its events.
+        cancel: how it is cancelled, even while it is queued; if not given, its conductor is told.
     """
 
-    def __init__(self, order: Order, told: bool = True) -> None:
+    def __init__(self, order: Order, told: bool = True, cancel: Callable[[int], None] | None = None) -> None:
         super().__init__(order)
         self._told = told
+        self._cancel = cancel
+
+    def cancel(self) -> None:
+        """See `Job`."""
+        if self._cancel is None:
+            super().cancel()
+        else:
+            self._cancel(self.order.number)
 
     def tell(self, event: Improvement | Statistics) -> None:
         """Pass on what happens."""

@@ -359,7 +359,10 @@ class NodeProcess:
         self.coming = None
         self._leave_the_past()  # nobody is at it any more, when another world is prepared
         try:
-            plan = Plan.of(ProblemFile.from_json(command.file), command.world, checked=True)
+            file = ProblemFile.from_json(command.file)
+            plan = Plan.of(file, command.world, checked=True)
+            if goes_on and self.assignment is not None:  # a user's own problem is known here only
+                file.keep_coding(self.assignment.cell.plan.coding, plan.coding)
             links = self._linked(plan.topology, command.wiring, command)
             cell = None if goes_on or command.deme else Cell(plan, links.cell, command.job)
         except BadInput as error:

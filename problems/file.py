@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
+from genetics.coding import Coding
 from problems import registry
 from problems.errors import BadInput, first_line, shorten
 from problems.problem import CHECKED, Problem
@@ -79,7 +80,14 @@ class ProblemFile:
         Raises:
             BadInput: if they are coded otherwise.
         """
-        old, new = before.problem().coding, problem.coding
+        self.keep_coding(before.problem().coding, problem.coding)
+
+    def keep_coding(self, old: Coding, new: Coding) -> None:
+        """The same, when both codings are known.
+
+        Raises:
+            BadInput: if they differ.
+        """
         pairs: list[tuple[Any, Any]] = list(zip(old.alphabet, new.alphabet, strict=True))
         alike = type(old) is type(new) and old.genome_bytes == new.genome_bytes
         if not (alike and all(np.array_equal(*pair) for pair in pairs)):

@@ -92,8 +92,8 @@ def judge(
 def _status(plan: Plan, best: Improvement | None, generation: int, reasons: set[Reason]) -> Status:
     if best is not None and plan.target is not None and best.fitness <= plan.target:
         return "solved"
-    if generation == plan.last_generation:
-        return "exhausted"
+    if generation == plan.last_generation or (not reasons and plan.last_generation is not None):
+        return "exhausted"  # in async mode cells begin a later world at generations of their own
     for reason, status in STATUS_OF.items():
         if reason in reasons:
             return status

@@ -33,6 +33,8 @@ class Result:
         seconds: from the start to the last stop.
         seconds_to_ready: from the call to the ready cluster.
         cpu_seconds: of all processes.
+        run: the settings of the first world; `directives` say what came after it. All else is of the last one.
+        directives: what came from outside, and after which generation.
         staleness: in async mode, how many generations the immigrants bred with were behind their cells (mean, max), and
             the share of them that had been bred with before (again); None in lockstep, where all are of one generation.
         history_sha256: equal for equal lockstep runs; None if the run failed.
@@ -162,7 +164,7 @@ def result_of(
         deme=run.deme,
         mode=run.mode,
         seed=run.seed,
-        run=run.model_dump(),
+        run=worlds[0].file.run.model_dump(),
         problem_sha256=file.sha256,
         versions=versions,
         directives=_directives(worlds),
