@@ -6,20 +6,18 @@ import subprocess
 import sys
 import threading
 import time
-from dataclasses import make_dataclass
 from pathlib import Path
 
 import pytest
 from fake_service import FakeService
 
 import supernode
-from coordinator import launcher
+from supernode import upkeep
 from supernode.detached import detached
 from supernode.upkeep import Upkeep, Wish
 from supernode.whereabouts import read_card
 
 WISH = Wish("torus 2x2", ("tcp/127.0.0.1:0",), None, 5, ("mine",))
-FIELDS = ("state", "database", "listen", "max_queue", "allow_modules")
 
 
 class FakeLauncher:
@@ -44,8 +42,7 @@ class FakeLauncher:
 
 @pytest.fixture(autouse=True)
 def _played(monkeypatch):
-    monkeypatch.setattr(launcher, "Launcher", FakeLauncher)
-    monkeypatch.setattr(launcher, "ServiceOptions", make_dataclass("ServiceOptions", FIELDS), raising=False)
+    monkeypatch.setattr(upkeep, "Launcher", FakeLauncher)
 
 
 def test_it_is_up_until_ctrl_c_and_leaves_no_card(tmp_path):

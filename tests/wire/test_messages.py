@@ -42,13 +42,22 @@ plain = st.recursive(
     max_leaves=8,
 )
 
+
+@st.composite
+def wirings(draw):
+    """Of nodes on one host, of which nothing is said, or on several."""
+    nodes = draw(st.lists(counts, max_size=5).map(tuple))
+    texts = st.just(()) | st.tuples(*[st.text(max_size=9)] * len(nodes))
+    return Wiring(draw(counts), nodes, draw(texts), draw(texts))
+
+
 COMMANDS = st.one_of(
     st.builds(
         Prepare,
         counts,
         counts,
         st.text(),
-        st.builds(Wiring, counts, st.lists(counts, max_size=5).map(tuple)),
+        wirings(),
         st.none() | counts,
         st.binary(max_size=100),
         st.none() | st.text(),
@@ -73,7 +82,7 @@ COMMANDS = st.one_of(
 )
 ANSWERS = st.one_of(
     st.builds(Done, st.text()),
-    st.builds(Refused, st.text(), st.sampled_from(["input", "failure"])),
+    st.builds(Refused, st.text(), st.sampled_from(["input", "failure", "stranger"])),
     st.builds(
         Judged,
         st.text(),
@@ -113,7 +122,9 @@ IMPROVEMENTS = st.builds(
     st.dictionaries(st.text(), plain, max_size=4),
 )
 
-PREPARE = Prepare(3, 1, '["x.toml"]', Wiring(4, (2, 0, 1)), 12, b"\x12\x34", "/tmp/log")
+PREPARE = Prepare(
+    3, 1, '["x.toml"]', Wiring(4, (2, 0, 1), ("a", "b", ""), ("", "tcp/b:1", "")), 12, b"\x12\x34", "/tmp/log"
+)
 FINISH = Finish(3, 1, Champion(0.5, 7, 2, b"\x12"), 20, ("target", "stall"), None, ((2, b"\x01"),), 12)
 REPORT = Report(
     2,
@@ -295,13 +306,19 @@ def test_the_number_of_a_commands_fields_is_exact(kind):
         ("command", 5, None, "wrong shape"),
         ("command", 5, 4, "wrong shape"),
         ("command", 5, [4], "wrong shape"),
-        ("command", 5, [4, [2, 0, 1], 0], "wrong shape"),
-        ("command", 5, [-1, [2, 0, 1]], "out of bounds"),
-        ("command", 5, [None, [2, 0, 1]], "wrong type"),
-        ("command", 5, [4, "201"], "wrong type"),
-        ("command", 5, [4, [2, -1, 1]], "out of bounds"),
-        ("command", 5, [4, [2, 0.0, 1]], "wrong type"),
-        ("command", 5, [4, [2, None, 1]], "wrong type"),
+        ("command", 5, [4, [2, 0, 1]], "wrong shape"),
+        ("command", 5, [4, [2, 0, 1], [], [], 0], "wrong shape"),
+        ("command", 5, [4, [2, 0, 1], ["a", "b"], []], "wrong shape"),
+        ("command", 5, [4, [2, 0, 1], [], ["a", "b", "c", "d"]], "wrong shape"),
+        ("command", 5, [4, [2, 0, 1], ["a", "b", 3], []], "wrong type"),
+        ("command", 5, [4, [2, 0, 1], [], ["a", None, "c"]], "wrong type"),
+        ("command", 5, [4, [2, 0, 1], "abc", []], "wrong type"),
+        ("command", 5, [-1, [2, 0, 1], [], []], "out of bounds"),
+        ("command", 5, [None, [2, 0, 1], [], []], "wrong type"),
+        ("command", 5, [4, "201", [], []], "wrong type"),
+        ("command", 5, [4, [2, -1, 1], [], []], "out of bounds"),
+        ("command", 5, [4, [2, 0.0, 1], [], []], "wrong type"),
+        ("command", 5, [4, [2, None, 1], [], []], "wrong type"),
         ("command", 6, -1, "out of bounds"),
         ("command", 6, 12.0, "wrong type"),
         ("command", 6, False, "wrong type"),
