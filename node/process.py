@@ -190,8 +190,7 @@ class NodeProcess:
         )
         liveliness = session.liveliness()
         self._tokens = [
-            liveliness.declare_token(key)
-            for key in (self.keys.life(node, os.getpid(), self.berth.host), self.keys.node(node))
+            liveliness.declare_token(key) for key in (self.keys.life(node, self.berth.process), self.keys.node(node))
         ]
 
     # On the network thread --------------------------------------------------------------------------------------------
