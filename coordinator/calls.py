@@ -19,12 +19,15 @@ from coordinator.job import Failure, Replaced, Wish
 from problems import BadInput
 from wire import control
 from wire.callbacks import direct
-from wire.control import Command, Done, Judged, Refused
+from wire.control import Command, Done, Finish, Judged, Prepare, Refused
 from wire.report import Report
 from wire.strict import Rejected
 
-_ANSWER_WITHIN = 600.0  # seconds; a problem may have much to prepare, and a dead process is heard of otherwise
-_FOR_EVER = 30 * 24 * 3600.0  # seconds; a run may take long
+# Seconds. Each query keeps some 800 bytes until its time is over, even when it was answered long before.
+_ANSWER_WITHIN = 60.0
+_LONG = 600.0  # a problem may have much to prepare, or to check, and a dead process is heard of otherwise
+_REPORT_WITHIN = 60.0  # then reports are asked for again
+_TOLD_WITHIN = 5.0
 _DEATH_NOTICE = 1.0  # seconds: an answer that never comes may be explained this much later
 _REPLACED_WITHIN = 60.0  # seconds: a dead process, or the router, by which all questions go
 _ASK_AGAIN = 0.2  # seconds: a router that has died is there again after about so long
@@ -117,7 +120,8 @@ class Calls:
         if give_up:
             self._raise_wish_put_off()
         for key, command in questions:
-            self._get(key, command, direct(hear, lambda: mail.put(_Answer(number, None))), _ANSWER_WITHIN)
+            within = _LONG if isinstance(command, Prepare | Finish) else _ANSWER_WITHIN
+            self._get(key, command, direct(hear, lambda: mail.put(_Answer(number, None))), within)
         return self._answers(number, len(questions), give_up)
 
     def _raise_wish_put_off(self) -> None:
@@ -178,12 +182,12 @@ class Calls:
             except Rejected as error:
                 mail.put(Failure(f"a node's report is not readable: {error.reason}"))
 
-        self._get(key, command, direct(hear, lambda: mail.put(Reported(question, world, None))), _FOR_EVER)
+        self._get(key, command, direct(hear, lambda: mail.put(Reported(question, world, None))), _REPORT_WITHIN)
         return question
 
     def tell(self, key: str, command: Command) -> None:
         """Send a command without waiting for the answers."""
-        self._get(key, command, direct(lambda _: None), _ANSWER_WITHIN)
+        self._get(key, command, direct(lambda _: None), _TOLD_WITHIN)
 
     def next(self, deadline: float | None = None) -> object:
         """The next mail; None at the ``deadline``.

@@ -117,7 +117,7 @@ class Dispatcher:
         topology = topologies.parse(order.file.run.topology)
         if accepted_before:
             payload = control.encode(Drop(order.number))
-            self.session.get(self.keys.every_control, direct(lambda _: None), payload=payload)
+            self.session.get(self.keys.every_control, direct(lambda _: None), payload=payload, timeout=5.0)
         with self._lock:
             if self._failure is not None:
                 raise ClusterFailed(self._failure)

@@ -96,7 +96,8 @@ class Roster:
     def _see(self, sample: zenoh.Sample) -> None:
         if sample.kind != zenoh.SampleKind.PUT:
             return
-        node, process, host = self._keys.life_of(str(sample.key_expr))
+        key = str(sample.key_expr)
+        (node, process), host = self._keys.life_of(key), self._keys.home_of(key)
         name = "spy" if node is None else f"node {node}"
         with self._lock:
             before = self._processes.get(name)

@@ -1,5 +1,6 @@
 """A node's place in a cluster: what it must be told before it can link itself."""
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -31,6 +32,11 @@ class Berth:
     def keys(self) -> Keys:
         """The cluster's key expressions."""
         return Keys(self.cluster)
+
+    @property
+    def process(self) -> str:
+        """This process, as its token names it: ids repeat from host to host and from one start of it to the next."""
+        return f"{os.getpid()}-{self.host}" if self.host else str(os.getpid())
 
     def data_endpoint(self, node: int, wiring: int) -> str:
         """Where the data session of a node on this machine listens, for the links of that wiring."""

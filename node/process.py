@@ -193,8 +193,7 @@ class NodeProcess:
         self._queryable = session.declare_queryable(self.keys.control(node), direct(self._take_command))
         liveliness = session.liveliness()
         self._tokens = [
-            liveliness.declare_token(key)
-            for key in (self.keys.life(node, os.getpid(), self.berth.host), self.keys.node(node))
+            liveliness.declare_token(key) for key in (self.keys.life(node, self.berth.process), self.keys.node(node))
         ]
 
     # On the network thread --------------------------------------------------------------------------------------------

@@ -7,7 +7,6 @@ its own. The control session also gathers the nodes' counters and log records, a
 """
 
 import contextlib
-import os
 import queue
 import threading
 import time
@@ -166,7 +165,7 @@ class SpyProcess:
         ]
         self._queryable = self.control.declare_queryable(self.keys.spy_control, direct(self.mail.put))
         self._tokens = [
-            liveliness.declare_token(key) for key in (self.keys.spy_life(os.getpid(), self.berth.host), self.keys.spy)
+            liveliness.declare_token(key) for key in (self.keys.spy_life(self.berth.process), self.keys.spy)
         ]
 
     def _reader(self, kind: type[Counters] | type[LogRecord]) -> Any:

@@ -185,7 +185,10 @@ def encode(command: Command) -> bytes:
 
 
 def _plain(value: object) -> object:
-    return dataclasses.astuple(value) if isinstance(value, Wiring) else value
+    if not isinstance(value, Wiring):
+        return value
+    places = (value.hosts, value.endpoints)
+    return (value.number, value.nodes, *(places if value.hosts else ()))
 
 
 def decode(payload: bytes) -> Command:
@@ -228,12 +231,12 @@ def decode_answer(payload: bytes) -> Answer:
 
 
 def _wiring(value: object) -> Wiring:
-    number, nodes, *places = fields(value, 4)
+    number, nodes, *places = fields(value, 4 if type(value) is list and len(value) > 2 else 2)
     numbers = tuple(count(node) for node in of(list, nodes))
-    hosts, endpoints = (tuple(of(str, each) for each in of(list, texts)) for texts in places)
-    if {len(hosts), len(endpoints)} - {0, len(numbers)}:
+    told = [tuple(of(str, each) for each in of(list, texts)) for texts in places]
+    if {len(texts) for texts in told} - {0, len(numbers)}:
         raise Rejected("wrong shape")
-    return Wiring(count(number), numbers, hosts, endpoints)
+    return Wiring(count(number), numbers, *told)
 
 
 def _state(value: object) -> tuple[int, bytes]:

@@ -19,18 +19,18 @@ class Keys:
         """The liveliness token of a node."""
         return f"{self._base}/node/{node}"
 
-    def life(self, node: int, process: int, host: str = "") -> str:
+    def life(self, node: int, process: int | str) -> str:
         """The liveliness token of a node's process: another process on the same node has another token."""
-        return f"{self.node(node)}/life/{_process_on(process, host)}"
+        return f"{self.node(node)}/life/{process}"
 
     @property
     def any_life(self) -> str:
         """The processes of all nodes."""
         return f"{self._base}/node/*/life/*"
 
-    def spy_life(self, process: int, host: str = "") -> str:
+    def spy_life(self, process: int | str) -> str:
         """The liveliness token of the spy's process."""
-        return f"{self.spy}/life/{_process_on(process, host)}"
+        return f"{self.spy}/life/{process}"
 
     @property
     def any_spy_life(self) -> str:
@@ -38,11 +38,15 @@ class Keys:
         return f"{self.spy}/life/*"
 
     @staticmethod
-    def life_of(key: str) -> tuple[int | None, int, str]:
-        """The node, None for the spy, the process, and its host, "" for the coordinator's, that such a token names."""
+    def life_of(key: str) -> tuple[int | None, int]:
+        """The node, None for the spy, and the process that such a token names."""
         *_, whose, _, life = key.split("/")
-        process, _, host = life.partition("-")
-        return (None if whose == "spy" else int(whose)), int(process), host
+        return (None if whose == "spy" else int(whose)), int(life.partition("-")[0])
+
+    @staticmethod
+    def home_of(key: str) -> str:
+        """The host of that process; "" for the coordinator's."""
+        return key.rpartition("/")[2].partition("-")[2]
 
     def host(self, host: str) -> str:
         """The liveliness token of a host of nodes that have joined, and where it tells which nodes those are."""
@@ -128,8 +132,3 @@ class Keys:
     @property
     def _base(self) -> str:
         return f"{PREFIX}/{self.cluster}"
-
-
-def _process_on(process: int, host: str) -> str:
-    """Process ids repeat from host to host, and from one start of a container to the next."""
-    return f"{process}-{host}" if host else str(process)
