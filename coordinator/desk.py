@@ -219,7 +219,7 @@ class Desk:
 
     def _running(self, job: str) -> Stored:
         stored = self._store.show(job)
-        if stored.status not in ("running", "waiting"):
+        if stored.status not in ("preparing", "running", "waiting"):  # an answer may come before it is said to run
             has = "has ended: it is" if stored.status in ENDS else "does not run yet: it is"
             raise BadInput(f"job {job!r} {has} {stored.status}")
         return stored

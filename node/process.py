@@ -376,11 +376,9 @@ class NodeProcess:
         return Done(json.dumps(fingerprint()))
 
     def _has_lived_before(self, command: Prepare) -> bool:
-        """In an earlier world of that job; told again to prepare for its first one, this node begins from there."""
+        """In an earlier world of that job; told again to prepare for the same one, this node begins from there."""
         assignment = self.assignment
-        if assignment is None or assignment.job != command.job:
-            return False
-        return assignment.world < command.world and assignment.cell.state != "prepared"
+        return assignment is not None and assignment.job == command.job and assignment.world < command.world
 
     def _keep(self, links: Links) -> None:
         """From now on these; those before serve a world that has not stopped yet, or nobody."""

@@ -29,8 +29,14 @@ def job(generations, cost=0, topology="torus 2x4", **run):
 
 
 def runs(*jobs):
-    """Wait until all do, on nodes."""
-    until(lambda: all(each.state() == "running" for each in jobs))
+    """Wait until all do, on nodes; none may have ended before."""
+
+    def do():
+        seen = {each.id: each.state() for each in jobs}
+        assert not ENDS & set(seen.values()), seen
+        return set(seen.values()) == {"running"}
+
+    until(do)
 
 
 def breeds(job):
@@ -63,18 +69,23 @@ def test_whatever_is_killed_every_job_ends_once(service):
     victims = ["coordinator", "spy", "router", "node 5"]
     with service.connect() as client:
         short = [client.submit(job(100, seed=seed), id=f"short{seed}") for seed in range(10)]
-        long = [client.submit(job(800, 100, seed=seed), id=f"long{seed}", priority=1) for seed in range(2)]
+        long = [
+            client.submit(job(None, 100, seed=seed, stall=10**6), id=f"long{seed}", priority=1) for seed in range(2)
+        ]
         short += [client.submit(job(100, seed=seed), id=f"short{seed}") for seed in range(10, 20)]
         for victim in victims:
             runs(*long)
             service.kill(victim)
             client.status()  # it answers again
-        for each in (*long, *short):
+        runs(*long)
+        for each in long:
+            each.cancel()  # by their own limits they might end before the last is killed
+        for each, end in [(each, "cancelled") for each in long] + [(each, "exhausted") for each in short]:
             result = each.result(120)
-            assert (result.status, result.message) == ("exhausted", None)
-            assert result.generations == (800 if each in long else 100)
-            assert [state for state in states(each) if state in ENDS] == ["exhausted"]
-        assert client.status()["jobs"] == {"exhausted": 22}
+            assert (result.status, result.message) == (end, None)
+            assert [state for state in states(each) if state in ENDS] == [end]
+        assert all(each.result().generations == 100 for each in short)
+        assert client.status()["jobs"] == {"cancelled": 2, "exhausted": 20}
 
 
 @pytest.mark.parametrize("mode", ["lockstep", "async"])
