@@ -1,6 +1,7 @@
 """What the desk answers, what it keeps, what it hands over, and what it publishes, in which order."""
 
 import json
+import sys
 import threading
 import time
 from functools import partial
@@ -293,7 +294,8 @@ def test_a_users_own_problem_is_refused_unless_allowed(office, own_problem):
     assert "it was not started with --allow-module own_module" in office.refusal(Submit(own))
 
 
-def test_an_allowed_module_is_taken_from_the_clusters_own_folder(offices, own_problem, tmp_path):
+def test_an_allowed_module_is_taken_from_the_clusters_own_folder(offices, own_problem, tmp_path, monkeypatch):
+    monkeypatch.delitem(sys.modules, "own_module", raising=False)  # another test's
     path = own_problem("size = 8")
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
@@ -305,8 +307,6 @@ def test_an_allowed_module_is_taken_from_the_clusters_own_folder(offices, own_pr
     assert office.dispatcher.orders[1].file.folder == tmp_path
     bad = json.dumps([own.name, own.fields | {"size": "many"}, {}, "/"])
     assert office.refusal(Submit(bad)).startswith(f"{own.name}: size: ")
-    import sys
-
     assert "own_module" not in sys.modules
 
 

@@ -227,8 +227,12 @@ def test_unended_jobs_come_in_the_order_of_coming(store):
         ("j3", "running"),
         ("j4", "queued"),
         ("j5", "waiting"),
+        ("j6", "deadline"),  # its nodes have not stopped
     ]
     assert store.counts() == {"queued": 2, "cancelled": 1, "running": 1, "waiting": 1, "deadline": 1}
+    store.end(6, "deadline", None)
+    assert [job.job for job in store.unended()] == ["j1", "j3", "j4", "j5"]
+    assert store.counts()["deadline"] == 1
 
 
 def test_the_newest_come_last(store):

@@ -8,8 +8,8 @@ import zenoh
 
 from wire.keys import PREFIX, Keys
 
-NAMES = {"process": (1, 4711), "host": ("", "h1", "a-host")}
-LIVES = tuple(itertools.product(*NAMES.values()))
+HOSTS = ("h1", "a-host")
+NAMES = {"process": (1, 4711, "1-h1", "4711-h1", "1-a-host"), "host": HOSTS}
 
 
 def all_keys(cluster="c1", nodes=(0, 1, 12)):
@@ -17,13 +17,11 @@ def all_keys(cluster="c1", nodes=(0, 1, 12)):
     keys = Keys(cluster)
     found = {}
     for name in dir(Keys):
-        if name.startswith(("_", "any_", "every_")) or name in ("cluster", "life_of"):
+        if name.startswith(("_", "any_", "every_")) or name in ("cluster", "life_of", "home_of"):
             continue
         value = getattr(keys, name)
         if callable(value):
             of = [NAMES.get(parameter, nodes) for parameter in inspect.signature(value).parameters]
-            if name == "host":
-                of = [("h1", "a-host")]  # one without a name has no token
             found |= {(name, *numbers): value(*numbers) for numbers in itertools.product(*of)}
         else:
             found[name] = value
@@ -57,19 +55,19 @@ def test_patterns_match_what_they_are_for_and_nothing_else():
     keys = Keys("c1")
     assert matching(keys.any_node) == {("node", 0), ("node", 1), ("node", 12)}
     assert matching(keys.any_stats) == {("stats", 0), ("stats", 1), ("stats", 12)}
-    assert matching(keys.any_life) == {("life", node, *life) for node in (0, 1, 12) for life in LIVES}
-    assert matching(keys.any_spy_life) == {("spy_life", *life) for life in LIVES}
-    assert matching(keys.any_host) == {("host", "h1"), ("host", "a-host")}
+    assert matching(keys.any_life) == {("life", *each) for each in itertools.product((0, 1, 12), NAMES["process"])}
+    assert matching(keys.any_spy_life) == {("spy_life", process) for process in NAMES["process"]}
+    assert matching(keys.any_host) == {("host", host) for host in HOSTS}
     assert matching(keys.every_control) == {("control", 0), ("control", 1), ("control", 12)}
 
 
 @pytest.mark.parametrize("cluster", ["c1", "spy", "node", "life"])
 def test_a_token_says_whose_life_it_is_and_by_which_process(cluster):
     keys = Keys(cluster)
-    for process, host in LIVES:
-        assert Keys.life_of(keys.life(12, process, host)) == (12, process, host)
-        assert Keys.life_of(keys.spy_life(process, host)) == (None, process, host)
-    assert Keys.life_of(keys.life(12, 4711)) == (12, 4711, "")
+    for process, number, host in ((4711, 4711, ""), ("4711-h1", 4711, "h1"), ("1-a-host", 1, "a-host")):
+        for token, whose in ((keys.life(12, process), 12), (keys.spy_life(process), None)):
+            assert Keys.life_of(token) == (whose, number)
+            assert Keys.home_of(token) == host
 
 
 def test_the_keys_of_the_protocol():
@@ -79,7 +77,7 @@ def test_the_keys_of_the_protocol():
     assert keys.control(7) == "supernode/c1/node/7/control"
     assert keys.stats(7) == "supernode/c1/node/7/stats"
     assert keys.life(7, 4711) == "supernode/c1/node/7/life/4711"
-    assert keys.life(7, 4711, "h1") == "supernode/c1/node/7/life/4711-h1"
+    assert keys.life(7, "4711-h1") == "supernode/c1/node/7/life/4711-h1"
     assert keys.spy_life(4711) == "supernode/c1/spy/life/4711"
     assert keys.best == "supernode/c1/best"
     assert keys.log == "supernode/c1/log"

@@ -47,8 +47,9 @@ plain = st.recursive(
 def wirings(draw):
     """Of nodes on one host, of which nothing is said, or on several."""
     nodes = draw(st.lists(counts, max_size=5).map(tuple))
-    texts = st.just(()) | st.tuples(*[st.text(max_size=9)] * len(nodes))
-    return Wiring(draw(counts), nodes, draw(texts), draw(texts))
+    texts = st.tuples(*[st.text(max_size=9)] * len(nodes))
+    places = st.just(()) | st.tuples(texts, st.just(()) | texts) if nodes else st.just(())
+    return Wiring(draw(counts), nodes, *draw(places))
 
 
 COMMANDS = st.one_of(
@@ -306,7 +307,9 @@ def test_the_number_of_a_commands_fields_is_exact(kind):
         ("command", 5, None, "wrong shape"),
         ("command", 5, 4, "wrong shape"),
         ("command", 5, [4], "wrong shape"),
-        ("command", 5, [4, [2, 0, 1]], "wrong shape"),
+        ("command", 5, [4, [2, 0, 1], []], "wrong shape"),
+        ("command", 5, [-1, [2, 0, 1]], "out of bounds"),
+        ("command", 5, [4, [2, 0, None]], "wrong type"),
         ("command", 5, [4, [2, 0, 1], [], [], 0], "wrong shape"),
         ("command", 5, [4, [2, 0, 1], ["a", "b"], []], "wrong shape"),
         ("command", 5, [4, [2, 0, 1], [], ["a", "b", "c", "d"]], "wrong shape"),
