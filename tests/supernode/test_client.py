@@ -1,4 +1,4 @@
-"""Clients against a coordinator that does what the test tells it; see test_service.py for the real one."""
+"""Clients against a coordinator that does what the test tells it; see test_served_jobs.py for the real one."""
 
 import asyncio
 import gc
