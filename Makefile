@@ -8,8 +8,8 @@ BIN := $(VENV)/bin
 run: $(VENV)/core  ## sixteen processes plan the path of a mobile robot through an office floor
 	$(BIN)/supernode solve examples/mobile-robot.toml --seed 1 --plot office.png
 
-test: lint  ## everything that must hold
-	$(BIN)/pytest
+test: lint  ## everything that must hold, on all cores
+	$(BIN)/pytest --numprocesses auto --dist worksteal
 
 lint: $(VENV)/test
 	$(BIN)/ruff check

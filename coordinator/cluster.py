@@ -1,6 +1,5 @@
 """A cluster of processes on this machine, for as long as the calling process wants it."""
 
-import queue
 import secrets
 import threading
 import time
@@ -9,11 +8,11 @@ from typing import Any, Self
 import zenoh
 
 import topologies
-from coordinator.conductor import Conductor
+from coordinator.dispatcher import Dispatcher
 from coordinator.errors import ClusterFailed
-from coordinator.job import Failure, Job, JobEntry, Order
+from coordinator.job import Job, Order
 from coordinator.launcher import Launcher
-from problems import BadInput, ProblemFile
+from problems import ProblemFile
 from wire import sessions
 from wire.callbacks import direct
 from wire.keys import Keys
@@ -24,8 +23,8 @@ _READY_WITHIN = 120.0  # seconds; a thousand nodes on two cores take less than t
 class LocalCluster:
     """Router, spy and one node process for each cell of a torus; a context manager.
 
-    When the calling process ends, however it ends, all of them do. Jobs run one after another, in the order in which
-    they were submitted::
+    When the calling process ends, however it ends, all of them do. A job may ask for any topology of at most as many
+    cells; jobs that find enough free nodes run at once, others one after another, in the order of their coming::
 
         with supernode.LocalCluster(torus=(4, 4)) as cluster:
             result = cluster.submit(supernode.load("examples/arm-ik.toml"), seed=1).result()
@@ -45,21 +44,28 @@ class LocalCluster:
         self.keys = Keys(secrets.token_hex(4))
         self._failure: str | None = None
         self._changed = threading.Condition()
-        self._jobs: queue.SimpleQueue[JobEntry | None] = queue.SimpleQueue()
-        self._current: JobEntry | None = None
         self._submitted = 0
         self._closed = False
+        self._dispatcher: Dispatcher | None = None
         self._launcher = Launcher(self.keys.cluster, self.topology.spec, self._on_death)
         self._session: zenoh.Session | None = None
         try:
-            self._connect()
+            session = self._connect()
         except BaseException:
             self._disconnect()
             self._launcher.close()
             raise
         self.seconds_to_ready = time.monotonic() - called
-        self._worker = threading.Thread(target=self._work, name="coordinator", daemon=True)
-        self._worker.start()
+        dispatcher = Dispatcher(
+            session,
+            self.keys,
+            self.topology.spec,
+            cpu_seconds=self.cpu_seconds_by_process,
+            seconds_to_ready=self.seconds_to_ready,
+        )
+        with self._changed:  # a death so far has had nobody to be told to
+            self._dispatcher = dispatcher
+        self._pass_on_failure()
 
     def __enter__(self) -> Self:
         return self
@@ -84,13 +90,11 @@ class LocalCluster:
             BadInput: if a setting is unknown or wrong.
             ClusterFailed: if the cluster is closed, or a process of it has died.
         """
-        if run.get("topology", self.topology.spec) != self.topology.spec:
-            raise BadInput(f"topology: this cluster is a {self.topology.spec}, found {run['topology']!r}")
         self._raise_failure()
+        assert self._dispatcher is not None, "ready by now"
+        settings = {"topology": self.topology.spec} | {name: value for name, value in run.items() if value is not None}
         self._submitted += 1
-        job = JobEntry(Order(self._submitted, file.with_run(**run | {"topology": self.topology.spec}), log))
-        self._jobs.put(job)
-        return job
+        return self._dispatcher.submit(Order(self._submitted, file.with_run(**settings), log))
 
     def cpu_seconds(self) -> float:
         """CPU time that all processes have used so far, this one included."""
@@ -107,15 +111,13 @@ class LocalCluster:
                 return
             self._closed = True
             self._failure = self._failure or "the cluster was closed"
-            current = self._current
-        if current is not None:
-            current.mail.put(Failure(self._failure, closing=True))
-        self._jobs.put(None)
-        self._worker.join()
+        if self._dispatcher is not None:
+            self._dispatcher.fail(self._failure, closing=True)
+            self._dispatcher.wait()
         self._disconnect()
         self._launcher.close()
 
-    def _connect(self) -> None:
+    def _connect(self) -> zenoh.Session:
         """Wait for the router, then for the token of every node (alive and linked) and of the spy."""
         self._launcher.started.wait(_READY_WITHIN)
         self._raise_failure()
@@ -139,24 +141,27 @@ class LocalCluster:
             raise ClusterFailed(f"not ready within {_READY_WITHIN:.0f} s: {', '.join(sorted(awaited)[:4])}")
         for watcher in watchers:
             watcher.undeclare()  # type: ignore[no-untyped-call]
+        return session
 
     def _disconnect(self) -> None:
         """Without it a session would look for its router for ever."""
         if self._session is not None:
             self._session.close()  # type: ignore[no-untyped-call]
 
+    def _pass_on_failure(self) -> None:
+        if self._failure is not None and self._dispatcher is not None:
+            self._dispatcher.fail(self._failure)
+
     def _raise_failure(self) -> None:
         if self._failure is not None:
             raise ClusterFailed(self._failure)
 
-    def _on_death(self, text: str) -> None:
+    def _on_death(self, text: str | None) -> None:
         """Called by the launcher: nothing of a cluster may die while it is open."""
         with self._changed:
-            self._failure = self._failure or self._naming_the_cell(text)
-            current = self._current
+            self._failure = self._failure or self._naming_the_cell(text or "")
             self._changed.notify_all()
-        if current is not None:
-            current.mail.put(Failure(self._failure))
+        self._pass_on_failure()
 
     def _naming_the_cell(self, text: str) -> str:
         kind, _, rest = text.partition(" ")
@@ -164,19 +169,3 @@ class LocalCluster:
         if kind == "node" and number.isdigit():
             return f"{text} (cell {self.topology.place(int(number))})"
         return text
-
-    def _work(self) -> None:
-        """The coordinator's thread: one job after another."""
-        while (job := self._jobs.get()) is not None:
-            with self._changed:
-                self._current = job
-                if self._failure is not None:
-                    job.mail.put(Failure(self._failure))
-            try:
-                assert self._session is not None, "connected before there was a worker"
-                conductor = Conductor(job, self._session, self.keys)
-                job.end(conductor.conduct(self.seconds_to_ready, self.cpu_seconds_by_process))
-            except Exception as error:  # a mistake in the problem, or else; whoever waits must hear of it
-                job.end(error)
-            with self._changed:
-                self._current = None

@@ -1,71 +1,132 @@
 """The coordinator's part in one job: prepare all, start all, pass wishes on, gather the reports, have them judged.
 
-It waits in one place only, its mail: for answers, reports, wishes to stop, and the news that a process has died.
+A job lives in a row of worlds. An update, another topology and the replacement of a dead node are one and the same: the
+next world is prepared and begun everywhere, the one before is stopped, and each node goes on in the next with the deme
+that it has.
 """
 
 import contextlib
-import itertools
 import json
-import queue
 import time
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
-from typing import Any
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Protocol
 
 import zenoh
 
 import topologies
+from coordinator.calls import Calls, GivenUpError, ReplacedError, Reported
 from coordinator.errors import ClusterFailed
-from coordinator.job import Failure, JobEntry, Wish
-from problems import BadInput
+from coordinator.job import Change, JobEntry, Placing, Replaced, Wish
+from problems import BadInput, ProblemFile
 from spy.judge import STATUS_OF, Judgement
-from spy.result import Clocks, Result, best_known, result_of, states_of, stop_reasons, stopped_after
+from spy.result import Clocks, Lived, Result, best_known, lived_for, result_of, states_of, stop_reasons, stopped_after
 from topologies import ROOT
-from wire import control
-from wire.callbacks import direct
-from wire.control import Begin, Command, Done, Drop, Finish, Judged, Prepare, ProposeStop, Refused
+from wire.control import Begin, Done, Drop, Finish, Halt, Judged, Look, Prepare, ProposeStop, Wiring
 from wire.keys import Keys
-from wire.news import Improvement, Statistics
-from wire.report import Report
-from wire.strict import Rejected
+from wire.news import Improvement
+from wire.report import Reason, Report
 
-_ANSWER_WITHIN = 600.0  # seconds; a problem may have much to prepare, and a dead process is heard of otherwise
-_FOR_EVER = 30 * 24 * 3600.0  # seconds; a run may take long
-_DEATH_NOTICE = 1.0  # seconds: an answer that never comes may be explained this much later
-
-
-@dataclass(frozen=True)
-class _Answer:
-    """To question number ``question``; None when there will be no more."""
-
-    question: int
-    answer: Done | Judged | Refused | None
+_ASK_AGAIN = 0.2  # seconds: a router that has died is there again after about so long
+_FOUND_WITHIN = 1.0  # seconds: nodes that live find a new router in a fifth of it
+_HALTED_WITHIN = 60.0  # seconds
+_LASTING = ("solved", "stalled", "exhausted")  # how a world can end that a job kept alive goes on after
 
 
-class _GivenUpError(Exception):
-    """Somebody wants the job to stop while nobody breeds yet, or no longer."""
+class Dispatch(Protocol):
+    """What a conductor needs of whoever runs it; called on the conductor's thread, and by Zenoh's."""
 
-    def __init__(self, wish: Wish) -> None:
-        super().__init__(wish.reason)
-        self.status = STATUS_OF[wish.reason]
+    def wire(self, nodes: tuple[int, ...], topology: str, fresh: bool = False) -> Wiring:
+        """The links for a world: those that all its nodes have, or (``fresh``: always) new ones."""
+
+    def changed(self, job: JobEntry, status: str) -> None:
+        """The job is in another state."""
+
+    def placed(self, job: JobEntry, placing: Placing) -> None:
+        """The job is about to begin in this world."""
+
+    def improved(self, job: JobEntry, better: Improvement) -> None:
+        """There is a better answer."""
+
+
+@dataclass
+class _World:
+    """What a conductor knows of one world.
+
+    Attributes:
+        since: generations of the job before it, as far as is known.
+        reports: of the cells that have stopped.
+        why: how it followed the one before, for the result.
+        rescued: whether, in async mode, all cells have been told to stop.
+        dead: cells whose nodes have died in it.
+        asked: the latest question for its reports.
+    """
+
+    number: int
+    file: ProblemFile
+    wiring: Wiring
+    since: int = 0
+    reports: dict[int, Report] = field(default_factory=dict)
+    why: Mapping[str, object] = field(default_factory=dict)
+    rescued: bool = False
+    dead: set[int] = field(default_factory=set)
+    asked: int = -1
+
+    @property
+    def cells(self) -> int:
+        return len(self.wiring.nodes)
+
+    @property
+    def stopped(self) -> bool:
+        return len(self.reports) == self.cells
+
+    @property
+    def halted(self) -> bool:
+        """Whether it did not stop by itself: a node died in it."""
+        return bool(self.dead)
 
 
 class Conductor:
-    """Conducts one job; `conduct` is all there is to call."""
+    """Conducts one job on ``nodes``; without any, it has only its mail to open, and ends by that.
 
-    def __init__(self, job: JobEntry, session: zenoh.Session, keys: Keys) -> None:
+    Args:
+        replaces: whether dead processes are replaced.
+        adopted: where the job is, if it was running when the coordinator before this one died.
+    """
+
+    def __init__(
+        self,
+        job: JobEntry,
+        session: zenoh.Session,
+        keys: Keys,
+        nodes: tuple[int, ...],
+        dispatch: Dispatch,
+        *,
+        replaces: bool = False,
+        adopted: Placing | None = None,
+    ) -> None:
         self.job = job
         self.number = job.order.number
-        self.file = job.order.file
-        self.session = session
         self.keys = keys
-        self.cells = topologies.parse(self.file.run.topology).cells
-        self.reports: list[Report] = []
+        self.nodes = nodes
+        self.dispatch = dispatch
+        self.calls = Calls(session, job.mail, replaces)
+        self.worlds: list[_World] = []
         self.versions: dict[str, str] = {}
-        self.best: Improvement | None = None
+        self.best = None if adopted is None else adopted.best
         self.seconds = 0.0
-        self._cancelled = False
-        self._questions = itertools.count()
+        self._adopted = adopted
+        self._checked = replaces  # the desk of a cluster that stays up has done so
+        self._spy_is_new = False
+        self._wish: Wish | None = None
+        self._changes: deque[Change] = deque()
+        self._unheard: Wish | None = None  # what the cells have still to be told
+
+    @property
+    def world(self) -> _World:
+        """The latest."""
+        return self.worlds[-1]
 
     def conduct(self, seconds_to_ready: float, cpu_seconds: Callable[[], dict[str, float]]) -> Result:
         """Run the job to its end.
@@ -74,207 +135,407 @@ class Conductor:
             BadInput: if the problem is wrong.
         """
         used = cpu_seconds()
-        with self._listening():
-            judgement = self._judgement()
+        judgement = self._judgement()
         if judgement.best is not None:
-            self._improve(judgement.best)
+            self.improve(judgement.best)
         spent = sum(after - used[name] for name, after in cpu_seconds().items() if name in used)
         clocks = Clocks(self.seconds, seconds_to_ready, spent)
-        reports = sorted(self.reports, key=lambda report: report.cell)
-        return result_of(str(self.number), self.file, reports, judgement, self.versions, clocks)
+        lived = [Lived(each.file, list(each.reports.values()), each.why, each.number) for each in self.worlds]
+        name = self.job.order.job or str(self.number)
+        return result_of(name, lived or [Lived(self.job.order.file)], judgement, self.versions, clocks)
 
-    @contextlib.contextmanager
-    def _listening(self) -> Iterator[None]:
-        subscribers = [
-            self.session.declare_subscriber(self.keys.best, direct(self._hear_best)),
-            self.session.declare_subscriber(self.keys.spy_stats, direct(self._hear_statistics)),
-        ]
-        try:
-            yield
-        finally:
-            for subscriber in subscribers:
-                with contextlib.suppress(zenoh.ZError):
-                    subscriber.undeclare()  # type: ignore[no-untyped-call]
+    def improve(self, better: Improvement) -> None:
+        """Pass on an improvement, if it is one. Called by Zenoh's thread too."""
+        best = self.best
+        if best is None or (better.world, -better.fitness) > (best.world, -best.fitness):
+            self.best = better
+            self.job.tell(better)
+            self.dispatch.improved(self.job, better)
 
     def _judgement(self) -> Judgement:
         """What came of it, whatever goes wrong."""
         try:
             return self._run()
-        except BadInput:
-            self._drop()
-            raise
-        except _GivenUpError as error:
-            self._drop()
-            return Judgement(error.status, False, "stopped before there was a result", self.best)
+        except GivenUpError as error:
+            feasible = self.best is not None and self.best.feasible
+            return Judgement(STATUS_OF[error.wish.reason], feasible, "stopped before there was a result", self.best)
         except ClusterFailed as error:
-            self._drop()
-            return Judgement("cancelled" if self._cancelled else "failed", False, str(error), self.best)
+            cancelled = self._wish is not None and self._wish.reason == "cancel" and self.calls.closing
+            return Judgement("cancelled" if cancelled else "failed", False, str(error), self.best)
+        except BadInput:
+            raise
         except Exception as error:  # whatever it is, whoever waits for this job must hear of its end
-            self._drop()
             return Judgement("failed", False, f"{type(error).__name__}: {error}", self.best)
+        finally:
+            if self.nodes:
+                self._drop()
 
     def _run(self) -> Judgement:
-        self._prepare()
-        self._ask(self.keys.spy_control, Begin(self.number))
+        if not self.nodes:
+            raise GivenUpError(self._wish_in_the_queue())
+        if self._adopted is None:
+            self._set_out()
+        else:
+            self._take_over(self._adopted)
         began = time.monotonic()
         try:
-            self._get(self.keys.every_control, Begin(self.number), direct(self._hear_report), _FOR_EVER)
-            error = self._gather()
+            while True:
+                judgement = self._live()
+                if not (self.world.file.run.keep_alive and judgement.status in _LASTING and self._wish is None):
+                    return judgement
+                if not self._wait_for_a_change():
+                    return self._ended_waiting(judgement)
         finally:
             self.seconds = time.monotonic() - began
-        if error is not None:
-            self._tell(self.keys.every_control, Drop(self.number))
-        return self._finish(error)
 
-    def _prepare(self) -> None:
-        """The spy first: it finds a wrong problem before a thousand nodes do."""
-        file = self.file.to_json()
-        self._ask(self.keys.spy_control, Prepare(self.number, file, self.job.order.log))
-        answers = self._ask(self.keys.every_control, Prepare(self.number, file), self.cells)
-        fingerprints = {answer.note for answer in answers if isinstance(answer, Done)}
-        if self.file.run.mode == "lockstep" and len(fingerprints) > 1:
+    # The beginning of a job -------------------------------------------------------------------------------------------
+    def _set_out(self) -> None:
+        """Prepare and begin the first world; from the start again if a process dies meanwhile."""
+        self.dispatch.changed(self.job, "preparing")
+        file, fresh = self.job.order.file, False
+        while True:
+            first = _World(0, file, self.dispatch.wire(self.nodes, file.run.topology, fresh))
+            try:
+                if not self._checked:  # the spy first: it finds a wrong problem before a thousand nodes do
+                    self._show_to_the_spy(first)
+                self._prepare(first, with_the_spy=self._checked)
+                self._let_the_spy_listen(first)
+                return self._begin(first)
+            except ReplacedError:
+                fresh = True
+
+    def _wish_in_the_queue(self) -> Wish:
+        """A job that never got nodes was given up."""
+        while not isinstance(mail := self.calls.next(), Wish):
+            pass
+        return mail
+
+    def _take_over(self, placing: Placing) -> None:
+        """Go on with a job that runs already, unless all its nodes have died too."""
+        world = _World(placing.world, placing.file, Wiring(placing.wiring, placing.nodes))
+        self.worlds.append(world)
+        there = self._who_is_there(world)
+        if not there:
+            return self._start_over()
+        self._spy_is_new = True
+        world.dead = set(range(world.cells)) - there
+        self._replace_the_dead()
+        if self.world is world:
+            self._ask_for_reports(world)
+            if world.number > 0:  # the coordinator before may not have come to this
+                self._stop(world.number - 1, "update")
+        return None
+
+    def _who_is_there(self, world: _World) -> set[int]:
+        """The cells whose nodes are at this job; a node that cannot hear yet has a second for it."""
+        until = time.monotonic() + _FOUND_WITHIN
+        while True:
+            with contextlib.suppress(ReplacedError):
+                answers = self.calls.ask([(self.keys.every_control, Look(self.number))], 0, give_up=False)
+                looks = [json.loads(answer.note) for answer in answers if isinstance(answer, Done)]
+                self.versions = looks[0]["versions"] if looks else {}
+                there = {look["cell"] for look in looks}
+                if len(there) == world.cells or time.monotonic() >= until:
+                    return there
+                self.calls.wait(_ASK_AGAIN)
+
+    def _start_over(self) -> None:
+        """Nobody is left who knows anything of the job."""
+        self.worlds.clear()
+        self.dispatch.changed(self.job, "queued")
+        self._set_out()
+
+    def _prepare(self, world: _World, demes: dict[int, bytes] | None = None, *, with_the_spy: bool = False) -> None:
+        """Every node gets ready; with the ``demes`` of cells that have none of their own, each is told by itself."""
+        wiring = world.wiring
+        if demes is None:
+            questions = [(self.keys.every_control, self._preparation(world))]
+        else:
+            questions = [
+                (self.keys.control(node), self._preparation(world, world.since, demes.get(cell, b"")))
+                for cell, node in enumerate(wiring.nodes)
+            ]
+        if with_the_spy:
+            questions.append((self.keys.spy_control, self._preparation(world)))
+        answers = self.calls.ask(questions, world.cells + with_the_spy, give_up=not self.worlds)
+        fingerprints = {answer.note for answer in answers if isinstance(answer, Done)} - {Done().note}
+        if world.file.run.mode == "lockstep" and len(fingerprints) > 1:
             raise ClusterFailed(f"nodes differ, lockstep would not repeat: {' / '.join(sorted(fingerprints))}")
         self.versions = json.loads(min(fingerprints))
 
-    def _gather(self) -> str | None:
-        """Wait for the report of every cell, passing on wishes to stop and the deadline.
+    def _preparation(self, world: _World, since: int | None = None, deme: bytes = b"") -> Prepare:
+        log = self.job.order.log
+        return Prepare(self.number, world.number, world.file.to_json(), world.wiring, since, deme, log)
 
-        Returns why a cell failed, if one did; the others are not waited for then.
-        """
-        rescued = self.file.run.mode == "lockstep"
-        seconds = self.file.run.seconds
-        deadline = None if seconds is None else self.job.order.submitted + seconds
-        while len(self.reports) < self.cells:
-            mail = self._next(deadline)
-            if isinstance(mail, Wish):
-                deadline = None if mail.reason == "deadline" else deadline
-                # In async mode the root may have ended before others.
-                root_ended = any(report.cell == ROOT for report in self.reports)
-                key = self.keys.every_control if root_ended else self.keys.control(ROOT)
-                self._tell(key, ProposeStop(self.number, mail.reason))
-            elif isinstance(mail, Report):
-                self.reports.append(mail)
-                if mail.error is not None:
-                    return mail.error
-                if not rescued and mail.proposals:
-                    # Without lockstep a lost message could leave a node that never hears of the stop.
-                    self._tell(self.keys.every_control, ProposeStop(self.number, mail.proposals[0].reason))
-                    rescued = True
+    def _show_to_the_spy(self, world: _World) -> None:
+        """It forgets the world before."""
+        self.calls.ask([(self.keys.spy_control, self._preparation(world))], give_up=not self.worlds)
+
+    def _let_the_spy_listen(self, world: _World) -> None:
+        """To the root, whose links are those of this world by now."""
+        self.calls.ask([(self.keys.spy_control, Begin(self.number, world.number))], give_up=not self.worlds)
+
+    def _begin(self, world: _World) -> None:
+        """Go, as soon as the world before has stopped."""
+        self.worlds.append(world)
+        placing = Placing(world.number, world.file, self.nodes, world.wiring.number, world.why)
+        self.dispatch.placed(self.job, placing)
+        self._ask_for_reports(world)
+        self.dispatch.changed(self.job, "running")
+
+    def _ask_for_reports(self, world: _World) -> None:
+        """Also of cells that run, or have stopped: who asked before may have died, or the router on the way back."""
+        world.asked = self.calls.ask_for_reports(self.keys.every_control, Begin(self.number, world.number))
+
+    # While it runs ----------------------------------------------------------------------------------------------------
+    def _live(self) -> Judgement:
+        """Until the latest world has stopped, passing on wishes, changes and the deadline; what came of it."""
+        while True:
+            try:
+                error = self._gather()
+                return self._finish(error)
+            except ReplacedError as replaced:
+                self._mourn(replaced.node)
+                self._replace_the_dead()
+
+    def _gather(self) -> str | None:
+        """Wait for the report of every cell. Returns why one failed, if it did; others are not waited for then."""
+        again: float | None = None  # when to ask for reports again
+        while self._unsettled:
+            if self._settled:
+                self._do_what_was_put_off()
+            mail = self.calls.next(again)
+            if mail is None:
+                again = None
+                for world in self._unsettled:
+                    self._ask_for_reports(world)
+            elif isinstance(mail, Reported):
+                if mail.report is None:  # a question ends early when the router dies
+                    is_latest = any(mail.question == world.asked for world in self._unsettled)
+                    again = time.monotonic() + _ASK_AGAIN if is_latest else again
+                elif (error := self._note(mail.world, mail.report)) is not None:
+                    return error
+            else:
+                self._attend_to(mail)
         return None
 
+    def _do_what_was_put_off(self) -> None:
+        """While cells were on their way to the latest world none could be told to leave it."""
+        if self._unheard is not None:
+            self._stop(self.world.number, self._unheard.reason)
+            self._unheard = None
+        if self._changes:
+            self._change(self._changes.popleft())
+
+    @property
+    def _settled(self) -> bool:
+        """Whether all cells have come to the latest world; before that there cannot be another one."""
+        return len(self._unsettled) < 2
+
+    @property
+    def _unsettled(self) -> list[_World]:
+        """The worlds that cells are at."""
+        return [world for world in self.worlds[-2:] if not (world.stopped or world.halted)]
+
+    def _note(self, number: int, report: Report) -> str | None:
+        """A cell has stopped in one of the worlds; returns why, if it failed."""
+        for world in self.worlds:
+            if world.number == number:
+                world.reports[report.cell] = report
+                if world.file.run.mode == "async" and report.proposals and not world.rescued:
+                    # Without lockstep a lost message could leave a node that never hears of the stop.
+                    world.rescued = True
+                    command = ProposeStop(self.number, number, report.proposals[0].reason)
+                    self.calls.tell(self.keys.every_control, command)
+        return report.error if number == self.world.number else None
+
+    def _attend_to(self, mail: object) -> None:
+        if isinstance(mail, Wish):
+            self._wish = self._wish or mail
+            self._unheard = mail
+        elif isinstance(mail, Replaced):
+            raise ReplacedError(mail)
+        elif isinstance(mail, Change):
+            self._changes.append(mail)
+
+    def _stop(self, number: int, reason: Reason) -> None:
+        """Propose a stop in that world, to the root unless that has ended: in async mode it may have, before others."""
+        world = next((each for each in self.worlds if each.number == number), None)
+        root_ended = world is None or ROOT in world.reports
+        key = self.keys.every_control if root_ended else self.keys.control(self.nodes[ROOT])
+        self.calls.tell(key, ProposeStop(self.number, number, reason))
+
     def _finish(self, error: str | None) -> Judgement:
-        run = self.file.run
-        champion = best_known(self.reports, run.spy)
-        reasons = stop_reasons(self.reports, run.mode)
-        states = tuple(states_of(self.reports).items())
-        command = Finish(self.number, champion, stopped_after(self.reports), reasons, error, states)
-        (answer,) = self._ask(self.keys.spy_control, command)
+        world = self.world
+        reports = list(world.reports.values())
+        command = Finish(
+            self.number,
+            world.number,
+            best_known(reports, world.file.run.spy),
+            stopped_after(reports),
+            stop_reasons(reports, world.file.run.mode),
+            error,
+            tuple(states_of(reports).items()),
+            self._since(),
+        )
+        (answer,) = self.calls.ask([(self.keys.spy_control, command)], give_up=False)
         if not isinstance(answer, Judged):
             raise ClusterFailed("the spy did not judge the run")
         return Judgement.of(answer)
 
-    # Questions and answers --------------------------------------------------------------------------------------------
-    def _ask(self, key: str, command: Command, expected: int = 1) -> list[Done | Judged]:
-        """The answers of all that ``key`` reaches.
+    def _since(self) -> int:
+        """Generations of the job before the latest world."""
+        return sum(lived_for(list(each.reports.values()), each.halted) for each in self.worlds[:-1] if each.reports)
 
-        Raises:
-            BadInput: as the first refusal says.
-            ClusterFailed: as the first refusal says, or because fewer answered than expected.
-            _GivenUpError: if somebody wants the job to stop meanwhile.
-        """
-        question = next(self._questions)
-        mail = self.job.mail
-
-        def hear(reply: zenoh.Reply) -> None:
-            if reply.ok is not None:
-                mail.put(_Answer(question, _decoded(reply.ok.payload.to_bytes())))
-
-        self._get(key, command, direct(hear, lambda: mail.put(_Answer(question, None))), _ANSWER_WITHIN)
-        answers: list[Done | Judged] = []
-        while True:
-            news = self._next()
-            if isinstance(news, Wish):
-                raise _GivenUpError(news)
-            if not isinstance(news, _Answer) or news.question != question:
-                continue
-            if news.answer is None:
-                break
-            if isinstance(news.answer, Refused):
-                blame = BadInput if news.answer.blame == "input" else ClusterFailed
-                raise blame(news.answer.message)
-            answers.append(news.answer)
-        if len(answers) < expected:
-            self._next(time.monotonic() + _DEATH_NOTICE)  # raises if a death explains it
-            raise ClusterFailed(f"{len(answers)} of {expected} answered to {command.name!r}")
-        return answers
-
-    def _next(self, deadline: float | None = None) -> object:
-        """The next mail; at the ``deadline`` the wish that it stands for.
-
-        Raises:
-            ClusterFailed: if the news is that the job cannot go on.
-        """
+    # From one world to the next ---------------------------------------------------------------------------------------
+    def _change(self, change: Change) -> None:
+        """Go on in another world, if there can be such a one; else the old one lasts."""
         try:
-            left = None if deadline is None else max(0.0, deadline - time.monotonic())
-            mail = self.job.mail.get(timeout=left)
-        except queue.Empty:
-            return Wish("deadline")
-        if isinstance(mail, Failure):
-            self._cancelled = self._cancelled and mail.closing
-            raise ClusterFailed(mail.message)
-        if isinstance(mail, Wish):
-            self._cancelled = self._cancelled or mail.reason == "cancel"
-        return mail
+            self._begin_another(change)
+        except ReplacedError:
+            self._changes.appendleft(change)  # once the dead are replaced
+            raise
+
+    def _begin_another(self, change: Change) -> None:
+        before = self.world
+        try:
+            if self._wish is not None:
+                raise ClusterFailed(f"job {self.job.order.job} is being stopped")
+            file = before.file.changed(change.fields, change.run)
+            same_cells = topologies.parse(file.run.topology).cells == before.cells
+            if not same_cells:
+                raise BadInput(f"topology: expected one of {before.cells} cells, found {file.run.topology!r}")
+            wiring = self.dispatch.wire(self.nodes, file.run.topology)
+            world = _World(before.number + 1, file, wiring, why=_directive(change))
+            self._prepare(world)
+        except (BadInput, ClusterFailed) as error:
+            change.answer.put(error)
+            return
+        self._show_to_the_spy(world)
+        self._let_the_spy_listen(world)
+        self.best = None
+        self._begin(world)
+        self._stop(before.number, "update")
+        change.answer.put(world.number)
+
+    def _wait_for_a_change(self) -> bool:
+        """The world has stopped, and the job is kept alive; whether it goes on in another one."""
+        self.dispatch.changed(self.job, "waiting")
+        number = self.world.number
+        while self.world.number == number:
+            mail = self._changes.popleft() if self._changes else self.calls.next()
+            try:
+                if isinstance(mail, Wish):
+                    self._wish = mail
+                    return False
+                if isinstance(mail, Change):
+                    self._change(mail)
+                elif isinstance(mail, Replaced):
+                    raise ReplacedError(mail)
+            except ReplacedError as replaced:
+                self._mourn(replaced.node)
+                self._replace_the_dead()
+        return True
+
+    def _ended_waiting(self, judgement: Judgement) -> Judgement:
+        """A job that was kept alive ends as it was told to, with the answer that it had."""
+        assert self._wish is not None
+        return replace(judgement, status=STATUS_OF[self._wish.reason])
+
+    def _mourn(self, node: int | None) -> None:
+        """Another process lives in the place of a dead node, or of the spy.
+
+        When all cells have told of their ends, a dead one is missed only if the job lives on.
+        """
+        if node is None:
+            self._spy_is_new = True
+        elif node in self.nodes and (self.world.file.run.keep_alive or not self.world.stopped):
+            self.world.dead.add(self.nodes.index(node))
+
+    def _replace_the_dead(self) -> None:
+        """Go on with those who live in their places, from where the others are."""
+        while self._spy_is_new or self.world.dead:
+            try:
+                if self.world.dead:
+                    self._go_on_without_the_dead()
+                else:
+                    self._show_to_the_spy(self.world)
+                    self._let_the_spy_listen(self.world)
+                self._spy_is_new = False
+            except ReplacedError as another:
+                self._mourn(another.node)
+
+    def _go_on_without_the_dead(self) -> None:
+        """All others halt; in a new world a new node begins with the deme of a neighbour, and they with theirs.
+
+        They are at most as many generations apart as the dead cells were links away from them.
+        """
+        before = self.world
+        others = set(range(before.cells)) - before.dead
+        if not others:
+            return self._start_over()
+        self._wait_until_halted(before, others)
+        before.reports = {cell: report for cell, report in before.reports.items() if cell in others}
+        return self._begin_with_new_nodes(before)
+
+    def _wait_until_halted(self, world: _World, others: set[int]) -> None:
+        until, again = time.monotonic() + _HALTED_WITHIN, 0.0  # when to tell them again
+        aside = []
+        try:
+            while not others <= world.reports.keys():
+                now = time.monotonic()
+                if now >= until:
+                    raise ClusterFailed("the cells did not halt after a node had died")
+                if now >= again:
+                    self._halt()
+                    again = until
+                mail = self.calls.next(again)
+                if isinstance(mail, Replaced):
+                    raise ReplacedError(mail)
+                if not isinstance(mail, Reported):
+                    aside.append(mail)
+                elif mail.report is None:
+                    again = min(again, time.monotonic() + _ASK_AGAIN)
+                elif (error := self._note(mail.world, mail.report)) is not None:
+                    raise ClusterFailed(error)
+        finally:
+            for mail in aside:
+                self.calls.put_off(mail)
+
+    def _halt(self) -> None:
+        """The cells, wherever they are; one that has not begun with the latest world, since it did not hear, does."""
+        for world in self.worlds[-2:]:
+            self._ask_for_reports(world)
+            self.calls.ask_for_reports(self.keys.every_control, Halt(self.number, world.number))
+
+    def _begin_with_new_nodes(self, before: _World) -> None:
+        topology = topologies.parse(before.file.run.topology)
+        heirs = {cell: _heir(topology.neighbours(cell), before) for cell in sorted(before.dead)}
+        reached = {str(cell): report.generation for cell, report in sorted(before.reports.items())}
+        why = {"do": "replace", "demes_of": {str(cell): heir for cell, heir in heirs.items()}, "generations": reached}
+        wiring = self.dispatch.wire(self.nodes, topology.spec, fresh=True)
+        since = self._since() + lived_for(list(before.reports.values()), halted=True)
+        world = _World(before.number + 1, before.file, wiring, since, why=why)
+        self._prepare(world, {cell: before.reports[heir].deme for cell, heir in heirs.items()})
+        self._show_to_the_spy(world)
+        self._let_the_spy_listen(world)
+        self._begin(world)
+        self._unheard = self._wish
 
     def _drop(self) -> None:
         """Let nodes and spy forget the job, if they still can hear."""
         with contextlib.suppress(zenoh.ZError):
-            self._tell(self.keys.every_control, Drop(self.number))
-            self._tell(self.keys.spy_control, Drop(self.number))
-
-    def _tell(self, key: str, command: Command) -> None:
-        """Send a command without waiting for the answers."""
-        self._get(key, command, direct(lambda _: None), _ANSWER_WITHIN)
-
-    def _get(self, key: str, command: Command, handler: Any, timeout: float) -> None:
-        self.session.get(
-            key,
-            handler,
-            payload=control.encode(command),
-            target=zenoh.QueryTarget.ALL,
-            consolidation=zenoh.ConsolidationMode.NONE,
-            timeout=timeout,
-        )
-
-    # Called by Zenoh, on its thread -----------------------------------------------------------------------------------
-    def _hear_report(self, reply: zenoh.Reply) -> None:
-        if reply.ok is None:
-            return
-        try:
-            self.job.mail.put(Report.decode(reply.ok.payload.to_bytes()))
-        except Rejected as error:
-            self.job.mail.put(Failure(f"a node's report is not readable: {error.reason}"))
-
-    def _hear_best(self, sample: zenoh.Sample) -> None:
-        with contextlib.suppress(Rejected):
-            better = Improvement.decode(sample.payload.to_bytes())
-            if better.job == self.number:
-                self._improve(better)
-
-    def _hear_statistics(self, sample: zenoh.Sample) -> None:
-        with contextlib.suppress(Rejected):
-            statistics = Statistics.decode(sample.payload.to_bytes())
-            if statistics.job == self.number:
-                self.job.tell(statistics)
-
-    def _improve(self, better: Improvement) -> None:
-        if self.best is None or better.fitness < self.best.fitness:
-            self.best = better
-            self.job.tell(better)
+            self.calls.tell(self.keys.every_control, Drop(self.number))
+            self.calls.tell(self.keys.spy_control, Drop(self.number))
 
 
-def _decoded(payload: bytes) -> Done | Judged | Refused:
-    try:
-        return control.decode_answer(payload)
-    except Rejected as error:
-        return Refused(f"an answer is not readable: {error.reason}")
+def _heir(slots: tuple[int, ...], world: _World) -> int:
+    """The first neighbour that lives; if none does, the first cell that does."""
+    return next(cell for cell in (*slots, *sorted(world.reports)) if cell in world.reports)
+
+
+def _directive(change: Change) -> dict[str, object]:
+    """What a result says of it, so that a simulation can do the same."""
+    if change.fields:
+        return {"do": "update", "fields": change.fields}
+    return {"do": "rewire", **change.run}

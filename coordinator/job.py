@@ -1,17 +1,21 @@
-"""One job, as whoever submitted it sees it."""
+"""One job, as whoever submitted it sees it, and the mail of its conductor."""
 
 import queue
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
+from coordinator.errors import ClusterFailed
 from problems import ProblemFile
 from spy.result import Result
 from wire.news import Improvement, Statistics
 
+_LOOK_AGAIN = 0.2  # seconds
 
+
+# Mail: what a conductor is to know, beside answers and reports -------------------------------------------------------
 @dataclass(frozen=True)
 class Wish:
     """Somebody wants the job to stop."""
@@ -21,28 +25,78 @@ class Wish:
 
 @dataclass(frozen=True)
 class Failure:
-    """The job cannot go on: a process died, or (``closing``) the cluster is being closed."""
+    """The job cannot go on: a process died that nothing replaces, or (``closing``) the cluster is being closed."""
 
     message: str
     closing: bool = False
 
 
 @dataclass(frozen=True)
+class Replaced:
+    """Another process lives in the place of a node, or of the spy if that is None: the one before has died."""
+
+    node: int | None
+
+
+@dataclass(frozen=True)
+class Change:
+    """Somebody wants the job to go on in another world.
+
+    Attributes:
+        fields: of the problem, each in the place of the old one.
+        run: settings of the run, likewise.
+        answer: takes the number of the new world, or why there is none.
+    """
+
+    fields: dict[str, Any]
+    run: dict[str, Any]
+    answer: "queue.SimpleQueue[int | Exception]" = field(default_factory=queue.SimpleQueue)
+
+
+# ----------------------------------------------------------------------------------------------------------------------
+@dataclass(frozen=True)
 class Order:
-    """What was submitted."""
+    """What was submitted.
+
+    Attributes:
+        number: of the job, unique in the cluster.
+        log: a file for the run log.
+        job: the job's name; its number if it was given none.
+        submitted: on the monotonic clock.
+    """
 
     number: int
     file: ProblemFile
-    log: str | None
+    log: str | None = None
+    job: str = ""
+    priority: int = 0
     submitted: float = field(default_factory=time.monotonic)
 
 
+@dataclass(frozen=True)
+class Placing:
+    """Where a job lives in its latest world: what a coordinator must know to take over from a dead one.
+
+    Attributes:
+        wiring: the number of the links between the nodes.
+        why: how that world followed the one before, as a directive.
+        best: the best verified answer so far, for a coordinator that takes over.
+    """
+
+    world: int
+    file: ProblemFile
+    nodes: tuple[int, ...]
+    wiring: int
+    why: Mapping[str, Any] = field(default_factory=dict)
+    best: Improvement | None = None
+
+
 class Job:
-    """A job of a `LocalCluster`."""
+    """A job of a cluster."""
 
     def __init__(self, order: Order) -> None:
         self.order = order
-        self._mail: queue.SimpleQueue[object] = queue.SimpleQueue()
+        self.mail: queue.SimpleQueue[object] = queue.SimpleQueue()
         self._news: queue.SimpleQueue[Improvement | Statistics | None] = queue.SimpleQueue()
         self._ended = threading.Event()
         self._result: Result | None = None
@@ -59,7 +113,7 @@ class Job:
                 yield event
 
     def events(self) -> Iterator[Improvement | Statistics]:
-        """Improvements, and statistics of the whole cluster twice a second; ends with the job."""
+        """Improvements, and statistics of all its nodes twice a second; ends with the job."""
         while (event := self._news.get()) is not None:
             yield event
         self._news.put(None)  # for whoever asks again
@@ -85,20 +139,61 @@ class Job:
 
     def cancel(self) -> None:
         """Ask all cells to stop; the result is the best so far, with status "cancelled"."""
-        self._mail.put(Wish("cancel"))
+        self.mail.put(Wish("cancel"))
+
+    def update(self, **fields: Any) -> int:
+        """Change the world while the job runs: each of the problem's fields that is given replaces the old one.
+
+        The live population goes on in it. Returns the number of the new world once every node is ready for it.
+
+        Raises:
+            BadInput: if there can be no such world; the job goes on in the old one.
+            ClusterFailed: if the job has ended.
+        """
+        return self._change(Change(fields, {}))
+
+    def rewire(self, topology: str) -> int:
+        """Let the job's cells neighbour each other as in another topology of as many cells; see `update`."""
+        return self._change(Change({}, {"topology": topology}))
+
+    def _change(self, change: Change) -> int:
+        self.mail.put(change)
+        while True:
+            try:
+                answer = change.answer.get(timeout=_LOOK_AGAIN)
+            except queue.Empty:
+                if self._ended.is_set():
+                    raise ClusterFailed(f"job {self.order.job} has ended") from None
+                continue
+            if isinstance(answer, Exception):
+                raise answer
+            return answer
 
 
 class JobEntry(Job):
-    """The same job, as the coordinator sees it."""
+    """The same job, as the coordinator sees it.
 
-    @property
-    def mail(self) -> "queue.SimpleQueue[object]":
-        """What the coordinator is to know of while it conducts the job: `Wish`, `Failure`, answers and reports."""
-        return self._mail
+    Args:
+        told: whether somebody may ask for its events.
+        cancel: how it is cancelled, even while it is queued; if not given, its conductor is told.
+    """
+
+    def __init__(self, order: Order, told: bool = True, cancel: Callable[[int], None] | None = None) -> None:
+        super().__init__(order)
+        self._told = told
+        self._cancel = cancel
+
+    def cancel(self) -> None:
+        """See `Job`."""
+        if self._cancel is None:
+            super().cancel()
+        else:
+            self._cancel(self.order.number)
 
     def tell(self, event: Improvement | Statistics) -> None:
         """Pass on what happens."""
-        self._news.put(event)
+        if self._told:
+            self._news.put(event)
 
     def end(self, outcome: Result | Exception) -> None:
         """The job has ended, with a result or with the user's mistake."""

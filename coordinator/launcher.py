@@ -10,7 +10,8 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from coordinator.errors import ClusterFailed
@@ -20,33 +21,63 @@ _IN_MEMORY = Path("/dev/shm")
 _END_WITHIN = 60.0  # seconds: a thousand processes are gone in three, but machines may be busy
 _YOUNG = 5.0  # seconds
 _LONGEST_HOME = 60  # bytes
-_ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+
+
+@dataclass(frozen=True)
+class ServiceOptions:
+    """How a cluster that stays up is run: with a coordinator process, and new processes for those that die.
+
+    Attributes:
+        state: the folder where it keeps what it must not forget.
+        database: the URL of its jobs' database, instead of a file in ``state``.
+        listen: further endpoints of the router.
+        max_queue: how many jobs may wait.
+        allow_modules: of users, whose problems may be run.
+    """
+
+    state: Path
+    database: str | None = None
+    listen: tuple[str, ...] = ()
+    max_queue: int | None = None
+    allow_modules: tuple[str, ...] = ()
 
 
 class Launcher:
     """The processes of one local cluster.
+
+    Args:
+        cluster: its name.
+        topology: how nodes are linked until a job says otherwise.
+        on_death: called with why the cluster is no use any more, or with None if a client has ended it.
+        service: for a cluster that stays up.
 
     Attributes:
         folder: private, holds the Unix sockets; gone when the cluster has ended.
         processes: name ("router", "spy", "node 7") to process id; complete once ``started`` is set.
     """
 
-    def __init__(self, cluster: str, topology: str, on_death: Callable[[str], None]) -> None:
-        _remove_stale_folders()
-        self.folder = Path(tempfile.mkdtemp(prefix=_PREFIX, dir=_home()))
-        self._lock = _lock(self.folder)
-        assert self._lock is not None
+    def __init__(
+        self,
+        cluster: str,
+        topology: str,
+        on_death: Callable[[str | None], None],
+        service: ServiceOptions | None = None,
+    ) -> None:
+        self.folder, lock = make_folder()
+        self._lock: int | None = lock
         self.processes: dict[str, int] = {}
         self.started = threading.Event()
         self._on_death = on_death
         self._closing = False
-        config = {"cluster": cluster, "topology": topology, "folder": str(self.folder)}
+        told = None if service is None else asdict(service) | {"state": str(service.state.absolute())}
+        config = {"cluster": cluster, "topology": topology, "folder": str(self.folder), "service": told}
         self._zygote = subprocess.Popen(
             [sys.executable, "-P", "-m", "coordinator.zygote", json.dumps(config)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
-            env=os.environ | _ONE_THREAD,
-            pass_fds=[self._lock],  # held by every process of the cluster: the folder is stale once none lives
+            env=os.environ | ONE_THREAD,
+            pass_fds=[lock],  # held by every process of the cluster: the folder is stale once none lives
             start_new_session=True,  # Ctrl-C is the caller's business
         )
         self._reader = threading.Thread(target=self._read, name="zygote reader", daemon=True)
@@ -60,7 +91,8 @@ class Launcher:
                 self.processes = event["processes"]
                 self.started.set()
             elif not self._closing:
-                self._on_death(f"{event['died']} {event['how']}")
+                self._on_death(None if "down" in event else f"{event['died']} {event['how']}")
+                self._closing = True
         if not self._closing:
             self._on_death("the zygote ended")
         self.started.set()
@@ -71,11 +103,7 @@ class Launcher:
 
     def cpu_seconds_by_process(self) -> dict[str, float]:
         """The same by name: that of each in ``processes``, "zygote", and "coordinator", which is this one."""
-        used = {"coordinator": time.process_time()}
-        for name, process in [*self.processes.items(), ("zygote", self._zygote.pid)]:
-            with contextlib.suppress(OSError):  # it has ended
-                used[name] = time.clock_gettime(_cpu_clock(process))
-        return used
+        return cpu_seconds_of(self.processes | {"zygote": self._zygote.pid}) | {"coordinator": time.process_time()}
 
     def close(self) -> None:
         """End every process and wait until they are gone. Idempotent.
@@ -100,6 +128,15 @@ class Launcher:
                 self._lock = None
 
 
+def make_folder() -> tuple[Path, int]:
+    """A private folder for Unix sockets, and an open descriptor that locks it for as long as a process has it."""
+    _remove_stale_folders()
+    folder = Path(tempfile.mkdtemp(prefix=_PREFIX, dir=_home()))
+    lock = _lock(folder)
+    assert lock is not None, "nobody knows it yet"
+    return folder, lock
+
+
 def _home() -> Path:
     """Where folders of sockets lie: in memory if TMPDIR does not choose, since a disk's file system makes them slowly.
 
@@ -109,6 +146,15 @@ def _home() -> Path:
     if "TMPDIR" not in os.environ and os.access(_IN_MEMORY, os.W_OK | os.X_OK):
         return _IN_MEMORY
     return usual if len(os.fsencode(usual)) <= _LONGEST_HOME else Path("/tmp")
+
+
+def cpu_seconds_of(processes: Mapping[str, int]) -> dict[str, float]:
+    """CPU time that each of the living ``processes``, names with ids, has used so far."""
+    used = {}
+    for name, process in processes.items():
+        with contextlib.suppress(OSError):  # it has ended
+            used[name] = time.clock_gettime(_cpu_clock(process))
+    return used
 
 
 def _cpu_clock(process: int) -> int:

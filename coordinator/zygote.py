@@ -3,6 +3,9 @@
 It imports everything and loads all compiled kernels once, never opens a Zenoh session (a fork after that hangs), and
 forks. Children share its memory and need no import of their own.
 
+For a cluster that stays up it is the supervisor too: it forks the coordinator, and anew whatever dies. Otherwise the
+first death ends all.
+
 It lives exactly as long as the calling process holds the other end of its standard input: when that ends, however it
 ends, the zygote kills its children, removes the folder of their sockets, and ends. If the zygote itself is killed, the
 kernel kills the children (a parent-death signal), and the caller, who sees the end of its standard output, removes the
@@ -18,6 +21,7 @@ import os
 import shutil
 import signal
 import sys
+import time
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -27,6 +31,10 @@ if TYPE_CHECKING:
     from node.berth import Berth
 
 _PR_SET_PDEATHSIG = 1
+_PR_SET_NAME = 15  # at most 15 bytes of it
+_DOWN = 100  # the exit status of a coordinator that was told to end the cluster
+_LATELY = 60.0  # seconds
+_MOST_DEATHS = 20  # more than each process once: something is wrong that no new process mends
 _WAKING = {signal.SIGCHLD, signal.SIGIO}
 _LIBC = ctypes.CDLL(None)
 
@@ -36,7 +44,7 @@ def main() -> None:
     config = json.loads(sys.argv[1])
     folder = Path(config["folder"])
     _end_with_the_caller(folder)
-    Zygote(config["cluster"], config["topology"], folder).run()
+    Zygote(config["cluster"], config["topology"], folder, config["service"]).run()
 
 
 def _end_with_the_caller(folder: Path) -> None:
@@ -66,14 +74,16 @@ def _at_end(descriptor: int) -> bool:
 class Zygote:
     """The forks of one cluster."""
 
-    def __init__(self, cluster: str, topology: str, folder: Path) -> None:
+    def __init__(self, cluster: str, topology: str, folder: Path, service: dict[str, Any] | None = None) -> None:
         self.cluster = cluster
         self.topology = topology
         self.folder = folder
+        self.service = service  # `coordinator.launcher.ServiceOptions`, as JSON has them
         self.children: dict[int, str] = {}  # process id to name
+        self._deaths: list[float] = []  # of late, on the monotonic clock
 
     def run(self) -> None:
-        """Fork all, then wait for a death, of the caller or of a child: it ends everything."""
+        """Fork all, then wait for a death, of the caller or of a child."""
         import topologies
 
         self._warm_up()
@@ -82,9 +92,11 @@ class Zygote:
             signal.sigwait({signal.SIGCHLD})
             self._one_died()
             return self._kill_all()
-        self._fork("spy", self._spy)
+        self._fork("spy", partial(self._spy, self.topology))
         for node in range(topologies.parse(self.topology).cells):
-            self._fork(f"node {node}", partial(self._node, node))
+            self._fork(f"node {node}", partial(self._node, node, self.topology))
+        if self.service is not None:
+            self._fork("coordinator", partial(self._coordinate, first=True))
         _tell({"processes": {name: process for process, name in self.children.items()}})
         while not (_at_end(sys.stdin.fileno()) or self._one_died()):
             signal.sigwait(_WAKING)
@@ -105,12 +117,13 @@ class Zygote:
     def _fork_router(self) -> bool:
         """The router first: when it listens, the others need not try twice. Whether it does."""
         ready, tell = os.pipe()
+        listen = [self._berth(0).router, *(self.service["listen"] if self.service is not None else ())]
 
         def route() -> None:
             from coordinator.router import route
 
             os.close(ready)
-            route(self._berth(0).router, tell)
+            route(listen, tell)
 
         self._fork("router", route)
         os.close(tell)
@@ -118,17 +131,24 @@ class Zygote:
         os.close(ready)
         return listens
 
-    def _spy(self) -> None:
-        self._spy_watch(self._berth(0))
+    def _spy(self, topology: str) -> None:
+        self._spy_watch(self._berth(0, topology))
 
-    def _node(self, node: int) -> None:
-        self._node_live(self._berth(node))
+    def _node(self, node: int, topology: str) -> None:
+        self._node_live(self._berth(node, topology))
 
-    def _berth(self, node: int) -> "Berth":
+    def _coordinate(self, first: bool = False) -> None:
+        from coordinator.service import coordinate
+
+        assert self.service is not None, "only for a cluster that stays up"
+        coordinate(self._berth(0, self.topology), self.service, first)
+        os._exit(_DOWN)
+
+    def _berth(self, node: int, topology: str = "") -> "Berth":
         from node.berth import Berth
         from wire import sessions
 
-        return Berth(self.cluster, node, self.topology, self.folder, sessions.unix_socket(self.folder, "router"))
+        return Berth(self.cluster, node, topology, self.folder, sessions.unix_socket(self.folder, "router"))
 
     def _fork(self, name: str, live: Callable[[], None]) -> None:
         parent = os.getpid()
@@ -137,7 +157,7 @@ class Zygote:
             self.children[process] = name
             return
         try:
-            _be_a_child(parent)
+            _be_a_child(parent, name)
             live()
         except BaseException as error:
             sys.stderr.write(f"{name}: {type(error).__name__}: {error}\n")
@@ -145,12 +165,38 @@ class Zygote:
             os._exit(1)  # a child's life has no other end
 
     def _one_died(self) -> bool:
-        """Tell of a child's death, if there was one: a cluster that lacks a process is no use, so all end."""
-        process, status = os.waitpid(-1, os.WNOHANG)
-        if process == 0:
-            return False
-        _tell({"died": self.children.pop(process), "how": _how(status)})
-        return True
+        """Attend to the deaths of children; whether the cluster is no use any more, which is told."""
+        while True:
+            process, status = os.waitpid(-1, os.WNOHANG) if self.children else (0, 0)
+            if process == 0:
+                return False
+            name = self.children.pop(process)
+            if self.service is not None and os.WIFEXITED(status) and os.WEXITSTATUS(status) == _DOWN:
+                _tell({"down": name})
+                return True
+            if self.service is None or self._dies_too_often():
+                _tell({"died": name, "how": _how(status)})
+                return True
+            self._fork_again(name)
+
+    def _dies_too_often(self) -> bool:
+        now = time.monotonic()
+        self._deaths = [each for each in self._deaths if now - each < _LATELY] + [now]
+        return len(self._deaths) > len(self.children) + _MOST_DEATHS
+
+    def _fork_again(self, name: str) -> None:
+        """A node and the spy have no links before a job gives them some: their neighbours may be wired in any way."""
+        kind, _, number = name.partition(" ")
+        if kind == "router":
+            with contextlib.suppress(FileNotFoundError):
+                (self.folder / "router.sock").unlink()
+            self._fork_router()
+        elif kind == "coordinator":
+            self._fork(name, self._coordinate)
+        elif kind == "spy":
+            self._fork(name, partial(self._spy, ""))
+        else:
+            self._fork(name, partial(self._node, int(number), ""))
 
     def _kill_all(self) -> None:
         shutil.rmtree(self.folder, ignore_errors=True)
@@ -161,8 +207,9 @@ class Zygote:
         shutil.rmtree(self.folder, ignore_errors=True)
 
 
-def _be_a_child(parent: int) -> None:
-    """Die with the zygote, take signals as any process does, and leave its pipes alone."""
+def _be_a_child(parent: int, name: str) -> None:
+    """Die with the zygote, take signals as any process does, leave its pipes alone, and be known by name to `ps`."""
+    _LIBC.prctl(_PR_SET_NAME, f"sn {name}".encode())
     _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     if os.getppid() != parent:
         os._exit(1)

@@ -1,5 +1,6 @@
 """A node's place in a cluster: what it must be told before it can link itself."""
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,10 +14,11 @@ class Berth:
 
     Attributes:
         cluster: the cluster's name, part of every key.
-        node: the node's number; it lives on the cell of that number.
-        topology: who neighbours whom.
+        node: the node's number; until a job says otherwise it lives on the cell of that number.
+        topology: who neighbours whom; empty for a node that takes the place of a dead one: a job will tell it.
         folder: a private folder for Unix sockets, the same for all nodes of one machine.
         router: the endpoint of the cluster's router.
+        host: names this start of the processes that share ``folder``, if the cluster's live in several places.
     """
 
     cluster: str
@@ -24,6 +26,7 @@ class Berth:
     topology: str
     folder: Path
     router: str
+    host: str = ""
 
     @property
     def keys(self) -> Keys:
@@ -31,10 +34,10 @@ class Berth:
         return Keys(self.cluster)
 
     @property
-    def data_endpoint(self) -> str:
-        """Where this node's data session listens."""
-        return self.data_endpoint_of(self.node)
+    def process(self) -> str:
+        """This process, as its token names it: ids repeat from host to host and from one start of it to the next."""
+        return f"{os.getpid()}-{self.host}" if self.host else str(os.getpid())
 
-    def data_endpoint_of(self, node: int) -> str:
-        """Where the data session of a node on this machine listens."""
-        return sessions.unix_socket(self.folder, f"n{node}")
+    def data_endpoint(self, node: int, wiring: int) -> str:
+        """Where the data session of a node on this machine listens, for the links of that wiring."""
+        return sessions.unix_socket(self.folder, f"n{node}.{wiring}")

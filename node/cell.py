@@ -29,7 +29,7 @@ from problems import EvaluationFailed
 from problems.guard import reported
 from topologies import ROOT
 from wire.exchange import Champion
-from wire.exchange_kernels import JOB, SENT
+from wire.exchange_kernels import JOB, SENT, WORLD
 from wire.report import Reason, Report, Staleness
 
 State = Literal["prepared", "running", "stopped", "failed"]
@@ -41,6 +41,11 @@ class Start:
     """Every cell is prepared: begin, with a deme that lived before, (deme, genome_bytes), if one is given."""
 
     deme: Genomes | None = None
+
+
+@dataclass(frozen=True)
+class Halt:
+    """Stop at once, wherever the others are."""
 
 
 class Answered(NamedTuple):
@@ -70,7 +75,7 @@ class Asked:
     question: object
 
 
-Event = Start | Answered | Propose | Waited | Asked
+Event = Start | Halt | Answered | Propose | Waited | Asked
 
 
 # Actions --------------------------------------------------------------------------------------------------------------
@@ -111,7 +116,7 @@ Action = Publish | Ask | Answer | Complain | Report
 
 
 class Cell:
-    """The state machine of the cell number ``cell`` in job number ``job``."""
+    """The state machine of the cell number ``cell`` in one world of job number ``job``."""
 
     def __init__(self, plan: Plan, cell: int, job: int) -> None:
         self.plan = plan
@@ -121,7 +126,7 @@ class Cell:
         self.inbox = Inbox(plan, cell, job)
         self.neighbours = self.inbox.neighbours
         self.rows = Rows(plan, np.array([cell]), self.inbox.messages)
-        self.rows.messages.header[0, JOB] = job
+        self.rows.messages.header[0, JOB], self.rows.messages.header[0, WORLD] = job, plan.world
         self._is_async = plan.run.mode == "async"
         self._interval = plan.run.interval
         self._tells_champion = plan.run.spy == "champion" or cell == ROOT
@@ -194,6 +199,9 @@ class Cell:
                     actions.append(Answer(event.question, self._outbox[event.generation]))
             elif isinstance(event, Start):
                 self._begin(event.deme, actions)
+            elif isinstance(event, Halt):
+                if self.state == "running":
+                    self._end("stopped", None, actions)
             elif isinstance(event, Propose):
                 if not self.ended:
                     self.rows.propose(0, event.reason)

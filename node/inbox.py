@@ -19,7 +19,7 @@ from genetics.operators import Table, integers, octets, pointers, reals
 from node.kernels import OWN, TOLD, note_staleness
 from node.plan import Plan
 from wire.exchange import Messages
-from wire.exchange_kernels import GENERATION, JOB, PAYLOAD, SENT, only_emigrants, read_message
+from wire.exchange_kernels import GENERATION, JOB, PAYLOAD, SENT, WORLD, only_emigrants, read_message
 from wire.report import Staleness
 
 # What an inbox counts: the number of the next exchange, spare rows, neighbours whose messages are lacking, and messages
@@ -30,7 +30,7 @@ NEXT, _SPARE, _LACKING, _KEPT, _REFUSED, _LOST, _OF_NO_USE = range(7)
 _HEADER, _GENOMES, _FITNESS, _MASK, _LOW, _HIGH, _ITEMS, _NAMES, _SENDERS, _WHENCES, _LATEST, _SPARES = range(12)
 _COUNTS, _LIMITS = 12, 13
 # Columns of the limits; the interval is 0 in async mode.
-_MOST_BYTES, _CELLS, _JOB, _INTERVAL, _CHAMPIONS = range(5)
+_MOST_BYTES, _CELLS, _JOB, _WORLD, _INTERVAL, _CHAMPIONS = range(6)
 
 
 @subroutine
@@ -86,7 +86,7 @@ def _take_in(table: Any, limits: Any, payload: Any, number: Any, counts: Any) ->
     if read_message(payload, most_bytes, cells, mask, low, high, items, header, genomes, fitness[row]) < 0:
         return False
     latest = integers(table, _LATEST)
-    if header[JOB] != limits[_JOB]:
+    if header[JOB] != limits[_JOB] or header[WORLD] != limits[_WORLD]:
         return True
     if _is_of_use(header, limits[_INTERVAL], latest, number, counts):
         if not limits[_CHAMPIONS]:
@@ -127,7 +127,7 @@ def turn(latest: Cells, counts: Cells) -> None:
 
 
 class Inbox:
-    """The messages of one cell's neighbours in one job.
+    """The messages of one cell's neighbours in one world of a job.
 
     Attributes:
         neighbours: the distinct cells that the cell's slots name, without itself.
@@ -162,6 +162,7 @@ class Inbox:
         self.messages = Messages.room(2 + len(spare), plan.coding.genome_bytes, plan.run.emigrants)
         names = np.array([[named == other for named in slots] for other in self.neighbours], np.uint8)
         interval = plan.run.interval if self._lockstep else 0
+        champions = plan.run.spy == "champion"
         self._kept: tuple[Any, ...] = (
             *self.messages,
             *(np.atleast_2d(each) for each in plan.limits.alphabet),
@@ -171,7 +172,7 @@ class Inbox:
             self.latest,
             spare,
             self.counts,
-            np.array([plan.limits.most_bytes, plan.limits.cells, job, interval, plan.run.spy == "champion"]),
+            np.array([plan.limits.most_bytes, plan.limits.cells, job, plan.world, interval, champions]),
         )
         self._table = pointers(*self._kept)
 

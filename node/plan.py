@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 
 import topologies
-from genetics.arrays import Cells, Evaluate
+from genetics.arrays import Cells, Evaluate, Genomes
 from genetics.coding import Coding, Keys
 from genetics.recipe import Recipe, evaluations_per_generation
 from problems import Problem, ProblemFile, Run
@@ -14,10 +14,16 @@ from problems.guard import guarded, solved_at
 from topologies import Topology
 from wire.exchange import Limits
 
+_GOLDEN = 0x9E3779B97F4A7C15  # 2^64 divided by the golden ratio: multiples of it are spread evenly
+
 
 @dataclass(frozen=True)
 class Plan:
     """What is to be solved, how it is bred, who neighbours whom and when it ends.
+
+    Attributes:
+        world: its number in the row of worlds that a job lives in.
+        since: generations that the job had lived through when this world began.
 
     Raises:
         BadInput: from `of`, if the problem file is wrong.
@@ -25,11 +31,13 @@ class Plan:
 
     problem: Problem
     run: Run
+    world: int = 0
+    since: int = 0
 
     @staticmethod
-    def of(file: ProblemFile) -> "Plan":
-        """The plan of a problem file; this imports a user's module."""
-        plan = Plan(file.problem(), file.run)
+    def of(file: ProblemFile, world: int = 0, since: int = 0, *, checked: bool = False) -> "Plan":
+        """The plan of a problem file, which another process has ``checked`` or not; this imports a user's module."""
+        plan = Plan(file.problem(checked=checked), file.run, world, since)
         _ = plan.target  # asks a user's problem, so that a wrong answer is found now
         return plan
 
@@ -57,11 +65,16 @@ class Plan:
 
     def keys(self, cells: Cells, generation: int) -> Keys:
         """What the random draws of some cells in a generation are keyed by."""
-        return Keys(cells, self._seed, generation)
+        return Keys(cells, self.seed, generation)
 
     @cached_property
-    def _seed(self) -> np.uint64:
-        return np.uint64(self.run.seed)
+    def seed(self) -> np.uint64:
+        """Of this world: generations count from 0 in each, and are to draw other numbers in another."""
+        return np.uint64((self.run.seed + self.world * _GOLDEN) % (1 << 64))
+
+    def deme_of(self, genomes: bytes) -> Genomes:
+        """The individuals that lie one after another in ``genomes``, shape (deme, genome_bytes)."""
+        return np.frombuffer(genomes, np.uint8).reshape(self.run.deme, self.coding.genome_bytes)
 
     @cached_property
     def evaluate(self) -> Evaluate:
@@ -75,8 +88,9 @@ class Plan:
 
     @cached_property
     def last_generation(self) -> int | None:
-        """Where every cell stops by itself, if anywhere."""
-        return self.run.last_generation(self.recipe)
+        """Where every cell stops by itself, if anywhere; counted from this world's beginning."""
+        last = self.run.last_generation(self.recipe)
+        return None if last is None else max(0, last - self.since)
 
     @cached_property
     def stop_distance(self) -> int:

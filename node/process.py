@@ -13,6 +13,7 @@ import queue
 import threading
 import time
 from collections import deque
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import zenoh
@@ -34,13 +35,15 @@ from node.cell import (
     Start,
     Waited,
 )
+from node.cell import Halt as Halted
 from node.fingerprint import fingerprint
 from node.links import Links, Task
 from node.plan import Plan
 from problems import BadInput, ProblemFile
+from topologies import Topology
 from wire import control, sessions
 from wire.callbacks import direct
-from wire.control import Begin, Done, Drop, Missed, Prepare, ProposeStop, Refused
+from wire.control import Begin, Command, Done, Drop, Halt, Look, Missed, Prepare, ProposeStop, Refused, Wiring
 from wire.news import Counters, LogRecord
 from wire.report import Report
 from wire.strict import Rejected
@@ -61,26 +64,30 @@ def live(berth: Berth) -> None:
 
 
 class _Assignment:
-    """The job that this node is at.
+    """The world of a job that this node is at.
 
     Attributes:
+        links: to the neighbours in this world.
         news: messages for the cell; the network thread appends.
         events: for the cell; any thread may append.
         turn: held by the thread that carries the cell on.
         brisk: whether that is the network thread, for now.
         begun: to be answered with the report.
+        report: what the cell had to say when it stopped, encoded.
         bred_at: when the latest generations were bred, on the monotonic clock,
         gap: and how long after those before, in seconds.
         most: generations that may be bred at once: as many as take little time.
     """
 
-    def __init__(self, cell: Cell) -> None:
+    def __init__(self, cell: Cell, links: Links, news: list[Message] | None = None) -> None:
         self.cell = cell
-        self.news: list[Message] = []
+        self.links = links
+        self.news: list[Message] = [] if news is None else news
         self.events: deque[Event] = deque()
         self.turn = threading.Lock()
         self.brisk = False
         self.begun: zenoh.Query | None = None
+        self.report: bytes | None = None
         self.bred_at = time.monotonic()
         self.gap = 0.0
         self.most = 1
@@ -89,6 +96,16 @@ class _Assignment:
         self._interval = plan.run.interval
         self.in_lockstep = plan.run.mode == "lockstep"
         self._may_be_brisk = self.in_lockstep and plan.problem.any_thread and plan.limits.most_bytes <= BRISK_BYTES
+
+    @property
+    def job(self) -> int:
+        """Its number."""
+        return self.cell.job
+
+    @property
+    def world(self) -> int:
+        """Its number in the job."""
+        return self.cell.plan.world
 
     @property
     def busy(self) -> bool:
@@ -117,6 +134,26 @@ class _Assignment:
         return actions
 
 
+@dataclass
+class _Coming:
+    """The next world of the job, which begins when the one before has stopped.
+
+    Attributes:
+        since: generations before it, if that is not for this node to say.
+        deme: to begin with, if not with the one that this node has.
+        news: neighbours may be there already.
+        begun: to be answered with the report; None until it may begin.
+    """
+
+    job: int
+    plan: Plan
+    links: Links
+    since: int | None
+    deme: bytes
+    news: list[Message] = field(default_factory=list)
+    begun: zenoh.Query | None = None
+
+
 class NodeProcess:
     """One node: its links, its mail and its cell."""
 
@@ -124,25 +161,58 @@ class NodeProcess:
         self.berth = berth
         self.keys = berth.keys
         self.mail: queue.SimpleQueue[Task] = queue.SimpleQueue()  # for the main thread
+        self.past: _Assignment | None = None  # the world before, which neighbours may still be at
         self.assignment: _Assignment | None = None
+        self.coming: _Coming | None = None
+        self._ordered: Prepare | Halt | Drop | None = None  # the latest that is for this node
         self._questions_due = 0.0
         self._stats_due = 0.0
-        self._stats_period = max(1.0, topologies.parse(berth.topology).cells / MOST_REPORTS_PER_SECOND)
-        self.links = Links(berth, self._hear, self.mail.put)
+        self._stats_period = 1.0
+        self.control = sessions.client(berth.router)
+        self.links: Links | None = None  # those of the latest wiring
+        if berth.topology:
+            topology = topologies.parse(berth.topology)
+            self._stats_period = max(1.0, topology.cells / MOST_REPORTS_PER_SECOND)
+            self.links = self._linked(topology, Wiring(0, tuple(range(topology.cells))))
         self._register()
+
+    def _linked(self, topology: Topology, wiring: Wiring, order: Prepare | None = None) -> Links:
+        """The links that a job wants: those that there are, or new ones, unless another order comes meanwhile."""
+        if self.links is not None and self.links.leads_to(topology, wiring):
+            return self.links
+
+        def given_up() -> bool:
+            return order is not None and self._ordered is not order
+
+        return Links(self.berth, topology, wiring, self.control, self._hear, self.mail.put, given_up)
 
     def _register(self) -> None:
         """The token comes last, since it means ready."""
-        node, session = self.berth.node, self.links.control
+        node, session = self.berth.node, self.control
         self.stats = session.declare_publisher(self.keys.stats(node))
-        self._queryable = session.declare_queryable(
-            self.keys.control(node), direct(lambda query: self.mail.put(partial(self._open_command, query)))
-        )
-        self._token = session.liveliness().declare_token(self.keys.node(node))
+        self._queryable = session.declare_queryable(self.keys.control(node), direct(self._take_command))
+        liveliness = session.liveliness()
+        self._tokens = [
+            liveliness.declare_token(key) for key in (self.keys.life(node, self.berth.process), self.keys.node(node))
+        ]
 
     # On the network thread --------------------------------------------------------------------------------------------
+    def _take_command(self, query: zenoh.Query) -> None:
+        command: Command | Rejected
+        try:
+            command = control.decode(query.payload.to_bytes() if query.payload is not None else b"")
+        except Rejected as error:
+            command = error
+        if (isinstance(command, Prepare) and self.berth.node in command.wiring.nodes) or (
+            isinstance(command, Drop | Halt) and self._ordered is not None and command.job == self._ordered.job
+        ):
+            self._ordered = command
+        self.mail.put(partial(self._open_command, query, command))
+
     def _hear(self, sender: int, sample: zenoh.Sample) -> None:
         assignment = self.assignment
+        if self.coming is not None:  # each cell takes what is meant for its world
+            self.coming.news.append((sender, sample.payload.to_bytes()))
         if assignment is None or assignment.cell.ended:
             return
         news = assignment.news
@@ -162,7 +232,7 @@ class NodeProcess:
             try:
                 for action in assignment.step():
                     if type(action) is Publish:
-                        self.links.publish(action.payload)
+                        assignment.links.publish(action.payload)
                     else:
                         self.mail.put(partial(self._carry_out, assignment, action))
             except Exception as error:
@@ -212,7 +282,7 @@ class NodeProcess:
         with assignment.turn:
             for action in assignment.step():
                 if type(action) is Publish:
-                    self.links.publish(action.payload)
+                    assignment.links.publish(action.payload)
                 else:
                     self._carry_out(assignment, action)
         if not assignment.in_lockstep:
@@ -233,48 +303,155 @@ class NodeProcess:
             self._stats_due = now + self._stats_period
             self._tell_counters(assignment.cell)
 
-    def _open_command(self, query: zenoh.Query) -> None:
-        payload = query.payload.to_bytes() if query.payload is not None else b""
-        try:
-            command = control.decode(payload)
-        except Rejected as error:
-            _answer(query, Refused(f"node {self.berth.node}: bad command: {error.reason}"))
-            return
-        assignment = self.assignment
-        if isinstance(command, Prepare):
-            _answer(query, self._prepare(command))
-        elif assignment is None or command.job != assignment.cell.job:
-            if isinstance(command, Missed):
-                query.drop()  # type: ignore[no-untyped-call] # whoever missed it is at another job
-                return
-            _answer(query, Refused(f"node {self.berth.node} is not at job {command.job}"))
+    def _open_command(self, query: zenoh.Query, command: Command | Rejected) -> None:
+        if isinstance(command, Rejected):
+            _answer(query, Refused(f"node {self.berth.node}: bad command: {command.reason}"))
+        elif isinstance(command, Prepare):
+            if self.berth.node in command.wiring.nodes:
+                _answer(query, self._prepare(command))
+            else:
+                self._leave(query)
+        elif isinstance(command, Drop):
+            self._forget(command.job)
+            _answer(query, Done())
         elif isinstance(command, Begin):
-            assignment.bred_at = time.monotonic()
-            self._questions_due = assignment.bred_at + PATIENCE
-            assignment.begun = query
-            assignment.events.append(Start())
-        elif isinstance(command, ProposeStop):
+            self._begin(command, query)
+        elif isinstance(command, Look):
+            self._show_up(command, query)
+        else:
+            for assignment in (self.assignment, self.past):
+                if assignment is not None and (assignment.job, assignment.world) == (command.job, command.world):
+                    return self._obey(assignment, command, query)
+            self._leave(query)
+        return None
+
+    def _show_up(self, command: Look, query: zenoh.Query) -> None:
+        if self.assignment is not None and self.assignment.job == command.job:
+            _answer(query, Done(json.dumps({"cell": self.assignment.cell.cell, "versions": fingerprint()})))
+        else:
+            self._leave(query)
+
+    def _leave(self, query: zenoh.Query) -> None:
+        """What is said to others needs no answer."""
+        query.drop()  # type: ignore[no-untyped-call]
+
+    def _obey(self, assignment: _Assignment, command: Command, query: zenoh.Query) -> None:
+        """A command that is meant for the world that this node is at."""
+        if isinstance(command, ProposeStop):
             assignment.events.append(Propose(command.reason))
             _answer(query, Done())
         elif isinstance(command, Missed):
             assignment.events.append(Asked(command.generation, query))
-        elif isinstance(command, Drop):
-            self.assignment = None
-            _answer(query, Done())
+            if assignment is self.past:
+                self._carry_on(assignment)
+        elif isinstance(command, Halt):
+            assignment.events.append(Halted())
+            self._answer_with_report(assignment, query)
         else:
             _answer(query, Refused("that is a command for the spy"))
 
     def _prepare(self, command: Prepare) -> Done | Refused:
-        self.assignment = None
+        """A first world is ready to begin; a later one comes after the one that this node is at."""
+        goes_on = self._has_lived_before(command) and not command.deme
+        if not goes_on and self.assignment is not None:
+            self._forget(self.assignment.job)
+        self.coming = None
+        self._leave_the_past()  # nobody is at it any more, when another world is prepared
         try:
-            plan = Plan.of(ProblemFile.from_json(command.file))
-            cell = Cell(plan, self.berth.node, command.job)
+            file = ProblemFile.from_json(command.file)
+            plan = Plan.of(file, command.world, checked=True)
+            if goes_on and self.assignment is not None:  # a user's own problem is known here only
+                file.keep_coding(self.assignment.cell.plan.coding, plan.coding)
+            links = self._linked(plan.topology, command.wiring, command)
+            cell = None if goes_on or command.deme else Cell(plan, links.cell, command.job)
         except BadInput as error:
             return Refused(str(error), "input")
         except Exception as error:
             return Refused(f"node {self.berth.node}: {type(error).__name__}: {error}")
-        self.assignment = _Assignment(cell)
+        self._keep(links)
+        if cell is None:
+            self.coming = _Coming(command.job, plan, links, command.since, command.deme)
+        else:
+            self.assignment = _Assignment(cell, links)
         return Done(json.dumps(fingerprint()))
+
+    def _has_lived_before(self, command: Prepare) -> bool:
+        """In an earlier world of that job; told again to prepare for the same one, this node begins from there."""
+        assignment = self.assignment
+        return assignment is not None and assignment.job == command.job and assignment.world < command.world
+
+    def _keep(self, links: Links) -> None:
+        """From now on these; those before serve a world that has not stopped yet, or nobody."""
+        before, self.links = self.links, links
+        if (
+            before is not None
+            and before is not links
+            and (self.assignment is None or self.assignment.links is not before)
+        ):
+            before.close()
+
+    def _begin(self, command: Begin, query: zenoh.Query) -> None:
+        """Go; asked again (by a coordinator that takes over), answer that one."""
+        assignment, coming = self.assignment, self.coming
+        if coming is not None and (coming.job, coming.plan.world) == (command.job, command.world):
+            coming.begun = query
+            self._turn_to_the_next_world()
+        elif assignment is not None and (assignment.job, assignment.world) == (command.job, command.world):
+            if assignment.cell.state == "prepared":
+                self._start(assignment, Start())
+            self._answer_with_report(assignment, query)
+        elif self.past is not None and (self.past.job, self.past.world) == (command.job, command.world):
+            self._answer_with_report(self.past, query)  # the one before may have been lost
+        else:
+            self._leave(query)
+
+    def _start(self, assignment: _Assignment, start: Start) -> None:
+        assignment.bred_at = time.monotonic()
+        self._questions_due = assignment.bred_at + PATIENCE
+        assignment.events.append(start)
+
+    def _answer_with_report(self, assignment: _Assignment, query: zenoh.Query) -> None:
+        """Now, or when the cell stops."""
+        if assignment.begun is not None:
+            self._leave(assignment.begun)
+        assignment.begun = query
+        self._report(assignment)
+
+    def _report(self, assignment: _Assignment) -> None:
+        if assignment.report is not None and assignment.begun is not None:
+            with assignment.begun as query:
+                query.reply(query.key_expr, assignment.report)
+            assignment.begun = None
+
+    def _turn_to_the_next_world(self) -> None:
+        """Once it may begin and the one before has stopped; the deme of that one goes on living."""
+        before, coming = self.assignment, self.coming
+        if coming is None or coming.begun is None or (before is not None and not before.cell.ended):
+            return
+        bred = 0 if before is None else before.cell.plan.since + before.cell.rows.generation
+        plan = replace(coming.plan, since=bred if coming.since is None else coming.since)
+        genomes = before.cell.rows.genomes[0] if before is not None else plan.deme_of(coming.deme)
+        assignment = _Assignment(Cell(plan, coming.links.cell, coming.job), coming.links, coming.news)
+        self.past, self.assignment, self.coming = before, assignment, None
+        assignment.begun = coming.begun
+        self._start(assignment, Start(genomes))
+
+    def _leave_the_past(self) -> None:
+        past, self.past = self.past, None
+        in_use = (self.links, None if self.assignment is None else self.assignment.links)
+        if past is not None and past.links not in in_use:
+            past.links.close()
+
+    def _forget(self, job: int) -> None:
+        """The latest links stay: the next job may want the same."""
+        assignment = self.assignment
+        if assignment is not None and assignment.job == job:
+            self.assignment = None
+            self._leave_the_past()
+            if assignment.links is not self.links:
+                assignment.links.close()
+        if self.coming is not None and self.coming.job == job:
+            self.coming = None
 
     def _carry_out(self, assignment: _Assignment, action: Action) -> None:
         if isinstance(action, Ask):
@@ -284,12 +461,13 @@ class NodeProcess:
             with action.question as query:
                 query.reply(query.key_expr, action.payload)
         elif isinstance(action, Complain):
-            text = f"node {self.berth.node} rejects messages of node {action.sender}: {action.reason}"
-            self.links.control.put(self.keys.log, LogRecord("warning", self.berth.node, text).encode())
-        elif isinstance(action, Report) and assignment.begun is not None:
-            with assignment.begun as query:
-                query.reply(query.key_expr, action.encode())
-            assignment.begun = None
+            sender = assignment.links.wiring.nodes[action.sender]
+            text = f"node {self.berth.node} rejects messages of node {sender}: {action.reason}"
+            self.control.put(self.keys.log, LogRecord("warning", self.berth.node, text).encode())
+        elif isinstance(action, Report):
+            assignment.report = action.encode()
+            self._report(assignment)
+            self._turn_to_the_next_world()
 
     def _ask(self, assignment: _Assignment, action: Ask) -> None:
         def hear(reply: zenoh.Reply) -> None:
@@ -297,18 +475,20 @@ class NodeProcess:
                 assignment.events.append(Answered(action.neighbour, reply.ok.payload.to_bytes()))
                 self.mail.put(_nothing)
 
-        self.links.control.get(
-            self.keys.control(action.neighbour),
+        self.control.get(
+            self.keys.control(assignment.links.wiring.nodes[action.neighbour]),
             direct(hear),
-            payload=control.encode(Missed(assignment.cell.job, action.generation)),
+            payload=control.encode(Missed(assignment.job, assignment.world, action.generation)),
             timeout=PATIENCE,
         )
 
     def _tell_counters(self, cell: Cell) -> None:
         counters = Counters(
             self.berth.node,
+            cell.cell,
             cell.job,
-            cell.rows.generation,
+            cell.plan.world,
+            cell.plan.since + cell.rows.generation,
             cell.rows.evaluations,
             cell.sent,
             cell.inbox.kept,

@@ -32,19 +32,20 @@ Outside = Callable[[], Reason | None]
 MEAN_LATENCY = 0.1  # of a message, in units of the mean time that a generation takes
 
 
-def _ignore(*_: object) -> None:
-    pass
+def ignore(*_: object) -> None:
+    """Nobody watches."""
 
 
-def _never() -> Reason | None:
+def never() -> Reason | None:
+    """Nobody wants the run to stop."""
     return None
 
 
 def simulate(
     plan: Plan,
-    watch: Watch = _ignore,
-    snapshot: Snapshot = _ignore,
-    outside: Outside = _never,
+    watch: Watch = ignore,
+    snapshot: Snapshot = ignore,
+    outside: Outside = never,
     demes: Genomes | None = None,
 ) -> list[Report]:
     """Run the job to its end; the reports are in the order of the cells.
@@ -164,7 +165,7 @@ class _Delays:
         self.news: list[list[Message]] = [[] for _ in self.cells]
         self.reports: dict[int, Report] = {}
         self.best: Champion | None = None
-        self._seed = plan.keys(np.arange(0), 0).seed
+        self._seed = plan.seed
         self._agenda: list[tuple[float, int, int, Message | None]] = []  # time, order, cell, message or its turn
         self._order = 0
 

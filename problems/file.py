@@ -7,11 +7,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from pydantic import ValidationError
 
+from genetics.coding import Coding
 from problems import registry
 from problems.errors import BadInput, first_line, shorten
-from problems.problem import Problem
+from problems.problem import CHECKED, Problem
 from problems.run import Run
 
 
@@ -51,8 +53,52 @@ class ProblemFile:
         merged = self.run.model_dump(exclude_unset=True) | given
         return replace(self, run=_run(merged, self.name, frozenset(given)))
 
-    def problem(self) -> Problem:
+    def changed(self, fields: dict[str, Any], run: dict[str, Any]) -> "ProblemFile":
+        """Another world: each of the problem's fields, and of the run's settings, that is given replaces the old one.
+
+        A user's own problem is not checked here.
+
+        Raises:
+            BadInput: if a field is unknown or wrong, or the individuals of the old world could not live in the new one.
+        """
+        if fields.get("kind", self.kind) != self.kind:
+            raise BadInput(f"{self.name}: kind: expected {self.kind!r} as before, found {shorten(fields['kind'])}")
+        if "run" in fields:
+            raise BadInput(f"{self.name}: run: expected no [run] in an update, it is for the problem alone")
+        merged = self.fields | fields
+        built_in = registry.is_built_in(self.kind)
+        if built_in:
+            merged = registry.find(self.kind).gather(merged, self.folder)
+        other = replace(self, fields=merged).with_run(**run)
+        if built_in:
+            other.go_on_from(self, other.problem())
+        return other
+
+    def go_on_from(self, before: "ProblemFile", problem: Problem) -> None:
+        """Make sure that the individuals of the world ``before`` can live in this one, whose problem is ``problem``.
+
+        Raises:
+            BadInput: if they are coded otherwise.
+        """
+        self.keep_coding(before.problem().coding, problem.coding)
+
+    def keep_coding(self, old: Coding, new: Coding) -> None:
+        """The same, when both codings are known.
+
+        Raises:
+            BadInput: if they differ.
+        """
+        pairs: list[tuple[Any, Any]] = list(zip(old.alphabet, new.alphabet, strict=True))
+        alike = type(old) is type(new) and old.genome_bytes == new.genome_bytes
+        if not (alike and all(np.array_equal(*pair) for pair in pairs)):
+            raise BadInput(
+                f"{self.name}: the update would change how individuals are coded; submit another job instead"
+            )
+
+    def problem(self, *, checked: bool = False) -> Problem:
         """The problem itself, for the recipe and deme of the run.
+
+        If it was ``checked`` by another process, it need not do again what costs time.
 
         Raises:
             BadInput: names this file and the field that is wrong.
@@ -62,7 +108,8 @@ class ProblemFile:
         except BadInput as error:
             raise BadInput(f"{self.name}: {error}") from error
         try:
-            problem = model.model_validate_json(json.dumps(self.fields), strict=True)
+            context = CHECKED if checked else None
+            problem = model.model_validate_json(json.dumps(self.fields), strict=True, context=context)
         except ValidationError as error:
             raise first_line(error, model, self.name) from error
         except Exception as error:  # from a user's class, which may be abstract or raise as it likes

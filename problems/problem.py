@@ -31,6 +31,9 @@ RecipeName = Literal["tuned", "paper"]
 Solution = dict[str, Any]  # plain JSON values
 Populations = Mapping[int, Genomes]  # generation to genomes, shape (n, genome_bytes)
 
+CHECKED = {"checked": True}
+"""The context of a validation that may leave out what costs time, since another process has done it."""
+
 MOST_REPORT_BYTES = 1 << 12  # a thousand cells report at once
 
 
@@ -265,5 +268,8 @@ class CodedProblem(Problem):
         """The paper's binary code, or the tuned recipe's Gray code, unless the file chooses."""
         if self.code is not None:
             return self
-        code = "gray" if name == "tuned" else "binary"
-        return self.model_validate(self.model_dump(exclude_unset=True) | {"code": code})
+        # Not validated anew: what the code is decides nothing else, and a thousand nodes wait for this.
+        chosen = self.model_copy(update={"code": "gray" if name == "tuned" else "binary"})
+        for cached in chosen.__dict__.keys() - type(self).model_fields.keys():
+            del chosen.__dict__[cached]
+        return chosen

@@ -35,6 +35,7 @@ class Run(Table):
     evaluations: Count | None = Field(None, description="end before this many fitness calls are exceeded")
     seconds: Annotated[float, Field(gt=0)] | None = Field(None, description="deadline, s")
     target: float | None = Field(None, description="fitness that ends the run, instead of the problem's own")
+    keep_alive: bool = Field(False, description="stay after the end, for the next update of the world")
     stall: Annotated[int, Field(ge=1, lt=MOST_GENERATIONS)] | None = Field(
         None, description="end after this many generations without a better champion"
     )

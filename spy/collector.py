@@ -6,8 +6,8 @@ import numpy as np
 
 from genetics import Genomes
 from node.plan import Plan
-from problems import EvaluationFailed
-from problems.guard import decoded
+from problems import BadInput, EvaluationFailed
+from problems.guard import checked, decoded
 from wire.exchange import Champion
 from wire.news import Improvement
 
@@ -15,7 +15,7 @@ _ROUNDING = 1e-9
 
 
 class Collector:
-    """Keeps the best verified champion of one job. No input or output."""
+    """Keeps the best verified champion of one world of a job. No input or output."""
 
     def __init__(self, plan: Plan, job: int) -> None:
         self.plan = plan
@@ -33,12 +33,17 @@ class Collector:
             if not self._true(champion, genome):
                 return None
             solution = decoded(self.plan.problem, genome)
+            feasible = checked(self.plan.problem, solution).feasible
+        except BadInput as error:
+            self.disagreement = f"the check cannot read the solution: {error}"
+            return None
         except EvaluationFailed as error:
             self.disagreement = str(error)
             return None
         improves = self._best is None or champion.fitness < self._best.fitness
         self._best = champion
-        self.best = Improvement(self.job, seconds, champion.generation, champion.cell, champion.fitness, solution)
+        place = (self.job, self.plan.world, seconds, champion.generation, champion.cell)
+        self.best = Improvement(*place, champion.fitness, feasible, solution)
         return self.best if improves else None
 
     def _true(self, champion: Champion, genome: Genomes) -> bool:

@@ -66,10 +66,11 @@ def judge(
     reasons: Iterable[Reason],
     error: str | None = None,
     states: Mapping[int, bytes] | None = None,
+    since: int = 0,
 ) -> Judgement:
-    """Judge what the spy has collected of a run that stopped after ``generation`` for ``reasons``, or by an error.
+    """Judge what the spy has collected of a world that stopped after ``generation`` for ``reasons``, or by an error.
 
-    What the cells' ``states`` have to say goes into the solution.
+    What the cells' ``states`` have to say goes into the solution; ``since`` generations the job had lived before.
     """
     best = collector.best
     if error is not None:
@@ -77,7 +78,7 @@ def judge(
     if collector.disagreement is not None:
         return Judgement("failed", False, collector.disagreement, best)
     plan = collector.plan
-    status = _status(plan, best, generation, set(reasons))
+    status = _status(plan, best, since + generation, set(reasons))
     if best is None:
         return Judgement(status, False, None, None, None, plan.target)
     try:
@@ -91,8 +92,8 @@ def judge(
 def _status(plan: Plan, best: Improvement | None, generation: int, reasons: set[Reason]) -> Status:
     if best is not None and plan.target is not None and best.fitness <= plan.target:
         return "solved"
-    if generation == plan.last_generation:
-        return "exhausted"
+    if generation == plan.last_generation or (not reasons and plan.last_generation is not None):
+        return "exhausted"  # in async mode cells begin a later world at generations of their own
     for reason, status in STATUS_OF.items():
         if reason in reasons:
             return status

@@ -1,9 +1,9 @@
 """The process of the spy: linked to the root cell like a fifth neighbour, as in figure 7 of Ahuactzin et al. 1992.
 
-It hears what the root publishes, believes a champion once it has evaluated it, and tells the world. The root publishes
-thousands of messages a second, most of them with the same champion as before: they are read on the network thread, and
-only a new champion is mail for the main thread. The control session also gathers the nodes' counters and log records,
-and adds them up twice a second.
+It hears what the root publishes, believes a champion once it has evaluated and checked it, and tells the world. The
+root publishes thousands of messages a second, most of them with the same champion as before: they are read on the
+network thread, and only a new champion is mail for the main thread. Several jobs may run at once, each with a root of
+its own. The control session also gathers the nodes' counters and log records, and adds them up twice a second.
 """
 
 import contextlib
@@ -15,6 +15,7 @@ from typing import Any
 
 import zenoh
 
+import topologies
 from node.berth import Berth
 from node.plan import Plan
 from problems import BadInput, ProblemFile
@@ -24,12 +25,14 @@ from spy.run_log import RunLog
 from topologies import ROOT
 from wire import control, sessions
 from wire.callbacks import direct, frequent
-from wire.control import Answer, Begin, Done, Drop, Finish, Judged, Prepare, Refused
+from wire.control import Answer, Begin, Done, Drop, Finish, Judged, Prepare, Refused, Wiring
 from wire.exchange import Champion, Messages
 from wire.news import Counters, LogRecord, Statistics
 from wire.strict import Rejected
 
 STATISTICS_PERIOD = 0.5  # seconds
+
+_LINKED_WITHIN = 5.0  # seconds; the root is there before it is said to be, unless it has died, when others wait
 
 
 def watch(berth: Berth) -> None:
@@ -38,21 +41,14 @@ def watch(berth: Berth) -> None:
     SpyProcess(berth).run()
 
 
-@dataclass(frozen=True)
-class _News:
-    """A champion of the root's that it has not told before."""
-
-    job: int
-    champion: Champion
-
-
 class _Root:
-    """What the root says in one job."""
+    """What the root says in one world of a job."""
 
     def __init__(self, plan: Plan, job: int) -> None:
         self.generation = 0
         self.rejected = 0
         self._job = job
+        self._world = plan.world
         self._limits = plan.limits
         self._message = Messages.room(1, plan.limits.genome_bytes, plan.limits.emigrants)
         self._told: tuple[int, int] | None = None  # birth of the latest champion
@@ -63,8 +59,8 @@ class _Root:
         if message.decode(0, payload, self._limits) is not None:
             self.rejected += 1
             return None
-        job, _, generation, *_, born, birthplace = message.header[0].tolist()
-        if job != self._job:
+        job, world, generation, *_, born, birthplace = message.header[0].tolist()
+        if (job, world) != (self._job, self._world):
             return None
         self.generation = generation
         if self._told == (born, birthplace):
@@ -73,15 +69,20 @@ class _Root:
         return message.champion(0)
 
 
-@dataclass
+@dataclass(eq=False)
 class _Assignment:
-    """The job that is being watched."""
+    """A world of a job that is being watched; as mail: the root has told of a champion that it had not told before.
+
+    Only the ``latest`` is looked at: a check may take longer than it takes to find something better.
+    """
 
     job: int
     plan: Plan
+    wiring: Wiring
     collector: Collector
     log: RunLog
     root: _Root
+    latest: Champion | None = None
     began: float | None = None  # on the monotonic clock
     counters: dict[int, Counters] = field(default_factory=dict)  # the latest of each node
     messages: int = 0  # when they were last added up,
@@ -93,40 +94,69 @@ class _Assignment:
         return 0.0 if self.began is None else time.monotonic() - self.began
 
 
+class _Link:
+    """The session that is linked to the root of a job, and what is heard by it."""
+
+    def __init__(self, berth: Berth, wiring: Wiring, mail: "queue.SimpleQueue[Any]", routed: zenoh.Session) -> None:
+        root = wiring.nodes[ROOT]
+        self.wiring = wiring
+        self.listening: list[_Assignment] = []  # worlds of the job at that root; replaced as a whole
+        self._mail = mail
+        # A spy that has joined a cluster is nowhere near the root, which then publishes through the router too.
+        self._own = None if berth.host else sessions.peer([], [berth.data_endpoint(root, wiring.number)])
+        session = self._own or routed
+        self._root = session.declare_subscriber(berth.keys.out(root), frequent(self._listen))
+        linked = threading.Event()
+        watcher = session.liveliness().declare_subscriber(
+            berth.keys.node(root), direct(lambda _: linked.set()), history=True
+        )
+        linked.wait(_LINKED_WITHIN)
+        watcher.undeclare()  # type: ignore[no-untyped-call]
+
+    def _listen(self, sample: zenoh.Sample) -> None:
+        """On the network thread."""
+        payload = sample.payload.to_bytes()
+        for assignment in self.listening:
+            champion = assignment.root.hear(payload)
+            if champion is not None:
+                assignment.latest = champion
+                self._mail.put(assignment)
+
+    def close(self) -> None:
+        """Hear nothing any more."""
+        self._root.undeclare()  # type: ignore[no-untyped-call]
+        if self._own is not None:
+            self._own.close()  # type: ignore[no-untyped-call]
+
+
 class SpyProcess:
     """Mail in, verified improvements and statistics out."""
 
     def __init__(self, berth: Berth) -> None:
         self.berth = berth
         self.keys = berth.keys
-        self.mail: queue.SimpleQueue[_News | Counters | LogRecord | zenoh.Query] = queue.SimpleQueue()
+        self.mail: queue.SimpleQueue[_Assignment | Counters | LogRecord | zenoh.Query] = queue.SimpleQueue()
         self.alive: set[str] = set()
-        self.assignment: _Assignment | None = None
+        self.assignments: dict[int, _Assignment] = {}  # by job: its latest world
+        self.links: dict[int, _Link] = {}  # by root: its node's number
         self._due = 0.0
-        self._link()
+        self.control = sessions.client(berth.router)
+        if berth.topology:
+            nodes = tuple(range(topologies.parse(berth.topology).cells))
+            self._link(Wiring(0, nodes))
         self._register()
 
-    def _link(self) -> None:
-        """Link to the root and wait until it is there."""
-        self.data = sessions.peer(None, [self.berth.data_endpoint_of(ROOT)])
-        self._root = self.data.declare_subscriber(self.keys.out(ROOT), frequent(self._listen))
-        linked = threading.Event()
-        watcher = self.data.liveliness().declare_subscriber(
-            self.keys.node(ROOT), direct(lambda _: linked.set()), history=True
-        )
-        linked.wait()
-        watcher.undeclare()  # type: ignore[no-untyped-call]
-
-    def _listen(self, sample: zenoh.Sample) -> None:
-        """On the network thread."""
-        assignment = self.assignment
-        if assignment is not None:
-            champion = assignment.root.hear(sample.payload.to_bytes())
-            if champion is not None:
-                self.mail.put(_News(assignment.job, champion))
+    def _link(self, wiring: Wiring) -> _Link:
+        """To the root of a job: the link that there is, or a new one."""
+        root = wiring.nodes[ROOT]
+        link = self.links.get(root)
+        if link is None or link.wiring.number != wiring.number:
+            if link is not None:
+                link.close()
+            link = self.links[root] = _Link(self.berth, wiring, self.mail, self.control)
+        return link
 
     def _register(self) -> None:
-        self.control = sessions.client(self.berth.router)
         liveliness = self.control.liveliness()
         self._subscribers = [
             self.control.declare_subscriber(self.keys.any_stats, direct(self._reader(Counters))),
@@ -134,7 +164,9 @@ class SpyProcess:
             liveliness.declare_subscriber(self.keys.any_node, direct(self._see), history=True),
         ]
         self._queryable = self.control.declare_queryable(self.keys.spy_control, direct(self.mail.put))
-        self._token = liveliness.declare_token(self.keys.spy)
+        self._tokens = [
+            liveliness.declare_token(key) for key in (self.keys.spy_life(self.berth.process), self.keys.spy)
+        ]
 
     def _reader(self, kind: type[Counters] | type[LogRecord]) -> Any:
         def read(sample: zenoh.Sample) -> None:
@@ -152,27 +184,27 @@ class SpyProcess:
     def run(self) -> None:
         """Handle mail for ever; the coordinator ends the process."""
         while True:
+            watched = [each for each in self.assignments.values() if each.began is not None]
             with contextlib.suppress(queue.Empty):
-                self._open(self.mail.get(timeout=STATISTICS_PERIOD if self._watching else None))
-            if self._watching and time.monotonic() >= self._due:
-                self._tell_statistics()
+                self._open(self.mail.get(timeout=STATISTICS_PERIOD if watched else None))
+            now = time.monotonic()
+            if now >= self._due:
+                self._due = now + STATISTICS_PERIOD
+                for assignment in watched:
+                    self._tell_statistics(assignment, now)
 
-    @property
-    def _watching(self) -> bool:
-        return self.assignment is not None and self.assignment.began is not None
-
-    def _open(self, mail: _News | Counters | LogRecord | zenoh.Query) -> None:
-        assignment = self.assignment
+    def _open(self, mail: _Assignment | Counters | LogRecord | zenoh.Query) -> None:
         if isinstance(mail, zenoh.Query):
             self._open_command(mail)
         elif isinstance(mail, LogRecord):
-            if assignment is not None:
+            for assignment in self.assignments.values():
                 assignment.log.write("log", level=mail.level, node=mail.node, text=mail.text)
-        elif assignment is not None and isinstance(mail, Counters):
-            if mail.job == assignment.job:
-                assignment.counters[mail.node] = mail
-        elif assignment is not None and isinstance(mail, _News) and mail.job == assignment.job:
-            self._hear(assignment, mail.champion)
+        elif isinstance(mail, Counters):
+            watched = self.assignments.get(mail.job)
+            if watched is not None and watched.plan.world == mail.world:
+                watched.counters[mail.node] = mail
+        elif self.assignments.get(mail.job) is mail:
+            self._hear(mail, mail.latest)
 
     def _hear(self, assignment: _Assignment, champion: Champion | None) -> None:
         better = assignment.collector.hear(champion, assignment.seconds)
@@ -193,46 +225,61 @@ class SpyProcess:
     def _obey(self, command: control.Command) -> Answer:
         if isinstance(command, Prepare):
             return self._prepare(command)
-        assignment = self.assignment
-        if assignment is None or command.job != assignment.job:
-            return Refused(f"the spy is not at job {command.job}")
-        if isinstance(command, Begin):
-            assignment.began = assignment.added_up = time.monotonic()
-            assignment.log.write("start", job=command.job, run=assignment.plan.run.model_dump())
+        if isinstance(command, Drop):
+            self._forget(command.job)
             return Done()
+        if not isinstance(command, Begin | Finish):
+            return Refused("that is a command for nodes")
+        assignment = self.assignments.get(command.job)
+        if assignment is None or command.world != assignment.plan.world:
+            return Refused(f"the spy is not at job {command.job}, world {command.world}", "stranger")
         if isinstance(command, Finish):
             return self._finish(assignment, command)
-        if isinstance(command, Drop):
-            assignment.log.close()
-            self.assignment = None
-            return Done()
-        return Refused("that is a command for nodes")
+        self._listen_to(assignment)
+        assignment.began = assignment.added_up = time.monotonic()
+        plan = assignment.plan
+        assignment.log.write("start", job=command.job, world=plan.world, run=plan.run.model_dump())
+        return Done()
 
     def _prepare(self, command: Prepare) -> Done | Refused:
+        """Watch a world of a job, instead of the one before if there was one."""
+        before = self.assignments.get(command.job)
         try:
-            plan = Plan.of(ProblemFile.from_json(command.file))
-            log = RunLog(command.log)
+            plan = Plan.of(ProblemFile.from_json(command.file), command.world)
+            log = RunLog(command.log) if before is None else before.log
         except BadInput as error:
             return Refused(str(error), "input")
         except Exception as error:
             return Refused(f"spy: {type(error).__name__}: {error}")
-        self.assignment = _Assignment(command.job, plan, Collector(plan, command.job), log, _Root(plan, command.job))
+        collector, root = Collector(plan, command.job), _Root(plan, command.job)
+        self.assignments[command.job] = _Assignment(command.job, plan, command.wiring, collector, log, root)
+        self._stop_listening_to(before)
         return Done()
 
+    def _listen_to(self, assignment: _Assignment) -> None:
+        """Not before the nodes are prepared: the root may have to link itself anew."""
+        link = self._link(assignment.wiring)
+        link.listening = [*(each for each in link.listening if each is not assignment), assignment]
+
+    def _stop_listening_to(self, assignment: _Assignment | None) -> None:
+        for link in self.links.values():
+            link.listening = [each for each in link.listening if each is not assignment]
+
     def _finish(self, assignment: _Assignment, command: Finish) -> Judged:
+        """Judge; the job may go on with another world."""
         self._hear(assignment, command.champion)
-        judgement = judge(
-            assignment.collector, command.generation, command.reasons, command.error, dict(command.states)
-        )
+        collector, reasons = assignment.collector, command.reasons
+        judgement = judge(collector, command.generation, reasons, command.error, dict(command.states), command.since)
         assignment.log.end(judgement, command.generation)
-        self.assignment = None
         return judgement.answer()
 
-    def _tell_statistics(self) -> None:
-        now = time.monotonic()
-        self._due = now + STATISTICS_PERIOD
-        assignment = self.assignment
-        assert assignment is not None
+    def _forget(self, job: int) -> None:
+        assignment = self.assignments.pop(job, None)
+        if assignment is not None:
+            assignment.log.close()
+            self._stop_listening_to(assignment)
+
+    def _tell_statistics(self, assignment: _Assignment, now: float) -> None:
         counters = list(assignment.counters.values())
         messages = sum(each.sent for each in counters)
         rate = (messages - assignment.messages) / max(now - assignment.added_up, STATISTICS_PERIOD / 2)

@@ -1,17 +1,19 @@
 """The result of a run, as `--json` prints it and Python users get it."""
 
 import hashlib
+import itertools
 import math
 import statistics
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import topologies
 from problems import ProblemFile
 from spy.judge import Judgement, Status
-from topologies import ROOT
+from topologies import ROOT, Topology
 from wire.exchange import Champion
+from wire.news import Improvement
 from wire.report import Proposal, Reason, Report
 
 
@@ -31,6 +33,8 @@ class Result:
         seconds: from the start to the last stop.
         seconds_to_ready: from the call to the ready cluster.
         cpu_seconds: of all processes.
+        run: the settings of the first world; `directives` say what came after it. All else is of the last one.
+        directives: what came from outside, and after which generation.
         staleness: in async mode, how many generations the immigrants bred with were behind their cells (mean, max), and
             the share of them that had been bred with before (again); None in lockstep, where all are of one generation.
         history_sha256: equal for equal lockstep runs; None if the run failed.
@@ -78,6 +82,22 @@ class Result:
 
 
 @dataclass(frozen=True)
+class Lived:
+    """What became of a job in one of its worlds.
+
+    Attributes:
+        number: of the world.
+        reports: of the cells that told of their end in it.
+        why: how it followed the world before, as a directive.
+    """
+
+    file: ProblemFile
+    reports: Sequence[Report] = ()
+    why: Mapping[str, Any] = field(default_factory=dict)
+    number: int = 0
+
+
+@dataclass(frozen=True)
 class Clocks:
     """Seconds that a run took, see `Result`."""
 
@@ -97,6 +117,11 @@ def stopped_after(reports: Sequence[Report]) -> int:
     return statistics.median_low(report.generation for report in reports)
 
 
+def lived_for(reports: Sequence[Report], halted: bool) -> int:
+    """Generations of a world. Where cells halted since one had died, the next world counts from the furthest."""
+    return max(report.generation for report in reports) if halted else stopped_after(reports)
+
+
 def stop_reasons(reports: Sequence[Report], mode: str) -> tuple[Reason, ...]:
     """Why the cells stopped: the reasons proposed for the generation of the stop (in async mode, all)."""
     if not reports:
@@ -112,17 +137,14 @@ def states_of(reports: Sequence[Report]) -> dict[int, bytes]:
 
 
 def result_of(
-    job: str,
-    file: ProblemFile,
-    reports: Sequence[Report],
-    judgement: Judgement,
-    versions: dict[str, str],
-    clocks: Clocks,
+    job: str, worlds: Sequence[Lived], judgement: Judgement, versions: dict[str, str], clocks: Clocks
 ) -> Result:
-    """Put together what the cells report (in the order of cells) and what the spy judges."""
-    run, best = file.run, judgement.best
+    """Put together what the cells report of all worlds that the job lived in and what the spy judges of the last."""
+    file, best = worlds[-1].file, judgement.best
+    run = file.run
     topology = topologies.parse(run.topology)
-    proposals = [each for report in reports for each in report.proposals]
+    reports = [report for world in worlds for report in world.reports]
+    last = sorted(worlds[-1].reports, key=lambda report: report.cell)
     return Result(
         job=job,
         kind=file.kind,
@@ -131,8 +153,8 @@ def result_of(
         feasible=judgement.feasible,
         fitness=math.inf if best is None else best.fitness,
         solution=None if best is None else best.solution,
-        found_at=None if best is None else {"cell": list(topology.place(best.cell)), "generation": best.generation},
-        generations=stopped_after(reports) if reports else 0,
+        found_at=None if best is None else _found_at(best, topology),
+        generations=sum(_generations(worlds)),
         evaluations=sum(report.evaluations for report in reports),
         seconds=round(clocks.seconds, 6),
         seconds_to_ready=round(clocks.seconds_to_ready, 6),
@@ -142,20 +164,26 @@ def result_of(
         deme=run.deme,
         mode=run.mode,
         seed=run.seed,
-        run=run.model_dump(),
+        run=worlds[0].file.run.model_dump(),
         problem_sha256=file.sha256,
         versions=versions,
-        directives=[_directive(each) for each in proposals if each.reason in ("deadline", "cancel")],
+        directives=_directives(worlds),
         messages={
             name: sum(getattr(report, name) for report in reports) for name in ("sent", "received", "lost", "rejected")
         },
         staleness=_staleness(reports) if run.mode == "async" else None,
-        history_sha256=_history(reports) if judgement.status != "failed" else None,
+        history_sha256=_history(worlds) if judgement.status != "failed" else None,
         message=judgement.message,
         target=judgement.target,
         words=judgement.words,
-        demes=[report.deme for report in reports],
+        demes=[report.deme for report in last],
     )
+
+
+def _generations(worlds: Sequence[Lived]) -> list[int]:
+    """Of each world, as far as anybody has told."""
+    halted = [after.why.get("do") == "replace" for after in worlds[1:]] + [False]
+    return [lived_for(each.reports, dead) if each.reports else 0 for each, dead in zip(worlds, halted, strict=True)]
 
 
 def _staleness(reports: Sequence[Report]) -> dict[str, float] | None:
@@ -170,8 +198,32 @@ def _staleness(reports: Sequence[Report]) -> dict[str, float] | None:
     }
 
 
-def _history(reports: Sequence[Report]) -> str:
-    return hashlib.sha256(b"".join(report.digest for report in reports)).hexdigest()
+def _history(worlds: Sequence[Lived]) -> str | None:
+    """Over the digests of all cells, world by world; None if nobody knows of the first ones any more."""
+    if worlds[0].number > 0:
+        return None
+    # What a node that died had lived through nobody knows: such a world is not counted.
+    whole = [
+        each for each, after in itertools.zip_longest(worlds, worlds[1:]) if not after or after.why["do"] != "replace"
+    ]
+    ordered = [sorted(world.reports, key=lambda report: report.cell) for world in whole]
+    return hashlib.sha256(b"".join(report.digest for reports in ordered for report in reports)).hexdigest()
+
+
+def _found_at(best: Improvement, topology: Topology) -> dict[str, Any]:
+    """Generations count from 0 in each world; the first world goes without saying."""
+    place = {"cell": list(topology.place(best.cell)), "generation": best.generation}
+    return place | ({"world": best.world} if best.world else {})
+
+
+def _directives(worlds: Sequence[Lived]) -> list[dict[str, Any]]:
+    """What came from outside and when: how each world followed the one before, and who stopped the last one."""
+    directives: list[dict[str, Any]] = []
+    for generations, world in zip(_generations(worlds), worlds[1:], strict=False):
+        directives.append({"world": world.number, "generation": generations, **world.why})
+    for report in worlds[-1].reports:
+        directives += [_directive(each) for each in report.proposals if each.reason in ("deadline", "cancel")]
+    return directives
 
 
 def _directive(proposal: Proposal) -> dict[str, Any]:

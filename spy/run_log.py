@@ -53,7 +53,7 @@ class RunLog:
         )
 
     def end(self, judgement: Judgement, generations: int) -> None:
-        """What came of the run; the log is closed."""
+        """What came of a world."""
         best = judgement.best
         self.write(
             "end",
@@ -63,7 +63,6 @@ class RunLog:
             generations=generations,
             fitness=None if best is None else best.fitness,
         )
-        self.close()
 
     def close(self) -> None:
         """Close the file."""

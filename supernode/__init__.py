@@ -10,6 +10,11 @@
             print(best.fitness, best.solution)
         result = job.result()
 
+On a cluster that is up already (``supernode up``)::
+
+    with supernode.connect() as client:
+        job = client.submit("examples/arm-ik.toml", seed=1, seconds=5)
+
 A user's own problem is a subclass of `Problem` that codes individuals by a `BitString` or a `RealVector`.
 
 Names are imported when they are first used, so that ``supernode --help`` answers at once.
@@ -23,12 +28,17 @@ if TYPE_CHECKING:
     from genetics import BitString, RealVector, Recipe
     from problems import Answer, BadInput, Problem, ProblemFile, Table, Verdict, load, quantity
     from spy.result import Result
+    from supernode.client import AsyncClient, AsyncClientJob, Client, ClientJob, connect, connect_async
     from wire.news import Improvement
 
 _HOMES = {
     "Answer": "problems",
+    "AsyncClient": "supernode.client",
+    "AsyncClientJob": "supernode.client",
     "BadInput": "problems",
     "BitString": "genetics",
+    "Client": "supernode.client",
+    "ClientJob": "supernode.client",
     "ClusterFailed": "coordinator",
     "Improvement": "wire.news",
     "Job": "coordinator",
@@ -40,14 +50,20 @@ _HOMES = {
     "Result": "spy.result",
     "Table": "problems",
     "Verdict": "problems",
+    "connect": "supernode.client",
+    "connect_async": "supernode.client",
     "load": "problems",
     "quantity": "problems",
 }
 
 __all__ = [
     "Answer",
+    "AsyncClient",
+    "AsyncClientJob",
     "BadInput",
     "BitString",
+    "Client",
+    "ClientJob",
     "ClusterFailed",
     "Improvement",
     "Job",
@@ -59,6 +75,8 @@ __all__ = [
     "Result",
     "Table",
     "Verdict",
+    "connect",
+    "connect_async",
     "load",
     "quantity",
 ]

@@ -47,6 +47,7 @@ HARMLESS = {
 PURE = [
     *(path for path in MODULES if path.relative_to(ROOT).parts[0] in ("topologies", "genetics")),
     *(ROOT / "node" / f"{name}.py" for name in ("cell", "generation", "history", "inbox", "kernels", "plan", "rows")),
+    *(ROOT / "coordinator" / f"{name}.py" for name in ("scheduler", "states")),
 ]
 STATED_EXCEPTIONS = {"genetics/compiled.py": {"os", "shutil", "pathlib"}}  # it looks after the folder of its cache
 

@@ -3,6 +3,7 @@
 The torus is the shape of the SuperNode of 1992 (Ahuactzin et al. 1992, §6, figure 7).
 """
 
+import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
@@ -129,3 +130,9 @@ class Grid(_Rectangle):
             inside &= (columns + right >= 0) & (columns + right < self.columns)
             sides.append(np.where(inside, cells + down * self.columns + right, cells))
         return np.stack(sides, axis=1)
+
+
+def torus_of(nodes: int) -> str:
+    """The most square torus of so many nodes: 128 is ``"torus 8x16"``."""
+    rows = next(rows for rows in range(math.isqrt(nodes), 0, -1) if nodes % rows == 0)
+    return f"torus {rows}x{nodes // rows}"

@@ -1,10 +1,16 @@
 """Commands to nodes and to the spy, and their answers.
 
-Every command is answered: with `Done`, with `Refused`, or, for `Begin`, with the node's `Report` when it stops.
+Commands to all nodes of a job reach every node of the cluster; those that are not at it do not answer. Every other
+command is answered: with `Done`, with `Refused`, or, for `Begin` and `Halt`, with the node's `Report` when it stops.
+
+A job lives in a row of worlds, numbered from 0: its problem, and who lives where and neighbours whom, in the first one;
+then whatever an update changes. Each world has a beginning and a stop of its own, and passes its demes on to the next.
 """
 
 import dataclasses
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, ClassVar
 
 from wire.exchange import VERSION, Champion
@@ -13,21 +19,50 @@ from wire.strict import Kind, Rejected, count, fields, of, pack, unpack
 
 
 @dataclass(frozen=True)
+class Wiring:
+    """Who lives on which cell, and by which links.
+
+    Attributes:
+        number: nodes that have the links of this number keep them.
+        nodes: the numbers of the nodes, cell by cell.
+        hosts: where they live, cell by cell: those on one host share a folder of Unix sockets. Empty: all on one host.
+        endpoints: where each, cell by cell, listens to nodes on other hosts; "" for one who does not.
+    """
+
+    number: int
+    nodes: tuple[int, ...]
+    hosts: tuple[str, ...] = ()
+    endpoints: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
 class Prepare:
-    """Get ready for a job: its number, and the problem file as JSON; ``log`` is where the spy keeps its run log."""
+    """Get ready for a world of a job.
+
+    Attributes:
+        file: the problem file as JSON; its run settings name the topology.
+        since: generations of the job before this world; None: as many as the node has bred, with the deme that it has.
+        deme: to begin with, for a node that has none of its own: each individual whole, one after the other.
+        log: where the spy keeps its run log.
+    """
 
     name: ClassVar[str] = "prepare"
     job: int
+    world: int
     file: str
+    wiring: Wiring
+    since: int | None = None
+    deme: bytes = b""
     log: str | None = None
 
 
 @dataclass(frozen=True)
 class Begin:
-    """Every node is prepared: go."""
+    """Every node is prepared: go, once the world before has stopped. Asked again, it is answered to who asked last."""
 
     name: ClassVar[str] = "begin"
     job: int
+    world: int
 
 
 @dataclass(frozen=True)
@@ -36,12 +71,30 @@ class ProposeStop:
 
     name: ClassVar[str] = "propose stop"
     job: int
+    world: int
     reason: Reason
 
 
 @dataclass(frozen=True)
+class Halt:
+    """Stop at once, wherever you are: a node has died, and the others would wait for it."""
+
+    name: ClassVar[str] = "halt"
+    job: int
+    world: int
+
+
+@dataclass(frozen=True)
+class Look:
+    """Are you at this job? Those who are answer with their cells."""
+
+    name: ClassVar[str] = "look"
+    job: int
+
+
+@dataclass(frozen=True)
 class Drop:
-    """Forget a job that failed elsewhere."""
+    """Forget a job that failed elsewhere, or has ended."""
 
     name: ClassVar[str] = "drop"
     job: int
@@ -53,6 +106,7 @@ class Missed:
 
     name: ClassVar[str] = "missed"
     job: int
+    world: int
     generation: int
 
 
@@ -66,18 +120,21 @@ class Finish:
         reasons: of the stops proposed for that generation.
         error: why a node failed, or None.
         states: what cells, by their numbers, have to say of their problems' states.
+        since: generations of the job before this world.
     """
 
     name: ClassVar[str] = "finish"
     job: int
+    world: int
     champion: Champion | None
     generation: int
     reasons: tuple[Reason, ...]
     error: str | None = None
     states: tuple[tuple[int, bytes], ...] = ()
+    since: int = 0
 
 
-Command = Prepare | Begin | ProposeStop | Drop | Missed | Finish
+Command = Prepare | Begin | ProposeStop | Halt | Look | Drop | Missed | Finish
 
 
 @dataclass(frozen=True)
@@ -89,7 +146,12 @@ class Done:
 
 @dataclass(frozen=True)
 class Refused:
-    """The command was not carried out; ``blame`` is "input" if the user's input is at fault, else "failure"."""
+    """The command was not carried out.
+
+    Attributes:
+        blame: "input" if the user's input is at fault; "stranger" if it is about a job that this process, being
+            younger, has never heard of; else "failure".
+    """
 
     message: str
     blame: str = "failure"
@@ -118,8 +180,15 @@ Answer = Done | Judged | Refused
 
 def encode(command: Command) -> bytes:
     """As msgpack."""
-    values = [getattr(command, field.name) for field in dataclasses.fields(command)]
+    values = [_plain(getattr(command, field.name)) for field in dataclasses.fields(command)]
     return pack([VERSION, command.name, *values])
+
+
+def _plain(value: object) -> object:
+    if not isinstance(value, Wiring):
+        return value
+    places = (value.hosts, value.endpoints)
+    return (value.number, value.nodes, *(places if value.hosts else ()))
 
 
 def decode(payload: bytes) -> Command:
@@ -131,27 +200,10 @@ def decode(payload: bytes) -> Command:
     version, name, *values = _at_least_two(unpack(payload))
     if version != VERSION or type(version) is not int:
         raise Rejected("other version")
-    match name, values:
-        case "prepare", [job, file, log]:
-            return Prepare(count(job), of(str, file), None if log is None else of(str, log))
-        case "begin", [job]:
-            return Begin(count(job))
-        case "propose stop", [job, reason]:
-            return ProposeStop(count(job), reason_of(reason))
-        case "drop", [job]:
-            return Drop(count(job))
-        case "missed", [job, generation]:
-            return Missed(count(job), count(generation))
-        case "finish", [job, champion, generation, reasons, error, states]:
-            return Finish(
-                count(job),
-                None if champion is None else Champion.of(champion),
-                count(generation),
-                tuple(reason_of(reason) for reason in of(list, reasons)),
-                None if error is None else of(str, error),
-                tuple(_state(each) for each in of(list, states)),
-            )
-    raise Rejected("no such command")
+    if not isinstance(name, str) or name not in _COMMANDS:
+        raise Rejected("no such command")
+    kind, readers = _COMMANDS[name]
+    return kind(*(read(value) for read, value in zip(readers, fields(values, len(readers)), strict=True)))
 
 
 def encode_answer(answer: Answer) -> bytes:
@@ -178,16 +230,55 @@ def decode_answer(payload: bytes) -> Answer:
     raise Rejected("no such answer")
 
 
+def _wiring(value: object) -> Wiring:
+    number, nodes, *places = fields(value, 4 if type(value) is list and len(value) > 2 else 2)
+    numbers = tuple(count(node) for node in of(list, nodes))
+    told = [tuple(of(str, each) for each in of(list, texts)) for texts in places]
+    if {len(texts) for texts in told} - {0, len(numbers)}:
+        raise Rejected("wrong shape")
+    return Wiring(count(number), numbers, *told)
+
+
 def _state(value: object) -> tuple[int, bytes]:
     cell, state = fields(value, 2)
     return count(cell), of(bytes, state)
+
+
+def _states(value: object) -> tuple[tuple[int, bytes], ...]:
+    return tuple(_state(each) for each in of(list, value))
+
+
+def _reasons(value: object) -> tuple[Reason, ...]:
+    return tuple(reason_of(reason) for reason in of(list, value))
+
+
+def _champion(value: object) -> Champion | None:
+    return None if value is None else Champion.of(value)
 
 
 def _maybe(kind: type[Kind], value: object) -> Kind | None:
     return None if value is None else of(kind, value)
 
 
+def _maybe_count(value: object) -> int | None:
+    return None if value is None else count(value)
+
+
 def _at_least_two(value: list[Any]) -> list[Any]:
     if len(value) < 2:
         raise Rejected("wrong shape")
     return value
+
+
+_text, _octets, _maybe_text = partial(of, str), partial(of, bytes), partial(_maybe, str)
+_COMMANDS: dict[str, tuple[Callable[..., Command], tuple[Callable[[Any], Any], ...]]] = {
+    Prepare.name: (Prepare, (count, count, _text, _wiring, _maybe_count, _octets, _maybe_text)),
+    Begin.name: (Begin, (count, count)),
+    ProposeStop.name: (ProposeStop, (count, count, reason_of)),
+    Halt.name: (Halt, (count, count)),
+    Look.name: (Look, (count,)),
+    Drop.name: (Drop, (count,)),
+    Missed.name: (Missed, (count, count, count)),
+    Finish.name: (Finish, (count, count, _champion, count, _reasons, _maybe_text, _states, count)),
+}
+"""How each command's fields are read, in order."""

@@ -13,24 +13,29 @@ class Improvement:
     """A champion that the spy has evaluated itself.
 
     Attributes:
-        seconds: since the job began.
-        generation: of its birth.
+        world: of the job, that it is an answer for.
+        seconds: since that world began.
+        generation: of its birth, in that world.
         cell: where it was born.
         fitness: lower is better.
+        feasible: whether the planner's independent check accepts the solution.
         solution: decoded, plain JSON values; see the planner's page.
     """
 
     job: int
+    world: int
     seconds: float
     generation: int
     cell: int
     fitness: float
+    feasible: bool
     solution: dict[str, Any]
 
     def encode(self) -> bytes:
         """As msgpack, the solution as JSON, which has null for numbers that are not finite."""
         solution = json.dumps(_finite(self.solution))
-        return pack((self.job, self.seconds, self.generation, self.cell, self.fitness, solution))
+        place = (self.job, self.world, self.seconds, self.generation, self.cell)
+        return pack((*place, self.fitness, self.feasible, solution))
 
     @staticmethod
     def decode(payload: bytes) -> "Improvement":
@@ -39,13 +44,15 @@ class Improvement:
         Raises:
             Rejected: whatever is wrong with it.
         """
-        job, seconds, generation, cell, its_fitness, solution = fields(unpack(payload), 6)
+        job, world, seconds, generation, cell, its_fitness, feasible, solution = fields(unpack(payload), 8)
         return Improvement(
             count(job),
+            count(world),
             fitness(seconds),
             count(generation),
             count(cell),
             fitness(its_fitness),
+            of(bool, feasible),
             _table(solution),
         )
 
@@ -54,7 +61,9 @@ class Counters(NamedTuple):
     """One node's counters for the job that it is at."""
 
     node: int
+    cell: int
     job: int
+    world: int
     generation: int
     evaluations: int
     sent: int
@@ -73,7 +82,7 @@ class Counters(NamedTuple):
         Raises:
             Rejected: whatever is wrong with it.
         """
-        return Counters(*(count(each) for each in fields(unpack(payload), 8)))
+        return Counters(*(count(each) for each in fields(unpack(payload), 10)))
 
 
 class Statistics(NamedTuple):

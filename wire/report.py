@@ -7,7 +7,7 @@ from typing import Literal, NamedTuple, get_args
 from wire.exchange import Champion
 from wire.strict import Rejected, count, fields, of, pack, unpack
 
-Reason = Literal["target", "stall", "deadline", "cancel"]
+Reason = Literal["target", "stall", "deadline", "cancel", "update"]
 
 
 class Proposal(NamedTuple):

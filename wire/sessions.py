@@ -7,7 +7,7 @@ between receiving and sending, or it can deadlock.
 
 import json
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -47,9 +47,9 @@ def unix_socket(folder: Path, name: str) -> str:
     return f"unixsock-stream/{folder}/{name}.sock"
 
 
-def router(listen: str) -> zenoh.Session:
+def router(listen: Iterable[str]) -> zenoh.Session:
     """Open the session that makes this process a router."""
-    return _open("router", [listen], [])
+    return _open("router", list(listen), [])
 
 
 def client(endpoint: str) -> zenoh.Session:
@@ -57,14 +57,26 @@ def client(endpoint: str) -> zenoh.Session:
     return _open("client", [], [endpoint])
 
 
-def peer(listen: str | None, links: Iterable[str]) -> zenoh.Session:
+def visitor(endpoint: str, within: float) -> zenoh.Session:
+    """The same for somebody who wants to know ``within`` so many seconds if there is no router.
+
+    Once open, the session looks for its router for as long as it takes, as all do.
+
+    Raises:
+        zenoh.ZError: if nobody answers there.
+    """
+    hasty = {"connect/timeout_ms": int(within * 1000), "connect/exit_on_failure": True}
+    return _open("client", [], [endpoint], hasty)
+
+
+def peer(listen: Iterable[str], links: Iterable[str]) -> zenoh.Session:
     """Open a session with direct links only; peers never forward for each other."""
-    return _open("peer", [] if listen is None else [listen], list(links))
+    return _open("peer", list(listen), list(links))
 
 
-def _open(mode: str, listen: list[str], connect: list[str]) -> zenoh.Session:
+def _open(mode: str, listen: list[str], connect: list[str], other: Mapping[str, Any] | None = None) -> zenoh.Session:
     config = zenoh.Config()
-    for key, value in _ALWAYS.items():
+    for key, value in (_ALWAYS | dict(other or {})).items():
         config.insert_json5(key, json.dumps(value))
     config.insert_json5("mode", json.dumps(mode))
     config.insert_json5("listen/endpoints", json.dumps(listen))

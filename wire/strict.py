@@ -24,8 +24,10 @@ def pack(value: Any) -> bytes:
     return packed
 
 
-def unpack(payload: bytes, most_bytes: int = MOST_BYTES, most_elements: int = MOST_ELEMENTS) -> list[Any]:
-    """The array in ``payload``, of which no array has more than ``most_elements``.
+def unpack(
+    payload: bytes, most_bytes: int = MOST_BYTES, most_elements: int = MOST_ELEMENTS, most_pairs: int = 0
+) -> list[Any]:
+    """The array in ``payload``, of which no array has more than ``most_elements``, and no map more than ``most_pairs``.
 
     Raises:
         Rejected: "too long", "not msgpack" or "not an array".
@@ -39,7 +41,7 @@ def unpack(payload: bytes, most_bytes: int = MOST_BYTES, most_elements: int = MO
             max_str_len=len(payload),
             max_bin_len=len(payload),
             max_array_len=min(len(payload), most_elements),
-            max_map_len=0,
+            max_map_len=min(len(payload), most_pairs),
             max_ext_len=0,
         )
     except (ValueError, TypeError, RecursionError, MemoryError, msgpack.UnpackException) as error:

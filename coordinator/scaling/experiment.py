@@ -17,6 +17,7 @@ from typing import Any, Literal
 
 from node import Plan
 from problems import BadInput, ProblemFile, Run
+from topologies import torus_of
 
 Mode = Literal["lockstep", "async"]
 Series = Literal["strong", "weak", "budget"]
@@ -37,12 +38,6 @@ _OF_NODES_ONLY = (
 _BUDGET_PER_INDIVIDUAL = 128
 _LIMIT_PER_INDIVIDUAL = 1024
 _LEAST_BUDGET_GENERATIONS = 8
-
-
-def torus_of(nodes: int) -> str:
-    """The most square torus of so many nodes: 128 is ``"torus 8x16"``."""
-    rows = next(rows for rows in range(math.isqrt(nodes), 0, -1) if nodes % rows == 0)
-    return f"torus {rows}x{nodes // rows}"
 
 
 @dataclass(frozen=True)

@@ -10,11 +10,12 @@ from collections.abc import Callable
 
 from coordinator.cluster import LocalCluster
 from coordinator.errors import ClusterFailed
-from coordinator.scaling.experiment import Case, Parameters, all_cases, cases_on, sequential_cases, torus_of
+from coordinator.scaling.experiment import Case, Parameters, all_cases, cases_on, sequential_cases
 from coordinator.scaling.journal import Journal, Record
 from coordinator.scaling.measure import memory_of_nodes, run_in_process, run_on_nodes
 from coordinator.zygote import import_all
 from problems import ProblemFile
+from topologies import torus_of
 
 _FAILURES_IN_A_ROW = 2
 

@@ -123,16 +123,17 @@ def _wrong_claims(claimed: RobotSolution) -> Iterator[str]:
 
 def _collisions(problem: MobileRobot, path: list[Pose]) -> Iterator[str]:
     thickness = problem.robot.radius or 0.0
+    obstacles = problem.obstacles
+    forbidden = _forbidden(obstacles, thickness, [_allowed(each) for each in obstacles])
     for number, (pose, following) in enumerate(pairwise(path), start=1):
         pieces = _swept(problem.robot, pose, following)
         beyond = _beyond(problem, pieces, thickness)
         if beyond > TOLERANCE:
             yield f"segment {number} of the path leaves the bounds by {beyond:.2g} m"
-        for index, obstacle in enumerate(problem.obstacles):
-            hit = _overlaps(pieces, thickness, obstacle, _allowed(obstacle))
-            if hit.any():
-                depth = _depth(pieces[hit], thickness, obstacle)
-                yield f"segment {number} of the path hits obstacles[{index}] by {depth:.2g} m"
+        hits = shapely.dwithin(pieces[:, None], *forbidden)
+        for index in np.flatnonzero(hits.any(axis=0)).tolist():
+            depth = _depth(pieces[hits[:, index]], thickness, obstacles[index])
+            yield f"segment {number} of the path hits obstacles[{index}] by {depth:.2g} m"
 
 
 def _allowed(obstacle: Obstacle) -> float:
@@ -175,12 +176,22 @@ def _beyond(problem: MobileRobot, pieces: Pieces, thickness: float) -> float:
 
 def _overlaps(pieces: Pieces, thickness: float, obstacle: Obstacle, depth: float) -> NDArray[np.bool_]:
     """Which pieces, thickened, are deeper in an obstacle than ``depth``."""
-    if isinstance(obstacle, Circle):
-        core, reach = shapely.Point(obstacle.center), obstacle.radius + thickness - depth
-    else:
-        core, reach = obstacle.polygon.buffer(-depth, join_style="mitre"), thickness
-    overlapping: NDArray[np.bool_] = shapely.dwithin(pieces, core, reach)
+    overlapping: NDArray[np.bool_] = shapely.dwithin(pieces, *_forbidden([obstacle], thickness, [depth]))
     return overlapping
+
+
+def _forbidden(obstacles: list[Obstacle], thickness: float, depths: list[float]) -> tuple[Pieces, NDArray[np.float64]]:
+    """What is left of obstacles at these depths, and how near, in m, the robot's middle must not come to it."""
+    cores = np.empty(len(obstacles), object)
+    reaches = np.full(len(obstacles), thickness)
+    for index, (obstacle, depth) in enumerate(zip(obstacles, depths, strict=True)):
+        if isinstance(obstacle, Circle):
+            cores[index] = shapely.Point(obstacle.center)
+            reaches[index] = obstacle.radius + thickness - depth
+        else:
+            cores[index] = obstacle.polygon.buffer(-depth, join_style="mitre")
+    shapely.prepare(cores)
+    return cores, reaches
 
 
 def _depth(pieces: Pieces, thickness: float, obstacle: Obstacle) -> float:

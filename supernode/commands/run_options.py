@@ -1,4 +1,4 @@
-"""The options that `solve` and `simulate` share: how a problem is run, and what is told of it."""
+"""The options that `solve`, `simulate` and `submit` share: how a problem is run, and what is told of it."""
 
 import argparse
 from pathlib import Path
@@ -27,11 +27,21 @@ _SETTINGS = (
 
 
 def add_run_options(parser: argparse.ArgumentParser) -> None:
+    """The problem, the settings of a run, and what is told of it."""
+    add_settings(parser)
+    out = parser.add_argument_group("what to tell")
+    out.add_argument("--log", metavar="FILE", help="write a run log, JSON Lines")
+    out.add_argument("--plot", metavar="FILE", help="draw the result (PNG, SVG or PDF by the name's end)")
+    out.add_argument("--json", action="store_true", help="print the result as one JSON object")
+    out.add_argument("--quiet", action="store_true", help="no progress on stderr")
+
+
+def add_settings(parser: argparse.ArgumentParser) -> None:
     """The settings of a run, each of which wins over the problem file's ``[run]``."""
     parser.add_argument("problem", metavar="PROBLEM.toml", help="the problem file")
     run = parser.add_argument_group("how to run (each wins over the file's [run] table)")
     shape = run.add_mutually_exclusive_group()
-    shape.add_argument("--torus", metavar="RxC", type=_torus, dest="topology", help="rows and columns (4x4)")
+    shape.add_argument("--torus", metavar="RxC", type=torus, dest="topology", help="rows and columns (4x4)")
     shape.add_argument("--topology", metavar="SPEC", help='such as "torus 4x4" or "ring 16"')
     run.add_argument("--deme", metavar="N", type=whole, help="individuals on each node (1)")
     add_breeding_options(run)
@@ -43,11 +53,6 @@ def add_run_options(parser: argparse.ArgumentParser) -> None:
     end.add_argument("--seconds", metavar="S", type=number, help="at this deadline")
     end.add_argument("--target", metavar="F", type=number, help="at this fitness, instead of the problem's own")
     end.add_argument("--stall", metavar="N", type=whole, help="after so many generations without a better champion")
-    out = parser.add_argument_group("what to tell")
-    out.add_argument("--log", metavar="FILE", help="write a run log, JSON Lines")
-    out.add_argument("--plot", metavar="FILE", help="draw the result (PNG, SVG or PDF by the name's end)")
-    out.add_argument("--json", action="store_true", help="print the result as one JSON object")
-    out.add_argument("--quiet", action="store_true", help="no progress on stderr")
 
 
 def add_breeding_options(run: argparse._ArgumentGroup) -> None:
@@ -88,7 +93,8 @@ def _check_folder(option: str, name: str | None) -> None:
         raise BadInput(f"{option}: expected a file in a folder that exists, found {name}")
 
 
-def _torus(text: str) -> str:
+def torus(text: str) -> str:
+    """The type of an option."""
     return f"torus {text}"
 
 

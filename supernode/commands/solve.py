@@ -1,4 +1,4 @@
-"""Solve a problem on a cluster started for it: one process for each cell of the torus."""
+"""Solve a problem on a cluster started for it, one process for each cell; or on one that is up already."""
 
 import argparse
 import os
@@ -6,10 +6,12 @@ import resource
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from supernode.commands.cluster_options import add_place, connected
 from supernode.commands.run_options import add_run_options, chosen_file
 
 if TYPE_CHECKING:
     from coordinator import Job, LocalCluster
+    from problems import ProblemFile
     from spy.result import Result
     from spy.terminal import Terminal
 
@@ -19,18 +21,44 @@ _DRAIN_SECONDS = 3.0  # what cells get to stop in after Ctrl-C
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The options of a run."""
+    """The options of a run, and where."""
     add_run_options(parser)
+    add_place(parser.add_argument_group("where (by default on a cluster of its own)"))
 
 
 def run(options: argparse.Namespace) -> int:
-    """Launch, follow the job on stderr, and print its result on stdout."""
+    """Follow the job on stderr, and print its result on stdout."""
+    file = chosen_file(options)
+    if options.connect is None and options.state is None:
+        return _on_its_own(file, options)
+    return _on_a_running_one(file, options)
+
+
+def _on_a_running_one(file: "ProblemFile", options: argparse.Namespace) -> int:
+    """Ctrl-C cancels the job; the best so far is the result."""
+    from supernode.following import Follower
+    from supernode.present import present
+
+    with connected(options) as client:
+        job = client.submit(file)
+        follower = Follower(job, file, options.quiet, options.log)
+        interrupted = False
+        try:
+            follower.show()
+        except KeyboardInterrupt:
+            interrupted = True
+            job.cancel()
+        result = follower.result(_DRAIN_SECONDS if interrupted else None)
+    return present(result, file, options, interrupted)
+
+
+def _on_its_own(file: "ProblemFile", options: argparse.Namespace) -> int:
+    """Launch a cluster, and end it."""
     import topologies
     from coordinator import LocalCluster
     from spy.terminal import Terminal
     from supernode.present import present
 
-    file = chosen_file(options)
     log = None if options.log is None else os.path.abspath(options.log)  # noqa: PTH100 - no links resolved
     topology = topologies.parse(file.run.topology)
     with Terminal(topology, options.quiet) as terminal:

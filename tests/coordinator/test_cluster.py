@@ -175,9 +175,14 @@ def test_an_edited_module_is_not_mistaken_for_the_old_one(cluster, own_problem, 
     assert cluster.submit(supernode.load(path), stall=10).result().fitness == 7.0
 
 
-def test_another_topology_than_the_clusters_is_refused(cluster, own_problem):
-    with pytest.raises(supernode.BadInput, match="this cluster is a torus 3x4, found 'torus 9x9'"):
-        cluster.submit(supernode.load(own_problem()), topology="torus 9x9")
+def test_another_topology_than_the_clusters_is_taken_if_there_are_as_many_nodes(cluster, own_problem):
+    file = supernode.load(own_problem())
+    for topology in ("ring 12", "torus 3x3"):
+        result = cluster.submit(file, topology=topology).result(timeout=30)
+        assert (result.solved, result.topology) == (True, topology)
+        assert result.history_sha256 == history(replay(file, topology=topology))
+    with pytest.raises(supernode.BadInput, match=r"the job asks for 81 cells \(torus 9x9\), the cluster has 12 nodes"):
+        cluster.submit(file, topology="torus 9x9")
 
 
 def test_the_run_log_has_a_line_for_each_improvement(cluster, own_problem, tmp_path):

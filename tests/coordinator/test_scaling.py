@@ -18,12 +18,13 @@ import topologies
 from coordinator import ClusterFailed, LocalCluster
 from coordinator.scaling import runner as running
 from coordinator.scaling.describe import describe
-from coordinator.scaling.experiment import all_cases, cases_on, design, points, sequential_cases, torus_of
+from coordinator.scaling.experiment import all_cases, cases_on, design, points, sequential_cases
 from coordinator.scaling.journal import Journal
 from coordinator.scaling.outputs import as_json, as_words, write_all
 from coordinator.scaling.runner import Runner
 from coordinator.scaling.summary import STRONG_CPU, STRONG_EVALUATIONS, WEAK_BALANCE, WEAK_TWIN, summarise
 from coordinator.scaling.words import verdict
+from topologies import torus_of
 
 SMALL = {"nodes": (4, 6), "repeats": 2, "sequential": (4, 8), "demes": (2,), "evaluations": 20_000}
 

@@ -8,7 +8,7 @@ from exchanges import Emigrant, decode
 from one_max import Bus, OneMax, plan_of
 
 from node import Cell, Plan
-from node.cell import Answer, Answered, Ask, Asked, Complain, Propose, Publish, Start, Waited
+from node.cell import Answer, Answered, Ask, Asked, Complain, Halt, Propose, Publish, Start, Waited
 from problems import Run
 from wire.exchange import Champion
 from wire.report import Report
@@ -86,6 +86,83 @@ def test_messages_of_another_job_strangers_and_doubles_are_ignored():
     once = heard(plan, (1,))
     cell.step(once + once)
     assert cell.inbox.kept == 1
+
+
+@pytest.mark.parametrize("mode", ["lockstep", "async"])
+def test_messages_of_another_world_are_ignored_and_nobody_complains_of_them(mode):
+    plan = dataclasses.replace(plan_of(mode=mode, target=-1.0), world=1)
+    cell = Cell(plan, 0, job=1)
+    assert said(plan, cell.step(events=[Start()])[0]).world == 1
+    others = [message for world in (0, 2) for message in heard(plan, (12, 1, 4, 3), world=world, stop_at=1)]
+    generation = cell.rows.generation
+    actions = cell.step(others, [Answered(*each) for each in others])
+    assert not any(isinstance(action, Complain) for action in actions)
+    assert (cell.inbox.kept, cell.inbox.refused, cell.inbox.of_no_use, cell.lost) == (0, 0, 0, 0)
+    assert cell.state == "running", "a stop of another world is none here"
+    if mode == "lockstep":
+        assert actions == []
+        assert sorted(cell.inbox.missing()) == [1, 3, 4, 12]
+        assert cell.rows.generation == generation
+    cell.step(heard(plan, (12, 1, 4, 3)))
+    assert cell.inbox.kept == 4
+    assert cell.rows.generation > generation
+
+
+def test_another_world_draws_other_random_numbers():
+    first = plan_of(size=200, target=-1.0)
+    worlds = [first, *(dataclasses.replace(first, world=world, since=30) for world in (1, 2))]
+    demes = []
+    for plan in worlds:
+        cell = Cell(plan, 0, job=1)
+        cell.step(events=[Start()])
+        demes.append(cell.rows.genomes.tobytes())
+    assert len(set(demes)) == 3, "each begins with random individuals of its own"
+    deme = np.frombuffer(demes[0], np.uint8).reshape(1, -1)
+    bred = []
+    for plan in worlds:
+        cell = Cell(plan, 0, job=1)
+        (published,) = cell.step(events=[Start(deme)])
+        assert said(plan, published).emigrants[0].genome == demes[0], "of those that are given"
+        same_news = [
+            (sender, dataclasses.replace(message_of(first, sender), world=plan.world)) for sender in (12, 1, 4, 3)
+        ]
+        cell.step([(sender, message.encode()) for sender, message in same_news])
+        assert cell.rows.generation == 1
+        bred.append(cell.rows.genomes.tobytes())
+    assert len(set(bred)) == 3, "and breeds them otherwise"
+    assert dataclasses.replace(first, since=30).seed == first.seed, "however long the job has lived"
+
+
+@pytest.mark.parametrize("mode", ["lockstep", "async"])
+def test_halt_stops_a_running_cell_at_once_and_leaves_what_it_has_bred(mode):
+    plan = plan_of(mode=mode, target=-1.0, deme=3)
+    cell = Cell(plan, 0, job=1)
+    cell.step(events=[Start()])
+    cell.step(heard(plan, (12, 1, 4, 3)))
+    generation, deme = cell.rows.generation, cell.rows.genomes.tobytes()
+    (report,) = cell.step(events=[Halt()])
+    assert isinstance(report, Report)
+    assert (report.generation, report.deme, report.error) == (generation, deme, None)
+    assert report.proposals == (), "the others are not asked to stop"
+    assert cell.state == "stopped"
+    assert cell.step(heard(plan, (12, 1, 4, 3), generation=1), [Halt(), Start(), Waited()]) == []
+
+
+def test_a_cell_that_has_halted_still_answers_neighbours_that_missed_a_message():
+    plan = plan_of()
+    cell, published = started(plan)
+    cell.step(events=[Halt()])
+    assert cell.step(events=[Asked(0, "q")]) == [Answer("q", published.payload)]
+
+
+def test_halt_is_nothing_to_a_cell_that_has_not_begun_or_has_ended():
+    plan = plan_of(generations=0)
+    cell = Cell(plan, 0, job=1)
+    assert cell.step(events=[Halt()]) == []
+    assert cell.state == "prepared"
+    (report,) = cell.step(events=[Start()])
+    assert report.generation == 0
+    assert cell.step(events=[Halt()]) == [], "it reports once"
 
 
 def test_bad_messages_are_complained_of_once_for_each_neighbour_and_reason():

@@ -15,7 +15,13 @@ from wire.report import Staleness
 from wire.strict import Rejected
 
 JOB = 3
+WORLD = 2
 TORI = ["torus 1x1", "torus 1x2", "torus 2x2", "torus 2x3", "torus 4x4"]
+
+
+def plan_in(**settings):
+    """A plan of one of a job's later worlds."""
+    return dataclasses.replace(plan_of(**settings), world=WORLD)
 
 
 class Model:
@@ -25,7 +31,7 @@ class Model:
         self.plan = plan
         self.slots = plan.topology.neighbours(cell)
         self.neighbours = [other for other in dict.fromkeys(self.slots) if other != cell]
-        self.kept = self.refused = 0
+        self.kept = self.refused = self.of_no_use = 0
 
     def hear(self, news):
         complaints = set()
@@ -36,9 +42,13 @@ class Model:
             if message is None:
                 self.refused += 1
                 complaints.add((sender, reason_of(payload, self.plan)))
-            elif message.job == JOB and self.is_of_use(sender, message):
+            elif (message.job, message.world) != (JOB, WORLD):
+                pass  # whatever it says, it was not meant for this inbox
+            elif self.is_of_use(sender, message):
                 self.kept += 1
                 self.keep(sender, self.as_believed(sender, message))
+            else:
+                self.of_no_use += 1
         return complaints
 
     def as_believed(self, sender, message):
@@ -107,7 +117,7 @@ def reason_of(payload, plan):
     return caught.value.reason
 
 
-def a_message(rng, generation, sent=1, job=JOB, size=40, emigrants=1):
+def a_message(rng, generation, sent=1, job=JOB, size=40, emigrants=1, world=WORLD):
     """Any message; now and then somebody is infeasible, nobody is champion, or a stop is proposed."""
 
     def fitness():
@@ -118,7 +128,7 @@ def a_message(rng, generation, sent=1, job=JOB, size=40, emigrants=1):
 
     told = tuple(Emigrant(genome(), fitness()) for _ in range(emigrants))
     champion = rng.choice((None, Champion(rng.random(), rng.randrange(50), 0, genome())))
-    return Exchange(job, 0, generation, rng.choice((None, 99)), told, champion, sent, rng.randrange(1000))
+    return Exchange(job, world, generation, rng.choice((None, 99)), told, champion, sent, rng.randrange(1000))
 
 
 def spoilt(rng, payload):
@@ -135,12 +145,13 @@ def in_slots(inbox, whence):
 
 
 def some_news(rng, plan, model, generations, sent):
-    """A batch, mostly of neighbours' sound messages of this job, of now and then hundreds."""
+    """A batch, mostly of neighbours' sound messages of this world of the job, of now and then hundreds."""
     senders = [*model.neighbours, *model.neighbours, *range(plan.topology.cells)]
     news = []
     for _ in range(rng.choice((0, 1, 1, 2, 5, 30)) if rng.random() < 0.98 else 500):
         job = JOB if rng.random() < 0.9 else rng.randrange(6)
-        message = a_message(rng, rng.choice(generations), sent(), job, emigrants=plan.run.emigrants)
+        world = WORLD if rng.random() < 0.9 else rng.randrange(4)
+        message = a_message(rng, rng.choice(generations), sent(), job, emigrants=plan.run.emigrants, world=world)
         payload = message.encode()
         news.append((rng.choice(senders), payload if rng.random() < 0.9 else spoilt(rng, payload)))
         if rng.random() < 0.1:
@@ -155,7 +166,7 @@ SETTINGS = [{}, {"interval": 3}, {"spy": "root"}, {"interval": 2, "deme": 4, "em
 @pytest.mark.parametrize("shape", TORI)
 def test_in_lockstep_it_keeps_what_the_model_keeps(shape, settings):
     rng = random.Random(f"{shape} {settings}")
-    plan = plan_of(topology=shape, **settings)
+    plan = plan_in(topology=shape, **settings)
     taken = 0
     for cell in range(min(plan.topology.cells, 6)):
         inbox, model = Inbox(plan, cell, JOB), Lockstep(plan, cell)
@@ -166,6 +177,7 @@ def test_in_lockstep_it_keeps_what_the_model_keeps(shape, settings):
             news = some_news(rng, plan, model, [*near, *of_now], lambda: 1)
             assert inbox.hear(news) == model.hear(news)
             assert (inbox.kept, inbox.refused, inbox.lost) == (model.kept, model.refused, 0)
+            assert inbox.of_no_use == model.of_no_use
             assert inbox.missing() == model.missing()
             assert inbox.lacking() == len(model.missing())
             if inbox.lacking() == 0:
@@ -179,7 +191,7 @@ def test_in_lockstep_it_keeps_what_the_model_keeps(shape, settings):
 @pytest.mark.parametrize("shape", TORI)
 def test_in_async_mode_it_keeps_what_the_model_keeps(shape, settings):
     rng = random.Random(f"{shape} {settings}")
-    plan = plan_of(topology=shape, mode="async", **settings)
+    plan = plan_in(topology=shape, mode="async", **settings)
     for cell in range(min(plan.topology.cells, 6)):
         inbox, model = Inbox(plan, cell, JOB), Async(plan, cell)
         for now in range(150):
@@ -190,6 +202,7 @@ def test_in_async_mode_it_keeps_what_the_model_keeps(shape, settings):
             )
             assert inbox.hear(news) == model.hear(news)
             assert (inbox.kept, inbox.refused, inbox.lost) == (model.kept, model.refused, model.lost)
+            assert inbox.of_no_use == model.of_no_use
             if rng.random() < 0.5:
                 assert in_slots(inbox, inbox.take(now)) == model.take(now)
             assert Staleness(*inbox.staleness.tolist()) == model.staleness
@@ -198,8 +211,21 @@ def test_in_async_mode_it_keeps_what_the_model_keeps(shape, settings):
             assert min(model.lost, model.refused) > 0
 
 
+@pytest.mark.parametrize("mode", ["lockstep", "async"])
+def test_a_message_of_another_world_is_neither_kept_nor_refused_nor_counted_at_all(mode):
+    plan = plan_in(topology="torus 1x2", mode=mode)
+    inbox = Inbox(plan, 0, JOB)
+    rng = random.Random(1)
+    before = inbox.counts.copy()
+    others = [(JOB, 0), (JOB, WORLD - 1), (JOB, WORLD + 1), (JOB + 1, WORLD)]
+    assert inbox.hear([(1, a_message(rng, 0, job=job, world=world).encode()) for job, world in others]) == set()
+    assert inbox.counts.tolist() == before.tolist()
+    assert inbox.hear([(1, a_message(rng, 0).encode())]) == set()
+    assert inbox.kept == 1
+
+
 def test_the_messages_of_two_exchanges_are_kept_apart():
-    plan = plan_of(topology="torus 1x2")
+    plan = plan_in(topology="torus 1x2")
     inbox = Inbox(plan, 0, JOB)
     rng = random.Random(1)
     now, ahead, two_ahead = (a_message(rng, generation) for generation in range(3))
@@ -214,7 +240,7 @@ def test_the_messages_of_two_exchanges_are_kept_apart():
 
 
 def test_what_was_taken_stays_as_it_is_while_the_next_exchange_comes_in():
-    plan = plan_of(topology="torus 1x2", interval=3)
+    plan = plan_in(topology="torus 1x2", interval=3)
     inbox = Inbox(plan, 0, JOB)
     rng = random.Random(1)
     first, second = (a_message(rng, generation) for generation in (0, 3))
@@ -225,7 +251,7 @@ def test_what_was_taken_stays_as_it_is_while_the_next_exchange_comes_in():
 
 
 def test_a_cut_message_is_not_read_on_into_the_one_behind_it():
-    plan = plan_of(topology="torus 1x2")
+    plan = plan_in(topology="torus 1x2")
     rng = random.Random(1)
     payload = a_message(rng, 0).encode()
     for cut in range(1, len(payload)):
@@ -235,7 +261,7 @@ def test_a_cut_message_is_not_read_on_into_the_one_behind_it():
 
 
 def test_before_anything_is_heard_the_cell_stands_in_for_its_neighbours():
-    inbox = Inbox(plan_of(mode="async"), 5, JOB)
+    inbox = Inbox(plan_in(mode="async"), 5, JOB)
     assert (inbox.take(0) <= TOLD).all()
     assert inbox.hear([]) == set()
     assert not inbox.staleness.any()
@@ -244,7 +270,7 @@ def test_before_anything_is_heard_the_cell_stands_in_for_its_neighbours():
 @pytest.mark.parametrize("mode", ["lockstep", "async"])
 def test_each_neighbour_has_a_row_of_its_own_in_each_exchange(mode):
     rng = random.Random(1992)
-    plan = plan_of(topology="torus 2x3", mode=mode)
+    plan = plan_in(topology="torus 2x3", mode=mode)
     slots = plan.topology.neighbours(0)
     inbox, model = Inbox(plan, 0, JOB), Model(plan, 0)
     for _ in range(300):

@@ -1,5 +1,6 @@
 """The spy believes only what it has evaluated itself, and judges a run by an independent check."""
 
+import dataclasses
 import json
 import math
 
@@ -11,7 +12,7 @@ from node import Plan
 from problems import BadInput, ProblemFile, Run, Verdict
 from spy.collector import Collector
 from spy.judge import Judgement, judge
-from spy.result import Clocks, best_known, result_of, stop_reasons, stopped_after
+from spy.result import Clocks, Lived, best_known, result_of, stop_reasons, stopped_after
 from spy.run_log import RunLog
 from wire.control import decode_answer, encode_answer
 from wire.exchange import Champion
@@ -31,11 +32,18 @@ def collected(plan, *champions):
 def test_improvements_are_told_once_and_only_if_better():
     collector = Collector(plan_of(), job=7)
     first = collector.hear(Champion(20.0, 3, 5, HALF), 0.25)
-    assert first == Improvement(7, 0.25, 3, 5, 20.0, {"genome": HALF.hex()})
+    assert first == Improvement(7, 0, 0.25, 3, 5, 20.0, True, {"genome": HALF.hex()})
     assert collector.hear(Champion(20.0, 3, 5, HALF), 0.3) is None
     assert collector.hear(Champion(40.0, 1, 0, EMPTY), 0.3) is None
     assert collector.hear(None, 0.3) is None
     assert collector.hear(Champion(0.0, 9, 1, FULL), 0.5).fitness == 0.0
+
+
+def test_an_improvement_says_for_which_world_it_is_an_answer():
+    collector = Collector(dataclasses.replace(plan_of(), world=3), job=7)
+    better = collector.hear(Champion(20.0, 3, 5, HALF), 0.25)
+    assert (better.job, better.world) == (7, 3)
+    assert collector.best == better
 
 
 def test_an_earlier_birth_of_the_same_fitness_is_the_champion_but_no_improvement():
@@ -63,6 +71,8 @@ def test_a_lie_is_not_believed_and_fails_the_run():
         ({"target": -1.0}, 7, ["deadline"], "deadline"),
         ({"target": -1.0}, 7, ["cancel"], "cancelled"),
         ({"target": 0.0, "generations": 8}, 8, ["target"], "solved"),
+        ({"target": -1.0, "generations": 8}, 7, [], "exhausted"),  # in async mode, after another world
+        ({"target": -1.0}, 7, [], "failed"),
     ],
 )
 def test_status(settings, generation, reasons, status):
@@ -166,7 +176,7 @@ def test_reasons_are_those_of_the_stop():
 def test_infinity_is_null_in_json(tmp_path):
     file = ProblemFile("x", {"kind": "x:Y"}, Run(topology="torus 1x2"), tmp_path)
     judgement = Judgement("stalled", False, None, None)
-    result = result_of("1", file, [report(0), report(1)], judgement, {}, Clocks(1.0, 2.0, 3.0))
+    result = result_of("1", [Lived(file, [report(0), report(1)])], judgement, {}, Clocks(1.0, 2.0, 3.0))
     assert math.isinf(result.fitness)
     plain = json.loads(json.dumps(result.to_json(), allow_nan=False))
     assert (plain["fitness"], plain["solution"], plain["found_at"]) == (None, None, None)
@@ -178,9 +188,14 @@ def test_the_run_log_is_json_lines(tmp_path):
     log = RunLog(path)
     log.write("one", number=1.5, infinite=np.inf)
     log.end(Judgement("stalled", False, None, None), 9)
+    log.write("start", world=1)
+    log.end(Judgement("solved", True, None, None), 12)
+    log.close()
+    log.close()
     log.write("late")
     events = [json.loads(line) for line in path.read_text().splitlines()]
-    assert [event["event"] for event in events] == ["one", "end"]
+    assert [event["event"] for event in events] == ["one", "end", "start", "end"], "each world has an end"
+    assert [event["generations"] for event in events if event["event"] == "end"] == [9, 12]
     assert events[0]["infinite"] is None
     with pytest.raises(BadInput, match="--log: expected a file that can be written"):
         RunLog(tmp_path)

@@ -4,7 +4,7 @@ import topologies
 from spy.terminal import Terminal
 from wire.news import Improvement, Statistics
 
-BETTER = Improvement(1, 1.25, 17, 6, 0.125, {})
+BETTER = Improvement(1, 0, 1.25, 17, 6, 0.125, True, {})
 
 
 def test_a_line_for_each_improvement_where_stderr_is_no_terminal(capsys):

@@ -1,20 +1,28 @@
 """Key expressions: every thing has its own, and none is another cluster's."""
 
+import inspect
+import itertools
+
+import pytest
 import zenoh
 
 from wire.keys import PREFIX, Keys
 
+HOSTS = ("h1", "a-host")
+NAMES = {"process": (1, 4711, "1-h1", "4711-h1", "1-a-host"), "host": HOSTS}
+
 
 def all_keys(cluster="c1", nodes=(0, 1, 12)):
-    """Every key of a cluster that is no pattern, by name."""
+    """Every key of a cluster that is no pattern, by name and by what it is the key of."""
     keys = Keys(cluster)
     found = {}
     for name in dir(Keys):
-        if name.startswith(("_", "any_", "every_")) or name == "cluster":
+        if name.startswith(("_", "any_", "every_")) or name in ("cluster", "life_of", "home_of"):
             continue
         value = getattr(keys, name)
         if callable(value):
-            found |= {(name, node): value(node) for node in nodes}
+            of = [NAMES.get(parameter, nodes) for parameter in inspect.signature(value).parameters]
+            found |= {(name, *numbers): value(*numbers) for numbers in itertools.product(*of)}
         else:
             found[name] = value
     return found
@@ -47,7 +55,19 @@ def test_patterns_match_what_they_are_for_and_nothing_else():
     keys = Keys("c1")
     assert matching(keys.any_node) == {("node", 0), ("node", 1), ("node", 12)}
     assert matching(keys.any_stats) == {("stats", 0), ("stats", 1), ("stats", 12)}
+    assert matching(keys.any_life) == {("life", *each) for each in itertools.product((0, 1, 12), NAMES["process"])}
+    assert matching(keys.any_spy_life) == {("spy_life", process) for process in NAMES["process"]}
+    assert matching(keys.any_host) == {("host", host) for host in HOSTS}
     assert matching(keys.every_control) == {("control", 0), ("control", 1), ("control", 12)}
+
+
+@pytest.mark.parametrize("cluster", ["c1", "spy", "node", "life"])
+def test_a_token_says_whose_life_it_is_and_by_which_process(cluster):
+    keys = Keys(cluster)
+    for process, number, host in ((4711, 4711, ""), ("4711-h1", 4711, "h1"), ("1-a-host", 1, "a-host")):
+        for token, whose in ((keys.life(12, process), 12), (keys.spy_life(process), None)):
+            assert Keys.life_of(token) == (whose, number)
+            assert Keys.home_of(token) == host
 
 
 def test_the_keys_of_the_protocol():
@@ -56,5 +76,10 @@ def test_the_keys_of_the_protocol():
     assert keys.out(7) == "supernode/c1/node/7/out"
     assert keys.control(7) == "supernode/c1/node/7/control"
     assert keys.stats(7) == "supernode/c1/node/7/stats"
+    assert keys.life(7, 4711) == "supernode/c1/node/7/life/4711"
+    assert keys.life(7, "4711-h1") == "supernode/c1/node/7/life/4711-h1"
+    assert keys.spy_life(4711) == "supernode/c1/spy/life/4711"
     assert keys.best == "supernode/c1/best"
     assert keys.log == "supernode/c1/log"
+    assert keys.jobs == "supernode/c1/jobs"
+    assert keys.state == "supernode/c1/state"

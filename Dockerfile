@@ -1,0 +1,39 @@
+# One image for every process of a cluster: the command says which one a container is. See docs/containers.md.
+ARG PYTHON=3.11
+FROM python:${PYTHON}-slim AS build
+
+ENV PIP_NO_CACHE_DIR=1 PIP_DISABLE_PIP_VERSION_CHECK=1
+RUN python -m venv /opt/supernode
+ENV PATH=/opt/supernode/bin:$PATH
+COPY pyproject.toml README.md LICENSE /src/
+# The libraries first: a change of this project's own code does not fetch them anew.
+RUN python -c "import tomllib; project = tomllib.load(open('/src/pyproject.toml', 'rb'))['project']; \
+      more = project['optional-dependencies']; \
+      print(*project['dependencies'], *more['service'], *more['postgres'], *more['dynamics'], *more['mesh'], sep='\n')" \
+      > /src/requirements.txt \
+    && pip install --requirement /src/requirements.txt \
+    && touch /src/libraries
+COPY . /src/
+# Kernels for any processor of this architecture, so that all containers compute the same bits and none compiles.
+# The cache knows sources by their times, and layers keep whole seconds only.
+ENV NUMBA_CACHE_DIR=/opt/kernels NUMBA_CPU_NAME=generic
+RUN pip install --no-deps --no-compile /src \
+    && find /opt/supernode -name '*.py' -newer /src/libraries \
+      -exec touch --date=@946684800 {} + -exec python -m compileall -q {} + \
+    && python -c 'from problems.registry import kernels; print("node.generation", *kernels(), sep="\n")' > /src/kernels \
+    && xargs -n 1 -P "$(nproc)" python -c 'import importlib, sys; importlib.import_module(sys.argv[1])' < /src/kernels \
+    && python -c 'from coordinator.zygote import import_all; import_all()'
+
+FROM python:${PYTHON}-slim
+RUN useradd --system --uid 10001 --create-home supernode \
+    && install --directory --owner=supernode --mode=0700 /var/lib/supernode
+COPY --from=build /opt/supernode /opt/supernode
+# Numba reads a cache only where it could write one.
+COPY --from=build --chown=supernode /opt/kernels /opt/kernels
+ENV PATH=/opt/supernode/bin:$PATH NUMBA_CACHE_DIR=/opt/kernels NUMBA_CPU_NAME=generic
+USER supernode
+WORKDIR /home/supernode
+VOLUME /var/lib/supernode
+STOPSIGNAL SIGTERM
+ENTRYPOINT ["supernode"]
+CMD ["--help"]

@@ -1,0 +1,208 @@
+"""How soon a cluster that is up runs a job and finds a first answer, and what it keeps of a long row of jobs.
+
+Usage: python -m benchmarks.service [--jobs 1000] [--torus 4x4] [--settled 200] [--database URL]
+
+The cluster is a real one, `supernode up`, in a state folder of its own. Jobs come one after another from one client;
+each is `examples/arm-ik.toml` with a seed of its own. *Running* is when its first world has begun, *first answer* when
+the first verified improvement has come, both as the client hears of them, from the call of `submit` on. Memory is the
+private part of each process, which nothing else accounts for.
+"""
+
+import argparse
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import NamedTuple
+
+import supernode
+from supernode import Client
+from wire import sessions
+from wire.callbacks import direct
+from wire.jobs import JobState
+from wire.news import Improvement
+
+_FILE = Path(__file__).resolve().parents[1] / "examples" / "arm-ik.toml"
+_WITHIN = 60.0  # seconds
+_KILOBYTE = 1024
+_COLUMNS = ("descriptors", "threads", "sockets", "private memory, MB")
+
+
+class Held(NamedTuple):
+    """What a process, or several together, hold."""
+
+    descriptors: int
+    threads: int
+    sockets: int
+    memory: int  # bytes
+
+
+class Measured(NamedTuple):
+    """Of a row of jobs.
+
+    Attributes:
+        running: seconds of each job from `submit` until it ran.
+        answers: until its first answer came.
+        ends: how often each job's end was published, by its id.
+        settled: what each process held after the first jobs.
+        held: at the end.
+    """
+
+    running: list[float]
+    answers: list[float]
+    ends: dict[str, int]
+    settled: dict[str, Held]
+    held: dict[str, Held]
+
+
+def main() -> None:
+    """Print the tables."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--jobs", type=int, default=1000)
+    parser.add_argument("--torus", default="4x4", help="RxC")
+    parser.add_argument("--settled", type=int, default=200, help="jobs after which nothing should grow any more")
+    parser.add_argument("--database", help="URL, instead of a file")
+    options = parser.parse_args()
+    show(measure(options.jobs, options.settled, f"torus {options.torus}", options.database))
+
+
+def show(measured: Measured) -> None:
+    """In tables."""
+    lost = sum(times != 1 for times in measured.ends.values())
+    print(f"{len(measured.ends)} jobs, {lost} lost or doubled")
+    for name, seconds in (("running", measured.running), ("first answer", measured.answers)):
+        worst = statistics.quantiles(seconds, n=20)[-1]
+        print(f"submit to {name}: median {_ms(statistics.median(seconds))} ms, 95 % within {_ms(worst)} ms")
+    print("| process | " + " | ".join(_COLUMNS) + " |")
+    print("|---" * (len(_COLUMNS) + 1) + "|")
+    for name in [*measured.held, "all"]:
+        before, after = (_of(name, each) for each in (measured.settled, measured.held))
+        figures = [f"{one} → {two}" for one, two in zip(before[:3], after[:3], strict=True)]
+        growth = after.memory / before.memory - 1
+        print(
+            f"| {name} | {' | '.join(figures)} | {before.memory / 1e6:.2f} → {after.memory / 1e6:.2f} ({growth:+.1%}) |"
+        )
+
+
+def measure(jobs: int, settled: int, topology: str, database: str | None = None) -> Measured:
+    """Start a cluster, give it so many jobs, and look at it after the first ``settled`` ones and at the end."""
+    with tempfile.TemporaryDirectory() as folder, _up(Path(folder), topology, database) as up:
+        with supernode.connect(folder) as client:
+            row = _Row(client, Path(folder), topology)
+            row.submit(0, settled)
+            before = held_by(up)
+            row.submit(settled, jobs)
+            after = held_by(up)
+            row.close()
+        return Measured(row.running, row.answers, row.ends, before, after)
+
+
+class _Row:
+    """Jobs, one after another, and what is heard of them."""
+
+    def __init__(self, client: Client, folder: Path, topology: str) -> None:
+        from supernode.whereabouts import read_card
+        from wire.keys import Keys
+
+        card = read_card(folder)
+        self.running: list[float] = []
+        self.answers: list[float] = []
+        self.ends: dict[str, int] = {}
+        self._client = client
+        self._file = supernode.load(_FILE).with_run(topology=topology)
+        self._heard: dict[str | int, float] = {}
+        self._numbers: dict[str, int] = {}
+        self._session = sessions.client(card.endpoint)
+        self._session.declare_subscriber(Keys(card.cluster).state, direct(self._hear_state))
+        self._session.declare_subscriber(Keys(card.cluster).best, direct(self._hear_best))
+
+    def submit(self, first: int, last: int) -> None:
+        for number in range(first, last):
+            name = f"job-{number}"
+            self.ends[name] = 0
+            began = time.monotonic()
+            job = self._client.submit(self._file, id=name, seed=number + 1)
+            job.end(_WITHIN)
+            self.running.append(self._heard.get(name, began + _WITHIN) - began)
+            self.answers.append(self._heard.get(self._numbers.get(name, -1), began + _WITHIN) - began)
+
+    def close(self) -> None:
+        self._session.close()  # type: ignore[no-untyped-call]
+
+    def _hear_state(self, sample: object) -> None:
+        state = JobState.decode(sample.payload.to_bytes())  # type: ignore[attr-defined]
+        self._numbers[state.job] = state.number
+        if state.status == "running":
+            self._heard.setdefault(state.job, time.monotonic())
+        elif state.status in ("solved", "stalled", "exhausted", "deadline", "cancelled", "failed"):
+            self.ends[state.job] += 1
+
+    def _hear_best(self, sample: object) -> None:
+        better = Improvement.decode(sample.payload.to_bytes())  # type: ignore[attr-defined]
+        self._heard.setdefault(better.job, time.monotonic())
+
+
+@contextmanager
+def _up(folder: Path, topology: str, database: str | None) -> Iterator[int]:
+    """The process of `supernode up`."""
+    command = [sys.executable, "-m", "supernode", "up", "--topology", topology, "--state", str(folder)]
+    command += [] if database is None else ["--database", database]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    try:
+        assert process.stdout is not None
+        process.stdout.readline()
+        yield process.pid
+    finally:
+        process.terminate()
+        process.wait()
+
+
+def held_by(up: int) -> dict[str, Held]:
+    """What the processes of a cluster hold, by name, nodes together."""
+    found: dict[str, Held] = {}
+    for process in [up, *_children(up), *(each for zygote in _children(up) for each in _children(zygote))]:
+        name = Path(f"/proc/{process}/comm").read_text(encoding="ascii").strip().removeprefix("sn ")
+        name = "nodes" if name.startswith("node ") else "up" if process == up else name
+        name = "zygote" if process in _children(up) else name
+        held = _held(process)
+        found[name] = held if name not in found else _sum([found[name], held])
+    return found
+
+
+def _of(name: str, found: dict[str, Held]) -> Held:
+    return _sum(list(found.values())) if name == "all" else found[name]
+
+
+def _sum(parts: list[Held]) -> Held:
+    return Held(*(sum(part[place] for part in parts) for place in range(4)))
+
+
+def _held(process: int) -> Held:
+    folder = Path(f"/proc/{process}")
+    links = []
+    for each in (folder / "fd").iterdir():
+        try:
+            links.append(str(each.readlink()))
+        except OSError:  # closed meanwhile
+            continue
+    rollup = (folder / "smaps_rollup").read_text(encoding="ascii").splitlines()
+    private = sum(int(line.split()[1]) * _KILOBYTE for line in rollup if line.startswith("Private_"))
+    sockets = sum(link.startswith("socket:") for link in links)
+    return Held(len(links), len(list((folder / "task").iterdir())), sockets, private)
+
+
+def _children(process: int) -> list[int]:
+    text = Path(f"/proc/{process}/task/{process}/children").read_text(encoding="ascii")
+    return [int(each) for each in text.split()]
+
+
+def _ms(seconds: float) -> str:
+    return f"{seconds * 1e3:.0f}"
+
+
+if __name__ == "__main__":
+    main()

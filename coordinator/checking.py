@@ -1,0 +1,115 @@
+"""Checks what clients submit before it is accepted; a user's own problem only in a process of its own.
+
+A client names a module, never the place where it lies: modules are those that the cluster was started with.
+"""
+
+import ctypes
+import dataclasses
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Collection
+from pathlib import Path
+
+from problems import BadInput, ProblemFile, registry
+
+_WITHIN = 60.0  # seconds: a user's module may have much to import
+_PR_SET_PDEATHSIG = 1
+
+
+class Checker:
+    """Checks problem files.
+
+    Args:
+        allowed: names of users' modules that may be run.
+        folder: where these lie, if not on ``sys.path``.
+    """
+
+    def __init__(self, allowed: Collection[str] = (), folder: Path | None = None) -> None:
+        self.allowed = frozenset(allowed)
+        self.folder = Path.cwd() if folder is None else folder
+
+    def read(self, text: str) -> ProblemFile:
+        """A problem file that may be run here; its problem is not yet checked.
+
+        Raises:
+            BadInput: if it is none, or of a user's module that is not allowed.
+        """
+        file = ProblemFile.from_json(text)
+        module, own, _ = file.kind.partition(":")
+        if own and module not in self.allowed:
+            raise BadInput(
+                f"{file.name}: kind: this cluster does not run {file.kind!r}: it was not started with"
+                f" --allow-module {module}"
+            )
+        return dataclasses.replace(file, folder=self.folder)
+
+    def check(self, file: ProblemFile, before: ProblemFile | None = None) -> None:
+        """Refuse a wrong problem, or one whose individuals are coded otherwise than ``before``.
+
+        Raises:
+            BadInput: names the file and the field.
+        """
+        if is_own(file):
+            _check_in_a_child(file, before)
+        else:
+            check(file, before)
+
+
+def is_own(file: ProblemFile) -> bool:
+    """Whether checking the problem runs a user's code, and so takes a while."""
+    return not registry.is_built_in(file.kind) and ":" in file.kind
+
+
+def check(file: ProblemFile, before: ProblemFile | None = None) -> None:
+    """As `Checker.check`, in this process."""
+    problem = file.problem()
+    if before is not None:
+        file.go_on_from(before, problem)
+
+
+def _check_in_a_child(file: ProblemFile, before: ProblemFile | None) -> None:
+    files = [file.to_json(), None if before is None else before.to_json()]
+    command = [sys.executable, "-P", "-m", "coordinator.checking", str(os.getpid())]
+    try:
+        done = subprocess.run(
+            command, input=json.dumps(files).encode(), capture_output=True, timeout=_WITHIN, check=False
+        )
+        complaint = json.loads(done.stdout)
+    except subprocess.TimeoutExpired as error:
+        raise BadInput(f"{file.name}: the check of {file.kind!r} took longer than {_WITHIN:.0f} s") from error
+    except ValueError as error:  # it has said nothing
+        raise BadInput(f"{file.name}: the check of {file.kind!r} died: {_last_words(done)}") from error
+    if complaint is not None:
+        raise BadInput(complaint)
+
+
+def _last_words(done: "subprocess.CompletedProcess[bytes]") -> str:
+    lines = done.stderr.decode(errors="replace").split("\n")
+    said = [line for line in lines if line.strip()]
+    return said[-1] if said else f"exit status {done.returncode}"
+
+
+def _main() -> None:
+    """In the child: files on standard input, a complaint or null on standard output, whatever the module prints."""
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    if os.getppid() != int(sys.argv[1]):
+        os._exit(1)
+    answer = os.dup(1)
+    os.dup2(2, 1)
+    file, before = (None if each is None else ProblemFile.from_json(each) for each in json.load(sys.stdin))
+    assert file is not None
+    try:
+        check(file, before)
+    except BadInput as error:
+        complaint: str | None = str(error)
+    else:
+        complaint = None
+    os.write(answer, json.dumps(complaint).encode())
+    os._exit(0)
+
+
+if __name__ == "__main__":
+    _main()

@@ -1,0 +1,275 @@
+"""Where clients' requests are answered: a job is checked, kept and handed to the dispatcher, then acknowledged."""
+
+import contextlib
+import dataclasses
+import hashlib
+import json
+import math
+import threading
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import topologies
+from coordinator.checking import Checker, is_own
+from coordinator.database import StoreFailed
+from coordinator.errors import ClusterFailed
+from coordinator.hooks import Dispatcher
+from coordinator.job import Order, Placing
+from coordinator.recorder import Recorder, state_of
+from coordinator.scheduler import QueueFull
+from coordinator.states import ENDS
+from coordinator.store import Store, Stored, Submission, Summary
+from problems import BadInput, ProblemFile
+from problems.errors import one_line
+from wire.jobs import (
+    MOST_LISTED,
+    VERSION,
+    Answer,
+    Cancel,
+    Done,
+    Down,
+    JobState,
+    ListJobs,
+    Refused,
+    Request,
+    Rewire,
+    Show,
+    Status,
+    Submit,
+    Update,
+)
+from wire.news import Improvement
+
+_FAILURES = (ClusterFailed, QueueFull, StoreFailed)  # not the client's fault
+
+
+class Desk:
+    """Answers requests, on any thread.
+
+    Args:
+        cluster: its name.
+        store: where jobs are kept.
+        recorder: who writes down what the dispatcher tells.
+        dispatcher: who runs jobs.
+        checker: who knows which problems may be run.
+        publish: called with each new job's first states.
+    """
+
+    def __init__(
+        self,
+        cluster: str,
+        store: Store,
+        recorder: Recorder,
+        dispatcher: Dispatcher,
+        checker: Checker,
+        publish: Callable[[JobState], None],
+    ) -> None:
+        self._cluster = cluster
+        self._store = store
+        self._recorder = recorder
+        self._dispatcher = dispatcher
+        self._checker = checker
+        self._publish = publish
+        self._began = time.time()
+        self._handed_over: set[int] = set()  # jobs that the dispatcher knows
+        self._changing: dict[int, threading.Lock] = {}
+
+    def answer(self, request: Request) -> Answer:
+        """Do what is asked; whatever goes wrong becomes a refusal."""
+        try:
+            return Done(self._do(request))
+        except BadInput as error:
+            return Refused(str(error), "input")
+        except _FAILURES as error:
+            return Refused(one_line(str(error)), "failure")
+        except Exception as error:  # the client must hear of it, and the next one must be served
+            return Refused(one_line(f"{type(error).__name__}: {error}"), "failure")
+
+    def restore(self) -> None:
+        """Hand over what the last coordinator left: running jobs first, so that nobody else gets their nodes."""
+        unended = self._store.unended()
+        living = [job for job in unended if job.status in ("running", "waiting", "deadline") and job.nodes]
+        adopted = {job.number for job in living if self._adopted(job)}
+        for job in unended:
+            if job.number in adopted:
+                continue
+            if job.status == "deadline":
+                self._recorder.ended(job.number, ClusterFailed("stopped before there was a result"))
+            else:
+                self._queue_again(job)
+
+    def forget(self, number: int) -> None:
+        """A job has ended."""
+        self._handed_over.discard(number)
+        self._changing.pop(number, None)
+
+    def _do(self, request: Request) -> Any:
+        value: Any = {}
+        match request:
+            case Submit():
+                value = self._submit(request)
+            case ListJobs(limit):
+                value = [_line(job) for job in self._store.newest(MOST_LISTED if limit is None else limit)]
+            case Show(job):
+                value = self._show(job)
+            case Cancel(job):
+                value = self._cancel(job)
+            case Update(job, patch):
+                value = self._update(job, json.loads(patch))
+            case Rewire(job, topology):
+                value = self._rewire(job, topology)
+            case Status():
+                value = self._status()
+            case Down():
+                pass  # whoever hangs up the telephone ends the cluster
+        return value
+
+    # Submitting -------------------------------------------------------------------------------------------------------
+    def _submit(self, request: Submit) -> dict[str, Any]:
+        file = self._checker.read(request.file)
+        if "topology" not in file.run.model_fields_set:
+            file = file.with_run(topology=self._dispatcher.topology)
+        self._checker.check(file)
+        topology = topologies.parse(file.run.topology)
+        new = Submission(file.to_json(), digest_of(file), file.kind, topology.spec, topology.cells, request.priority)
+        with self._recorder.paused():
+            job, is_new = self._store.add(new, request.id)
+            if is_new:
+                self._hand_over_new(job, file)
+            elif job.status not in ENDS and job.number not in self._handed_over:
+                self._queue_again(self._store.show(job.job))  # it was kept, but the store could not say so
+        return {"job": job.job, "status": job.status}
+
+    def _hand_over_new(self, job: Summary, file: ProblemFile) -> None:
+        try:
+            self._hand_over(job, file)
+        except Exception:
+            self._store.withdraw(job.number)
+            raise
+        for status in ("submitted", "queued"):
+            self._publish(dataclasses.replace(state_of(job, job.submitted), status=status))
+
+    def _hand_over(self, job: Summary, file: ProblemFile, accepted_before: bool = False) -> None:
+        self._handed_over.add(job.number)
+        try:
+            self._dispatcher.submit(_order(job, file), accepted_before=accepted_before)
+        except BaseException:
+            self._handed_over.discard(job.number)
+            raise
+
+    def _queue_again(self, job: Stored) -> None:
+        if job.status != "queued":
+            self._recorder.changed(job.number, "queued", ())
+        try:
+            self._hand_over(job, self._checker.read(job.file_now), accepted_before=True)
+        except Exception as error:
+            self._recorder.ended(job.number, error)
+
+    def _adopted(self, job: Stored) -> bool:
+        try:
+            file = self._checker.read(job.file_now)
+            best = None if job.best is None else _improvement(job.best)
+            self._dispatcher.adopt(_order(job, file), Placing(job.world, file, job.nodes, job.wiring, best=best))
+        except Exception:
+            return False
+        self._handed_over.add(job.number)
+        return True
+
+    # Jobs that there are ----------------------------------------------------------------------------------------------
+    def _show(self, job: str) -> dict[str, Any]:
+        stored = self._store.show(job)
+        transitions = [list(each) for each in self._store.transitions(stored.number)]
+        return _line(stored) | {
+            "file": stored.file,
+            "file_now": stored.file_now,
+            "best": stored.best,
+            "result": stored.result,
+            "worlds": list(stored.worlds),
+            "nodes": list(stored.nodes),
+            "states": transitions,
+        }
+
+    def _cancel(self, job: str) -> dict[str, Any]:
+        found = self._store.summary(job)
+        if found.status not in ENDS:
+            self._dispatcher.cancel(found.number)
+        return {"job": job, "status": found.status}
+
+    def _update(self, job: str, patch: dict[str, Any]) -> dict[str, Any]:
+        with self._change_of(job):
+            now = self._running(job)
+            before = self._checker.read(now.file_now)
+            file = before.changed(patch, {})
+            if is_own(file):
+                self._checker.check(file, before)
+            world = self._dispatcher.update(now.number, patch)
+        return {"job": job, "world": world}
+
+    def _rewire(self, job: str, topology: str) -> dict[str, Any]:
+        with self._change_of(job):
+            now = self._running(job)
+            before = self._checker.read(now.file_now)
+            file = before.with_run(topology=topology)
+            cells = topologies.parse(file.run.topology).cells
+            if cells != now.cells:
+                raise BadInput(f"topology: expected one of {now.cells} cells, as the job has, found {cells}")
+            world = self._dispatcher.rewire(now.number, file.run.topology)
+        return {"job": job, "world": world}
+
+    def _running(self, job: str) -> Stored:
+        stored = self._store.show(job)
+        if stored.status not in ("preparing", "running", "waiting"):  # an answer may come before it is said to run
+            has = "has ended: it is" if stored.status in ENDS else "does not run yet: it is"
+            raise BadInput(f"job {job!r} {has} {stored.status}")
+        return stored
+
+    @contextlib.contextmanager
+    def _change_of(self, job: str) -> Iterator[None]:
+        """One change of a job's world at a time: the next begins where it ends."""
+        number = self._store.summary(job).number
+        with self._changing.setdefault(number, threading.Lock()):
+            yield
+        if number not in self._handed_over:
+            self.forget(number)
+
+    def _status(self) -> dict[str, Any]:
+        return {
+            "cluster": self._cluster,
+            "version": _version(),
+            "protocol": VERSION,
+            "seconds": time.time() - self._began,
+            "nodes": self._dispatcher.nodes(),
+            "jobs": self._store.counts(),
+        }
+
+
+def digest_of(file: ProblemFile) -> str:
+    """The same for the same problem and settings, whatever the name of the file."""
+    settings = file.run.model_dump(exclude_unset=True)
+    return hashlib.sha256(json.dumps([file.fields, settings], sort_keys=True).encode()).hexdigest()
+
+
+def _order(job: Summary, file: ProblemFile) -> Order:
+    """The job for the dispatcher, whose clock does not know of Unix time: its ``seconds`` run from acceptance."""
+    submitted = time.monotonic() - max(0.0, time.time() - job.submitted)
+    return Order(job.number, file, None, job.job, job.priority, submitted)
+
+
+def _improvement(best: dict[str, Any]) -> Improvement:
+    """As the recorder has kept it."""
+    return Improvement(**{**best, "fitness": math.inf if best["fitness"] is None else best["fitness"]})
+
+
+def _line(job: Summary) -> dict[str, Any]:
+    shown = ("job", "number", "kind", "status", "fitness", "submitted", "started", "ended", "cells")
+    return {name: getattr(job, name) for name in (*shown, "topology", "priority", "message")}
+
+
+def _version() -> str:
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        return version("supernode")
+    except PackageNotFoundError:
+        return "unknown"

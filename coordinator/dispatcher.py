@@ -1,0 +1,322 @@
+"""Runs jobs on the nodes of one cluster: as many at once as find free nodes, each conducted on a thread of its own.
+
+What happens to a job is told to `Hooks`, which keep it or pass it on; a `LocalCluster` needs none.
+"""
+
+import contextlib
+import itertools
+import threading
+from collections.abc import Callable, Iterable
+from typing import Any
+
+import zenoh
+
+import topologies
+from coordinator.alarms import Alarms
+from coordinator.conductor import Conductor
+from coordinator.errors import ClusterFailed
+from coordinator.homes import Homes
+from coordinator.hooks import Hooks
+from coordinator.job import Failure, JobEntry, Order, Placing, Replaced, Wish
+from coordinator.scheduler import Placed, Scheduler
+from spy.result import Result
+from wire import control
+from wire.callbacks import direct
+from wire.control import Drop, Wiring
+from wire.keys import Keys
+from wire.news import Improvement, Statistics
+from wire.strict import Rejected
+
+
+class _NoHooks:
+    """Nobody is told."""
+
+    def changed(self, number: int, status: str, nodes: tuple[int, ...]) -> None:
+        """See `Hooks`."""
+
+    def placed(self, number: int, placing: Placing) -> None:
+        """See `Hooks`."""
+
+    def improved(self, number: int, improvement: Improvement) -> None:
+        """See `Hooks`."""
+
+    def ended(self, number: int, outcome: Result | Exception) -> None:
+        """See `Hooks`."""
+
+
+class Dispatcher:
+    """The jobs of one cluster.
+
+    Args:
+        session: through the router.
+        keys: of the cluster.
+        topology: of the nodes.
+        wired: whether they have those links; if not, nothing is known of their links.
+        hooks: told of what happens.
+        cpu_seconds: CPU time that each process has used so far, by name.
+        replaces: whether dead processes are replaced.
+        max_queue: how many jobs may wait.
+        first_wiring: a number that no wiring of these nodes has had.
+        expected: for a cluster whose nodes `join`, how many at least; then ``topology`` says nothing.
+    """
+
+    def __init__(
+        self,
+        session: zenoh.Session,
+        keys: Keys,
+        topology: str,
+        *,
+        wired: bool = True,
+        hooks: Hooks | None = None,
+        cpu_seconds: Callable[[], dict[str, float]] = dict,
+        seconds_to_ready: float = 0.0,
+        replaces: bool = False,
+        max_queue: int | None = None,
+        first_wiring: int = 1,
+        expected: int | None = None,
+    ) -> None:
+        self.session = session
+        self.keys = keys
+        self.hooks: Hooks = hooks or _NoHooks()
+        self._told = hooks is None  # whether somebody here listens to the jobs themselves
+        self.cpu_seconds = cpu_seconds
+        self.seconds_to_ready = seconds_to_ready
+        self.replaces = replaces
+        self.topology = topology
+        self.jobs: dict[int, JobEntry] = {}  # those that have not ended
+        self._lock = threading.RLock()
+        self._failure: str | None = None
+        self._homes = Homes()
+        self._wirings: dict[int, tuple[str, Wiring]] = {}  # by node
+        nodes = () if expected is not None else tuple(range(topologies.parse(topology).cells))
+        self._scheduler = Scheduler(expected or len(nodes), max_queue, joining=expected is not None)
+        if wired and nodes:
+            self._scheduler.wired(nodes, topology)
+            self._note(topology, Wiring(0, nodes))
+        self._numbers = itertools.count(first_wiring)
+        self._threads: dict[int, threading.Thread] = {}
+        self._conductors: dict[int, Conductor] = {}
+        self._deadlines = Alarms(self._be_late)
+        # Once for all jobs: to declare costs time, and each key that was ever declared some memory.
+        self._subscribers = [session.declare_subscriber(keys.best, direct(self._hear_best))]
+        if self._told:
+            self._subscribers.append(session.declare_subscriber(keys.spy_stats, direct(self._hear_statistics)))
+
+    # Orders -----------------------------------------------------------------------------------------------------------
+    def submit(self, order: Order, *, accepted_before: bool = False) -> JobEntry:
+        """Put a job into the queue; it runs when there are enough free nodes.
+
+        One that was ``accepted_before`` by a coordinator that died starts over: no node may still be at it.
+
+        Raises:
+            TooLarge: if there will never be.
+            QueueFull: if too many wait.
+            ClusterFailed: if the cluster has failed, or is closed.
+        """
+        job = JobEntry(order, self._told, self.cancel)
+        topology = topologies.parse(order.file.run.topology)
+        if accepted_before:
+            payload = control.encode(Drop(order.number))
+            self.session.get(self.keys.every_control, direct(lambda _: None), payload=payload, timeout=5.0)
+        with self._lock:
+            if self._failure is not None:
+                raise ClusterFailed(self._failure)
+            priority = order.priority
+            self._scheduler.add(order.number, topology.cells, topology.spec, priority, accepted_before=accepted_before)
+            self.jobs[order.number] = job
+        self.hooks.changed(order.number, "queued", ())
+        self._set_deadline(order)
+        self._start()
+        return job
+
+    def adopt(self, order: Order, placing: Placing) -> JobEntry:
+        """Take over a job that runs already, from a coordinator that died."""
+        job = JobEntry(order, self._told)
+        with self._lock:
+            topology = placing.file.run.topology
+            self._scheduler.occupy(order.number, placing.nodes, topology)
+            self._note(topology, self._homes.wiring(placing.wiring, placing.nodes))
+            self.jobs[order.number] = job
+        self._set_deadline(order)
+        self._conduct(job, placing.nodes, placing)
+        return job
+
+    def _set_deadline(self, order: Order) -> None:
+        seconds = order.file.run.seconds
+        if seconds is not None:
+            self._deadlines.set(order.number, order.submitted + seconds)
+
+    def _be_late(self, number: int) -> None:
+        """A job's time is over: its answer is what is known now, wherever it is; its nodes stop when they can."""
+        with self._lock:
+            job = self.jobs.get(number)
+            if job is None:
+                return
+            waiting = self._scheduler.remove(number)
+            self.hooks.changed(number, "deadline", self._scheduler.nodes_of(number) or ())
+        job.mail.put(Wish("deadline"))
+        if waiting:
+            self._conduct(job, ())
+
+    def cancel(self, number: int) -> None:
+        """Let a job stop; one that still waits ends at once. Harmless if it has ended."""
+        with self._lock:
+            job = self.jobs.get(number)
+            waiting = self._scheduler.remove(number)
+        if job is not None:
+            job.mail.put(Wish("cancel"))
+            if waiting:
+                self._conduct(job, ())
+
+    def update(self, number: int, fields: dict[str, Any]) -> int:
+        """Another world for a job: each field that is given replaces the old one. Its number.
+
+        Raises:
+            BadInput: if there can be no such world.
+            ClusterFailed: if the job has ended.
+        """
+        return self._running(number).update(**fields)
+
+    def rewire(self, number: int, topology: str) -> int:
+        """Another topology for a job, which makes another world; see `update`."""
+        return self._running(number).rewire(topology)
+
+    def _running(self, number: int) -> JobEntry:
+        with self._lock:
+            if number not in self.jobs:
+                raise ClusterFailed(f"job {number} has ended")
+            return self.jobs[number]
+
+    def job_on(self, node: int) -> str | None:
+        """The job that a node is at."""
+        with self._lock:
+            for number, job in self.jobs.items():
+                if node in (self._scheduler.nodes_of(number) or ()):
+                    return job.order.job
+        return None
+
+    def fail(self, message: str, closing: bool = False) -> None:
+        """A process died that nothing replaces, or the cluster is being closed: every job fails."""
+        with self._lock:
+            self._failure = self._failure or message
+            jobs = list(self.jobs.values())
+            for job in jobs:
+                job.mail.put(Failure(self._failure, closing))
+            waiting = [job for job in jobs if self._scheduler.remove(job.order.number)]
+        for job in waiting:
+            self._conduct(job, ())
+
+    def replaced(self, node: int | None) -> None:
+        """Another process lives in the place of a dead node, or of the dead spy."""
+        with self._lock:
+            if node is not None:
+                self._scheduler.replaced(node)
+                self._wirings.pop(node, None)
+            for job in self.jobs.values():
+                nodes = self._scheduler.nodes_of(job.order.number)
+                if nodes is not None and (node is None or node in nodes):
+                    job.mail.put(Replaced(node))
+
+    def joined(self, node: int) -> None:
+        """There is another node. Harmless if it is there already."""
+        with self._lock:
+            self._scheduler.join([node])
+        self._start()
+
+    def left(self, nodes: Iterable[int], why: str) -> None:
+        """Nodes are gone that nothing replaces: the jobs that live on one of them fail."""
+        with self._lock:
+            self._homes.leave(nodes)
+            for node in nodes:
+                self._wirings.pop(node, None)
+            for number in self._scheduler.leave(nodes):
+                self.jobs[number].mail.put(Failure(why))
+
+    def wait(self) -> None:
+        """Until every job has ended."""
+        while self._threads:
+            for thread in list(self._threads.values()):
+                thread.join()
+
+    # Called by Zenoh, on its thread -----------------------------------------------------------------------------------
+    def _hear_best(self, sample: zenoh.Sample) -> None:
+        with contextlib.suppress(Rejected):
+            better = Improvement.decode(sample.payload.to_bytes())
+            conductor = self._conductors.get(better.job)
+            if conductor is not None:
+                conductor.improve(better)
+
+    def _hear_statistics(self, sample: zenoh.Sample) -> None:
+        with contextlib.suppress(Rejected):
+            statistics = Statistics.decode(sample.payload.to_bytes())
+            job = self.jobs.get(statistics.job)
+            if job is not None:
+                job.tell(statistics)
+
+    # For conductors, on their threads ---------------------------------------------------------------------------------
+    def wire(self, nodes: tuple[int, ...], topology: str, fresh: bool = False) -> Wiring:
+        """The links for a world: those that all its nodes have, or (``fresh``: always) new ones."""
+        with self._lock:
+            known = {self._wirings.get(node) for node in nodes}
+            for spec, wiring in [each for each in known if each is not None]:
+                if len(known) == 1 and not fresh and spec == topology and wiring.nodes == nodes:
+                    return wiring
+            wiring = self._homes.wiring(next(self._numbers), nodes)
+            self._note(topology, wiring)
+            return wiring
+
+    def _note(self, topology: str, wiring: Wiring) -> None:
+        self._wirings |= dict.fromkeys(wiring.nodes, (topology, wiring))
+
+    def changed(self, job: JobEntry, status: str) -> None:
+        """The job is in another state."""
+        number = job.order.number
+        self.hooks.changed(number, status, self._scheduler.nodes_of(number) or ())
+
+    def placed(self, job: JobEntry, placing: Placing) -> None:
+        """The job is about to begin in a world."""
+        if placing.world > 0:
+            with self._lock:
+                self._scheduler.rewired(job.order.number, placing.file.run.topology)
+        self.hooks.placed(job.order.number, placing)
+
+    def improved(self, job: JobEntry, better: Improvement) -> None:
+        """There is a better answer."""
+        self.hooks.improved(job.order.number, better)
+
+    # Who runs ---------------------------------------------------------------------------------------------------------
+    def _start(self) -> None:
+        """Those that may."""
+        with self._lock:
+            placed: list[Placed] = self._scheduler.start()
+        for number, nodes in placed:
+            self._conduct(self.jobs[number], nodes)
+
+    def _conduct(self, job: JobEntry, nodes: tuple[int, ...], adopted: Placing | None = None) -> None:
+        """On a thread of its own; a job without nodes has only its mail to open, and ends by that."""
+        thread = threading.Thread(
+            target=self._run, args=(job, nodes, adopted), name=f"conductor {job.order.number}", daemon=True
+        )
+        with self._lock:
+            self._threads[job.order.number] = thread
+            thread.start()
+
+    def _run(self, job: JobEntry, nodes: tuple[int, ...], adopted: Placing | None) -> None:
+        outcome: Result | Exception
+        try:
+            conductor = Conductor(job, self.session, self.keys, nodes, self, replaces=self.replaces, adopted=adopted)
+            self._conductors[job.order.number] = conductor
+            outcome = conductor.conduct(self.seconds_to_ready, self.cpu_seconds)
+        except Exception as error:  # a mistake in the problem, or else; whoever waits must hear of it
+            outcome = error
+        number = job.order.number
+        self._deadlines.forget(number)
+        with self._lock:
+            self._scheduler.free(number)
+            self.jobs.pop(number, None)
+            self._conductors.pop(number, None)
+        self.hooks.ended(number, outcome)
+        job.end(outcome)
+        self._start()
+        with self._lock:
+            self._threads.pop(number, None)

@@ -1,0 +1,69 @@
+"""Between the service and the dispatcher: what each may ask of the other."""
+
+from typing import Any, Protocol
+
+import zenoh
+
+from coordinator.job import JobEntry, Order, Placing
+from spy.result import Result
+from wire.keys import Keys
+from wire.news import Improvement
+
+
+class Hooks(Protocol):
+    """What the dispatcher tells, on any thread; nobody waits in there."""
+
+    def changed(self, number: int, status: str, nodes: tuple[int, ...]) -> None:
+        """A job's state, or the nodes that it lives on, in the order of its cells."""
+
+    def placed(self, number: int, placing: Placing) -> None:
+        """A job is about to begin in a world; when this returns it is known to whoever takes over."""
+
+    def improved(self, number: int, improvement: Improvement) -> None:
+        """A better answer was verified."""
+
+    def ended(self, number: int, outcome: Result | Exception) -> None:
+        """A job has ended, with a result or because something broke."""
+
+
+class Dispatcher(Protocol):
+    """What runs jobs. It refuses with `BadInput` or `coordinator.scheduler.QueueFull`, in words for the client."""
+
+    @property
+    def topology(self) -> str:
+        """How the nodes were wired when they were launched: that of jobs that ask for none."""
+        ...
+
+    def submit(self, order: Order, *, accepted_before: bool = False) -> JobEntry:
+        """Queue a job; one that was ``accepted_before`` is never too many, and no node may still be at it."""
+        ...
+
+    def adopt(self, order: Order, placing: Placing) -> JobEntry:
+        """A job that runs already."""
+        ...
+
+    def cancel(self, number: int) -> None:
+        """End a job, queued or running; nothing happens if it has ended already."""
+
+    def update(self, number: int, fields: dict[str, Any]) -> int:
+        """Another world for a job; its number, once all nodes are prepared."""
+        ...
+
+    def rewire(self, number: int, topology: str) -> int:
+        """Another topology for a job, which makes another world; its number."""
+        ...
+
+    def nodes(self) -> list[dict[str, Any]]:
+        """Each node, as `status` shows it."""
+        ...
+
+    def close(self) -> None:
+        """Stop, without a word to the hooks."""
+
+
+class MakeDispatcher(Protocol):
+    """How a dispatcher is made."""
+
+    def __call__(self, session: zenoh.Session, keys: Keys, nodes: int, hooks: Hooks) -> Dispatcher:
+        """A dispatcher of that many nodes."""
+        ...

@@ -1,0 +1,177 @@
+"""A host of nodes that join a cluster: a zygote of its own, in a container or on a machine, which forks so many nodes.
+
+A forked agent asks the coordinator for the nodes' numbers and stays for as long as the host does: its token says that
+the host is there, and a coordinator that takes over learns from it which nodes live here. A node that dies is forked
+anew under its number. When the host's own process ends, however it ends, all of them do.
+"""
+
+import json
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable
+from functools import partial
+
+import zenoh
+
+from coordinator.errors import ClusterFailed
+from coordinator.launcher import make_folder
+from coordinator.zygote import Zygote
+from node.berth import Berth
+from wire import jobs, sessions
+from wire.callbacks import direct
+from wire.hosts import Host
+from wire.keys import Keys
+from wire.strict import Rejected
+
+_ENDING = {signal.SIGTERM, signal.SIGINT, signal.SIGHUP}
+_JOINED = signal.SIGUSR1
+_REFUSED = 101  # the exit status of an agent whose host is not let in
+_ANSWER_WITHIN = 5.0  # seconds
+_AGAIN = 0.1
+_AGENT = "agent"
+
+
+class HostZygote(Zygote):
+    """The forks of one host.
+
+    Args:
+        cluster: the name of the cluster.
+        router: the endpoint of its router.
+        host: this one, which has no numbers yet.
+    """
+
+    def __init__(self, cluster: str, router: str, host: Host) -> None:
+        folder, self._lock = make_folder()
+        super().__init__(cluster, "", folder)
+        self._router = router
+        self._host = host
+        self._numbers, self._tell_numbers = os.pipe()
+
+    def run(self) -> None:
+        """Join, and be there until a signal says that it is to end.
+
+        Raises:
+            ClusterFailed: if the cluster does not let it in, or its processes die too often.
+        """
+        awaited = _ENDING | {signal.SIGCHLD, _JOINED}
+        signal.pthread_sigmask(signal.SIG_BLOCK, awaited)
+        try:
+            self._warm_up()
+            self._fork(_AGENT, self._be_the_agent)
+            while (woken := signal.sigwait(awaited)) not in _ENDING:
+                if woken == _JOINED:
+                    self._fork_nodes()
+                elif self._one_died():
+                    raise ClusterFailed("this host's processes died too often, or it was not let in; see above")
+        finally:
+            self._kill_all()
+
+    def _fork_nodes(self) -> None:
+        if self._host.nodes:
+            return
+        self._host = self._host.with_nodes(tuple(json.loads(os.read(self._numbers, 1 << 16))))
+        for node in self._host.nodes:
+            self._fork_again(f"node {node}")
+        _say(f"{self._host.name}: {len(self._host.nodes)} nodes: {', '.join(map(str, self._host.nodes))}")
+
+    def _one_died(self) -> bool:
+        """Fork anew those that have died; whether that is no use."""
+        while True:
+            process, status = os.waitpid(-1, os.WNOHANG) if self.children else (0, 0)
+            if process == 0:
+                return False
+            name = self.children.pop(process, None)
+            if name == _AGENT and os.WIFEXITED(status) and os.WEXITSTATUS(status) == _REFUSED:
+                return True
+            if self._dies_too_often():
+                return True
+            if name is not None:
+                self._fork_again(name)
+
+    def _fork_again(self, name: str) -> None:
+        if name == _AGENT:
+            self._fork(name, self._be_the_agent)
+        else:
+            number = int(name.removeprefix("node "))
+            self._fork(name, lambda: _as_usual(partial(self._node_live, self._berth(number))))
+
+    def _berth(self, node: int, topology: str = "") -> Berth:
+        return Berth(self.cluster, node, topology, self.folder, self._router, self._host.id)
+
+    def _be_the_agent(self) -> None:
+        _as_usual(lambda: attend(self._host, Keys(self.cluster), self._router, self._tell))
+
+    def _tell(self, nodes: tuple[int, ...]) -> None:
+        os.write(self._tell_numbers, json.dumps(nodes).encode())
+        os.kill(os.getppid(), _JOINED)
+
+
+def _as_usual(live: Callable[[], None]) -> None:
+    """The life of a child, to which signals mean what they do to any process; Ctrl-C is its parent's business."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, _ENDING | {_JOINED})
+    live()
+
+
+def attend(host: Host, keys: Keys, router: str, tell: Callable[[tuple[int, ...]], None]) -> None:
+    """Be the agent of a host until the process is ended; ``tell`` is called with the nodes' numbers."""
+    sessions.use_runtime(sessions.NODE_RUNTIME)
+    session = sessions.client(router)
+    here = [host]
+
+    def present(query: zenoh.Query) -> None:
+        with query:
+            query.reply(keys.host(host.id), here[0].encode())
+
+    declared = [
+        session.liveliness().declare_token(keys.host(host.id)),
+        session.declare_queryable(keys.host(host.id), direct(present)),
+    ]
+    if not host.nodes:
+        try:
+            here[0] = host.with_nodes(_numbers(session, keys, host))
+        except ClusterFailed as error:
+            _say(f"{host.name}: {error}")
+            os._exit(_REFUSED)
+        tell(here[0].nodes)
+    while declared:
+        signal.pause()
+
+
+def _numbers(session: zenoh.Session, keys: Keys, host: Host) -> tuple[int, ...]:
+    """Ask the coordinator until there is one that answers.
+
+    Raises:
+        ClusterFailed: if it refuses.
+    """
+    there = threading.Event()
+
+    def see(sample: zenoh.Sample) -> None:
+        (there.set if sample.kind == zenoh.SampleKind.PUT else there.clear)()
+
+    watcher = session.liveliness().declare_subscriber(keys.coordinator, direct(see), history=True)
+    while True:
+        there.wait()
+        for reply in session.get(keys.nodes, payload=host.encode(), timeout=_ANSWER_WITHIN):
+            if reply.ok is not None:
+                watcher.undeclare()  # type: ignore[no-untyped-call]
+                return _read(reply.ok.payload.to_bytes())
+        threading.Event().wait(_AGAIN)  # it is about to be known, or has just died
+
+
+def _read(payload: bytes) -> tuple[int, ...]:
+    try:
+        answer = jobs.decode_answer(payload)
+    except Rejected as error:
+        raise ClusterFailed(f"the coordinator's answer cannot be read: {error.reason}") from error
+    if isinstance(answer, jobs.Refused):
+        raise ClusterFailed(answer.message)
+    return tuple(int(node) for node in answer.value)
+
+
+def _say(line: str) -> None:
+    """One line for people."""
+    sys.stderr.write(f"{line}\n")
+    sys.stderr.flush()

@@ -1,0 +1,149 @@
+"""The coordinator's book of hosts: who has joined, with which nodes, and who has left.
+
+A host's token drops when the host dies, but also when the router does; so only one that stays away has left. One that
+comes again under its name before that gets its numbers again, and the jobs on these go on. A coordinator that takes
+over asks all hosts who they are.
+"""
+
+import itertools
+import queue
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import zenoh
+
+from wire import jobs
+from wire.callbacks import direct
+from wire.hosts import Host
+from wire.jobs import Done, Refused
+from wire.keys import Keys
+from wire.strict import Rejected
+
+LEFT_AFTER = 30.0  # seconds; a container that starts again is there in a few
+
+_ANSWER_WITHIN = 5.0
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """A host's token has come or gone."""
+
+    id: str
+    here: bool
+
+
+class HostBook:
+    """Gives out numbers.
+
+    Args:
+        session: through the router.
+        keys: of the cluster.
+        came: called with a host that has got its numbers, before it knows them.
+        left: called with one that has stayed away.
+    """
+
+    def __init__(
+        self, session: zenoh.Session, keys: Keys, came: Callable[[Host], None], left: Callable[[Host], None]
+    ) -> None:
+        self._session = session
+        self._keys = keys
+        self._came = came
+        self._left = left
+        self._hosts: dict[str, Host] = {}  # by id; their nodes are disjoint
+        self._present: set[str] = set()  # those whose token is there
+        self._away: dict[str, float] = {}  # the others: when it is too late to come again, on the monotonic clock
+        self._mail: queue.SimpleQueue[zenoh.Query | _Seen] = queue.SimpleQueue()
+        self._ask_all()
+        self._declared = [
+            session.liveliness().declare_subscriber(keys.any_host, direct(self._see), history=True),
+            session.declare_queryable(keys.nodes, direct(self._mail.put)),
+        ]
+        threading.Thread(target=self._work, name="hosts", daemon=True).start()
+
+    def _ask_all(self) -> None:
+        """Those who had joined before this coordinator came."""
+        replies = self._session.get(
+            self._keys.any_host,
+            target=zenoh.QueryTarget.ALL,
+            consolidation=zenoh.ConsolidationMode.NONE,
+            timeout=_ANSWER_WITHIN,
+        )
+        for reply in replies:
+            if reply.ok is not None:
+                self._note(Host.decode(reply.ok.payload.to_bytes()))
+
+    def _note(self, host: Host) -> None:
+        if host.nodes:
+            self._hosts[host.id] = host
+            if host.id not in self._present:
+                self._away[host.id] = time.monotonic() + LEFT_AFTER
+            self._came(host)
+
+    def _see(self, sample: zenoh.Sample) -> None:
+        host = str(sample.key_expr).rpartition("/")[2]
+        self._mail.put(_Seen(host, sample.kind == zenoh.SampleKind.PUT))
+
+    def _work(self) -> None:
+        """One thing after the other, for ever."""
+        while True:
+            mail = self._next()
+            if isinstance(mail, zenoh.Query):
+                with mail:
+                    mail.reply(self._keys.nodes, jobs.encode_answer(self._answer(mail)))
+            elif isinstance(mail, _Seen):
+                self._notice(mail)
+            self._give_up_those_away()
+
+    def _next(self) -> zenoh.Query | _Seen | None:
+        due = min(self._away.values(), default=None)
+        try:
+            return self._mail.get(timeout=None if due is None else max(0.0, due - time.monotonic()))
+        except queue.Empty:
+            return None
+
+    def _notice(self, seen: _Seen) -> None:
+        if seen.here:
+            self._present.add(seen.id)
+            self._away.pop(seen.id, None)
+        else:
+            self._present.discard(seen.id)
+            if seen.id in self._hosts:
+                self._away[seen.id] = time.monotonic() + LEFT_AFTER
+
+    def _give_up_those_away(self) -> None:
+        now = time.monotonic()
+        for host in [host for host, due in self._away.items() if due <= now]:
+            if self._session.info.routers_zid():
+                del self._away[host]
+                self._left(self._hosts.pop(host))
+            else:  # it is this process that is cut off
+                self._away[host] = now + LEFT_AFTER
+
+    def _answer(self, query: zenoh.Query) -> Done | Refused:
+        try:
+            asking = Host.decode(b"" if query.payload is None else query.payload.to_bytes())
+        except Rejected as error:
+            return Refused(f"the wish to join cannot be read: {error.reason}")
+        known = self._hosts.get(asking.id)
+        if known is not None:
+            return Done(list(known.nodes))
+        before = next((host for host in self._hosts.values() if host.name == asking.name), None)
+        if before is not None and before.id not in self._away:
+            return Refused(f"a host named {asking.name} is here already")
+        return Done(list(self._let_in(asking, before)))
+
+    def _let_in(self, asking: Host, before: Host | None) -> tuple[int, ...]:
+        """Its old numbers, then the lowest that nobody has."""
+        old: tuple[int, ...] = ()
+        if before is not None:
+            del self._hosts[before.id], self._away[before.id]
+            old = before.nodes[: asking.wants]
+            if len(before.nodes) > asking.wants:
+                self._left(before.with_nodes(before.nodes[asking.wants :]))
+        taken = {node for host in self._hosts.values() for node in host.nodes}.union(old)
+        new = (node for node in itertools.count() if node not in taken)
+        nodes = (*old, *itertools.islice(new, asking.wants - len(old)))
+        self._note(asking.with_nodes(nodes))
+        return nodes

@@ -1,0 +1,233 @@
+"""Writes down what the dispatcher tells, and then publishes it: nobody hears of an end that a restart could take back.
+
+The dispatcher does not wait for the disk: a thread of the recorder's own writes whatever has come in one transaction.
+While the database is away it waits, and tries again.
+"""
+
+import contextlib
+import dataclasses
+import math
+import queue
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from coordinator.database import StoreFailed
+from coordinator.job import Placing
+from coordinator.states import ENDS, WrongTransition
+from coordinator.store import Store, Summary, UnknownJob
+from problems.errors import BadInput
+from spy.result import Result
+from wire.jobs import JobState
+from wire.news import Improvement
+
+_TRY_AGAIN = 0.5  # seconds
+_PATIENCE = 5.0  # seconds
+_MOST_AT_ONCE = 1000  # events in a transaction
+
+
+@dataclass(frozen=True)
+class _Changed:
+    number: int
+    status: str
+    nodes: tuple[int, ...]
+    at: float
+
+
+@dataclass(frozen=True)
+class _Improved:
+    number: int
+    improvement: Improvement
+
+
+@dataclass(frozen=True)
+class _Ended:
+    number: int
+    outcome: Result | Exception
+
+
+@dataclass(frozen=True)
+class _Placed:
+    number: int
+    placing: Placing
+    written: threading.Event
+
+
+_Event = _Changed | _Placed | _Improved | _Ended
+
+
+class Recorder:
+    """The dispatcher's hooks.
+
+    Args:
+        store: where it is written.
+        publish: called with each change of a state, once it is written.
+        forget: called with the number of each job that has ended.
+    """
+
+    def __init__(self, store: Store, publish: Callable[[JobState], None], forget: Callable[[int], None]) -> None:
+        self._store = store
+        self._publish = publish
+        self._forget = forget
+        self._events: queue.SimpleQueue[_Event | None] = queue.SimpleQueue()
+        self._known: dict[int, Summary] = {}  # what is published of jobs that have not ended
+        self._late: set[int] = set()  # jobs whose deadline was told
+        self._closing = threading.Event()
+        self._pen = threading.Lock()
+        self._thread = threading.Thread(target=self._work, name="recorder", daemon=True)
+        self._thread.start()
+
+    @contextlib.contextmanager
+    def paused(self) -> Iterator[None]:
+        """Nothing is written or published meanwhile, so that a job's first news can come before what follows."""
+        with self._pen:
+            yield
+
+    def changed(self, number: int, status: str, nodes: tuple[int, ...]) -> None:
+        """A job's state, or its nodes."""
+        at = time.time()
+        if status == "deadline" and (job := self._known.get(number)) is not None:
+            # Nobody waits for the disk then; who takes over finds that the deadline has passed, and says the same.
+            self._late.add(number)
+            self._publish(dataclasses.replace(state_of(job, at), status=status))
+        self._events.put(_Changed(number, status, nodes, at))
+
+    def placed(self, number: int, placing: Placing) -> None:
+        """A job is about to begin in a world: return once that is written, or the database is away for long."""
+        written = threading.Event()
+        self._events.put(_Placed(number, placing, written))
+        written.wait(_PATIENCE)
+
+    def improved(self, number: int, improvement: Improvement) -> None:
+        """A better answer."""
+        job = self._known.get(number)
+        if job is not None and math.isfinite(improvement.fitness):
+            self._known[number] = dataclasses.replace(job, fitness=improvement.fitness)
+        self._events.put(_Improved(number, improvement))
+
+    def ended(self, number: int, outcome: Result | Exception) -> None:
+        """The end of a job."""
+        self._events.put(_Ended(number, outcome))
+
+    def close(self) -> None:
+        """Write what has come so far, and stop. Idempotent."""
+        self._closing.set()
+        self._events.put(None)
+        self._thread.join()
+
+    def _work(self) -> None:
+        while events := self._batch():
+            self._settle(events)
+
+    def _batch(self) -> list[_Event]:
+        """What has come, at least one; nothing at the end."""
+        events: list[_Event] = []
+        with contextlib.suppress(queue.Empty):
+            event = self._events.get()
+            while event is not None and len(events) < _MOST_AT_ONCE:
+                events.append(event)
+                event = self._events.get_nowait()
+            self._events.put(event)
+        return events
+
+    def _settle(self, events: list[_Event]) -> None:
+        """Write and publish these, however long it takes; if something is wrong with one, all but that one."""
+        away = False
+        while True:
+            try:
+                return self._commit(events)
+            except StoreFailed as error:
+                if not away:
+                    _complain(str(error))
+                if not error.passing:
+                    break
+                away = True
+            if self._closing.wait(_TRY_AGAIN):
+                return None
+        for event in events if len(events) > 1 else ():
+            self._settle([event])
+        return None
+
+    def _commit(self, events: list[_Event]) -> None:
+        with self._pen:
+            with self._store.transaction():
+                states = [self._write(event) for event in _latest(events)]
+            for state in states:
+                if state is not None:
+                    self._publish(state)
+        for event in events:
+            if isinstance(event, _Ended):
+                self._known.pop(event.number, None)
+                self._late.discard(event.number)
+                self._forget(event.number)
+            elif isinstance(event, _Placed):
+                event.written.set()
+
+    def _write(self, event: _Event) -> JobState | None:
+        """Write one down; what there is to publish."""
+        try:
+            match event:
+                case _Changed(number, status, nodes, at):
+                    return self._write_change(number, status, nodes, at)
+                case _Placed(number, placing, _):
+                    self._store.note_placing(number, placing)
+                case _Improved(number, improvement):
+                    best = plain(dataclasses.asdict(improvement))
+                    self._store.note_best(number, best["fitness"], best)
+                case _Ended(number, outcome):
+                    return self._write_end(number, outcome)
+        except (WrongTransition, UnknownJob) as error:
+            _complain(f"job {event.number}: {error}")
+        return None
+
+    def _write_change(self, number: int, status: str, nodes: tuple[int, ...], at: float) -> JobState | None:
+        before = self._store.at(number)
+        if before.status in ENDS:  # its deadline has passed; what its nodes do until they stop is nobody's business
+            return None
+        self._known.setdefault(number, before)
+        if status != before.status:
+            now = self._store.change(number, status, nodes=nodes or None, at=at)
+            return None if number in self._late else state_of(now, at)
+        if nodes and nodes != before.nodes:
+            self._store.note_nodes(number, nodes)
+        return None
+
+    def _write_end(self, number: int, outcome: Result | Exception) -> JobState | None:
+        """What was published at the deadline stays; the result comes later."""
+        before = self._store.at(number)
+        told = before.status == "deadline"
+        if isinstance(outcome, Exception):
+            said = str(outcome) if isinstance(outcome, BadInput) else f"{type(outcome).__name__}: {outcome}"
+            ended = self._store.end(number, "deadline" if told else "failed", None, message=said)
+        else:
+            status = "deadline" if told else outcome.status
+            result = plain(outcome.to_json()) | {"job": before.job, "status": status, "solved": status == "solved"}
+            ended = self._store.end(number, status, result, message=outcome.message)
+        return None if told else state_of(ended)
+
+
+def state_of(job: Summary, at: float | None = None) -> JobState:
+    """What is published of a job that has come to another state."""
+    return JobState(job.job, job.number, job.status, job.fitness, job.message, time.time() if at is None else at)
+
+
+def plain(value: Any) -> Any:
+    """``value`` as JSON can say it: null for numbers that are not finite."""
+    if isinstance(value, dict):
+        return {name: plain(each) for name, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(each) for each in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _latest(events: list[_Event]) -> list[_Event]:
+    """Without the improvements that a later one in the same batch replaces."""
+    last = {event.number: event for event in events if isinstance(event, _Improved)}
+    return [event for event in events if not isinstance(event, _Improved) or last[event.number] is event]
+
+
+def _complain(text: str) -> None:
+    sys.stderr.write(f"coordinator: {text}\n")

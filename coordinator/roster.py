@@ -1,0 +1,131 @@
+"""Which process lives on which node, and what each has told of itself last.
+
+A node's token drops when its process dies, but also when the router does; so only another process in its place is news.
+"""
+
+import threading
+import time
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+import zenoh
+
+from coordinator.launcher import cpu_seconds_of
+from wire.callbacks import direct
+from wire.keys import Keys
+from wire.news import Counters
+from wire.strict import Rejected
+
+_KILOBYTE = 1024
+
+
+class Roster:
+    """The processes of one cluster, as a coordinator that did not launch them sees it.
+
+    Args:
+        session: through the router.
+        keys: of the cluster.
+        replaced: called by Zenoh's thread with the number of a node that another process has come to live on, or with
+            None for the spy.
+        arrived: called by Zenoh's thread with the number of a node that is seen for the first time.
+    """
+
+    def __init__(
+        self,
+        session: zenoh.Session,
+        keys: Keys,
+        replaced: Callable[[int | None], None],
+        arrived: Callable[[int], None] = lambda _: None,
+    ) -> None:
+        self._keys = keys
+        self._replaced = replaced
+        self._arrived = arrived
+        self._lock = threading.Lock()
+        self._processes: dict[str, tuple[int, str]] = {}  # by name, each with its host: "" for this one
+        self._seen: dict[int, float] = {}  # when a node's process was first seen, on the monotonic clock
+        self._counters: dict[int, Counters] = {}
+        liveliness = self._liveliness = session.liveliness()
+        self._declared = [
+            liveliness.declare_subscriber(keys.any_life, direct(self._see), history=True),
+            liveliness.declare_subscriber(keys.any_spy_life, direct(self._see), history=True),
+            session.declare_subscriber(keys.any_stats, direct(self._hear)),
+        ]
+
+    def look(self) -> None:
+        """See all those that are there now, instead of soon."""
+        for reply in self._liveliness.get(self._keys.any_life):
+            if reply.ok is not None:
+                self._see(reply.ok)
+
+    def forget(self, nodes: Iterable[int]) -> None:
+        """These are gone for good; who comes under such a number later is new."""
+        with self._lock:
+            for node in nodes:
+                self._processes.pop(f"node {node}", None)
+                self._seen.pop(node, None)
+                self._counters.pop(node, None)
+
+    def cpu_seconds(self) -> dict[str, float]:
+        """CPU time that each process on this host has used so far, by name, this one's included."""
+        with self._lock:
+            processes = {name: process for name, (process, host) in self._processes.items() if not host}
+        return cpu_seconds_of(processes) | {"coordinator": time.process_time()}
+
+    def nodes(self, nodes: Iterable[int], job_on: Callable[[int], str | None]) -> list[dict[str, Any]]:
+        """Each of the nodes, as `status` shows it; ``job_on`` tells the job that a node is at."""
+        with self._lock:
+            return [self._node(node, job_on(node)) for node in nodes]
+
+    def _node(self, node: int, job: str | None) -> dict[str, Any]:
+        (process, host), told = self._processes.get(f"node {node}", (None, "")), self._counters.get(node)
+        busy = job is not None and told is not None
+        return {
+            "node": node,
+            "process": process,
+            "job": job,
+            "cell": told.cell if busy and told is not None else None,
+            "world": told.world if busy and told is not None else None,
+            "generation": told.generation if busy and told is not None else None,
+            "seconds": round(time.monotonic() - self._seen[node], 3) if node in self._seen else None,
+            "memory": None if process is None or host else _memory(process),
+            "sent": 0 if told is None else told.sent,
+            "received": 0 if told is None else told.received,
+        }
+
+    def _see(self, sample: zenoh.Sample) -> None:
+        if sample.kind != zenoh.SampleKind.PUT:
+            return
+        key = str(sample.key_expr)
+        (node, process), host = self._keys.life_of(key), self._keys.home_of(key)
+        name = "spy" if node is None else f"node {node}"
+        with self._lock:
+            before = self._processes.get(name)
+            self._processes[name] = (process, host)
+            if node is not None and before != (process, host):
+                self._seen[node] = time.monotonic()
+                self._counters.pop(node, None)
+        if before is None and node is not None:
+            self._arrived(node)
+        elif before not in (None, (process, host)):
+            self._replaced(node)
+
+    def _hear(self, sample: zenoh.Sample) -> None:
+        try:
+            counters = Counters.decode(sample.payload.to_bytes())
+        except Rejected:
+            return
+        with self._lock:
+            self._counters[counters.node] = counters
+
+
+def _memory(process: int) -> int | None:
+    """The proportional set size of a process, bytes: what it shares with others counts in shares."""
+    try:
+        rollup = Path(f"/proc/{process}/smaps_rollup").read_text(encoding="ascii")
+    except OSError:
+        return None
+    for line in rollup.splitlines():
+        if line.startswith("Pss:"):
+            return int(line.split()[1]) * _KILOBYTE
+    return None

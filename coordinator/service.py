@@ -1,0 +1,228 @@
+"""The coordinator's process: takes jobs from clients, keeps them, has them run, and tells what becomes of them.
+
+Its memory is the store: killed at any moment, the next one goes on where it stopped. Requests are answered in the order
+of their coming on one thread; those that take a while (another world for a job, a user's own problem) on others.
+"""
+
+import contextlib
+import json
+import queue
+import signal
+import threading
+import time
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import zenoh
+
+import topologies
+from coordinator.checking import Checker
+from coordinator.desk import Desk
+from coordinator.dispatcher import Dispatcher
+from coordinator.hooks import Hooks, MakeDispatcher
+from coordinator.recorder import Recorder
+from coordinator.roster import Roster
+from coordinator.store import Store
+from node.berth import Berth
+from wire import jobs, sessions
+from wire.callbacks import direct
+from wire.jobs import Answer, Done, Down, JobState, Refused, Request, Rewire, Submit, Update
+from wire.keys import Keys
+from wire.strict import Rejected
+
+_SLOW_AT_ONCE = 8
+_MOST_WAITING = 1000  # requests
+
+
+def coordinate(berth: Berth, told: Mapping[str, Any], first: bool) -> None:
+    """Be the coordinator of a cluster, started as ``told`` (see `coordinator.launcher.ServiceOptions`).
+
+    Only the ``first`` one knows how the nodes are linked.
+    """
+    url = told["database"] or f"sqlite:///{Path(told['state']) / 'jobs.sqlite'}"
+    cells = topologies.parse(berth.topology).cells
+    staff = partial(Staff, topology=berth.topology, wired=first, max_queue=told["max_queue"])
+    run(berth, Options(cells, url, tuple(told["allow_modules"])), staff)
+
+
+class Staff(Dispatcher):
+    """The dispatcher of a cluster whose dead are replaced."""
+
+    def __init__(
+        self,
+        session: zenoh.Session,
+        keys: Keys,
+        nodes: int,
+        hooks: Hooks,
+        *,
+        topology: str,
+        wired: bool,
+        max_queue: int | None,
+    ) -> None:
+        self._number = nodes
+        super().__init__(
+            session,
+            keys,
+            topology,
+            wired=wired,
+            hooks=hooks,
+            cpu_seconds=self._cpu_seconds,
+            replaces=True,
+            max_queue=max_queue,
+            first_wiring=time.time_ns() // 1_000_000,  # no coordinator before this one has come so far
+        )
+        self._roster = Roster(session, keys, self.replaced)
+
+    def _cpu_seconds(self) -> dict[str, float]:
+        return self._roster.cpu_seconds()
+
+    def nodes(self) -> list[dict[str, Any]]:
+        """Each node, as `status` shows it."""
+        return self._roster.nodes(range(self._number), self.job_on)
+
+    def close(self) -> None:
+        """Leave the jobs to whoever comes next."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """How the service is started.
+
+    Attributes:
+        nodes: how many there are.
+        store: the URL of the database.
+        allow_modules: names of users' modules that jobs may name.
+        modules: the folder where these lie, if not on ``sys.path``.
+    """
+
+    nodes: int
+    store: str
+    allow_modules: tuple[str, ...] = ()
+    modules: Path | None = None
+
+
+def run(berth: Berth, options: Options, make_dispatcher: MakeDispatcher) -> None:
+    """Be the coordinator until a client, or SIGTERM, says that the cluster is to end."""
+    sessions.use_runtime(sessions.NODE_RUNTIME)
+    session = sessions.client(berth.router)
+    service = Service(session, berth.keys, options, make_dispatcher)
+    signal.signal(signal.SIGTERM, lambda *_: service.stop())
+    try:
+        service.serve()
+    finally:
+        service.close()
+        session.close()  # type: ignore[no-untyped-call]
+
+
+class Service:
+    """The desk with its telephone.
+
+    Raises:
+        StoreFailed: if the database cannot be used.
+    """
+
+    def __init__(self, session: zenoh.Session, keys: Keys, options: Options, make_dispatcher: MakeDispatcher) -> None:
+        self._session = session
+        self._keys = keys
+        self._mail: queue.SimpleQueue[zenoh.Query | None] = queue.SimpleQueue()
+        self._waiting = 0
+        self._counting = threading.Lock()
+        self._down = threading.Event()
+        self._slow = ThreadPoolExecutor(_SLOW_AT_ONCE, "slow requests")
+        self._store = Store(options.store)
+        self._states = session.declare_publisher(keys.state)
+        self._recorder = Recorder(self._store, self._publish, self._forget)
+        self._dispatcher = make_dispatcher(session, keys, options.nodes, self._recorder)
+        checker = Checker(options.allow_modules, options.modules)
+        self._desk = Desk(keys.cluster, self._store, self._recorder, self._dispatcher, checker, self._publish)
+
+    def serve(self) -> None:
+        """Go on with the jobs of the last coordinator, then answer requests until `stop`."""
+        self._desk.restore()
+        queryable = self._session.declare_queryable(self._keys.jobs, direct(self._mail.put))
+        token = self._session.liveliness().declare_token(self._keys.coordinator)
+        worker = threading.Thread(target=self._work, name="requests", daemon=True)
+        worker.start()
+        self._down.wait()
+        with contextlib.suppress(zenoh.ZError):
+            token.undeclare()  # type: ignore[no-untyped-call]
+            queryable.undeclare()  # type: ignore[no-untyped-call]
+        self._mail.put(None)
+        worker.join()
+
+    def stop(self) -> None:
+        """Have `serve` return. Jobs that have not ended are kept for the next coordinator."""
+        self._down.set()
+
+    def close(self) -> None:
+        """Let go of everything but the session."""
+        self._slow.shutdown(wait=False, cancel_futures=True)
+        self._recorder.close()  # first: what the end of the dispatcher does to jobs is none of theirs
+        self._dispatcher.close()
+        self._store.close()
+
+    def _work(self) -> None:
+        while (query := self._mail.get()) is not None:
+            try:
+                self._handle(query)
+            except Exception as error:
+                _reply(query, self._keys.jobs, Refused(f"{type(error).__name__}: {error}", "failure"))
+
+    def _handle(self, query: zenoh.Query) -> None:
+        try:
+            request = jobs.decode(b"" if query.payload is None else query.payload.to_bytes())
+        except Rejected as error:
+            return _reply(query, self._keys.jobs, Refused(error.reason))
+        if not _is_slow(request):
+            return self._answer(query, request)
+        with self._counting:
+            full = self._waiting >= _MOST_WAITING
+            self._waiting += not full
+        if full:
+            return _reply(
+                query, self._keys.jobs, Refused(f"too many requests wait already: {_MOST_WAITING}", "failure")
+            )
+        self._slow.submit(self._answer_slowly, query, request)
+        return None
+
+    def _answer_slowly(self, query: zenoh.Query, request: Request) -> None:
+        try:
+            self._answer(query, request)
+        finally:
+            with self._counting:
+                self._waiting -= 1
+
+    def _answer(self, query: zenoh.Query, request: Request) -> None:
+        answer = self._desk.answer(request)
+        _reply(query, self._keys.jobs, answer)
+        if isinstance(request, Down) and isinstance(answer, Done):
+            self.stop()
+
+    def _publish(self, state: JobState) -> None:
+        with contextlib.suppress(zenoh.ZError):  # whoever wants to know can ask
+            self._states.put(state.encode())
+
+    def _forget(self, number: int) -> None:
+        self._desk.forget(number)
+
+
+def _reply(query: zenoh.Query, key: str, answer: Answer) -> None:
+    with contextlib.suppress(zenoh.ZError), query:  # else the client is gone
+        query.reply(key, jobs.encode_answer(answer))
+
+
+def _is_slow(request: Request) -> bool:
+    """Whether others should not wait for it."""
+    return isinstance(request, Update | Rewire) or (isinstance(request, Submit) and ":" in _kind(request.file))
+
+
+def _kind(file: str) -> str:
+    """The kind of problem in a file, as far as it can be read."""
+    try:
+        return str(json.loads(file)[1]["kind"])
+    except (ValueError, TypeError, LookupError, RecursionError):
+        return ""

@@ -1,0 +1,416 @@
+"""What must outlive the coordinator: jobs, the changes of their states, their best answers and results, in a database.
+
+What a method has written is safe on disk when it returns, so that a job which was acknowledged after `Store.add`
+survives whatever happens to the process.
+"""
+
+import contextlib
+import json
+import secrets
+import threading
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+from sqlalchemy import Select, and_, delete, func, or_, select
+from sqlalchemy.orm import Session, undefer
+
+from coordinator.database import Database, StoreFailed
+from coordinator.job import Placing
+from coordinator.states import ENDS, State, WrongTransition, follow, state_of
+from coordinator.tables import Base, JobRow, MetaRow, TransitionRow, WorldRow
+from problems.errors import BadInput
+
+_SCHEMA = 1
+_NEW_ID_BYTES = 4
+_MOST_WORLDS = 1000  # of a job, the latest, that are told
+
+
+class IdTaken(BadInput):
+    """Another problem file was submitted under the same id before."""
+
+
+class UnknownJob(BadInput):
+    """There is no such job."""
+
+
+@dataclass(frozen=True)
+class Submission:
+    """A job that is to be kept.
+
+    Attributes:
+        file: the problem file as JSON.
+        digest: of the problem and its run settings: the same for the same job.
+        cells: the nodes that it needs, linked as ``topology`` says.
+    """
+
+    file: str
+    digest: str
+    kind: str
+    topology: str
+    cells: int
+    priority: int = 0
+
+
+@dataclass(frozen=True)
+class Summary:
+    """A job in a line.
+
+    Attributes:
+        job: the id.
+        number: its place in the order of coming.
+        fitness: of the best verified answer, if there is a finite one.
+        submitted: Unix time, seconds; ``started`` and ``ended`` too. A job ends at its deadline for all who wait for
+            its answer; it has ``ended`` when its nodes have stopped and its result is here.
+        message: why it failed, or what else there is to say.
+        nodes: which it has, or had, in the order of its cells.
+    """
+
+    job: str
+    number: int
+    kind: str
+    topology: str
+    cells: int
+    priority: int
+    status: State
+    fitness: float | None
+    submitted: float
+    started: float | None
+    ended: float | None
+    message: str | None
+    nodes: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Stored(Summary):
+    """All about a job.
+
+    Attributes:
+        file: the problem file as JSON, as it was submitted.
+        file_now: the same as its world is now.
+        best: the best verified answer, decoded.
+        result: as `spy.result.Result.to_json` makes it, once the job has ended.
+        worlds: what changed with each world after the first (the latest thousand), oldest first: "world", "at", and a
+            directive as results have them.
+        world: the number of the one that it is in.
+        wiring: of its nodes' links.
+    """
+
+    file: str = field(repr=False)
+    file_now: str = field(repr=False)
+    best: dict[str, Any] | None
+    result: dict[str, Any] | None
+    worlds: tuple[dict[str, Any], ...]
+    world: int
+    wiring: int
+
+
+class Store:
+    """The jobs of one cluster, in the database at ``url``. Any thread may use it.
+
+    Args:
+        url: such as ``sqlite:////home/ada/jobs.sqlite`` or ``postgresql://ada@db.example/supernode``.
+
+    Raises:
+        StoreFailed: if the database cannot be opened, is of another version, or serves another coordinator.
+    """
+
+    def __init__(self, url: str) -> None:
+        self._lock = threading.RLock()
+        self._session: Session | None = None  # the transaction that is open
+        self._database = Database(url)
+        try:
+            with self._database.failing_clearly():
+                Base.metadata.create_all(self._database.engine)
+            self._check_schema()
+            self._next_number = self._greatest_number() + 1
+        except BaseException:
+            self.close()
+            raise
+
+    @property
+    def next_number(self) -> int:
+        """What the next job will be numbered."""
+        return self._next_number
+
+    def close(self) -> None:
+        """Let go of the database. Idempotent."""
+        self._database.close()
+
+    @contextlib.contextmanager
+    def transaction(self) -> Iterator[None]:
+        """What is written within is written at once, or not at all; it is safe when this ends.
+
+        Raises:
+            StoreFailed: if the database cannot do it.
+        """
+        with self._writing():
+            yield
+
+    # Writing ----------------------------------------------------------------------------------------------------------
+    def add(self, new: Submission, job: str | None = None, at: float | None = None) -> tuple[Summary, bool]:
+        """Keep a job as queued; or find it, if the same was added before. The second value is whether it is new.
+
+        Args:
+            new: the job.
+            job: the id of the client's choice; without one, it gets one that is new.
+            at: when it was submitted, Unix time.
+
+        Raises:
+            IdTaken: if another job has that id.
+        """
+        with self._writing() as session:
+            if job is not None and (there := _find(session, job)) is not None:
+                if there.digest != new.digest:
+                    raise IdTaken(f"another problem file was submitted as job {job!r} before")
+                return _summary(there), False
+            at = time.time() if at is None else at
+            row = JobRow(
+                **vars(new),
+                number=self._next_number,
+                job=_new_id(session) if job is None else job,
+                status=follow("submitted", "queued"),
+                submitted=at,
+                nodes_json="[]",
+            )
+            self._next_number += 1
+            session.add(row)
+            session.flush()  # before its transitions
+            session.add_all(TransitionRow(number=row.number, status=each, at=at) for each in ("submitted", row.status))
+            return _summary(row), True
+
+    def withdraw(self, number: int) -> None:
+        """Forget a job that was never acknowledged."""
+        with self._writing() as session:
+            session.execute(delete(WorldRow).where(WorldRow.number == number))
+            session.execute(delete(TransitionRow).where(TransitionRow.number == number))
+            session.execute(delete(JobRow).where(JobRow.number == number))
+
+    def change(
+        self,
+        number: int,
+        status: str,
+        *,
+        nodes: tuple[int, ...] | None = None,
+        message: str | None = None,
+        at: float | None = None,
+    ) -> Summary:
+        """A job's state changes.
+
+        Args:
+            number: of the job.
+            status: the new state.
+            nodes: that it has now, if that changes too.
+            message: what there is to say of it.
+            at: Unix time, if not now.
+
+        Raises:
+            WrongTransition: if that state cannot follow.
+        """
+        with self._writing() as session:
+            row = _get(session, number)
+            _change(session, row, status, time.time() if at is None else at)
+            if nodes is not None:
+                row.nodes_json = json.dumps(nodes)
+            if message is not None:
+                row.message = _storable(message)
+            return _summary(row)
+
+    def end(self, number: int, status: str, result: dict[str, Any] | None, *, message: str | None = None) -> Summary:
+        """A job ends, with a result unless something broke. One whose deadline has passed is in that state already.
+
+        Raises:
+            WrongTransition: if it has ended before, or this is no end.
+        """
+        if state_of(status) not in ENDS:
+            raise WrongTransition(f"{status!r} is no end")
+        with self._writing() as session:
+            row = _get(session, number)
+            if not (status == row.status == "deadline" and row.ended is None):
+                self.change(number, status)
+            row.ended = row.ended or time.time()
+            if message is not None:
+                row.message = _storable(message)
+            if result is not None:
+                row.result_json = json.dumps(result)
+                row.fitness = result.get("fitness", row.fitness)
+            return _summary(row)
+
+    def note_best(self, number: int, fitness: float | None, best: dict[str, Any]) -> None:
+        """A better answer of a job; ``fitness`` is None if it is not finite."""
+        with self._writing() as session:
+            row = _get(session, number)
+            row.fitness = fitness
+            row.best_json = json.dumps(best)
+
+    def note_nodes(self, number: int, nodes: tuple[int, ...]) -> Summary:
+        """A job lives on other nodes than before."""
+        with self._writing() as session:
+            row = _get(session, number)
+            row.nodes_json = json.dumps(nodes)
+            return _summary(row)
+
+    def note_placing(self, number: int, placing: Placing) -> None:
+        """A job is about to begin in a world, on these nodes."""
+        with self._writing() as session:
+            row = _get(session, number)
+            row.nodes_json = json.dumps(placing.nodes)
+            row.wiring = placing.wiring
+            row.world = placing.world
+            row.topology = placing.file.run.topology
+            if placing.world > 0:
+                row.changed_file = placing.file.to_json()
+                change = json.dumps(dict(placing.why))
+                session.add(WorldRow(number=number, world=placing.world, at=time.time(), change_json=change))
+
+    # Reading ----------------------------------------------------------------------------------------------------------
+    def unended(self) -> list[Stored]:
+        """All jobs that have not ended, in the order of coming; also those whose nodes stop, after the deadline."""
+        with self._reading() as session:
+            draining = and_(JobRow.status == "deadline", JobRow.ended.is_(None))
+            found = _whole().where(or_(JobRow.status.not_in(ENDS), draining)).order_by(JobRow.number)
+            rows = session.scalars(found)
+            return [_stored(session, row) for row in rows]
+
+    def newest(self, limit: int | None = None) -> list[Summary]:
+        """The newest jobs, newest last."""
+        with self._reading() as session:
+            rows = session.scalars(select(JobRow).order_by(JobRow.number.desc()).limit(limit))
+            return [_summary(row) for row in rows][::-1]
+
+    def show(self, job: str) -> Stored:
+        """All about a job.
+
+        Raises:
+            UnknownJob: if there is none of that id.
+        """
+        with self._reading() as session:
+            return _stored(session, _known(_find(session, job, _whole()), job))
+
+    def summary(self, job: str) -> Summary:
+        """A job in a line.
+
+        Raises:
+            UnknownJob: if there is none of that id.
+        """
+        with self._reading() as session:
+            return _summary(_known(_find(session, job), job))
+
+    def at(self, number: int) -> Summary:
+        """The job of that number, in a line.
+
+        Raises:
+            UnknownJob: if there is none.
+        """
+        with self._writing() as session:  # so that it knows of what the open transaction has written
+            return _summary(_get(session, number))
+
+    def counts(self) -> dict[str, int]:
+        """How many jobs there are in each state that any is in."""
+        with self._reading() as session:
+            rows = session.execute(select(JobRow.status, func.count()).group_by(JobRow.status).order_by(JobRow.status))
+            return {row[0]: row[1] for row in rows}
+
+    def transitions(self, number: int) -> list[tuple[str, float]]:
+        """The states of a job so far, and when each began (Unix time)."""
+        with self._reading() as session:
+            found = select(TransitionRow).where(TransitionRow.number == number).order_by(TransitionRow.id)
+            return [(row.status, row.at) for row in session.scalars(found)]
+
+    # The database -----------------------------------------------------------------------------------------------------
+    @contextlib.contextmanager
+    def _writing(self) -> Iterator[Session]:
+        """The transaction that is open, or one for this."""
+        with self._lock:
+            if self._session is not None:
+                yield self._session
+                return
+            fresh = self._new_session(expire_on_commit=False)
+            with self._database.failing_clearly(), fresh as session, session.begin():
+                self._session = session
+                try:
+                    yield session
+                finally:
+                    self._session = None
+
+    @contextlib.contextmanager
+    def _reading(self) -> Iterator[Session]:
+        with self._database.failing_clearly(), self._new_session() as session:
+            yield session
+
+    def _new_session(self, **options: Any) -> Session:
+        return Session(self._database.engine, **options)
+
+    def _greatest_number(self) -> int:
+        with self._reading() as session:
+            return session.scalar(select(func.max(JobRow.number))) or 0
+
+    def _check_schema(self) -> None:
+        with self._writing() as session:
+            found = session.scalar(select(func.max(MetaRow.schema)))
+            if found is None:
+                session.add(MetaRow(schema=_SCHEMA))
+            elif found != _SCHEMA:
+                raise StoreFailed(f"store {self._database.name}: expected a store of version {_SCHEMA}, found {found}")
+
+
+def _change(session: Session, row: JobRow, status: str, at: float) -> None:
+    state = follow(state_of(row.status), status)
+    row.status = state
+    if state == "running" and row.started is None:
+        row.started = at
+    elif state == "queued":
+        row.started, row.nodes_json = None, "[]"
+    elif state in ENDS and state != "deadline":  # then nodes stop first; see `Store.end`
+        row.ended = at
+    session.add(TransitionRow(number=row.number, status=state, at=at))
+
+
+def _get(session: Session, number: int) -> JobRow:
+    row = session.get(JobRow, number)
+    if row is None:
+        raise UnknownJob(f"there is no job of number {number}")
+    return row
+
+
+def _find(session: Session, job: str, query: Select[JobRow] | None = None) -> JobRow | None:
+    query = select(JobRow) if query is None else query
+    return session.scalar(query.where(JobRow.job == job))
+
+
+def _whole() -> Select[JobRow]:
+    """Of rows with all that may be large."""
+    return select(JobRow).options(undefer("*"))
+
+
+def _new_id(session: Session) -> str:
+    while _find(session, job := secrets.token_hex(_NEW_ID_BYTES)) is not None:
+        pass
+    return job
+
+
+def _known(row: JobRow | None, job: str) -> JobRow:
+    if row is None:
+        raise UnknownJob(f"there is no job {job!r}")
+    return row
+
+
+def _summary(row: JobRow) -> Summary:
+    return Summary(**_values(row, Summary))
+
+
+def _stored(session: Session, row: JobRow) -> Stored:
+    of_job = select(WorldRow).where(WorldRow.number == row.number).order_by(WorldRow.id.desc()).limit(_MOST_WORLDS)
+    worlds = tuple(world.plain for world in session.scalars(of_job))[::-1]
+    return Stored(**_values(row, Stored, "worlds"), worlds=worlds)
+
+
+def _values(row: JobRow, kind: type[Summary], *but: str) -> dict[str, Any]:
+    values = {each.name: getattr(row, each.name) for each in fields(kind) if each.name not in but}
+    return values | {"status": state_of(row.status)}
+
+
+def _storable(message: str) -> str:
+    """``message`` without what a database cannot keep."""
+    return message.replace("\0", "\\0").encode("utf-8", "replace").decode("utf-8")

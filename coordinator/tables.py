@@ -1,0 +1,99 @@
+"""The tables of the store."""
+
+import json
+from typing import Any
+
+from sqlalchemy import BigInteger, Double, ForeignKey, String, Text
+from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
+
+
+class Base(DeclarativeBase):
+    """All tables."""
+
+
+class MetaRow(Base):
+    """What the store says of itself."""
+
+    __tablename__ = "meta"
+
+    schema: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
+
+
+class JobRow(Base):
+    """A job."""
+
+    __tablename__ = "jobs"
+
+    number: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
+    job: Mapped[str] = mapped_column("id", String(64), unique=True)
+    digest: Mapped[str] = mapped_column(String(64))
+    kind: Mapped[str] = mapped_column(Text)
+    topology: Mapped[str] = mapped_column(Text)
+    cells: Mapped[int]
+    priority: Mapped[int]
+    status: Mapped[str] = mapped_column(String(16), index=True)
+    fitness: Mapped[float | None] = mapped_column(Double)
+    submitted: Mapped[float] = mapped_column(Double)
+    started: Mapped[float | None] = mapped_column(Double)
+    ended: Mapped[float | None] = mapped_column(Double)
+    message: Mapped[str | None] = mapped_column(Text)
+    nodes_json: Mapped[str] = mapped_column("nodes", Text, default="[]")
+    wiring: Mapped[int] = mapped_column(BigInteger, default=0)
+    world: Mapped[int] = mapped_column(default=0)
+    # What may be large is read only where it is asked for.
+    file: Mapped[str] = mapped_column(Text, deferred=True)
+    changed_file: Mapped[str | None] = mapped_column(Text, deferred=True)
+    best_json: Mapped[str | None] = mapped_column("best", Text, deferred=True)
+    result_json: Mapped[str | None] = mapped_column("result", Text, deferred=True)
+
+    @property
+    def nodes(self) -> tuple[int, ...]:
+        """The nodes that it lives on."""
+        return tuple(json.loads(self.nodes_json))
+
+    @property
+    def file_now(self) -> str:
+        """The problem file as its world is now."""
+        return self.file if self.changed_file is None else self.changed_file
+
+    @property
+    def best(self) -> dict[str, Any] | None:
+        """The best verified answer."""
+        return _maybe_json(self.best_json)
+
+    @property
+    def result(self) -> dict[str, Any] | None:
+        """The result."""
+        return _maybe_json(self.result_json)
+
+
+class TransitionRow(Base):
+    """A change of a job's state."""
+
+    __tablename__ = "transitions"
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    number: Mapped[int] = mapped_column(ForeignKey("jobs.number"), index=True)
+    status: Mapped[str] = mapped_column(String(16))
+    at: Mapped[float] = mapped_column(Double)
+
+
+class WorldRow(Base):
+    """A world of a job after its first."""
+
+    __tablename__ = "worlds"
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    number: Mapped[int] = mapped_column(ForeignKey("jobs.number"), index=True)
+    world: Mapped[int]
+    at: Mapped[float] = mapped_column(Double)
+    change_json: Mapped[str] = mapped_column("change", Text)
+
+    @property
+    def plain(self) -> dict[str, Any]:
+        """The world in a table."""
+        return {"world": self.world, "at": self.at, **json.loads(self.change_json)}
+
+
+def _maybe_json(written: str | None) -> dict[str, Any] | None:
+    return None if written is None else json.loads(written)

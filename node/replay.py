@@ -1,0 +1,217 @@
+"""The same job in this process, through all the worlds that a run of processes has lived in.
+
+What came from outside, and after which generation, is what a result's directives say: another world, the replacement of
+a dead node, a stop. With them a lockstep run is repeated bit for bit.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+
+import topologies
+from genetics import Fitness, Genomes
+from node.plan import Plan
+from node.simulation import Outside, Watch, ignore, never, simulate
+from problems import BadInput, ProblemFile
+from problems.errors import shorten
+from wire.report import Report
+
+
+@dataclass(frozen=True)
+class World:
+    """One of the worlds, and how it ends.
+
+    Attributes:
+        since: generations of the job before it.
+        why: the directive that led to it; empty for the first.
+        left_at: after which generation each cell leaves it; None for the last world.
+        last: the generation after which it is stopped from outside, if it is.
+        heirs: cells that lose their demes at its end, each with the one whose deme it gets.
+    """
+
+    number: int
+    file: ProblemFile
+    since: int
+    why: Mapping[str, Any]
+    left_at: Mapping[int, int] | None = None
+    last: int | None = None
+    heirs: Mapping[int, int] = field(default_factory=dict)
+
+    @cached_property
+    def plan(self) -> Plan:
+        """What its cells are to do; this imports a user's module."""
+        return Plan.of(self.file, self.number, self.since)
+
+    @cached_property
+    def ending(self) -> Plan:
+        """The same, with its stop."""
+        if self.last is None:
+            return self.plan
+        return replace(self.plan, run=self.file.with_run(generations=self.since + self.last).run)
+
+
+class Replayed(NamedTuple):
+    """One of the worlds, lived through.
+
+    Attributes:
+        reports: of all cells.
+        why: the directive that led to it; empty for the first.
+    """
+
+    file: ProblemFile
+    plan: Plan
+    reports: list[Report]
+    why: Mapping[str, Any]
+
+
+def replay(
+    file: ProblemFile,
+    directives: Sequence[Mapping[str, Any]] = (),
+    watch: Watch = ignore,
+    outside: Outside = never,
+) -> list[Replayed]:
+    """Live through all worlds; see `worlds_of` and `live`."""
+    return live(worlds_of(file, directives), watch, outside)
+
+
+def worlds_of(file: ProblemFile, directives: Sequence[Mapping[str, Any]] = ()) -> list[World]:
+    """The worlds that a job lives in, which begins as ``file`` says.
+
+    Raises:
+        BadInput: if there is something wrong with a directive.
+    """
+    turns, stop = _sorted(directives)
+    if turns and file.run.mode != "lockstep":
+        raise BadInput(f"directives: mode: expected lockstep, which alone can be repeated, found {file.run.mode}")
+    worlds: list[World] = []
+    since, why = 0, dict[str, Any]()
+    for number, turn in enumerate(turns):
+        cells = topologies.parse(file.run.topology).cells
+        left_at, heirs = _left_at(turn, cells), _heirs(turn, cells)
+        last = max(left_at.values())
+        worlds.append(World(number, file, since, why, left_at, last, heirs))
+        file = _after(turn, file, cells)
+        since, why = since + last, dict(turn)
+    return [*worlds, World(len(worlds), file, since, why, last=stop)]
+
+
+def live(worlds: Sequence[World], watch: Watch = ignore, outside: Outside = never) -> list[Replayed]:
+    """Live through ``worlds``, one after another. ``watch`` and ``outside`` are called in the last one only.
+
+    Raises:
+        BadInput: if a world ends before it is to be left.
+        EvaluationFailed: if the problem breaks.
+    """
+    lived: list[Replayed] = []
+    demes: Genomes | None = None
+    for world in worlds:
+        if world.left_at is None:
+            reports = simulate(world.ending, watch, outside=outside, demes=demes)
+        else:
+            leaving = _Leaving(world.left_at)
+            reports = simulate(world.ending, snapshot=leaving.see, demes=demes)
+            demes = leaving.handed_on(world, reports[0].generation)
+        lived.append(Replayed(world.file, world.plan, reports, world.why))
+    return lived
+
+
+class _Leaving:
+    """Of each cell the deme that it has when it leaves a world."""
+
+    def __init__(self, left_at: Mapping[int, int]) -> None:
+        self._cells_by_generation: dict[int, list[int]] = {}
+        for cell, left in left_at.items():
+            self._cells_by_generation.setdefault(left, []).append(cell)
+        self._kept: dict[int, Genomes] = {}
+
+    def see(self, generation: int, genomes: Genomes, _: Fitness) -> None:
+        """A generation of all cells."""
+        for cell in self._cells_by_generation.get(generation, ()):
+            self._kept[cell] = genomes[cell].copy()
+
+    def handed_on(self, world: World, generation: int) -> Genomes:
+        """The demes of all cells, (cells, deme, genome_bytes), when the world has ended after ``generation``."""
+        if world.last is not None and generation < world.last:
+            found = f"world {world.number} ends after generation {generation} already"
+            raise BadInput(f"directives: expected cells to leave after generation {world.last}, but {found}")
+        self._kept |= {cell: self._kept[heir] for cell, heir in world.heirs.items()}
+        return np.stack([self._kept[cell] for cell in sorted(self._kept)])
+
+
+# What directives say --------------------------------------------------------------------------------------------------
+def _sorted(directives: Sequence[Mapping[str, Any]]) -> tuple[list[Mapping[str, Any]], int | None]:
+    """Those that lead to another world, in their order, and where the last one is stopped, if it is."""
+    turns, stops = [], []
+    for directive in directives:
+        if not isinstance(directive, Mapping):
+            raise BadInput(f"directives: expected tables, found {shorten(directive)}")
+        kind = directive.get("do")
+        if kind == "stop":
+            stops.append(_count(directive, "generation"))
+        elif kind in ("update", "rewire", "replace"):
+            turns.append(directive)
+        else:
+            raise BadInput(f"directives: do: expected stop, update, rewire or replace, found {shorten(kind)}")
+    return turns, min(stops, default=None)
+
+
+def _after(turn: Mapping[str, Any], file: ProblemFile, cells: int) -> ProblemFile:
+    """The problem file of the world that ``turn`` leads to."""
+    if turn["do"] == "update":
+        return file.changed(dict(_table(turn, "fields")), {})
+    if turn["do"] == "replace":
+        return file
+    topology = turn.get("topology")
+    if not isinstance(topology, str):
+        raise BadInput(f"directives: topology: expected a text, found {shorten(topology)}")
+    after = file.changed({}, {"topology": topology})
+    if topologies.parse(after.run.topology).cells != cells:
+        raise BadInput(f"directives: topology: expected one of {cells} cells, found {shorten(topology)}")
+    return after
+
+
+def _left_at(turn: Mapping[str, Any], cells: int) -> dict[int, int]:
+    """After which generation each cell left the world; when a node has died they are a few apart."""
+    if turn["do"] != "replace":
+        return dict.fromkeys(range(cells), _count(turn, "generation"))
+    left_at = dict(_by_cell(turn, "generations", cells))
+    missing = set(range(cells)) - left_at.keys() - dict(_by_cell(turn, "demes_of", cells)).keys()
+    if missing or not left_at:
+        raise BadInput(f"directives: generations: expected one of each cell, found none of {sorted(missing)}")
+    return left_at
+
+
+def _heirs(turn: Mapping[str, Any], cells: int) -> dict[int, int]:
+    """Whose deme each new node has."""
+    if turn["do"] != "replace":
+        return {}
+    heirs = dict(_by_cell(turn, "demes_of", cells))
+    living = dict(_by_cell(turn, "generations", cells)).keys()
+    if not living >= set(heirs.values()) or living & heirs.keys():
+        raise BadInput(f"directives: demes_of: expected dead cells, each with a living one, found {shorten(heirs)}")
+    return heirs
+
+
+def _by_cell(turn: Mapping[str, Any], name: str, cells: int) -> Iterator[tuple[int, int]]:
+    table = _table(turn, name)
+    for cell in table:
+        if not (str(cell).isdecimal() and int(cell) < cells):
+            raise BadInput(f"directives: {name}: expected a cell below {cells}, found {shorten(cell)}")
+        yield int(cell), _count(table, cell)
+
+
+def _table(directive: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+    found = directive.get(name)
+    if not isinstance(found, Mapping):
+        raise BadInput(f"directives: {name}: expected a table, found {shorten(found)}")
+    return found
+
+
+def _count(directive: Mapping[str, Any], name: str) -> int:
+    found = directive.get(name)
+    if type(found) is not int or found < 0:
+        raise BadInput(f"directives: {name}: expected a whole number from 0 on, found {shorten(found)}")
+    return found

@@ -1,0 +1,46 @@
+"""What commands that talk to a running cluster share: where it is, and how their answer is printed."""
+
+import argparse
+import json
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from supernode.client import Client
+
+
+def add_cluster_options(parser: argparse.ArgumentParser, what: str = "the answer") -> None:
+    """Where the cluster is, and whether to answer in JSON."""
+    add_place(parser)
+    parser.add_argument("--json", action="store_true", help=f"print {what} as JSON")
+
+
+def add_place(parser: "argparse._ActionsContainer") -> None:
+    """Where the cluster is."""
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument("--state", metavar="DIR", help="the state folder of a cluster on this machine")
+    where.add_argument("--connect", metavar="ENDPOINT", help="that of a running cluster: tcp/192.168.1.7:7447")
+
+
+def add_job(parser: argparse.ArgumentParser) -> None:
+    """Which job."""
+    parser.add_argument("job", metavar="JOB", help="the job's id, as `submit` printed it")
+
+
+def connected(options: argparse.Namespace) -> "Client":
+    """A client of the cluster that the options name.
+
+    Raises:
+        BadInput: if ENDPOINT is none.
+        ClusterFailed: if no cluster answers.
+    """
+    from supernode.client import Client
+    from supernode.whereabouts import Place
+
+    if options.connect is not None:
+        return Client(Place.at(options.connect))
+    return Client(Place.of_folder(options.state))
+
+
+def tell(options: argparse.Namespace, value: dict[str, Any], words: str) -> None:
+    """Print an answer."""
+    print(json.dumps(value) if options.json else words)

@@ -1,0 +1,59 @@
+"""The coordinator of a cluster whose processes live in several places: it takes jobs, and nodes join it."""
+
+import argparse
+
+from supernode import exits
+from supernode.commands.role_options import (
+    add_membership,
+    add_option,
+    cluster_of,
+    endpoint_of,
+    number_of,
+    prepare_process,
+)
+
+EXAMPLE = "supernode coordinator --connect tcp/192.168.1.7:7447 --nodes 16"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Which cluster, how large, and where its jobs are kept."""
+    add_membership(parser)
+    add_option(parser, "nodes", "how many will join at least: larger jobs are refused", metavar="N")
+    add_option(parser, "state", "the folder that keeps the jobs (the user's own)", metavar="DIR")
+    add_option(parser, "database", "of the jobs, instead of a file in the state folder", metavar="URL")
+    add_option(parser, "max-queue", "refuse jobs when so many wait (any number)", metavar="N")
+    add_option(parser, "allow-module", "let jobs name problems of this module of yours (none)", metavar="M")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Coordinate until a signal, or until a client ends it."""
+    router, cluster, nodes = endpoint_of(options), cluster_of(options), number_of(options, "nodes")
+    max_queue = None if options.max_queue is None else number_of(options, "max_queue")
+    database = options.database or _file(options.state)
+    modules = tuple((options.allow_module or "").split())
+    prepare_process()
+    from pathlib import Path
+
+    from coordinator.joined import preside
+    from coordinator.service import Options
+    from coordinator.zygote import import_all
+    from node.berth import Berth
+
+    import_all()
+    preside(Berth(cluster, 0, "", Path(), router), Options(nodes, database, modules), max_queue)
+    return exits.OK
+
+
+def _file(state: str | None) -> str:
+    """The database in a state folder, which is locked for as long as this process lives.
+
+    Raises:
+        BadInput: if there can be no such folder.
+        ClusterFailed: if another cluster has it.
+    """
+    from supernode.whereabouts import Place, occupy
+
+    folder = Place.of_folder(state).folder
+    assert folder is not None, "that is what it was made of"
+    occupy(folder)
+    return f"sqlite:///{folder.absolute() / 'jobs.sqlite'}"

@@ -1,0 +1,30 @@
+"""Give a running job another topology; the programmable switch of the SuperNode."""
+
+import argparse
+
+from supernode import exits
+from supernode.commands.cluster_options import add_cluster_options, add_job, connected, tell
+
+EXAMPLE = 'supernode rewire 5f3a09c1 --topology "hypercube 4"'
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Which job, and which topology."""
+    add_job(parser)
+    parser.add_argument("--topology", metavar="SPEC", required=True, help='such as "torus 4x4" or "ring 16"')
+    add_cluster_options(parser, "the number of the new world")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Print the number of the world that has it."""
+    import topologies
+    from problems.errors import BadInput
+
+    try:
+        spec = topologies.parse(options.topology).spec
+    except ValueError as error:
+        raise BadInput(f"--topology: {error}") from error
+    with connected(options) as client:
+        world = client.job(options.job).rewire(spec)
+    tell(options, {"job": options.job, "world": world}, f"{options.job}: world {world}")
+    return exits.OK

@@ -1,0 +1,98 @@
+"""What the commands share that are one process, or one host's processes, of a cluster that lives in several places.
+
+Each option has an environment variable, since that is how containers are configured; the command line wins.
+"""
+
+import argparse
+import os
+import signal
+from typing import Any
+
+_CLUSTER = "main"
+
+
+def add_option(parser: argparse.ArgumentParser, name: str, words: str, **more: Any) -> None:
+    """An option ``--name`` whose default is the environment's SUPERNODE_NAME."""
+    variable = variable_of(name)
+    default = os.environ.get(variable) or more.pop("default", None)
+    parser.add_argument(f"--{name}", default=default, help=f"{words} [{variable}]", **more)
+
+
+def variable_of(name: str) -> str:
+    """The environment variable of an option."""
+    return f"SUPERNODE_{name.upper().replace('-', '_')}"
+
+
+def add_membership(parser: argparse.ArgumentParser) -> None:
+    """Which cluster the process belongs to."""
+    add_option(parser, "connect", "the router's endpoint, such as tcp/192.168.1.7:7447", metavar="ENDPOINT")
+    add_option(parser, "cluster", f"the cluster's name, if the router has several ({_CLUSTER})", default=_CLUSTER)
+
+
+def endpoint_of(options: argparse.Namespace, name: str = "connect") -> str:
+    """The endpoint that an option must name.
+
+    Raises:
+        BadInput: if it does not.
+    """
+    return endpoint(_needed(options, name), name)
+
+
+def endpoint(text: str, name: str) -> str:
+    """``text`` if it is an endpoint.
+
+    Raises:
+        BadInput: if it is none.
+    """
+    from supernode.whereabouts import Place
+
+    found = Place.at(text, f"--{name}").endpoint
+    assert found is not None, "that is what it was made of"
+    return found
+
+
+def number_of(options: argparse.Namespace, name: str) -> int:
+    """The number, at least 1, that an option must give.
+
+    Raises:
+        BadInput: if it does not.
+    """
+    from problems.errors import BadInput
+
+    text = _needed(options, name)
+    if not text.isascii() or not text.isdigit() or int(text) < 1:
+        raise BadInput(f"--{name}: expected a whole number, at least 1, found {text}")
+    return int(text)
+
+
+def cluster_of(options: argparse.Namespace) -> str:
+    """The cluster's name, a part of every key expression.
+
+    Raises:
+        BadInput: if it cannot be one.
+    """
+    import re
+
+    from problems.errors import BadInput
+
+    if not re.fullmatch(r"[A-Za-z0-9._-]{1,64}", options.cluster):
+        raise BadInput(f"--cluster: expected letters, digits, '.', '_' or '-', found {options.cluster}")
+    return str(options.cluster)
+
+
+def prepare_process() -> None:
+    """One thread each, before numpy is imported; and SIGTERM means the end for the first process of a container too."""
+    from coordinator.launcher import ONE_THREAD
+
+    os.environ.update(ONE_THREAD)
+    for kind in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(kind, lambda *_: os._exit(0))
+
+
+def _needed(options: argparse.Namespace, name: str) -> str:
+    from problems.errors import BadInput
+
+    value = getattr(options, name)
+    if not value:
+        raise BadInput(f"--{name}: needed, since {variable_of(name)} is not set")
+    return str(value)

@@ -1,0 +1,35 @@
+"""The router of a cluster whose processes live in several places: all others connect to it."""
+
+import argparse
+
+from supernode import exits
+from supernode.commands.role_options import add_option, endpoint, endpoint_of, prepare_process
+
+EXAMPLE = "supernode router --listen tcp/0.0.0.0:7447"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Where it listens."""
+    add_option(parser, "listen", "endpoints, with spaces between them", metavar="ENDPOINT")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Route until a signal."""
+    import os
+
+    import zenoh
+
+    from coordinator.errors import ClusterFailed
+
+    endpoint_of(options, "listen")
+    endpoints = [endpoint(each, "listen") for each in options.listen.split()]
+    prepare_process()
+    from coordinator.router import route
+
+    try:
+        route(endpoints, os.open(os.devnull, os.O_WRONLY))
+    except zenoh.ZError as error:
+        raise ClusterFailed(f"cannot listen at {options.listen}: {error}") from error
+    except KeyboardInterrupt:
+        pass
+    return exits.OK

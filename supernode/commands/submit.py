@@ -1,0 +1,36 @@
+"""Hand a job to a running cluster, and print its id; it is done whether or not anybody waits."""
+
+import argparse
+from typing import TYPE_CHECKING
+
+from supernode import exits
+from supernode.commands.cluster_options import add_cluster_options, connected, tell
+from supernode.commands.run_options import add_settings, settings, whole
+
+if TYPE_CHECKING:
+    from problems import ProblemFile
+
+EXAMPLE = "supernode submit examples/mobile-robot.toml --seconds 2"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of a run, and the job's place among the others."""
+    add_settings(parser)
+    parser.add_argument("--id", metavar="ID", help="an id of your choice: the same job twice is one job")
+    parser.add_argument("--priority", metavar="N", type=whole, default=0, help="higher ones are done first (0)")
+    add_cluster_options(parser, "id and state")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Print the id."""
+    file = _file(options)
+    with connected(options) as client:
+        job = client.submit(file, id=options.id, priority=options.priority)
+        tell(options, {"job": job.id, "status": job.state() if options.json else None}, job.id)
+    return exits.OK
+
+
+def _file(options: argparse.Namespace) -> "ProblemFile":
+    from problems import load
+
+    return load(options.problem).with_run(**settings(options))

@@ -1,0 +1,59 @@
+"""Start a cluster that stays up and takes jobs: router, coordinator, spy and nodes, supervised."""
+
+import argparse
+from typing import TYPE_CHECKING
+
+from supernode import exits
+from supernode.commands.run_options import torus, whole
+
+if TYPE_CHECKING:
+    from supernode.detached import Ready
+
+EXAMPLE = "supernode up --torus 4x4 --detach"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """How large, and where."""
+    shape = parser.add_mutually_exclusive_group()
+    shape.add_argument("--torus", metavar="RxC", type=torus, dest="topology", help="rows and columns (4x4)")
+    shape.add_argument("--nodes", metavar="N", type=whole, help="so many nodes, on the most square torus")
+    shape.add_argument("--topology", metavar="SPEC", help='such as "torus 4x4" or "ring 16"')
+    parser.add_argument(
+        "--listen",
+        metavar="ENDPOINT",
+        action="append",
+        default=[],
+        help="be reachable there too, such as tcp/0.0.0.0:7447 (default: a private Unix socket only)",
+    )
+    parser.add_argument("--state", metavar="DIR", help="the state folder (the user's own)")
+    parser.add_argument("--database", metavar="URL", help="of the jobs, instead of a file in the state folder")
+    parser.add_argument("--max-queue", metavar="N", type=whole, help="refuse jobs when so many wait (any number)")
+    parser.add_argument(
+        "--allow-module",
+        metavar="M",
+        action="append",
+        default=[],
+        help="let jobs name problems of this module of yours (none)",
+    )
+    parser.add_argument("--detach", action="store_true", help="return when the cluster is ready, and leave it running")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run until the end; or, with ``--detach``, until the cluster is ready."""
+    from supernode.detached import detached
+
+    if options.detach:
+        print(detached(lambda ready: _keep_up(options, ready)))
+    else:
+        _keep_up(options, lambda line, _: print(line, flush=True))
+    return exits.OK
+
+
+def _keep_up(options: argparse.Namespace, ready: "Ready") -> None:
+    from supernode.upkeep import Upkeep, wish_of
+    from supernode.whereabouts import Place
+
+    folder = Place.of_folder(options.state).folder
+    assert folder is not None
+    upkeep = Upkeep(folder, wish_of(options))
+    upkeep.run(lambda line: ready(line, upkeep.folder / "up.log"))

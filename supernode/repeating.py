@@ -1,0 +1,112 @@
+"""A run that is to be repeated, as its result tells of it."""
+
+import json
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from node.fingerprint import fingerprint
+from node.replay import World, worlds_of
+from problems import BadInput, ProblemFile
+from problems.errors import shorten
+from spy.result import Result
+from topologies import ROOT
+from wire.report import Proposal, reason_of
+from wire.strict import Rejected
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """The result of the run, from ``name``.
+
+    Attributes:
+        run: its settings.
+        directives: what came from outside.
+        history: the digest of all that its cells have lived through.
+        stops: how its last world was stopped from outside, if it was.
+    """
+
+    name: str
+    run: dict[str, Any]
+    directives: list[dict[str, Any]]
+    problem: str
+    history: str
+    versions: dict[str, Any]
+    stops: tuple[Proposal, ...]
+
+    @staticmethod
+    def read(name: str, settings: Collection[str]) -> "Recorded":
+        """The result in a file; ``settings`` are those that the command line gives beside it, which must be none.
+
+        Raises:
+            BadInput: if there is none that can be repeated.
+        """
+        if settings:
+            raise BadInput(f"--replay: the settings are those of the result, expected no other, found {min(settings)}")
+        found = _table(name)
+        run, directives, versions = found.get("run"), found.get("directives"), found.get("versions")
+        problem, history = found.get("problem_sha256"), found.get("history_sha256")
+        if not (isinstance(run, dict) and isinstance(directives, list) and isinstance(versions, dict)):
+            raise BadInput(f"{name}: expected a result as `solve --json` prints it, found {shorten(found)}")
+        if not isinstance(problem, str):
+            raise BadInput(f"{name}: problem_sha256: expected one, found {shorten(problem)}")
+        if (mode := run.get("mode")) != "lockstep":
+            raise BadInput(f"{name}: mode: expected lockstep, which alone can be repeated, found {shorten(mode)}")
+        if not isinstance(history, str):
+            raise BadInput(
+                f"{name}: history_sha256: expected one, found {shorten(history)}: there is nothing to repeat"
+            )
+        return Recorded(name, run, directives, problem, history, versions, _stops(directives, name))
+
+    def worlds(self, file: ProblemFile) -> list[World]:
+        """The worlds that the job lived in, which began with the problem ``file``.
+
+        Raises:
+            BadInput: if it cannot have done so.
+        """
+        values = [self.name, file.fields, self.run, str(file.folder)]
+        began = replace(file, run=ProblemFile.from_json(json.dumps(values)).run)
+        try:
+            worlds = worlds_of(began, self.directives)
+        except BadInput as error:
+            raise BadInput(f"{self.name}: {error}") from error
+        if worlds[-1].file.sha256 != self.problem:
+            raise BadInput(f"{self.name}: the result is of another problem than {file.name}: problem_sha256 differs")
+        return worlds
+
+    def complaint(self, result: Result) -> str | None:
+        """What is wrong with the repetition, if anything is."""
+        if result.history_sha256 == self.history:
+            return None
+        here = fingerprint()
+        others = [name for name in sorted(here) if here[name] != self.versions.get(name)]
+        why = f"; versions differ: {', '.join(others)}" if others else ""
+        return f"{self.name}: history_sha256: expected {self.history}, found {result.history_sha256}{why}"
+
+
+def _table(name: str) -> dict[str, Any]:
+    try:
+        found = json.loads(Path(name).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise BadInput(f"{name}: expected a result, found {error.strerror}") from error
+    except (ValueError, RecursionError) as error:
+        raise BadInput(f"{name}: expected a result as JSON, found {error}") from error
+    if not isinstance(found, dict):
+        raise BadInput(f"{name}: expected a result, found {shorten(found)}")
+    return found
+
+
+def _stops(directives: list[Any], name: str) -> tuple[Proposal, ...]:
+    """The stops among ``directives``, as the root would have proposed them; what is wrong otherwise is found later."""
+    stops = []
+    for each in directives:
+        if isinstance(each, dict) and each.get("do") == "stop" and type(each.get("generation")) is int:
+            try:
+                reason = reason_of(each.get("reason"))
+            except Rejected as error:
+                raise BadInput(
+                    f"{name}: directives: reason: expected one, found {shorten(each.get('reason'))}"
+                ) from error
+            stops.append(Proposal(each["generation"], reason, ROOT, each["generation"]))
+    return tuple(stops)

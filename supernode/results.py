@@ -1,0 +1,61 @@
+"""From what the cluster keeps of a job that has ended to a `Result`."""
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import topologies
+from coordinator.errors import ClusterFailed
+from problems import ProblemFile
+from spy.result import Result
+
+
+def result_in(view: Mapping[str, Any]) -> Result:
+    """The result of a job that has ended; of one that never ran, one without an answer.
+
+    Args:
+        view: what `show` tells of the job.
+
+    Raises:
+        ClusterFailed: if it cannot be read.
+    """
+    values = _nothing(view) if view["result"] is None else view["result"]
+    known = {field.name for field in dataclasses.fields(Result)}
+    given = {name: value for name, value in values.items() if name in known}
+    if given.get("fitness") is None:
+        given["fitness"] = math.inf
+    try:
+        return Result(**given)
+    except TypeError as error:
+        raise ClusterFailed(f"job {view['job']}: its result cannot be read: {error}") from error
+
+
+def _nothing(view: Mapping[str, Any]) -> dict[str, Any]:
+    """What a job that never ran would have left."""
+    file = ProblemFile.from_json(view["file"])
+    topology = topologies.parse(file.run.topology)
+    whole = dict.fromkeys(("generations", "evaluations"), 0)
+    seconds = dict.fromkeys(("seconds", "seconds_to_ready", "cpu_seconds"), 0.0)
+    absent = dict.fromkeys(("fitness", "solution", "found_at", "staleness", "history_sha256"))
+    return {
+        "job": view["job"],
+        "kind": file.kind,
+        "status": view["status"],
+        "solved": False,
+        "feasible": False,
+        "nodes": topology.cells,
+        "topology": topology.spec,
+        "deme": file.run.deme,
+        "mode": file.run.mode,
+        "seed": file.run.seed,
+        "run": file.run.model_dump(),
+        "problem_sha256": file.sha256,
+        "versions": {},
+        "directives": [],
+        "messages": dict.fromkeys(("sent", "received", "lost", "rejected"), 0),
+        "message": view.get("message"),
+        **whole,
+        **seconds,
+        **absent,
+    }

@@ -1,0 +1,27 @@
+"""Tables for people: columns as wide as what is in them, numbers to the right."""
+
+from collections.abc import Sequence
+
+
+def table(titles: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
+    """The rows under their titles; None is shown as "-"."""
+    cells = [list(titles), *([_shown(value) for value in row] for row in rows)]
+    widths = [max(len(row[column]) for row in cells) for column in range(len(titles))]
+    right = [
+        bool(rows) and all(isinstance(row[column], int | float | None) for row in rows) for column in range(len(titles))
+    ]
+    return "\n".join(
+        "  ".join(
+            cell.rjust(width) if number else cell.ljust(width)
+            for cell, width, number in zip(row, widths, right, strict=True)
+        ).rstrip()
+        for row in cells
+    )
+
+
+def _shown(value: object) -> str:
+    if value is None:
+        return "-"
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    return str(value)

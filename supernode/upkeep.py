@@ -1,0 +1,148 @@
+"""The life of `supernode up`: one cluster in one state folder, from its start until somebody ends it.
+
+This process is the cluster's lifeline: when it ends, however it ends, every process of the cluster does.
+"""
+
+import argparse
+import importlib.util
+import os
+import queue
+import secrets
+import signal
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+
+from coordinator.errors import ClusterFailed
+from coordinator.launcher import Launcher, ServiceOptions
+from problems.errors import BadInput
+from supernode.client import Client
+from supernode.whereabouts import Card, Place, occupy, remove_card, write_card
+from wire import sessions
+
+_READY_WITHIN = 120.0  # seconds; a thousand nodes on two cores take less than ten
+
+
+@dataclass(frozen=True)
+class Wish:
+    """What `up` was asked for; see its options."""
+
+    topology: str
+    listen: tuple[str, ...]
+    database: str | None
+    max_queue: int | None
+    allow_modules: tuple[str, ...]
+
+
+def wish_of(options: argparse.Namespace) -> Wish:
+    """The options, checked.
+
+    Raises:
+        BadInput: if one is wrong.
+    """
+    if importlib.util.find_spec("sqlalchemy") is None:
+        raise BadInput("up: expected sqlalchemy to be installed: pip install 'supernode[service]'")
+    for endpoint in options.listen:
+        Place.at(endpoint, "--listen")
+    if options.max_queue is not None and options.max_queue < 0:
+        raise BadInput(f"--max-queue: expected at least 0, found {options.max_queue}")
+    spec = _topology(options)
+    modules = tuple(options.allow_module)
+    return Wish(spec, tuple(options.listen), options.database, options.max_queue, modules)
+
+
+def _topology(options: argparse.Namespace) -> str:
+    import topologies
+
+    if options.nodes is not None:
+        if options.nodes < 1:
+            raise BadInput(f"--nodes: expected at least 1, found {options.nodes}")
+        return topologies.torus_of(options.nodes)
+    try:
+        return topologies.parse(options.topology or "torus 4x4").spec
+    except ValueError as error:
+        raise BadInput(f"--topology: {error}") from error
+
+
+class Upkeep:
+    """One cluster in one state folder."""
+
+    def __init__(self, folder: Path, wish: Wish) -> None:
+        self.folder = folder.absolute()
+        self._wish = wish
+        self._ends: queue.SimpleQueue[str | None] = queue.SimpleQueue()  # why it ends; None if it was asked to
+
+    def run(self, say: Callable[[str], None]) -> None:
+        """Start, ``say`` one line when the cluster answers, and keep it up until Ctrl-C, a signal or `down`.
+
+        Raises:
+            BadInput: if the state folder cannot be used.
+            ClusterFailed: if a cluster is up there already, or this one does not come up or breaks.
+        """
+        lock = occupy(self.folder)
+        try:
+            with self._ending_by_signals():
+                self._keep_up(say)
+        finally:
+            remove_card(self.folder)
+            os.close(lock)
+
+    def _keep_up(self, say: Callable[[str], None]) -> None:
+        cluster = secrets.token_hex(4)
+        launcher = self._launch(cluster)
+        try:
+            if not launcher.started.wait(_READY_WITHIN):
+                raise ClusterFailed(f"not ready within {_READY_WITHIN:.0f} s")
+            endpoint = sessions.unix_socket(launcher.folder, "router")
+            nodes = self._wait_until_ready(endpoint)
+            if nodes is None:
+                return
+            write_card(self.folder, Card(endpoint, cluster, os.getpid(), version("supernode")))
+            listens = "".join(f", {each}" for each in self._wish.listen)
+            say(f"up: {nodes} nodes ({self._wish.topology}) in {self.folder}{listens}")
+            self._raise_unless_asked(self._ends.get())
+        finally:
+            remove_card(self.folder)
+            launcher.close()
+
+    def _launch(self, cluster: str) -> Launcher:
+        service = ServiceOptions(
+            state=self.folder,
+            database=self._wish.database,
+            listen=self._wish.listen,
+            max_queue=self._wish.max_queue,
+            allow_modules=self._wish.allow_modules,
+        )
+        return Launcher(cluster, self._wish.topology, self._ends.put, service=service)
+
+    def _wait_until_ready(self, endpoint: str) -> int | None:
+        """Until the coordinator says how many nodes there are; None if it is to end before."""
+        until = time.monotonic() + _READY_WITHIN
+        while True:
+            try:
+                with Client(Place.at(endpoint)) as client:
+                    return len(client.status()["nodes"])
+            except ClusterFailed:
+                if time.monotonic() > until:
+                    raise
+            if not self._ends.empty():
+                self._raise_unless_asked(self._ends.get())
+                return None
+
+    def _raise_unless_asked(self, reason: str | None) -> None:
+        if reason is not None:
+            raise ClusterFailed(reason)
+
+    @contextmanager
+    def _ending_by_signals(self) -> Iterator[None]:
+        """Ctrl-C and SIGTERM end the cluster in good order."""
+        kinds = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+        before = [signal.signal(kind, lambda *_: self._ends.put(None)) for kind in kinds]
+        try:
+            yield
+        finally:
+            for kind, handler in zip(kinds, before, strict=True):
+                signal.signal(kind, handler)

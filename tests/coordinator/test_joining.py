@@ -1,0 +1,127 @@
+"""Clusters whose nodes live in several places and join: the same results as in one, and hosts that come and go."""
+
+import contextlib
+import hashlib
+import os
+import signal
+from pathlib import Path
+
+import pytest
+from places import ROOT, free_port, places, until
+
+import supernode
+from node import Plan, simulate
+from wire import sessions
+from wire.keys import Keys
+
+KEYS = Keys("main")
+
+
+def problem(topology, **run):
+    settings = {"target": -1.0, "generations": 40, "seed": 5} | run
+    return supernode.load(ROOT / "examples" / "arm-ik.toml").with_run(topology=topology, **settings)
+
+
+def history(file):
+    return hashlib.sha256(b"".join(report.digest for report in simulate(Plan.of(file)))).hexdigest()
+
+
+def check(result, file):
+    """It is what a simulation gives."""
+    assert (result.status, result.generations) == ("exhausted", 40)
+    assert result.history_sha256 == history(file)
+    assert result.messages["lost"] == 0
+
+
+def nodes(client):
+    return {node["node"]: node["process"] for node in client.status()["nodes"]}
+
+
+def routed(cluster):
+    """The nodes that hear others through the router, or publish there for the spy."""
+    with contextlib.closing(sessions.client(cluster.endpoint)) as session:
+        replies = list(session.liveliness().get("supernode/main/node/*/routed"))
+        return {int(str(reply.ok.key_expr).split("/")[3]) for reply in replies}
+
+
+def is_alive(process):
+    with contextlib.suppress(OSError):
+        os.kill(process, 0)
+        return True
+    return False
+
+
+@pytest.mark.parametrize("listens", [False, True], ids=["by the router", "direct"])
+def test_a_job_on_two_hosts_is_bit_identical_to_a_simulation(listens):
+    file = problem("torus 2x4")
+    with places(8) as cluster:
+        for number, name in enumerate(("upper", "lower")):
+            address = f"tcp/127.0.0.{number + 2}:{free_port()}"
+            cluster.host(name, 4, **({"LISTEN": address} if listens else {}))
+        with cluster.client() as client:
+            for topology in ("torus 2x4", "ring 8", "torus 2x4"):
+                file = problem(topology)
+                check(client.submit(file).result(60), file)
+            linked_by_router = routed(cluster)
+            asynchronous = client.submit(problem("torus 2x4", mode="async")).result(60)
+    assert linked_by_router == ({0} if listens else set(range(8)))
+    assert asynchronous.status == "exhausted"
+
+
+def test_nodes_and_hosts_come_and_go():
+    with places(4) as cluster:
+        cluster.host("one", 2)
+        with cluster.client() as client:
+            until(lambda: len(nodes(client)) == 2)
+            with pytest.raises(supernode.BadInput, match="the cluster has 4 nodes"):
+                client.submit(problem("ring 5"))
+            waiting = client.submit(problem("ring 4"))
+            assert waiting.state() == "queued"
+            two = cluster.host("two", 2)
+            check(waiting.result(60), problem("ring 4"))
+
+            # A node that dies is forked anew, under its number.
+            before = nodes(client)
+            os.kill(before[2], signal.SIGKILL)
+            until(lambda: nodes(client)[2] not in (None, before[2]))
+            check(client.submit(problem("ring 4")).result(60), problem("ring 4"))
+
+            # A coordinator that takes over finds the nodes that there are.
+            cluster.kill("coordinator")
+            cluster.start("coordinator", NODES=4, STATE=cluster.folder)
+            assert client.submit(problem("ring 4"), id="after").result(60).status == "exhausted"
+            assert nodes(client).keys() == {0, 1, 2, 3}
+
+            # A host takes its nodes with it, and gets their numbers back when it comes again.
+            before = nodes(client)
+            theirs = [process for process in before.values() if _parent(process) == two.pid]
+            assert len(theirs) == 2
+            cluster.kill("two")
+            until(lambda: not any(is_alive(process) for process in theirs))
+            cluster.host("two", 2)
+            until(lambda: set(nodes(client).values()).isdisjoint(theirs))
+            assert nodes(client).keys() == {0, 1, 2, 3}
+            check(client.submit(problem("ring 4")).result(60), problem("ring 4"))
+
+            # Another one makes the cluster larger than was expected; a job on it is heard by a spy that is new too.
+            cluster.host("three", 1)
+            until(lambda: len(nodes(client)) == 5)
+            cluster.kill("spy")
+            cluster.start("spy")
+            check(client.submit(problem("ring 5")).result(60), problem("ring 5"))
+        for name in ("one", "three", "coordinator"):
+            assert cluster.kill(name, signal.SIGTERM) == 0
+
+
+def test_a_second_host_of_the_same_name_is_not_let_in(capfd):
+    with places(2) as cluster:
+        cluster.host("one", 2)
+        with cluster.client() as client:
+            until(lambda: len(nodes(client)) == 2)
+        twin = cluster.start("twin", ["node"], NODES=2, HOST="one")
+        assert twin.wait(60) == 1
+    assert "a host named one is here already" in capfd.readouterr().err
+
+
+def _parent(process):
+    return int(Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[1])

@@ -1,0 +1,171 @@
+"""Processes of a cluster that stays up are killed for real: it mends itself, and every job ends once."""
+
+import contextlib
+import hashlib
+import os
+import signal
+from dataclasses import replace
+from pathlib import Path
+
+import postgres
+import pytest
+from live_service import children_of, live, until
+
+import topologies
+from coordinator.states import ENDS
+from node.replay import replay
+from problems import ProblemFile
+from problems.file import parse
+
+ENDS_WITHIN = 5.0  # seconds
+pytestmark = pytest.mark.timeout(300)
+
+
+def job(generations, cost=0, topology="torus 2x4", **run):
+    """Never solved, so that it ends after so many generations."""
+    fields = f'kind = "function"\nname = "onemax"\ndimension = 64\ncost_us = {cost}\n'
+    file = parse(fields, "faults", Path())
+    return file.with_run(topology=topology, generations=generations, target=-1.0, **run)
+
+
+def runs(*jobs):
+    """Wait until all do, on nodes; none may have ended before."""
+
+    def do():
+        seen = {each.id: each.state() for each in jobs}
+        assert not ENDS & set(seen.values()), seen
+        return set(seen.values()) == {"running"}
+
+    until(do)
+
+
+def breeds(job):
+    """Wait until something was found."""
+    next(job.improvements())
+
+
+def states(job):
+    return [state for state, _ in job.show()["states"]]
+
+
+def history(file, result):
+    """What `spy.result` makes of all worlds in which nobody died, replayed in this process."""
+    worlds = replay(replace(file, fields=file.fields | {"cost_us": 0.0}), result.directives)
+    afterwards = [each["do"] for each in result.directives if each["do"] != "stop"] + ["end"]
+    reports = [world.reports for world, after in zip(worlds, afterwards, strict=True) if after != "replace"]
+    return hashlib.sha256(b"".join(report.digest for world in reports for report in world)).hexdigest()
+
+
+@pytest.fixture(params=["sqlite"])
+def service(request, tmp_path):
+    with contextlib.ExitStack() as stack:
+        url = stack.enter_context(postgres.server()).url() if request.param == "postgres" else None
+        options = [] if url is None else ["--database", url]
+        yield stack.enter_context(live(tmp_path / "state", "torus 4x4", *options))
+
+
+@pytest.mark.parametrize("service", ["sqlite", "postgres"], indirect=True)
+def test_whatever_is_killed_every_job_ends_once(service):
+    victims = ["coordinator", "spy", "router", "node 5"]
+    with service.connect() as client:
+        short = [client.submit(job(100, seed=seed), id=f"short{seed}") for seed in range(10)]
+        long = [
+            client.submit(job(None, 100, seed=seed, stall=10**6), id=f"long{seed}", priority=1) for seed in range(2)
+        ]
+        short += [client.submit(job(100, seed=seed), id=f"short{seed}") for seed in range(10, 20)]
+        for victim in victims:
+            runs(*long)
+            service.kill(victim)
+            client.status()  # it answers again
+        runs(*long)
+        for each in long:
+            each.cancel()  # by their own limits they might end before the last is killed
+        for each, end in [(each, "cancelled") for each in long] + [(each, "exhausted") for each in short]:
+            result = each.result(120)
+            assert (result.status, result.message) == (end, None)
+            assert [state for state in states(each) if state in ENDS] == [end]
+        assert all(each.result().generations == 100 for each in short)
+        assert client.status()["jobs"] == {"cancelled": 2, "exhausted": 20}
+
+
+@pytest.mark.parametrize("mode", ["lockstep", "async"])
+@pytest.mark.parametrize("deme", [1, 8])
+def test_a_dead_node_is_replaced_on_its_cell(tmp_path, mode, deme):
+    file = job(200, 1000 if deme == 1 else 600, "torus 2x3", mode=mode, deme=deme)
+    with live(tmp_path / "state", "torus 2x3") as service, service.connect() as client:
+        running = client.submit(file, id="a")
+        breeds(running)
+        service.kill("node 4")
+        result = running.result(120)
+        assert states(running)[-1] == "exhausted"
+        (directive,) = result.directives
+        cell = str(running.show()["nodes"].index(4))
+        assert (directive["do"], directive["world"]) == ("replace", 1)
+        assert directive["demes_of"].keys() == {cell}
+        assert directive["demes_of"][cell] in topologies.parse("torus 2x3").neighbours(int(cell))
+        assert directive["generations"].keys() == {str(other) for other in range(6)} - {cell}
+        if mode == "lockstep":
+            assert result.generations == file.run.generations
+            assert result.history_sha256 == history(ProblemFile.from_json(running.show()["file"]), result)
+
+
+def test_two_nodes_of_a_job_that_moves_die(tmp_path):
+    file = job(400, 500, "torus 2x3")
+    with live(tmp_path / "state", "torus 2x3") as service, service.connect() as client:
+        running = client.submit(file, id="a")
+        breeds(running)
+        for victim in ("node 1", "node 2"):
+            os.kill(service.processes()[victim], signal.SIGKILL)
+        assert running.rewire("ring 6") > 1
+        service.kill("spy")
+        result = running.result(120)
+        assert (result.status, result.generations) == ("exhausted", 400)
+        assert {directive["do"] for directive in result.directives} == {"replace", "rewire"}
+        assert result.history_sha256 == history(file, result)
+
+
+def test_a_node_dies_while_there_is_no_coordinator(service):
+    with service.connect() as client:
+        running = client.submit(job(400, 200, "torus 4x4"), id="a")
+        breeds(running)
+        os.kill(service.processes()["coordinator"], signal.SIGKILL)
+        service.kill("node 7")
+        result = running.result(120)
+        assert (result.status, result.generations) == ("exhausted", 400)
+        assert result.directives[0]["do"] == "replace"
+
+
+def test_all_nodes_of_a_job_die(tmp_path):
+    with live(tmp_path / "state", "torus 1x2") as service, service.connect() as client:
+        running = client.submit(job(400, 2000, "torus 1x1"), id="a")
+        breeds(running)
+        (node,) = running.show()["nodes"]
+        service.kill(f"node {node}")
+        result = running.result(120)
+        assert (result.status, result.generations) == ("exhausted", 400)
+        assert states(running).count("queued") == 2
+
+
+@pytest.mark.parametrize("victim", ["zygote", "up"])
+def test_when_the_supervisor_is_killed_all_end_and_the_next_goes_on(tmp_path, victim):
+    with live(tmp_path / "state", "torus 2x2") as service:
+        with service.connect() as client:
+            running = client.submit(job(200, 2000, "torus 2x2", seed=3), id="a")
+            queued = client.submit(job(50, topology="torus 2x2"), id="b")
+            breeds(running)
+        process = service.zygote if victim == "zygote" else service.process.pid
+        assert service.all_gone_within(ENDS_WITHIN, lambda: os.kill(process, signal.SIGKILL))
+        assert not service.folder.exists()
+    with live(tmp_path / "state", "torus 2x2") as service, service.connect() as client:
+        for name, before in (("a", running), ("b", queued)):
+            again = client.job(name)
+            assert again.id == before.id
+            assert again.result(120).status == "exhausted"
+        assert states(client.job("a")).count("exhausted") == 1
+
+
+def test_nobody_is_left_behind(service):
+    children = children_of(service.process.pid)
+    service.close()
+    assert not [each for each in children if Path(f"/proc/{each}").exists()]
+    assert not service.folder.exists()

@@ -1,0 +1,101 @@
+"""A real `supernode up`, whose processes a test may kill."""
+
+import contextlib
+import os
+import select
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import supernode
+import supernode.whereabouts
+
+ROOT = Path(__file__).resolve().parents[2]
+PATIENCE = 60.0  # seconds
+_LOOK_EVERY = 0.01  # seconds
+
+
+def until(condition, patience=PATIENCE):
+    """What ``condition`` says once that is something."""
+    end = time.monotonic() + patience
+    while not (found := condition()):
+        assert time.monotonic() < end, "waited in vain"
+        time.sleep(_LOOK_EVERY)
+    return found
+
+
+def children_of(process):
+    """Process ids."""
+    try:
+        return [int(each) for each in Path(f"/proc/{process}/task/{process}/children").read_text().split()]
+    except OSError:
+        return []
+
+
+class LiveService:
+    """A cluster that stays up, until `close`."""
+
+    def __init__(self, state, topology="torus 4x4", *options):
+        self.state = state
+        command = [sys.executable, "-m", "supernode", "up", "--topology", topology, "--state", str(state), *options]
+        environment = os.environ | {"PYTHONPATH": str(ROOT)}
+        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=None, env=environment, text=True)
+        line = self.process.stdout.readline()
+        assert line.startswith("up: "), line
+        (self.zygote,) = children_of(self.process.pid)
+        self.folder = Path(self.card().endpoint.partition("/")[2]).parent
+
+    def card(self):
+        return supernode.whereabouts.read_card(self.state)
+
+    def connect(self):
+        return supernode.connect(self.state)
+
+    def processes(self):
+        """Of the cluster, by name."""
+        found = {}
+        for process in children_of(self.zygote):
+            with contextlib.suppress(OSError):
+                name = Path(f"/proc/{process}/comm").read_text().strip()
+                if name.startswith("sn "):
+                    found[name.removeprefix("sn ")] = process
+        return found
+
+    def kill(self, name, kind=signal.SIGKILL):
+        """Kill one, and wait until another lives in its place. The names are cut, as `ps` shows them."""
+        victim = self.processes()[name]
+        os.kill(victim, kind)
+        until(lambda: self.processes().get(name, victim) != victim)
+
+    def all_gone_within(self, seconds, kill):
+        """Whether every process of the cluster ends within so many seconds after ``kill`` was called."""
+        watched = [os.pidfd_open(process) for process in [*self.processes().values(), self.zygote, self.process.pid]]
+        kill()
+        end = time.monotonic() + seconds
+        waiting = list(watched)
+        while waiting and time.monotonic() < end:
+            ready, _, _ = select.select(waiting, [], [], max(0.0, end - time.monotonic()))
+            waiting = [each for each in waiting if each not in ready]
+        for each in watched:
+            os.close(each)
+        return not waiting
+
+    def close(self):
+        if self.process.poll() is None:
+            self.process.terminate()
+        try:
+            self.process.wait(PATIENCE)
+        finally:
+            self.process.kill()
+            self.process.stdout.close()
+
+
+@contextlib.contextmanager
+def live(state, topology="torus 4x4", *options):
+    service = LiveService(state, topology, *options)
+    try:
+        yield service
+    finally:
+        service.close()

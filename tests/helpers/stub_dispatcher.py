@@ -1,0 +1,121 @@
+"""A dispatcher whose jobs only pass the time: each runs for the seconds that its target says, and ends as solved."""
+
+import dataclasses
+import threading
+import time
+from dataclasses import replace
+
+import topologies
+from coordinator import desk, job
+from coordinator.job import Placing
+from coordinator.scheduler import Scheduler
+from problems import BadInput
+from spy.result import Result
+from wire.news import Improvement
+
+if "priority" not in {field.name for field in dataclasses.fields(job.Order)}:
+
+    @dataclasses.dataclass(frozen=True)
+    class Order(job.Order):
+        priority: int = 0
+        job: str = ""
+
+    desk.Order = Order
+
+
+class StubDispatcher:
+    """Records what it is asked; runs jobs on timers, unless ``manual``."""
+
+    def __init__(self, session, keys, nodes, hooks, *, max_queue=None, manual=False, lost=False):
+        self.hooks = hooks
+        self.scheduler = Scheduler(nodes, max_queue)
+        self.orders = {}
+        self.asked = []
+        self.placings = {}
+        self._manual = manual
+        self._lost = lost  # whether nodes have forgotten their jobs
+        self._lock = threading.RLock()
+        self._timers = {}
+
+    topology = "torus 4x4"
+
+    def submit(self, order, *, accepted_before=False):
+        with self._lock:
+            self.asked.append(("submit", order.number))
+            run = order.file.run
+            topology = topologies.parse(run.topology)
+            self.scheduler.add(order.number, topology.cells, topology.spec, order.priority)
+            self.orders[order.number] = order
+            self._start()
+
+    def adopt(self, order, placing):
+        with self._lock:
+            self.asked.append(("adopt", order.number, placing.nodes, placing.world))
+            self.orders[order.number] = order
+            self.placings[order.number] = placing
+            if self._lost:
+                raise BadInput("they know nothing of it")
+            self.scheduler.occupy(order.number, placing.nodes, order.file.run.topology)
+            self._time(order)
+
+    def cancel(self, number):
+        with self._lock:
+            if number in self.orders:
+                self.end(number, "cancelled")
+
+    def update(self, number, fields):
+        self.asked.append(("update", number, fields))
+        return self._change(number, fields, {}, {"do": "update", "fields": fields})
+
+    def rewire(self, number, topology):
+        self.asked.append(("rewire", number, topology))
+        return self._change(number, {}, {"topology": topology}, {"do": "rewire", "topology": topology})
+
+    def _change(self, number, fields, run, why):
+        now = self.placings[number]
+        self._place(number, replace(now, world=now.world + 1, file=now.file.changed(fields, run), why=why))
+        return now.world + 1
+
+    def _place(self, number, placing):
+        self.placings[number] = placing
+        self.hooks.placed(number, placing)
+
+    def nodes(self):
+        return [{"node": node} for node in range(self.scheduler.nodes)]
+
+    def close(self):
+        for timer in self._timers.values():
+            timer.cancel()
+
+    def end(self, number, status="solved"):
+        with self._lock:
+            order = self.orders.pop(number, None)
+            if order is None:
+                return
+            self.scheduler.remove(number)
+            self.scheduler.free(number)
+            self.hooks.ended(number, result(order, status))
+            self._start()
+
+    def _start(self):
+        for number, nodes in self.scheduler.start():
+            self.hooks.changed(number, "preparing", nodes)
+            self.placings[number] = Placing(0, self.orders[number].file, nodes, 1)
+            self.hooks.changed(number, "running", nodes)
+            self.hooks.improved(number, Improvement(number, 0, 0.1, 3, 1, 0.5, True, {"x": [float("inf")]}))
+            self._time(self.orders[number])
+
+    def _time(self, order):
+        if not self._manual:
+            timer = threading.Timer(order.file.run.target or 0.0, self.end, [order.number])
+            timer.daemon = True
+            self._timers[order.number] = timer
+            timer.start()
+
+
+def result(order, status):
+    """What came of a job of the stub's."""
+    values = dict.fromkeys([field.name for field in dataclasses.fields(Result)])
+    seconds = time.monotonic() - order.submitted
+    given = {"job": str(order.number), "status": status, "fitness": 0.25, "seconds": seconds, "demes": []}
+    return Result(**values | given)

@@ -1,0 +1,17 @@
+"""Run as ``python stub_service.py ROUTER CLUSTER STORE NODES``: a coordinator whose jobs only pass the time."""
+
+import os
+import sys
+from functools import partial
+from pathlib import Path
+
+from stub_dispatcher import StubDispatcher
+
+from coordinator.service import Options, run
+from node.berth import Berth
+
+if __name__ == "__main__":
+    router, cluster, store, nodes = sys.argv[1:]
+    berth = Berth(cluster, 0, f"ring {nodes}", Path("/nowhere"), router)
+    most = os.environ.get("MAX_QUEUE")
+    run(berth, Options(int(nodes), store), partial(StubDispatcher, max_queue=None if most is None else int(most)))

@@ -1,0 +1,65 @@
+"""Jobs that live in several worlds: their states are watched, and they are repeated here from their results."""
+
+import hashlib
+import itertools
+import threading
+
+from node.replay import replay
+
+
+class States:
+    """Hooks of a dispatcher that keep each job's states, to be waited for."""
+
+    def __init__(self):
+        self.told = []  # (job, status), in their order
+        self._changed = threading.Condition()
+
+    def changed(self, number, status, nodes):
+        with self._changed:
+            self.told.append((number, status))
+            self._changed.notify_all()
+
+    def placed(self, number, placing):
+        pass
+
+    def improved(self, number, improvement):
+        pass
+
+    def ended(self, number, outcome):
+        pass
+
+    def wait(self, job, status, times=1, timeout=60):
+        """Until a job has come into a state so many times."""
+        state = (job.order.number, status)
+        with self._changed:
+            assert self._changed.wait_for(lambda: self.told.count(state) >= times, timeout), (state, self.told)
+
+    def of(self, job):
+        with self._changed:
+            return [status for number, status in self.told if number == job.order.number]
+
+    def order_of(self, status, jobs):
+        """The places in ``jobs`` in the order in which they came into a state."""
+        numbers = [job.order.number for job in jobs]
+        with self._changed:
+            return [numbers.index(number) for number, each in self.told if each == status and number in numbers]
+
+
+def history(lived):
+    """The digest that a result has of the worlds that were lived through."""
+    digest = hashlib.sha256()
+    for world, after in itertools.zip_longest(lived, lived[1:]):
+        if after is None or after.why["do"] != "replace":
+            for report in world.reports:
+                digest.update(report.digest)
+    return digest.hexdigest()
+
+
+def again(file, result):
+    """The history of the run that a result tells of, lived through once more."""
+    return history(replay(file.with_run(**result.run), result.directives))
+
+
+def turns_of(result):
+    """What led from world to world."""
+    return [(each["do"], each["world"]) for each in result.directives if each["do"] != "stop"]

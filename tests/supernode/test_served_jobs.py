@@ -1,0 +1,233 @@
+"""Clients of a real cluster: what they see of one job together, what they are refused, and when answers come."""
+
+import json
+import os
+import signal
+import statistics
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import msgpack
+import pytest
+from live_service import ROOT, live, until
+
+import supernode
+from benchmarks import service as benchmark
+from problems.file import parse
+from supernode.__main__ import main
+from wire import jobs, sessions
+from wire.callbacks import direct
+from wire.jobs import JobState, Refused
+from wire.keys import Keys
+from wire.news import Improvement
+
+LATE = 0.05  # seconds, at most
+ARM = supernode.load(ROOT / "examples" / "arm-ik.toml")
+WATCHER = """
+import sys, supernode
+with supernode.connect(sys.argv[1]) as client:
+    job = client.job(sys.argv[2])
+    print("watches", flush=True)
+    for better in job.improvements():
+        print(better.world, better.generation, better.cell, better.fitness, flush=True)
+"""
+
+pytestmark = pytest.mark.timeout(180)
+
+
+def job(generations=None, cost=0, topology="torus 2x2", dimension=64, **run):
+    """Never solved."""
+    fields = f'kind = "function"\nname = "onemax"\ndimension = {dimension}\ncost_us = {cost}\n'
+    return parse(fields, "job", Path()).with_run(topology=topology, generations=generations, target=-1.0, **run)
+
+
+@pytest.fixture(scope="module")
+def service(tmp_path_factory):
+    with live(tmp_path_factory.mktemp("service") / "state", "torus 2x2", "--max-queue", "1") as service:
+        yield service
+
+
+@pytest.fixture
+def client(service):
+    with service.connect() as client:
+        yield client
+        for each in client.jobs():
+            if each["ended"] is None:
+                client.job(each["job"]).cancel()
+        until(lambda: all(each["ended"] is not None for each in client.jobs()))
+
+
+@pytest.fixture
+def command(service, capsys):
+    """Runs a command on the service: exit code and the one line of its error."""
+
+    def run(name, *arguments):
+        try:
+            code = main([name, *(str(argument) for argument in arguments), "--state", str(service.state)])
+        except SystemExit as error:
+            code = error.code
+        captured = capsys.readouterr()
+        (line,) = captured.err.splitlines()
+        assert captured.out == ""
+        return code, line
+
+    return run
+
+
+def watcher(service, job):
+    command = [sys.executable, "-c", WATCHER, str(service.state), job]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=os.environ | {"PYTHONPATH": str(ROOT)})
+
+
+class Ear:
+    """Hears what is published, and when."""
+
+    def __init__(self, service):
+        card = service.card()
+        self.states, self.answers = {}, []
+        self.session = sessions.client(card.endpoint)
+        self.session.declare_subscriber(Keys(card.cluster).state, direct(self.hear_state))
+        self.session.declare_subscriber(Keys(card.cluster).best, direct(self.hear_best))
+
+    def hear_state(self, sample):
+        state = JobState.decode(sample.payload.to_bytes())
+        self.states.setdefault((state.job, state.status), time.time())
+
+    def hear_best(self, sample):
+        self.answers.append(Improvement.decode(sample.payload.to_bytes()))
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.session.close()
+
+
+def test_two_clients_see_the_same_improvements_in_the_same_order(service, client):
+    before = client.submit(job(cost=1000))  # has all nodes, until both watch
+    running = client.submit(job(300, dimension=500), id="watched")
+    watchers = [watcher(service, "watched") for _ in range(2)]
+    assert [process.stdout.readline() for process in watchers] == ["watches\n"] * 2
+    before.cancel()
+    one, other = [process.communicate(timeout=60)[0].splitlines() for process in watchers]
+    assert running.result().status == "exhausted"
+    assert len(one) > 5
+    assert one == other
+    fitness = [float(line.split()[-1]) for line in one]
+    assert fitness == sorted(fitness, reverse=True)
+
+
+def test_a_client_that_stops_reading_slows_nobody(service, client):
+    card, blocked = service.card(), threading.Event()
+    stuck = sessions.client(card.endpoint)
+    stuck.declare_subscriber(f"supernode/{card.cluster}/**", direct(lambda _: blocked.wait(60)))
+    running = client.submit(job(500, 100, dimension=500), id="slow-reader")
+    stopped = watcher(service, "slow-reader")
+    assert stopped.stdout.readline() == "watches\n"
+    stopped.send_signal(signal.SIGSTOP)
+    try:
+        with Ear(service) as ear:
+            began = time.monotonic()
+            assert client.status()["jobs"]["running"] == 1
+            assert time.monotonic() - began < 5
+            assert running.result(60).status == "exhausted"
+            for seed in range(20):
+                assert client.submit(job(20, dimension=500), seed=seed).result(10).status == "exhausted"
+            assert len(ear.answers) > 20
+    finally:
+        stopped.kill()
+        stopped.communicate()
+        blocked.set()
+        stuck.close()
+
+
+@pytest.mark.parametrize("cost", [0, 20_000])
+def test_the_answer_at_the_deadline_is_in_time(service, client, cost):
+    late = []
+    with Ear(service) as ear:
+        for turn in range(5):
+            name = f"deadline-{cost}-{turn}"
+            running = client.submit(job(cost=cost, seconds=0.7), id=name)
+            answer = running.answer(10)
+            heard = until(lambda name=name: ear.states.get((name, "deadline")))
+            late.append(heard - running.show()["submitted"] - 0.7)
+            assert answer is not None
+            result = running.result(30)
+            assert (result.status, result.solved) == ("deadline", False)
+            assert result.fitness <= answer.fitness
+            assert [state for state, _ in running.show()["states"]][-1] == "deadline"
+    assert min(late) >= 0
+    assert statistics.median(late) <= LATE
+
+
+def test_the_deadline_of_a_job_that_never_leaves_the_queue(service, client):
+    with Ear(service) as ear:
+        client.submit(job(cost=1000), id="has-all-nodes")
+        waiting = client.submit(job(seconds=0.5), id="waits")
+        result = waiting.result(10)
+        assert result.status == "deadline"
+        assert result.solution is None
+        assert 0 <= ear.states["waits", "deadline"] - waiting.show()["submitted"] - 0.5 <= LATE
+        assert [state for state, _ in waiting.show()["states"]] == ["submitted", "queued", "deadline"]
+
+
+def test_refusals(service, client, command, tmp_path):
+    toml = tmp_path / "job.toml"
+    toml.write_text('kind = "function"\nname = "onemax"\ndimension = 64\n')
+    bad = tmp_path / "bad.toml"
+    bad.write_text('kind = "function"\nname = "onemin"\n')
+    assert command("watch", "nobody") == (2, "error: there is no job 'nobody'")
+    assert command("cancel", "nobody") == (2, "error: there is no job 'nobody'")
+    code, said = command("submit", toml, "--torus", "3x3")
+    assert (code, said) == (2, "error: the job asks for 9 cells (torus 3x3), the cluster has 4 nodes")
+    code, said = command("submit", bad)
+    assert code == 2
+    assert said.startswith(f"error: {bad}: name: expected")
+    with pytest.raises(supernode.BadInput, match="name: expected"):  # nor does the cluster believe a client
+        client.submit(parse(bad.read_text(), "bad.toml", Path()), topology="torus 2x2")
+    client.submit(job(cost=5000), id="first")
+    client.submit(job(cost=5000), id="second")
+    code, said = command("submit", toml, "--torus", "2x2", "--id", "third")
+    assert (code, said) == (1, "error: the queue is full: 1 jobs wait, at most 1 may")
+    assert command("watch", "third") == (2, "error: there is no job 'third'")
+
+
+def test_an_update_that_is_refused_leaves_the_old_world(client, command, tmp_path):
+    file = supernode.load(ROOT / "examples" / "mobile-robot.toml").with_run(topology="torus 2x2", target=-1.0)
+    running = client.submit(file, id="moved", stall=100_000, seconds=60)
+    next(running.improvements())
+    start = file.fields["start"]
+    patch = tmp_path / "patch.toml"
+    center = json.dumps(start[:2])
+    patch.write_text(f'[[obstacles]]\nshape = "circle"\ncenter = {center}\nradius = 0.5\n')
+    code, said = command("update", "moved", patch)
+    assert code == 2
+    assert "start" in said
+    assert running.state() == "running"
+    assert running.show()["worlds"] == []
+    assert running.update(obstacles=[]) == 1
+    running.cancel()
+    assert [each["do"] for each in running.result(30).directives][:1] == ["update"]
+
+
+def test_a_client_of_another_version(service):
+    card = service.card()
+    session = sessions.client(card.endpoint)
+    payload = msgpack.packb([jobs.VERSION + 1, "status", {}])
+    (reply,) = [reply.ok.payload.to_bytes() for reply in session.get(Keys(card.cluster).jobs, payload=payload)]
+    session.close()
+    said = f"this cluster speaks version {jobs.VERSION} of the protocol, the request version {jobs.VERSION + 1}"
+    assert jobs.decode_answer(reply) == Refused(said)
+
+
+def test_many_jobs_lose_and_leave_nothing():
+    measured = benchmark.measure(40, 20, "torus 2x2")
+    assert set(measured.ends.values()) == {1}
+    assert len(measured.running) == 40
+    for name, held in measured.held.items():
+        before = measured.settled[name]
+        assert held.descriptors <= before.descriptors + 1
+        assert held.sockets <= before.sockets

@@ -1,0 +1,86 @@
+"""What a client makes of news that are lost, repeated, late, or of other jobs."""
+
+import pytest
+
+from supernode.trail import LOOK_EVERY, Trail, improvement_in
+from wire.jobs import JobState
+from wire.news import Improvement
+
+
+def better(fitness, job=1, world=0):
+    return Improvement(job, world, 0.5, 4, 3, float(fitness), True, {})
+
+
+def view(best=None, status="running", number=1):
+    return {"job": "a", "number": number, "status": status, "best": best}
+
+
+def state(status, job="a", number=1):
+    return JobState(job, number, status, None, None, 0.0)
+
+
+def fitnesses(trail):
+    return [each.fitness for each in trail.improvements]
+
+
+@pytest.fixture
+def trail():
+    return Trail("a", 0.0)
+
+
+def test_what_came_before_the_number_was_known_is_kept_in_order(trail):
+    for each in (better(9), better(5, job=2), better(7)):
+        trail.hear_best(each, 0.0)
+    assert fitnesses(trail) == []
+    trail.hear_state(state("running", job="b", number=2), 0.0)
+    assert fitnesses(trail) == []
+    trail.hear_state(state("running"), 0.0)
+    assert fitnesses(trail) == [9.0, 7.0]
+
+
+def test_the_first_view_comes_at_its_place_among_the_early_ones(trail):
+    trail.hear_best(better(5), 0.0)
+    trail.hear_view(view(better(7)), 0.0)
+    assert fitnesses(trail) == [7.0, 5.0]
+
+
+def test_repeated_and_late_ones_are_dropped(trail):
+    trail.hear_view(view(better(7)), 0.0)
+    for fitness in (7, 5, 6, 5, 4):
+        trail.hear_best(better(fitness), 0.0)
+    assert fitnesses(trail) == [7.0, 5.0, 4.0]
+
+
+def test_a_later_world_begins_anew(trail):
+    trail.hear_view(view(better(1)), 0.0)
+    trail.hear_best(better(8, world=1), 0.0)
+    trail.hear_best(better(0, world=0), 0.0)
+    assert fitnesses(trail) == [1.0, 8.0]
+    assert trail.best(1).fitness == 8.0
+    assert trail.best(2) is None
+
+
+def test_a_view_after_the_end_is_the_end_and_brings_what_was_lost(trail):
+    trail.hear_view(view(better(7)), 0.0)
+    trail.hear_state(state("solved"), 0.2)
+    assert trail.end is None
+    assert trail.look_at == 0.2
+    trail.hear_view(view(better(0), "solved"), 0.3)
+    assert trail.end["status"] == "solved"
+    assert fitnesses(trail) == [7.0, 0.0]
+
+
+def test_news_put_off_the_next_look(trail):
+    trail.hear_view(view(), 5.0)
+    assert trail.look_at == 5.0 + LOOK_EVERY
+    trail.hear_best(better(3), 5.5)
+    assert trail.look_at == 5.5 + LOOK_EVERY
+    trail.hear_best(better(2, job=2), 5.9)
+    assert trail.look_at == 5.5 + LOOK_EVERY
+
+
+def test_an_improvement_of_show():
+    told = vars(better(2)) | {"fitness": None, "more": 1}
+    assert improvement_in(told).fitness == float("inf")
+    with pytest.raises((KeyError, TypeError)):
+        improvement_in({"fitness": 1.0})

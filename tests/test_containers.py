@@ -1,0 +1,91 @@
+"""The containers' description, and its services as plain processes with the very settings that it gives them."""
+
+import os
+import re
+import subprocess
+import sys
+import tomllib
+
+import pytest
+import yaml
+from places import ROOT, free_port, places, until
+
+import supernode
+from supernode.__main__ import main
+
+COMPOSE = yaml.safe_load((ROOT / "docker-compose.yml").read_text())
+SERVICES = COMPOSE["services"]
+DOCKERFILE = (ROOT / "Dockerfile").read_text()
+
+
+@pytest.mark.parametrize("service", SERVICES)
+def test_each_service_runs_a_command_that_knows_its_settings(service, capsys):
+    with pytest.raises(SystemExit) as ended:
+        main([*SERVICES[service]["command"], "--help"])
+    assert ended.value.code == 0
+    help_text = capsys.readouterr().out
+    assert all(f"[{name}]" in help_text for name in SERVICES[service]["environment"])
+
+
+@pytest.mark.parametrize("service", SERVICES)
+def test_each_service_has_a_health_check_and_no_more_rights_than_it_needs(service):
+    described = SERVICES[service]
+    assert described["healthcheck"]["test"]
+    assert described["cap_drop"] == ["ALL"]
+    assert all(port.startswith("127.0.0.1:") for port in described.get("ports", ()))
+
+
+def test_what_a_service_depends_on_is_there():
+    for described in SERVICES.values():
+        assert set(described.get("depends_on", ())) <= SERVICES.keys()
+        assert {volume.split(":")[0] for volume in described.get("volumes", ())} <= COMPOSE["volumes"].keys()
+        assert set(described["networks"]) <= COMPOSE["networks"].keys()
+
+
+def test_the_nodes_are_as_many_as_the_coordinator_expects():
+    node = SERVICES["node"]
+    expected = int(SERVICES["coordinator"]["environment"]["SUPERNODE_NODES"])
+    assert node["scale"] * int(node["environment"]["SUPERNODE_NODES"]) == expected
+
+
+def test_no_container_runs_as_root_and_the_image_has_the_python_that_the_project_asks_for():
+    *_, final = DOCKERFILE.split("\nFROM ")
+    assert re.findall(r"^USER (.+)$", final, re.MULTILINE) == ["supernode"]
+    python = re.search(r"^ARG PYTHON=(.+)$", DOCKERFILE, re.MULTILINE)[1]
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    assert f">={python}" in project["requires-python"]
+    used = set(re.findall(r"more\['(\w+)'\]", DOCKERFILE))
+    assert used <= project["optional-dependencies"].keys()
+
+
+def test_the_services_as_plain_processes_solve_a_job():
+    """Names of containers become addresses of this machine; all else is as it is described."""
+    with places(None) as cluster:
+        replaced = {
+            "tcp/router:7447": cluster.endpoint,
+            "tcp/0.0.0.0:7447": cluster.endpoint,
+            "/var/lib/supernode": str(cluster.folder),
+        }
+        started = []
+        for name, described in SERVICES.items():
+            for copy in range(described.get("scale", 1)):
+                told = {"tcp/0.0.0.0:7450": f"tcp/127.0.0.{copy + 2}:{free_port()}"} | replaced
+                variables = {key: told.get(value, value) for key, value in described["environment"].items()}
+                started.append((name, variables))
+                cluster.run(f"{name} {copy}", described["command"], variables)
+        with cluster.client() as client:
+            result = client.submit(supernode.load(ROOT / "examples" / "arm-ik.toml")).result(100)
+        for name, variables in dict(started).items():
+            until(lambda name=name, variables=variables: is_healthy(SERVICES[name], variables, cluster.endpoint))
+    assert (result.status, result.nodes) == ("solved", 16)
+
+
+def is_healthy(described, variables, endpoint):
+    """What the engine would find out; the image has `supernode` and `python` on its path."""
+    kind, *words = described["healthcheck"]["test"]
+    words = [word.replace("$$", "$").replace("7447", endpoint.rpartition(":")[2]) for word in words]
+    command = ["sh", "-c", f'supernode() {{ "{sys.executable}" -m supernode "$@"; }}; {words[0]}']
+    if kind == "CMD":
+        command = [sys.executable if word == "python" else word for word in words]
+    environment = os.environ | {"PYTHONPATH": str(ROOT)} | variables
+    return subprocess.run(command, env=environment, check=False, stdout=subprocess.DEVNULL).returncode == 0

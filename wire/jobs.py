@@ -1,0 +1,346 @@
+"""What clients and the coordinator say to each other: requests, their answers, and the changes of jobs' states.
+
+Unlike what nodes say among themselves this is for programs in any language, so arguments are named, and a program of
+another version is told so instead of being ignored.
+"""
+
+import dataclasses
+import json
+import math
+import re
+from dataclasses import dataclass
+from typing import Any, ClassVar, TypeVar
+
+from wire.strict import MOST_BYTES, MOST_ELEMENTS, Rejected, count, fields, of, pack, unpack
+
+VERSION = 1  # of this protocol
+MOST_FILE_BYTES = 8 << 20  # of a problem file, in UTF-8
+MOST_LISTED = 10_000  # jobs in one answer
+MOST_PRIORITY = 1_000_000  # in either direction
+
+_MOST_REQUEST_BYTES = MOST_FILE_BYTES + 4096
+_MOST_ARGUMENTS = 16
+_MOST_NAME = 64
+_MOST_TOPOLOGY = 256
+_ID = re.compile(r"[A-Za-z0-9._-]{1,64}")
+_Of = TypeVar("_Of")
+
+
+@dataclass(frozen=True)
+class Submit:
+    """A job to be done.
+
+    Attributes:
+        file: the problem file, as `ProblemFile.to_json` writes it.
+        id: of the client's choice, so that a repeated request is the same job; or None.
+        priority: of two jobs in the queue the one of higher priority is done first.
+    """
+
+    name: ClassVar[str] = "submit"
+    file: str
+    id: str | None = None
+    priority: int = 0
+
+
+@dataclass(frozen=True)
+class ListJobs:
+    """Which jobs there are: the newest ``limit``, newest last."""
+
+    name: ClassVar[str] = "list"
+    limit: int | None = None
+
+
+@dataclass(frozen=True)
+class Show:
+    """All about one job."""
+
+    name: ClassVar[str] = "show"
+    job: str
+
+
+@dataclass(frozen=True)
+class Cancel:
+    """End a job; its result is the best so far."""
+
+    name: ClassVar[str] = "cancel"
+    job: str
+
+
+@dataclass(frozen=True)
+class Update:
+    """The world of a job has moved: each top-level key of ``patch``, a JSON object, replaces the problem's own."""
+
+    name: ClassVar[str] = "update"
+    job: str
+    patch: str
+
+
+@dataclass(frozen=True)
+class Rewire:
+    """Another topology for a job that runs."""
+
+    name: ClassVar[str] = "rewire"
+    job: str
+    topology: str
+
+
+@dataclass(frozen=True)
+class Status:
+    """How the cluster is."""
+
+    name: ClassVar[str] = "status"
+
+
+@dataclass(frozen=True)
+class Down:
+    """End the whole cluster."""
+
+    name: ClassVar[str] = "down"
+
+
+Request = Submit | ListJobs | Show | Cancel | Update | Rewire | Status | Down
+
+_REQUESTS: dict[str, type[Request]] = {
+    request.name: request for request in (Submit, ListJobs, Show, Cancel, Update, Rewire, Status, Down)
+}
+
+
+@dataclass(frozen=True)
+class Done:
+    """The answer to a request: plain values, see docs/protocol.md."""
+
+    value: Any
+
+
+@dataclass(frozen=True)
+class Refused:
+    """The request was not carried out; ``blame`` is "input" if the client's input is at fault, else "failure"."""
+
+    message: str
+    blame: str = "input"
+
+
+Answer = Done | Refused
+
+
+@dataclass(frozen=True)
+class JobState:
+    """A job's state has changed.
+
+    Attributes:
+        job: the id.
+        number: what `wire.news.Improvement` calls the job.
+        fitness: of the best verified answer so far, if there is one.
+        message: why it failed, or what else there is to say.
+        at: Unix time, seconds.
+    """
+
+    job: str
+    number: int
+    status: str
+    fitness: float | None
+    message: str | None
+    at: float
+
+    def encode(self) -> bytes:
+        """As msgpack."""
+        message = None if self.message is None else sayable(self.message)
+        return pack([VERSION, self.job, self.number, self.status, _finite(self.fitness), message, self.at])
+
+    @staticmethod
+    def decode(payload: bytes) -> "JobState":
+        """The inverse of `encode`.
+
+        Raises:
+            Rejected: whatever is wrong with it.
+        """
+        version, job, number, status, fitness, message, at = fields(unpack(payload), 7)
+        if type(version) is not int or version != VERSION:
+            raise Rejected("other version")
+        return JobState(
+            job_id(job),
+            count(number),
+            of(str, status),
+            None if fitness is None else _number(fitness),
+            None if message is None else of(str, message),
+            _number(at),
+        )
+
+
+def encode(request: Request) -> bytes:
+    """As msgpack."""
+    return pack([VERSION, request.name, dataclasses.asdict(request)])
+
+
+def decode(payload: bytes) -> Request:
+    """The inverse of `encode`; arguments that have a default may be missing.
+
+    Raises:
+        Rejected: whatever is wrong with it, in words for the client.
+    """
+    if len(payload) > _MOST_REQUEST_BYTES:
+        raise Rejected(f"expected a request of at most {_MOST_REQUEST_BYTES} bytes, found {len(payload)}")
+    try:
+        message = unpack(payload, _MOST_REQUEST_BYTES, _MOST_ARGUMENTS, _MOST_ARGUMENTS)
+    except Rejected as error:
+        raise Rejected(f"expected a request [version, name, arguments] in msgpack, found it {error.reason}") from error
+    _check_version(message)
+    match message:
+        case [_, str(name), dict(arguments)]:
+            return _request(name, arguments)
+    raise Rejected("expected a request [version, name, arguments]")
+
+
+def encode_answer(answer: Answer) -> bytes:
+    """As msgpack."""
+    match answer:
+        case Done(value):
+            return pack(["done", value])
+        case Refused(message, blame):
+            return pack(["refused", sayable(message), blame])
+
+
+def decode_answer(payload: bytes) -> Answer:
+    """The inverse of `encode_answer`.
+
+    Raises:
+        Rejected: whatever is wrong with it.
+    """
+    match unpack(payload, MOST_BYTES, MOST_ELEMENTS, MOST_ELEMENTS):
+        case ["done", value]:
+            return Done(value)
+        case ["refused", str(message), "input" | "failure" as blame]:
+            return Refused(message, blame)
+    raise Rejected("no such answer")
+
+
+def job_id(value: object) -> str:
+    """``value`` if it can be a job's id.
+
+    Raises:
+        Rejected: if not.
+    """
+    if type(value) is not str or not _ID.fullmatch(value):
+        found = repr(value if type(value) is not str or len(value) <= _MOST_NAME else f"{value[:_MOST_NAME]}…")
+        raise Rejected(f"expected a job's id, 1 to 64 of the characters A-Z a-z 0-9 . _ -, found {sayable(found)}")
+    return value
+
+
+def sayable(text: str) -> str:
+    """``text`` without what UTF-8 cannot say (lone surrogates, which JSON allows)."""
+    return text.encode("utf-8", "replace").decode("utf-8")
+
+
+def _check_version(message: list[Any]) -> None:
+    version = message[0] if message else None
+    if type(version) is not int:
+        raise Rejected("expected a request [version, name, arguments], found no version")
+    if version != VERSION:
+        raise Rejected(f"this cluster speaks version {VERSION} of the protocol, the request version {version}")
+
+
+def _request(name: str, arguments: dict[str, Any]) -> Request:
+    kind = _REQUESTS.get(name)
+    if kind is None:
+        raise Rejected(f"expected one of {', '.join(_REQUESTS)}, found {_short(name)}")
+    known = {field.name: field for field in dataclasses.fields(kind)}
+    for unknown in arguments.keys() - known.keys():
+        raise Rejected(f"{name}: expected {_listed(known)}, found {_short(unknown)}")
+    for field in known.values():
+        if field.default is dataclasses.MISSING and field.name not in arguments:
+            raise Rejected(f"{name}: expected {_listed(known)}, found no {field.name}")
+    checked = {each: _argument(name, each, value) for each, value in arguments.items()}
+    return kind(**checked)
+
+
+def _argument(request: str, name: str, value: Any) -> Any:
+    try:
+        return _CHECKS[name](value)
+    except Rejected as error:
+        raise Rejected(f"{request}: {name}: {error.reason}") from error
+
+
+def _file(value: object) -> str:
+    file = _text(value)
+    if len(file.encode()) > MOST_FILE_BYTES:
+        raise Rejected(f"expected at most {MOST_FILE_BYTES} bytes, found {len(file.encode())}")
+    return file
+
+
+def _text(value: object) -> str:
+    return _a(str, value, "text")
+
+
+def _patch(value: object) -> str:
+    """The text of a JSON object; what is in it is for the problem to say."""
+    patch = _text(value)
+    try:
+        table = json.loads(patch)
+    except (ValueError, RecursionError) as error:
+        raise Rejected(f"expected a JSON object, found {_short(patch)}") from error
+    if not isinstance(table, dict):
+        raise Rejected(f"expected a JSON object, found {_short(patch)}")
+    return patch
+
+
+def _topology(value: object) -> str:
+    spec = _text(value)
+    if len(spec) > _MOST_TOPOLOGY:
+        raise Rejected(f"expected at most {_MOST_TOPOLOGY} characters, found {len(spec)}")
+    return spec
+
+
+def _optional_id(value: object) -> str | None:
+    return None if value is None else job_id(value)
+
+
+def _limit(value: object) -> int | None:
+    return None if value is None else _between(value, 0, MOST_LISTED)
+
+
+def _priority(value: object) -> int:
+    return _between(value, -MOST_PRIORITY, MOST_PRIORITY)
+
+
+_CHECKS = {
+    "file": _file,
+    "id": _optional_id,
+    "priority": _priority,
+    "limit": _limit,
+    "job": job_id,
+    "patch": _patch,
+    "topology": _topology,
+}
+
+
+def _between(value: object, low: int, high: int) -> int:
+    number = _a(int, value, "a whole number")
+    if not low <= number <= high:
+        raise Rejected(f"expected a whole number from {low} to {high}, found {number}")
+    return number
+
+
+def _a(kind: type[_Of], value: object, what: str) -> _Of:
+    if type(value) is not kind:
+        raise Rejected(f"expected {what}, found {_short(value)}")
+    return value
+
+
+def _number(value: object) -> float:
+    number = of(float, value)
+    if not math.isfinite(number):
+        raise Rejected("not finite")
+    return number
+
+
+def _finite(fitness: float | None) -> float | None:
+    return None if fitness is None or not math.isfinite(fitness) else fitness
+
+
+def _listed(names: dict[str, Any]) -> str:
+    return f"the arguments {', '.join(names)}" if names else "no arguments"
+
+
+def _short(value: object) -> str:
+    text = repr(value)
+    return sayable(text if len(text) <= _MOST_NAME else f"{text[: _MOST_NAME - 1]}…")
