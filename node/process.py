@@ -380,7 +380,9 @@ class NodeProcess:
         assignment = self.assignment
         if assignment is None or assignment.job != command.job:
             return False
-        return assignment.world < command.world and assignment.cell.state != "prepared"
+        # One that has been told to begin may not have come to it yet.
+        has_begun = assignment.begun is not None or assignment.cell.state != "prepared"
+        return assignment.world < command.world and has_begun
 
     def _keep(self, links: Links) -> None:
         """From now on these; those before serve a world that has not stopped yet, or nobody."""
