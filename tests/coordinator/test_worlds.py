@@ -232,6 +232,16 @@ def test_many_changes_in_a_row_while_another_job_runs(cluster, function):
         assert result.generations == sum(each["generation"] for each in result.directives)
 
 
+def test_an_update_may_come_before_all_cells_have_begun(cluster, states, function):
+    for seed in range(30):
+        job = cluster.submit(function, **ENDLESS, seed=seed)
+        states.wait(job, "running")
+        assert job.update(name="sphere") == 1
+        result = cancelled(job)
+        assert turns_of(result) == [("update", 1)]
+        assert result.history_sha256 == again(function, result)
+
+
 def test_a_limit_of_generations_is_one_of_the_job_and_not_of_a_world(cluster, states, function):
     job = cluster.submit(function, target=-1.0, generations=3000, topology="torus 2x2")
     states.wait(job, "running")
