@@ -1,4 +1,4 @@
-"""The life of `supernode up`, with a launcher that starts a played coordinator; see test_served_jobs.py for real ones."""
+"""The life of `supernode up`, its launcher starting a played coordinator; see test_served_jobs.py for real ones."""
 
 import os
 import signal
