@@ -10,15 +10,14 @@ import contextlib
 import json
 import os
 import queue
-import threading
 import time
-from collections import deque
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import partial
 
 import zenoh
 
 import topologies
+from node.assignment import Assignment, Coming
 from node.berth import Berth
 from node.cell import (
     Action,
@@ -28,8 +27,6 @@ from node.cell import (
     Asked,
     Cell,
     Complain,
-    Event,
-    Message,
     Propose,
     Publish,
     Start,
@@ -50,9 +47,6 @@ from wire.strict import Rejected
 
 PATIENCE = 1.0  # seconds without a generation, at least, after which a lockstep node asks for what is missing
 MOST_REPORTS_PER_SECOND = 256  # of counters, over the whole cluster
-BRISK_SECONDS = 2e-3  # of processor time: what is bred between two exchanges in less may be on the network thread
-_MEASURED_EVERY = 16  # steps: to ask for the time used costs as much as a message
-BRISK_BYTES = 1 << 14  # longer messages may have to wait for room to leave; on the network thread nothing may wait
 
 
 def live(berth: Berth) -> None:
@@ -63,97 +57,6 @@ def live(berth: Berth) -> None:
     NodeProcess(berth).run()
 
 
-class _Assignment:
-    """The world of a job that this node is at.
-
-    Attributes:
-        links: to the neighbours in this world.
-        news: messages for the cell; the network thread appends.
-        events: for the cell; any thread may append.
-        turn: held by the thread that carries the cell on.
-        brisk: whether that is the network thread, for now.
-        begun: to be answered with the report.
-        report: what the cell had to say when it stopped, encoded.
-        bred_at: when the latest generations were bred, on the monotonic clock,
-        gap: and how long after those before, in seconds.
-        most: generations that may be bred at once: as many as take little time.
-    """
-
-    def __init__(self, cell: Cell, links: Links, news: list[Message] | None = None) -> None:
-        self.cell = cell
-        self.links = links
-        self.news: list[Message] = [] if news is None else news
-        self.events: deque[Event] = deque()
-        self.turn = threading.Lock()
-        self.brisk = False
-        self.begun: zenoh.Query | None = None
-        self.report: bytes | None = None
-        self.bred_at = time.monotonic()
-        self.gap = 0.0
-        self.most = 1
-        plan = cell.plan
-        self._unmeasured = 0
-        self._interval = plan.run.interval
-        self.in_lockstep = plan.run.mode == "lockstep"
-        self._may_be_brisk = self.in_lockstep and plan.problem.any_thread and plan.limits.most_bytes <= BRISK_BYTES
-
-    @property
-    def job(self) -> int:
-        """Its number."""
-        return self.cell.job
-
-    @property
-    def world(self) -> int:
-        """Its number in the job."""
-        return self.cell.plan.world
-
-    @property
-    def busy(self) -> bool:
-        """Whether there is something to do for the cell right now."""
-        return bool(self.news or self.events) or self.cell.ready
-
-    def step(self) -> list[Action]:
-        """Let the cell take what is here now, but not what comes meanwhile; within ``turn`` only."""
-        cell = self.cell
-        news = self.news[:]
-        del self.news[: len(news)]
-        events = [self.events.popleft() for _ in range(len(self.events))] if self.events else ()
-        generation = cell.rows.generation
-        measured = self._unmeasured == 0
-        used = time.thread_time() if measured else 0.0
-        actions = cell.step(news, events, self.most)
-        bred = cell.rows.generation - generation
-        if bred:
-            now = time.monotonic()
-            self.gap, self.bred_at = now - self.bred_at, now
-            self._unmeasured = (self._unmeasured + 1) % _MEASURED_EVERY
-            if measured:
-                each = (time.thread_time() - used) / bred
-                self.most = max(1, int(BRISK_SECONDS / max(each, 1e-6)))
-                self.brisk = self._may_be_brisk and each * self._interval < BRISK_SECONDS
-        return actions
-
-
-@dataclass
-class _Coming:
-    """The next world of the job, which begins when the one before has stopped.
-
-    Attributes:
-        since: generations before it, if that is not for this node to say.
-        deme: to begin with, if not with the one that this node has.
-        news: neighbours may be there already.
-        begun: to be answered with the report; None until it may begin.
-    """
-
-    job: int
-    plan: Plan
-    links: Links
-    since: int | None
-    deme: bytes
-    news: list[Message] = field(default_factory=list)
-    begun: zenoh.Query | None = None
-
-
 class NodeProcess:
     """One node: its links, its mail and its cell."""
 
@@ -161,9 +64,9 @@ class NodeProcess:
         self.berth = berth
         self.keys = berth.keys
         self.mail: queue.SimpleQueue[Task] = queue.SimpleQueue()  # for the main thread
-        self.past: _Assignment | None = None  # the world before, which neighbours may still be at
-        self.assignment: _Assignment | None = None
-        self.coming: _Coming | None = None
+        self.past: Assignment | None = None  # the world before, which neighbours may still be at
+        self.assignment: Assignment | None = None
+        self.coming: Coming | None = None
         self._ordered: Prepare | Halt | Drop | None = None  # the latest that is for this node
         self._questions_due = 0.0
         self._stats_due = 0.0
@@ -223,7 +126,7 @@ class NodeProcess:
             else:
                 self.mail.put(_nothing)  # wakes the main thread
 
-    def _carry_on_briskly(self, assignment: _Assignment) -> None:
+    def _carry_on_briskly(self, assignment: Assignment) -> None:
         """Go on for as long as the cell can, unless the main thread is at it: that one looks again after its turn.
 
         Nothing here may block, so all but small messages to the neighbours is left to the main thread.
@@ -278,7 +181,7 @@ class NodeProcess:
             return 0.0
         return max(0.0, min(self._stats_due, self._questions_due) - time.monotonic())
 
-    def _carry_on(self, assignment: _Assignment) -> None:
+    def _carry_on(self, assignment: Assignment) -> None:
         with assignment.turn:
             for action in assignment.step():
                 if type(action) is Publish:
@@ -290,7 +193,7 @@ class NodeProcess:
             # hundreds of generations with the same immigrants until its turn is over.
             os.sched_yield()
 
-    def _mind_the_time(self, assignment: _Assignment) -> None:
+    def _mind_the_time(self, assignment: Assignment) -> None:
         """Ask for what a lockstep cell misses when it waits far longer than usual, and tell counters now and then."""
         now = time.monotonic()
         if assignment.in_lockstep and now >= self._questions_due:
@@ -335,7 +238,7 @@ class NodeProcess:
         """What is said to others needs no answer."""
         query.drop()  # type: ignore[no-untyped-call]
 
-    def _obey(self, assignment: _Assignment, command: Command, query: zenoh.Query) -> None:
+    def _obey(self, assignment: Assignment, command: Command, query: zenoh.Query) -> None:
         """A command that is meant for the world that this node is at."""
         if isinstance(command, ProposeStop):
             assignment.events.append(Propose(command.reason))
@@ -370,9 +273,9 @@ class NodeProcess:
             return Refused(f"node {self.berth.node}: {type(error).__name__}: {error}")
         self._keep(links)
         if cell is None:
-            self.coming = _Coming(command.job, plan, links, command.since, command.deme)
+            self.coming = Coming(command.job, plan, links, command.since, command.deme)
         else:
-            self.assignment = _Assignment(cell, links)
+            self.assignment = Assignment(cell, links)
         return Done(json.dumps(fingerprint()))
 
     def _has_lived_before(self, command: Prepare) -> bool:
@@ -405,19 +308,19 @@ class NodeProcess:
         else:
             self._leave(query)
 
-    def _start(self, assignment: _Assignment, start: Start) -> None:
+    def _start(self, assignment: Assignment, start: Start) -> None:
         assignment.bred_at = time.monotonic()
         self._questions_due = assignment.bred_at + PATIENCE
         assignment.events.append(start)
 
-    def _answer_with_report(self, assignment: _Assignment, query: zenoh.Query) -> None:
+    def _answer_with_report(self, assignment: Assignment, query: zenoh.Query) -> None:
         """Now, or when the cell stops."""
         if assignment.begun is not None:
             self._leave(assignment.begun)
         assignment.begun = query
         self._report(assignment)
 
-    def _report(self, assignment: _Assignment) -> None:
+    def _report(self, assignment: Assignment) -> None:
         if assignment.report is not None and assignment.begun is not None:
             with assignment.begun as query:
                 query.reply(query.key_expr, assignment.report)
@@ -431,7 +334,7 @@ class NodeProcess:
         bred = 0 if before is None else before.cell.plan.since + before.cell.rows.generation
         plan = replace(coming.plan, since=bred if coming.since is None else coming.since)
         genomes = before.cell.rows.genomes[0] if before is not None else plan.deme_of(coming.deme)
-        assignment = _Assignment(Cell(plan, coming.links.cell, coming.job), coming.links, coming.news)
+        assignment = Assignment(Cell(plan, coming.links.cell, coming.job), coming.links, coming.news)
         self.past, self.assignment, self.coming = before, assignment, None
         assignment.begun = coming.begun
         self._start(assignment, Start(genomes))
@@ -453,7 +356,7 @@ class NodeProcess:
         if self.coming is not None and self.coming.job == job:
             self.coming = None
 
-    def _carry_out(self, assignment: _Assignment, action: Action) -> None:
+    def _carry_out(self, assignment: Assignment, action: Action) -> None:
         if isinstance(action, Ask):
             self._ask(assignment, action)
         elif isinstance(action, Answer):
@@ -469,7 +372,7 @@ class NodeProcess:
             self._report(assignment)
             self._turn_to_the_next_world()
 
-    def _ask(self, assignment: _Assignment, action: Ask) -> None:
+    def _ask(self, assignment: Assignment, action: Ask) -> None:
         def hear(reply: zenoh.Reply) -> None:
             if reply.ok is not None:
                 assignment.events.append(Answered(action.neighbour, reply.ok.payload.to_bytes()))

@@ -1,0 +1,107 @@
+"""What a node is at: a world of a job, and the one that comes after it."""
+
+import threading
+import time
+from collections import deque
+from dataclasses import dataclass, field
+
+import zenoh
+
+from node.cell import Action, Cell, Event, Message
+from node.links import Links
+from node.plan import Plan
+
+BRISK_SECONDS = 2e-3  # of processor time: what is bred between two exchanges in less may be on the network thread
+_MEASURED_EVERY = 16  # steps: to ask for the time used costs as much as a message
+BRISK_BYTES = 1 << 14  # longer messages may have to wait for room to leave; on the network thread nothing may wait
+
+
+class Assignment:
+    """The world of a job that this node is at.
+
+    Attributes:
+        links: to the neighbours in this world.
+        news: messages for the cell; the network thread appends.
+        events: for the cell; any thread may append.
+        turn: held by the thread that carries the cell on.
+        brisk: whether that is the network thread, for now.
+        begun: to be answered with the report.
+        report: what the cell had to say when it stopped, encoded.
+        bred_at: when the latest generations were bred, on the monotonic clock,
+        gap: and how long after those before, in seconds.
+        most: generations that may be bred at once: as many as take little time.
+    """
+
+    def __init__(self, cell: Cell, links: Links, news: list[Message] | None = None) -> None:
+        self.cell = cell
+        self.links = links
+        self.news: list[Message] = [] if news is None else news
+        self.events: deque[Event] = deque()
+        self.turn = threading.Lock()
+        self.brisk = False
+        self.begun: zenoh.Query | None = None
+        self.report: bytes | None = None
+        self.bred_at = time.monotonic()
+        self.gap = 0.0
+        self.most = 1
+        plan = cell.plan
+        self._unmeasured = 0
+        self._interval = plan.run.interval
+        self.in_lockstep = plan.run.mode == "lockstep"
+        self._may_be_brisk = self.in_lockstep and plan.problem.any_thread and plan.limits.most_bytes <= BRISK_BYTES
+
+    @property
+    def job(self) -> int:
+        """Its number."""
+        return self.cell.job
+
+    @property
+    def world(self) -> int:
+        """Its number in the job."""
+        return self.cell.plan.world
+
+    @property
+    def busy(self) -> bool:
+        """Whether there is something to do for the cell right now."""
+        return bool(self.news or self.events) or self.cell.ready
+
+    def step(self) -> list[Action]:
+        """Let the cell take what is here now, but not what comes meanwhile; within ``turn`` only."""
+        cell = self.cell
+        news = self.news[:]
+        del self.news[: len(news)]
+        events = [self.events.popleft() for _ in range(len(self.events))] if self.events else ()
+        generation = cell.rows.generation
+        measured = self._unmeasured == 0
+        used = time.thread_time() if measured else 0.0
+        actions = cell.step(news, events, self.most)
+        bred = cell.rows.generation - generation
+        if bred:
+            now = time.monotonic()
+            self.gap, self.bred_at = now - self.bred_at, now
+            self._unmeasured = (self._unmeasured + 1) % _MEASURED_EVERY
+            if measured:
+                each = (time.thread_time() - used) / bred
+                self.most = max(1, int(BRISK_SECONDS / max(each, 1e-6)))
+                self.brisk = self._may_be_brisk and each * self._interval < BRISK_SECONDS
+        return actions
+
+
+@dataclass
+class Coming:
+    """The next world of the job, which begins when the one before has stopped.
+
+    Attributes:
+        since: generations before it, if that is not for this node to say.
+        deme: to begin with, if not with the one that this node has.
+        news: neighbours may be there already.
+        begun: to be answered with the report; None until it may begin.
+    """
+
+    job: int
+    plan: Plan
+    links: Links
+    since: int | None
+    deme: bytes
+    news: list[Message] = field(default_factory=list)
+    begun: zenoh.Query | None = None
