@@ -123,6 +123,7 @@ def test_when_all_are_killed_at_once_the_next_cluster_removes_the_folder(holder)
     for process in (holder.process.pid, holder.zygote):
         os.kill(process, signal.SIGKILL)
     assert holder.gone_within(ENDS_WITHIN)
+    holder.process.wait()  # it holds the folder's lock too
     if holder.folder.exists():
         old = time.time() - 60
         os.utime(holder.folder, (old, old))

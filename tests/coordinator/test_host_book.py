@@ -2,6 +2,7 @@
 
 import contextlib
 import queue
+import time
 import tempfile
 from pathlib import Path
 
@@ -54,8 +55,12 @@ class Room:
         return self.ask_raw(self.sessions[host.id], host.encode())
 
     def ask_raw(self, session, payload):
-        (reply,) = session.get(KEYS.nodes, payload=payload, timeout=10.0)
-        return jobs.decode_answer(reply.ok.payload.to_bytes())
+        """As hosts do, again until there is an answer: nobody answers before the router has heard of the book."""
+        until = time.monotonic() + 10.0
+        while time.monotonic() < until:
+            for reply in session.get(KEYS.nodes, payload=payload, timeout=10.0):
+                return jobs.decode_answer(reply.ok.payload.to_bytes())
+        raise TimeoutError("the book does not answer")
 
     def join(self, id, name, wants):
         """Arrive, ask, and say so from then on."""
