@@ -2,8 +2,8 @@
 
 import contextlib
 import queue
-import time
 import tempfile
+import time
 from pathlib import Path
 
 import pytest
