@@ -13,7 +13,6 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any
 
 from coordinator.database import StoreFailed
 from coordinator.job import Placing
@@ -23,6 +22,7 @@ from problems.errors import BadInput
 from spy.result import Result
 from wire.jobs import JobState
 from wire.news import Improvement
+from wire.plain import plain
 
 _TRY_AGAIN = 0.5  # seconds
 _PATIENCE = 5.0  # seconds
@@ -212,15 +212,6 @@ class Recorder:
 def state_of(job: Summary, at: float | None = None) -> JobState:
     """What is published of a job that has come to another state."""
     return JobState(job.job, job.number, job.status, job.fitness, job.message, time.time() if at is None else at)
-
-
-def plain(value: Any) -> Any:
-    """``value`` as JSON can say it: null for numbers that are not finite."""
-    if isinstance(value, dict):
-        return {name: plain(each) for name, each in value.items()}
-    if isinstance(value, list | tuple):
-        return [plain(each) for each in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _latest(events: list[_Event]) -> list[_Event]:

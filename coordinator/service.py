@@ -21,6 +21,7 @@ import zenoh
 
 import topologies
 from coordinator.checking import Checker
+from coordinator.database import sqlite_url
 from coordinator.desk import Desk
 from coordinator.dispatcher import Dispatcher
 from coordinator.hooks import Hooks, MakeDispatcher
@@ -43,7 +44,7 @@ def coordinate(berth: Berth, told: Mapping[str, Any], first: bool) -> None:
 
     Only the ``first`` one knows how the nodes are linked.
     """
-    url = told["database"] or f"sqlite:///{Path(told['state']) / 'jobs.sqlite'}"
+    url = told["database"] or sqlite_url(Path(told["state"]) / "jobs.sqlite")
     cells = topologies.parse(berth.topology).cells
     staff = partial(Staff, topology=berth.topology, wired=first, max_queue=told["max_queue"])
     run(berth, Options(cells, url, tuple(told["allow_modules"])), staff)

@@ -2,7 +2,6 @@
 
 import contextlib
 import json
-import math
 import sys
 import time
 from pathlib import Path
@@ -12,6 +11,7 @@ from problems import BadInput
 from spy.judge import Judgement
 from topologies import Topology
 from wire.news import Improvement
+from wire.plain import plain
 
 
 class RunLog:
@@ -32,12 +32,9 @@ class RunLog:
     def write(self, event: str, **values: Any) -> None:
         """One line, with the wall-clock time."""
         if self._file is not None:
-            plain = {
-                name: None if isinstance(value, float) and not math.isfinite(value) else value
-                for name, value in values.items()
-            }
+            line = {"time": round(time.time(), 6), "event": event, **plain(values)}
             try:
-                self._file.write(json.dumps({"time": round(time.time(), 6), "event": event, **plain}) + "\n")
+                self._file.write(json.dumps(line) + "\n")
             except OSError as error:  # an answer matters more than its log
                 sys.stderr.write(f"warning: the run log ends here: {error.strerror}\n")
                 self.close()

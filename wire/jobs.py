@@ -11,6 +11,7 @@ import re
 from dataclasses import dataclass
 from typing import Any, ClassVar, TypeVar
 
+from wire.plain import plain
 from wire.strict import MOST_BYTES, MOST_ELEMENTS, Rejected, count, fields, of, pack, unpack
 
 VERSION = 1  # of this protocol
@@ -145,7 +146,7 @@ class JobState:
     def encode(self) -> bytes:
         """As msgpack."""
         message = None if self.message is None else sayable(self.message)
-        return pack([VERSION, self.job, self.number, self.status, _finite(self.fitness), message, self.at])
+        return pack([VERSION, self.job, self.number, self.status, plain(self.fitness), message, self.at])
 
     @staticmethod
     def decode(payload: bytes) -> "JobState":
@@ -331,10 +332,6 @@ def _number(value: object) -> float:
     if not math.isfinite(number):
         raise Rejected("not finite")
     return number
-
-
-def _finite(fitness: float | None) -> float | None:
-    return None if fitness is None or not math.isfinite(fitness) else fitness
 
 
 def _listed(names: dict[str, Any]) -> str:

@@ -1,10 +1,10 @@
 """What the spy and the nodes tell anyone who listens: verified improvements, and counters."""
 
 import json
-import math
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+from wire.plain import plain
 from wire.strict import Rejected, count, fields, fitness, of, pack, unpack
 
 
@@ -33,7 +33,7 @@ class Improvement:
 
     def encode(self) -> bytes:
         """As msgpack, the solution as JSON, which has null for numbers that are not finite."""
-        solution = json.dumps(_finite(self.solution))
+        solution = json.dumps(plain(self.solution))
         place = (self.job, self.world, self.seconds, self.generation, self.cell)
         return pack((*place, self.fitness, self.feasible, solution))
 
@@ -132,14 +132,6 @@ class LogRecord(NamedTuple):
         """
         level, node, text = fields(unpack(payload), 3)
         return LogRecord(of(str, level), count(node), of(str, text))
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {name: _finite(each) for name, each in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(each) for each in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _table(value: object) -> dict[str, Any]:

@@ -12,6 +12,7 @@ from coordinator.scaling.statistics import Estimate
 from coordinator.scaling.summary import FITNESS, PER_GENERATION, SPEEDUPS, SUCCESS, TO_TARGET, Metric, Summary
 from coordinator.scaling.words import number, verdict
 from problems import BadInput
+from wire.plain import plain
 
 _COLUMNS: tuple[tuple[str, Metric], ...] = (
     ("success", SUCCESS),
@@ -69,7 +70,7 @@ def as_json(summary: Summary, folder: Path) -> str:
 
 
 def _value(estimate: Estimate | None) -> float | None:
-    return None if estimate is None else tables.plain(estimate.value)
+    return None if estimate is None else plain(estimate.value)
 
 
 def as_words(summary: Summary, folder: Path) -> str:

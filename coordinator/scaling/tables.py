@@ -1,6 +1,5 @@
 """Runs and summary as tables: Parquet and CSV for whoever wants to compute further."""
 
-import math
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +9,7 @@ import pyarrow.parquet
 
 from coordinator.scaling.statistics import Estimate
 from coordinator.scaling.summary import SPEEDUPS, Row, Summary
+from wire.plain import plain
 
 _ROLES = {"nodes": 0, "twin": 1, "sequential": 2}
 
@@ -54,11 +54,6 @@ def as_record(row: Row) -> dict[str, Any]:
 
 def _numbers(estimate: Estimate) -> dict[str, float | None]:
     return {"value": plain(estimate.value), "low": plain(estimate.low), "high": plain(estimate.high)}
-
-
-def plain(value: float | None) -> float | None:
-    """As JSON and CSV can hold it: None for what is infinite."""
-    return value if value is not None and math.isfinite(value) else None
 
 
 def _column(values: list[Any]) -> Any:

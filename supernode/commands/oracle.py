@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from supernode import exits
+from wire.plain import plain
 
 if TYPE_CHECKING:
     from problems import Answer
@@ -64,17 +65,13 @@ def _json(answer: "Answer", seconds: float) -> str:
     return json.dumps(
         {
             "meaning": answer.meaning,
-            "fitness": _finite(answer.fitness),
+            "fitness": plain(answer.fitness),
             "method": answer.method,
             "seconds": seconds,
-            "figures": {name: _finite(value) for name, value in answer.figures.items()},
+            "figures": plain(answer.figures),
             "solution": answer.solution,
         }
     )
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 def _words(answer: "Answer", seconds: float) -> str:
