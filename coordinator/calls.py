@@ -30,7 +30,7 @@ _REPORT_WITHIN = 60.0  # then reports are asked for again
 _TOLD_WITHIN = 5.0
 _DEATH_NOTICE = 1.0  # seconds: an answer that never comes may be explained this much later
 _REPLACED_WITHIN = 60.0  # seconds: a dead process, or the router, by which all questions go
-_ASK_AGAIN = 0.2  # seconds: a router that has died is there again after about so long
+ASK_AGAIN = 0.2  # seconds: a router that has died is there again after about so long
 
 
 @dataclass(frozen=True)
@@ -105,7 +105,7 @@ class Calls:
             answers = self._ask_once(questions, give_up)
             if len(answers) >= expected:
                 return answers
-            self._wait_for_news_of_a_death(_ASK_AGAIN if self._replaces else _DEATH_NOTICE, give_up)
+            self._wait_for_news_of_a_death(ASK_AGAIN if self._replaces else _DEATH_NOTICE, give_up)
             if time.monotonic() >= until:
                 raise ClusterFailed(f"{len(answers)} of {expected} answered to {questions[0][1].name!r}")
 

@@ -16,7 +16,7 @@ from typing import Protocol
 import zenoh
 
 import topologies
-from coordinator.calls import Calls, GivenUpError, ReplacedError, Reported
+from coordinator.calls import ASK_AGAIN, Calls, GivenUpError, ReplacedError, Reported
 from coordinator.errors import ClusterFailed
 from coordinator.job import Change, JobEntry, Placing, Replaced, Wish
 from problems import BadInput, ProblemFile
@@ -28,7 +28,6 @@ from wire.keys import Keys
 from wire.news import Improvement
 from wire.report import Reason, Report
 
-_ASK_AGAIN = 0.2  # seconds: a router that has died is there again after about so long
 _FOUND_WITHIN = 1.0  # seconds: nodes that live find a new router in a fifth of it
 _HALTED_WITHIN = 60.0  # seconds
 _LASTING = ("solved", "stalled", "exhausted")  # how a world can end that a job kept alive goes on after
@@ -197,7 +196,7 @@ class Conductor:
             first = _World(0, file, self.dispatch.wire(self.nodes, file.run.topology, fresh))
             try:
                 if not self._checked:  # the spy first: it finds a wrong problem before a thousand nodes do
-                    self._show_to_the_spy(first)
+                    self._prepare_the_spy(first)
                 self._prepare(first, with_the_spy=self._checked)
                 self._let_the_spy_listen(first)
                 return self._begin(first)
@@ -237,7 +236,7 @@ class Conductor:
                 there = {look["cell"] for look in looks}
                 if len(there) == world.cells or time.monotonic() >= until:
                     return there
-                self.calls.wait(_ASK_AGAIN)
+                self.calls.wait(ASK_AGAIN)
 
     def _start_over(self) -> None:
         """Nobody is left who knows anything of the job."""
@@ -268,11 +267,14 @@ class Conductor:
         return Prepare(self.number, world.number, world.file.to_json(), world.wiring, since, deme, log)
 
     def _show_to_the_spy(self, world: _World) -> None:
-        """It forgets the world before."""
+        """It forgets the world before, and listens to the root, whose links are those of this world by now."""
+        self._prepare_the_spy(world)
+        self._let_the_spy_listen(world)
+
+    def _prepare_the_spy(self, world: _World) -> None:
         self.calls.ask([(self.keys.spy_control, self._preparation(world))], give_up=not self.worlds)
 
     def _let_the_spy_listen(self, world: _World) -> None:
-        """To the root, whose links are those of this world by now."""
         self.calls.ask([(self.keys.spy_control, Begin(self.number, world.number))], give_up=not self.worlds)
 
     def _begin(self, world: _World) -> None:
@@ -312,7 +314,7 @@ class Conductor:
             elif isinstance(mail, Reported):
                 if mail.report is None:  # a question ends early when the router dies
                     is_latest = any(mail.question == world.asked for world in self._unsettled)
-                    again = time.monotonic() + _ASK_AGAIN if is_latest else again
+                    again = time.monotonic() + ASK_AGAIN if is_latest else again
                 elif (error := self._note(mail.world, mail.report)) is not None:
                     return error
             else:
@@ -412,7 +414,6 @@ class Conductor:
             change.answer.put(error)
             return
         self._show_to_the_spy(world)
-        self._let_the_spy_listen(world)
         self.best = None
         self._begin(world)
         self._stop(before.number, "update")
@@ -460,7 +461,6 @@ class Conductor:
                     self._go_on_without_the_dead()
                 else:
                     self._show_to_the_spy(self.world)
-                    self._let_the_spy_listen(self.world)
                 self._spy_is_new = False
             except ReplacedError as another:
                 self._mourn(another.node)
@@ -495,7 +495,7 @@ class Conductor:
                 if not isinstance(mail, Reported):
                     aside.append(mail)
                 elif mail.report is None:
-                    again = min(again, time.monotonic() + _ASK_AGAIN)
+                    again = min(again, time.monotonic() + ASK_AGAIN)
                 elif (error := self._note(mail.world, mail.report)) is not None:
                     raise ClusterFailed(error)
         finally:
@@ -518,7 +518,6 @@ class Conductor:
         world = _World(before.number + 1, before.file, wiring, since, why=why)
         self._prepare(world, {cell: before.reports[heir].deme for cell, heir in heirs.items()})
         self._show_to_the_spy(world)
-        self._let_the_spy_listen(world)
         self._begin(world)
         self._unheard = self._wish
 

@@ -76,19 +76,9 @@ class HostZygote(Zygote):
             self._fork_again(f"node {node}")
         _say(f"{self._host.name}: {len(self._host.nodes)} nodes: {', '.join(map(str, self._host.nodes))}")
 
-    def _one_died(self) -> bool:
-        """Fork anew those that have died; whether that is no use."""
-        while True:
-            process, status = os.waitpid(-1, os.WNOHANG) if self.children else (0, 0)
-            if process == 0:
-                return False
-            name = self.children.pop(process, None)
-            if name == _AGENT and os.WIFEXITED(status) and os.WEXITSTATUS(status) == _REFUSED:
-                return True
-            if self._dies_too_often():
-                return True
-            if name is not None:
-                self._fork_again(name)
+    def _is_the_end(self, name: str, status: int) -> bool:
+        refused = name == _AGENT and os.WIFEXITED(status) and os.WEXITSTATUS(status) == _REFUSED
+        return refused or self._dies_too_often()
 
     def _fork_again(self, name: str) -> None:
         if name == _AGENT:

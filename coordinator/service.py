@@ -9,24 +9,16 @@ import json
 import queue
 import signal
 import threading
-import time
-from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
-from typing import Any
 
 import zenoh
 
-import topologies
 from coordinator.checking import Checker
-from coordinator.database import sqlite_url
 from coordinator.desk import Desk
-from coordinator.dispatcher import Dispatcher
-from coordinator.hooks import Hooks, MakeDispatcher
+from coordinator.hooks import MakeDispatcher
 from coordinator.recorder import Recorder
-from coordinator.roster import Roster
 from coordinator.store import Store
 from node.berth import Berth
 from wire import jobs, sessions
@@ -37,56 +29,6 @@ from wire.strict import Rejected
 
 _SLOW_AT_ONCE = 8
 _MOST_WAITING = 1000  # requests
-
-
-def coordinate(berth: Berth, told: Mapping[str, Any], first: bool) -> None:
-    """Be the coordinator of a cluster, started as ``told`` (see `coordinator.launcher.ServiceOptions`).
-
-    Only the ``first`` one knows how the nodes are linked.
-    """
-    url = told["database"] or sqlite_url(Path(told["state"]) / "jobs.sqlite")
-    cells = topologies.parse(berth.topology).cells
-    staff = partial(Staff, topology=berth.topology, wired=first, max_queue=told["max_queue"])
-    run(berth, Options(cells, url, tuple(told["allow_modules"])), staff)
-
-
-class Staff(Dispatcher):
-    """The dispatcher of a cluster whose dead are replaced."""
-
-    def __init__(
-        self,
-        session: zenoh.Session,
-        keys: Keys,
-        nodes: int,
-        hooks: Hooks,
-        *,
-        topology: str,
-        wired: bool,
-        max_queue: int | None,
-    ) -> None:
-        self._number = nodes
-        super().__init__(
-            session,
-            keys,
-            topology,
-            wired=wired,
-            hooks=hooks,
-            cpu_seconds=self._cpu_seconds,
-            replaces=True,
-            max_queue=max_queue,
-            first_wiring=time.time_ns() // 1_000_000,  # no coordinator before this one has come so far
-        )
-        self._roster = Roster(session, keys, self.replaced)
-
-    def _cpu_seconds(self) -> dict[str, float]:
-        return self._roster.cpu_seconds()
-
-    def nodes(self) -> list[dict[str, Any]]:
-        """Each node, as `status` shows it."""
-        return self._roster.nodes(range(self._number), self.job_on)
-
-    def close(self) -> None:
-        """Leave the jobs to whoever comes next."""
 
 
 @dataclass(frozen=True)

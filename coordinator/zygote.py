@@ -138,7 +138,7 @@ class Zygote:
         self._node_live(self._berth(node, topology))
 
     def _coordinate(self, first: bool = False) -> None:
-        from coordinator.service import coordinate
+        from coordinator.launched import coordinate
 
         assert self.service is not None, "only for a cluster that stays up"
         coordinate(self._berth(0, self.topology), self.service, first)
@@ -170,14 +170,21 @@ class Zygote:
             process, status = os.waitpid(-1, os.WNOHANG) if self.children else (0, 0)
             if process == 0:
                 return False
-            name = self.children.pop(process)
-            if self.service is not None and os.WIFEXITED(status) and os.WEXITSTATUS(status) == _DOWN:
-                _tell({"down": name})
+            name = self.children.pop(process, None)  # none of a grandchild that was left to a container's first process
+            if name is not None and self._is_the_end(name, status):
                 return True
-            if self.service is None or self._dies_too_often():
-                _tell({"died": name, "how": _how(status)})
-                return True
-            self._fork_again(name)
+            if name is not None:
+                self._fork_again(name)
+
+    def _is_the_end(self, name: str, status: int) -> bool:
+        """Whether nothing is to go on after this death; if so, that is told."""
+        if self.service is not None and os.WIFEXITED(status) and os.WEXITSTATUS(status) == _DOWN:
+            _tell({"down": name})
+            return True
+        if self.service is None or self._dies_too_often():
+            _tell({"died": name, "how": _how(status)})
+            return True
+        return False
 
     def _dies_too_often(self) -> bool:
         now = time.monotonic()

@@ -104,7 +104,5 @@ def kernels() -> tuple[str, ...]:
 
 def warm_up() -> None:
     """Import every built-in kind with its compiled kernels, so that a forked process has them all."""
-    for target in _BUILT_IN.values():
-        importlib.import_module(target.partition(":")[0])
-    for name in kernels():
+    for name in kernels():  # which imports the packages, to find what is in them
         importlib.import_module(name)

@@ -1,16 +1,16 @@
 """Results as files claim them: what they hold is believed only once the planner's own check has accepted it."""
 
 import contextlib
-import json
 import math
 import sys
+from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from problems import BadInput, Problem, ProblemFile, Solution, Verdict
 from problems.guard import checked, solved_at
 from spy.judge import same_fitness
+from supernode.results import read_table
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ def judged(file: ProblemFile, result: str) -> Judgement:
     Raises:
         BadInput: names the file that cannot be used, and why.
     """
-    claim = _read(result)
+    claim = read_table(result)
     try:
         with contextlib.redirect_stdout(sys.stderr):  # a user's module may print
             return _judged(_as_it_was_run(file, claim), claim)
@@ -54,25 +54,28 @@ def _judged(file: ProblemFile, claim: dict[str, Any]) -> Judgement:
     return Judgement(problem, solution, verdict.fitness, [*verdict.objections, *_false_claims(claim, verdict, file)])
 
 
-def _read(name: str) -> dict[str, Any]:
-    try:
-        claim = json.loads(Path(name).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise BadInput(f"{name}: expected a result, found {error.strerror}") from error
-    except ValueError as error:
-        raise BadInput(f"{name}: expected JSON, found {error}") from error
-    if not isinstance(claim, dict):
-        raise BadInput(f"{name}: expected a JSON object, found {type(claim).__name__}")
-    return claim
-
-
 def _as_it_was_run(file: ProblemFile, claim: dict[str, Any]) -> ProblemFile:
-    """A whole result says by which recipe it was found, which may decide how bits are read."""
+    """A whole result says by which recipe it was found, which may decide how bits are read; and how the world moved."""
     settings = claim.get("run")
     if not isinstance(settings, dict):
         return file
     known = {name: settings[name] for name in ("recipe", "deme", "target") if name in settings}
-    return file.with_run(**known)
+    file = file.with_run(**known)
+    if claim.get("problem_sha256") == file.sha256:
+        return file
+    try:
+        for update in _updates(claim.get("directives")):
+            file = file.changed(update, {})
+    except BadInput as error:
+        raise BadInput(f"directives: {error}") from error
+    return file
+
+
+def _updates(directives: object) -> Iterator[dict[str, Any]]:
+    """The fields that each update of the world replaced."""
+    for directive in directives if isinstance(directives, list) else ():
+        if isinstance(directive, dict) and isinstance(fields := directive.get("fields"), dict):
+            yield fields
 
 
 def _false_claims(claim: dict[str, Any], verdict: Verdict, file: ProblemFile) -> list[str]:

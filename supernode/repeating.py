@@ -3,7 +3,6 @@
 import json
 from collections.abc import Collection
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 from node.fingerprint import fingerprint
@@ -11,6 +10,7 @@ from node.replay import World, worlds_of
 from problems import BadInput, ProblemFile
 from problems.errors import shorten
 from spy.result import Result
+from supernode.results import read_table
 from topologies import ROOT
 from wire.report import Proposal, reason_of
 from wire.strict import Rejected
@@ -44,7 +44,7 @@ class Recorded:
         """
         if settings:
             raise BadInput(f"--replay: the settings are those of the result, expected no other, found {min(settings)}")
-        found = _table(name)
+        found = read_table(name)
         run, directives, versions = found.get("run"), found.get("directives"), found.get("versions")
         problem, history = found.get("problem_sha256"), found.get("history_sha256")
         if not (isinstance(run, dict) and isinstance(directives, list) and isinstance(versions, dict)):
@@ -83,18 +83,6 @@ class Recorded:
         others = [name for name in sorted(here) if here[name] != self.versions.get(name)]
         why = f"; versions differ: {', '.join(others)}" if others else ""
         return f"{self.name}: history_sha256: expected {self.history}, found {result.history_sha256}{why}"
-
-
-def _table(name: str) -> dict[str, Any]:
-    try:
-        found = json.loads(Path(name).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise BadInput(f"{name}: expected a result, found {error.strerror}") from error
-    except (ValueError, RecursionError) as error:
-        raise BadInput(f"{name}: expected a result as JSON, found {error}") from error
-    if not isinstance(found, dict):
-        raise BadInput(f"{name}: expected a result, found {shorten(found)}")
-    return found
 
 
 def _stops(directives: list[Any], name: str) -> tuple[Proposal, ...]:

@@ -1,14 +1,34 @@
-"""From what the cluster keeps of a job that has ended to a `Result`."""
+"""Results: in files, and in what the cluster keeps of a job that has ended."""
 
 import dataclasses
+import json
 import math
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import topologies
 from coordinator.errors import ClusterFailed
-from problems import ProblemFile
+from problems import BadInput, ProblemFile
+from problems.errors import shorten
 from spy.result import Result
+
+
+def read_table(name: str) -> dict[str, Any]:
+    """What the file of a result says, or of its solution alone.
+
+    Raises:
+        BadInput: names the file if there is no JSON object in it.
+    """
+    try:
+        found = json.loads(Path(name).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise BadInput(f"{name}: expected a result, found {error.strerror}") from error
+    except (ValueError, RecursionError) as error:
+        raise BadInput(f"{name}: expected JSON, found {error}") from error
+    if not isinstance(found, dict):
+        raise BadInput(f"{name}: expected a result, found {shorten(found)}")
+    return found
 
 
 def result_in(view: Mapping[str, Any]) -> Result:

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from genetics.compiled import subroutine
+from problems.vectors import cross, dot
 
 # Columns of a joint's row: where its frame is in the frame before it, about which axis it turns, and what it carries.
 ROTATION, PLACE, AXIS, MASS, CENTRE, INERTIA = 0, 9, 12, 15, 16, 19
@@ -35,20 +36,6 @@ def chain_of(joints: Any, gravity: Any) -> Any:
     return Chain(
         joints, gravity, np.empty((n, 3, 3)), np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3))
     )
-
-
-@subroutine
-def _cross(one: Any, other: Any) -> Any:
-    return (
-        one[1] * other[2] - one[2] * other[1],
-        one[2] * other[0] - one[0] * other[2],
-        one[0] * other[1] - one[1] * other[0],
-    )
-
-
-@subroutine
-def _dot(one: Any, other: Any) -> Any:
-    return one[0] * other[0] + one[1] * other[1] + one[2] * other[2]
 
 
 @subroutine
@@ -90,9 +77,9 @@ def _triple(row: Any, column: Any) -> Any:
 def _inertia_times(row: Any, vector: Any) -> Any:
     """The inertia about the centre of mass, times a vector."""
     return (
-        _dot(_triple(row, INERTIA), vector),
-        _dot(_triple(row, INERTIA + 3), vector),
-        _dot(_triple(row, INERTIA + 6), vector),
+        dot(_triple(row, INERTIA), vector),
+        dot(_triple(row, INERTIA + 3), vector),
+        dot(_triple(row, INERTIA + 6), vector),
     )
 
 
@@ -128,23 +115,23 @@ def inverse_dynamics(chain: Any, speed: Any, acceleration: Any, weight: Any, tor
     for joint in range(n):
         row, turn = chain.joints[joint], chain.turns[joint]
         place, axis, centre = _triple(row, PLACE), _triple(row, AXIS), _triple(row, CENTRE)
-        rising = _plus(rising, _plus(_cross(swinging, place), _cross(turning, _cross(turning, place))))
+        rising = _plus(rising, _plus(cross(swinging, place), cross(turning, cross(turning, place))))
         rising, before, swinging = _back(turn, rising), _back(turn, turning), _back(turn, swinging)
         spin = _times(speed[joint], axis)
         turning = _plus(before, spin)
-        swinging = _plus(swinging, _plus(_times(acceleration[joint], axis), _cross(before, spin)))
-        at_centre = _plus(rising, _plus(_cross(swinging, centre), _cross(turning, _cross(turning, centre))))
+        swinging = _plus(swinging, _plus(_times(acceleration[joint], axis), cross(before, spin)))
+        at_centre = _plus(rising, _plus(cross(swinging, centre), cross(turning, cross(turning, centre))))
         force = _times(row[MASS], at_centre)
-        moment = _plus(_inertia_times(row, swinging), _cross(turning, _inertia_times(row, turning)))
-        moment = _plus(moment, _cross(centre, force))
+        moment = _plus(_inertia_times(row, swinging), cross(turning, _inertia_times(row, turning)))
+        moment = _plus(moment, cross(centre, force))
         for each in range(3):
             chain.force[joint, each], chain.moment[joint, each] = force[each], moment[each]
     for joint in range(n - 1, -1, -1):
         row, turn = chain.joints[joint], chain.turns[joint]
-        torque[joint] = _dot(_triple(row, AXIS), chain.moment[joint])
+        torque[joint] = dot(_triple(row, AXIS), chain.moment[joint])
         if joint > 0:
             force, moment = _forth(turn, chain.force[joint]), _forth(turn, chain.moment[joint])
-            moment = _plus(moment, _cross(_triple(row, PLACE), force))
+            moment = _plus(moment, cross(_triple(row, PLACE), force))
             for each in range(3):
                 chain.force[joint - 1, each] += force[each]
                 chain.moment[joint - 1, each] += moment[each]

@@ -15,49 +15,30 @@ from genetics.compiled import kernel, subroutine
 from problems.sphere_path.cells import Clearance
 from problems.sphere_path.pose import rotations
 from problems.sphere_path.vehicle import Vehicle
+from problems.vectors import cross, difference, dot
 
 Floats = NDArray[np.float64]
-
-
-# Vectors are tuples here: unlike arrays, they are not allocated.
-@subroutine
-def _vector(begin: Any, end: Any) -> Any:
-    return end[0] - begin[0], end[1] - begin[1], end[2] - begin[2]
-
-
-@subroutine
-def _dot(one: Any, other: Any) -> Any:
-    return one[0] * other[0] + one[1] * other[1] + one[2] * other[2]
-
-
-@subroutine
-def _cross(one: Any, other: Any) -> Any:
-    return (
-        one[1] * other[2] - one[2] * other[1],
-        one[2] * other[0] - one[0] * other[2],
-        one[0] * other[1] - one[1] * other[0],
-    )
 
 
 @subroutine
 def _squared_to_edge(begin: Any, end: Any) -> Any:
     """Of the origin to a segment."""
-    edge = _vector(begin, end)
-    squared = _dot(edge, edge)
-    share = min(1.0, max(0.0, -_dot(begin, edge) / squared)) if squared > 0.0 else 0.0
+    edge = difference(begin, end)
+    squared = dot(edge, edge)
+    share = min(1.0, max(0.0, -dot(begin, edge) / squared)) if squared > 0.0 else 0.0
     away = begin[0] + share * edge[0], begin[1] + share * edge[1], begin[2] + share * edge[2]
-    return _dot(away, away)
+    return dot(away, away)
 
 
 @subroutine
 def _squared_to_triangle(a: Any, b: Any, c: Any) -> Any:
     """Of the origin to a triangle of three corners."""
     edges = min(_squared_to_edge(a, b), _squared_to_edge(b, c), _squared_to_edge(c, a))
-    normal = _cross(_vector(a, b), _vector(a, c))
-    size = _dot(normal, normal)
+    normal = cross(difference(a, b), difference(a, c))
+    size = dot(normal, normal)
     # The origin lies above or below a triangle if it is on the inner side of each edge.
-    if size > 0.0 and min(_dot(_cross(a, b), normal), _dot(_cross(b, c), normal), _dot(_cross(c, a), normal)) >= 0.0:
-        return min(edges, _dot(a, normal) ** 2 / size)
+    if size > 0.0 and min(dot(cross(a, b), normal), dot(cross(b, c), normal), dot(cross(c, a), normal)) >= 0.0:
+        return min(edges, dot(a, normal) ** 2 / size)
     return edges
 
 
@@ -73,11 +54,11 @@ def signed_distances(points: Floats, triangles: Floats) -> Floats:
         point, squared, angle = points[row], np.inf, 0.0
         for number in range(triangles.shape[0]):
             triangle = triangles[number]
-            a, b, c = _vector(point, triangle[0]), _vector(point, triangle[1]), _vector(point, triangle[2])
+            a, b, c = difference(point, triangle[0]), difference(point, triangle[1]), difference(point, triangle[2])
             squared = min(squared, _squared_to_triangle(a, b, c))
-            la, lb, lc = np.sqrt(_dot(a, a)), np.sqrt(_dot(b, b)), np.sqrt(_dot(c, c))
-            across = la * lb * lc + _dot(a, b) * lc + _dot(b, c) * la + _dot(c, a) * lb
-            angle += 2.0 * np.arctan2(_dot(a, _cross(b, c)), across)
+            la, lb, lc = np.sqrt(dot(a, a)), np.sqrt(dot(b, b)), np.sqrt(dot(c, c))
+            across = la * lb * lc + dot(a, b) * lc + dot(b, c) * la + dot(c, a) * lb
+            angle += 2.0 * np.arctan2(dot(a, cross(b, c)), across)
         away = np.sqrt(squared)
         distances[row] = -away if abs(angle) > 2.0 * np.pi else away
     return distances

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from rooms import EMPTY_ROOM
 
 import supernode
 from node import Plan, simulate
@@ -206,18 +207,9 @@ def test_arms_follow_their_paths_within_their_speeds():
         np.testing.assert_allclose(track.links[:, 0], np.tile(robot.base[:3], (len(motion.times), 1)))
 
 
-ROOM = """
-kind = "mobile-robot"
-start = [1.0, 1.0, 0.0]
-goal = [3.0, 1.0, 1.5]
-bounds = [0.0, 0.0, 8.0, 6.0]
-[robot]
-"""
-
-
 @pytest.mark.parametrize("robot", ["vertices = [[-0.2, -0.2], [0.5, 0.0], [-0.2, 0.2]]", "radius = 0.5"])
 def test_a_robot_that_turns_is_nowhere_quicker_than_its_speed(robot):
-    problem = made(ROOM + robot)
+    problem = made(EMPTY_ROOM + robot)
     solution = {"commands": [], "path": [[1, 1, 0], [3, 1, 0], [3, 1, 1.5]], "length": 2}
     motion = moved(problem, solution, Pace(speed=0.5, rate=10.0))
     assert motion.times[-1] == pytest.approx(4.0 + 1.5 * 0.5 / 0.5)

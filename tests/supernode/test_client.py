@@ -8,32 +8,15 @@ import threading
 import time
 
 import pytest
-from fake_service import FakeService
 
 import supernode
 from supernode.whereabouts import Card, write_card
-
-FILE = 'kind = "function"\nname = "sphere"\ndimension = 2\n'
-
-
-@pytest.fixture
-def service():
-    service = FakeService()
-    yield service
-    service.close()
 
 
 @pytest.fixture
 def client(service):
     with supernode.connect(service.endpoint) as client:
         yield client
-
-
-@pytest.fixture
-def file(tmp_path):
-    path = tmp_path / "sphere.toml"
-    path.write_text(FILE)
-    return path
 
 
 def later(seconds, *steps):

@@ -10,27 +10,11 @@ from functools import partial
 from pathlib import Path
 
 import pytest
-from fake_service import FakeService
 
 from supernode.__main__ import main
 from supernode.whereabouts import Card, occupy, read_card, remove_card, write_card
 
 COMMANDS = ("up", "down", "status", "submit", "jobs", "watch", "cancel", "update", "rewire")
-FILE = 'kind = "function"\nname = "sphere"\ndimension = 2\n'
-
-
-@pytest.fixture
-def service():
-    service = FakeService()
-    yield service
-    service.close()
-
-
-@pytest.fixture
-def file(tmp_path):
-    path = tmp_path / "sphere.toml"
-    path.write_text(FILE)
-    return path
 
 
 @pytest.fixture

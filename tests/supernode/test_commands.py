@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -163,6 +164,21 @@ def test_check_accepts_rejects_and_cannot_read(own_problem, tmp_path, capsys):
         assert err.startswith(f"error: {result}: ")
         assert len(err.splitlines()) == 1
     assert in_process(capsys, "check", path, tmp_path / "none.json")[0] == 2
+
+
+def test_the_result_of_a_world_that_has_moved_is_checked_in_the_world_as_it_became(tmp_path, capsys):
+    moved = {"target": [0.7, 0.9]}
+    there = tmp_path / "there.toml"
+    there.write_text(re.sub(r"(?m)^target = .*$", f"target = {moved['target']}", ARM.read_text()))
+    claim = json.loads(in_process(capsys, "simulate", there, "--json", "--quiet")[1])
+    result = tmp_path / "result.json"
+    update = {"do": "update", "world": 1, "fields": moved, "generation": 5}
+    for directives, code in (([update], 0), ([{"do": "stop", "generation": 5}, update], 0), ([], 3)):
+        result.write_text(json.dumps(claim | {"directives": directives}))
+        assert in_process(capsys, "check", ARM, result)[0] == code
+    result.write_text(json.dumps(claim | {"directives": [update | {"fields": {"target": "up"}}]}))
+    code, _, err = in_process(capsys, "check", ARM, result)
+    assert (code, err.startswith(f"error: {result}: ")) == (2, True)
 
 
 def test_the_oracle_answers_in_words(capsys):

@@ -10,24 +10,23 @@ import jsonschema
 import numpy as np
 import pytest
 from mcap.reader import make_reader
+from rooms import EMPTY_ROOM
 from scipy.spatial.transform import Rotation
 
 from problems.motion import Body, Column, Joints, Motion, Values
 from supernode.__main__ import main
 from supernode.motion_mcap import as_mcap
 
-ROOM = """
-kind = "mobile-robot"
-start = [1.0, 1.0, 0.0]
-goal = [3.0, 1.0, 1.5]
-bounds = [0.0, 0.0, 8.0, 6.0]
-[robot]
+ROOM = (
+    EMPTY_ROOM
+    + """
 radius = 0.5
 [[obstacles]]
 shape = "circle"
 center = [5.0, 5.0]
 radius = 0.5
 """
+)
 DRIVE = {
     "commands": [["rotate", 0.0], ["move", 2.0], ["rotate", 1.5]],
     "path": [[1.0, 1.0, 0.0], [1.0, 1.0, 0.0], [3.0, 1.0, 0.0], [3.0, 1.0, 1.5]],

@@ -11,8 +11,6 @@ from pathlib import Path
 from typing import get_args
 
 import msgpack
-import pytest
-from fake_service import FakeService
 
 from problems import ProblemFile, load
 from wire import jobs
@@ -21,13 +19,6 @@ from wire.news import Improvement
 ROOT = Path(__file__).resolve().parents[2]
 SCRIPT = ROOT / "examples" / "plain_zenoh_client.py"
 PROTOCOL = (ROOT / "docs" / "protocol.md").read_text()
-
-
-@pytest.fixture
-def service():
-    service = FakeService()
-    yield service
-    service.close()
 
 
 def test_it_submits_and_prints_improvements_and_the_result(service):

@@ -1,0 +1,47 @@
+"""The coordinator of a cluster that one supervisor launched, all on this machine."""
+
+from collections.abc import Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import zenoh
+
+import topologies
+from coordinator.database import sqlite_url
+from coordinator.hooks import Hooks
+from coordinator.roster import Roster
+from coordinator.service import Options, run
+from coordinator.staff import Staff
+from node.berth import Berth
+from wire.keys import Keys
+
+
+def coordinate(berth: Berth, told: Mapping[str, Any], first: bool) -> None:
+    """Be the coordinator, started as ``told`` (see `coordinator.launcher.ServiceOptions`).
+
+    Only the ``first`` one knows how the nodes are linked.
+    """
+    url = told["database"] or sqlite_url(Path(told["state"]) / "jobs.sqlite")
+    cells = topologies.parse(berth.topology).cells
+    staff = partial(LaunchedStaff, topology=berth.topology, wired=first, max_queue=told["max_queue"])
+    run(berth, Options(cells, url, tuple(told["allow_modules"])), staff)
+
+
+class LaunchedStaff(Staff):
+    """All of its nodes are there from the first."""
+
+    def __init__(
+        self,
+        session: zenoh.Session,
+        keys: Keys,
+        nodes: int,
+        hooks: Hooks,
+        *,
+        topology: str,
+        wired: bool,
+        max_queue: int | None,
+    ) -> None:
+        assert nodes == topologies.parse(topology).cells
+        super().__init__(session, keys, hooks, topology=topology, wired=wired, max_queue=max_queue)
+        self._roster = Roster(session, keys, self.replaced)

@@ -1,0 +1,27 @@
+"""Vectors of three numbers for compiled code: as tuples, which unlike arrays are not allocated."""
+
+from typing import Any
+
+from genetics.compiled import subroutine
+
+
+@subroutine
+def difference(begin: Any, end: Any) -> Any:
+    """From ``begin`` to ``end``."""
+    return end[0] - begin[0], end[1] - begin[1], end[2] - begin[2]
+
+
+@subroutine
+def dot(one: Any, other: Any) -> Any:
+    """The scalar product."""
+    return one[0] * other[0] + one[1] * other[1] + one[2] * other[2]
+
+
+@subroutine
+def cross(one: Any, other: Any) -> Any:
+    """The vector product."""
+    return (
+        one[1] * other[2] - one[2] * other[1],
+        one[2] * other[0] - one[0] * other[2],
+        one[0] * other[1] - one[1] * other[0],
+    )
