@@ -15,6 +15,7 @@ from typing import Any
 from sqlalchemy import URL, Connection, Engine, create_engine, event, make_url, text
 from sqlalchemy.exc import ArgumentError, DBAPIError, InterfaceError, OperationalError, SQLAlchemyError
 
+from coordinator.errors import ClusterFailed
 from problems.errors import one_line
 
 _CLAIM = 0x5355_5045_524E_4F44  # PostgreSQL's advisory lock: any number that others will hardly think of
@@ -22,7 +23,7 @@ _CLAIM_WITHIN = 10.0  # seconds: a database takes a moment to see that a killed 
 _SQLITE = ("journal_mode=WAL", "synchronous=FULL", "foreign_keys=ON", "busy_timeout=10000")
 
 
-class StoreFailed(RuntimeError):  # noqa: N818
+class StoreFailed(ClusterFailed):
     """The database cannot be used; ``passing`` if it may work again by itself."""
 
     def __init__(self, message: str, passing: bool = False) -> None:
@@ -109,6 +110,11 @@ class Database:
             return False
         self._claims.callback(os.close, descriptor)
         return True
+
+
+def url_in(state: Path) -> str:
+    """The URL of the database that a state folder has for its jobs."""
+    return sqlite_url(state / "jobs.sqlite")
 
 
 def sqlite_url(path: Path) -> str:

@@ -8,7 +8,7 @@ from typing import Any
 import zenoh
 
 import topologies
-from coordinator.database import sqlite_url
+from coordinator.database import url_in
 from coordinator.hooks import Hooks
 from coordinator.roster import Roster
 from coordinator.service import Options, run
@@ -22,7 +22,7 @@ def coordinate(berth: Berth, told: Mapping[str, Any], first: bool) -> None:
 
     Only the ``first`` one knows how the nodes are linked.
     """
-    url = told["database"] or sqlite_url(Path(told["state"]) / "jobs.sqlite")
+    url = told["database"] or url_in(Path(told["state"]))
     cells = topologies.parse(berth.topology).cells
     staff = partial(LaunchedStaff, topology=berth.topology, wired=first, max_queue=told["max_queue"])
     run(berth, Options(cells, url, tuple(told["allow_modules"])), staff)

@@ -8,7 +8,9 @@ import contextlib
 import json
 import queue
 import signal
+import sys
 import threading
+import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +18,7 @@ from pathlib import Path
 import zenoh
 
 from coordinator.checking import Checker
+from coordinator.database import StoreFailed
 from coordinator.desk import Desk
 from coordinator.hooks import MakeDispatcher
 from coordinator.recorder import Recorder
@@ -29,6 +32,7 @@ from wire.strict import Rejected
 
 _SLOW_AT_ONCE = 8
 _MOST_WAITING = 1000  # requests
+_TRY_AGAIN = 0.5  # seconds
 
 
 @dataclass(frozen=True)
@@ -76,7 +80,7 @@ class Service:
         self._counting = threading.Lock()
         self._down = threading.Event()
         self._slow = ThreadPoolExecutor(_SLOW_AT_ONCE, "slow requests")
-        self._store = Store(options.store)
+        self._store = _store_at(options.store)
         self._states = session.declare_publisher(keys.state)
         self._recorder = Recorder(self._store, self._publish, self._forget)
         self._dispatcher = make_dispatcher(session, keys, options.nodes, self._recorder)
@@ -151,6 +155,21 @@ class Service:
 
     def _forget(self, number: int) -> None:
         self._desk.forget(number)
+
+
+def _store_at(url: str) -> Store:
+    """The store; a database that is away for a while is waited for."""
+    waiting = False
+    while True:
+        try:
+            return Store(url)
+        except StoreFailed as error:
+            if not error.passing:
+                raise
+            if not waiting:
+                sys.stderr.write(f"coordinator: {error}; waiting for it\n")
+        waiting = True
+        time.sleep(_TRY_AGAIN)
 
 
 def _reply(query: zenoh.Query, key: str, answer: Answer) -> None:

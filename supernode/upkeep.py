@@ -80,6 +80,7 @@ class Upkeep:
 
         Raises:
             BadInput: if the state folder cannot be used.
+            StoreFailed: if the database cannot be used.
             ClusterFailed: if a cluster is up there already, or this one does not come up or breaks.
         """
         lock = occupy(self.folder)
@@ -91,6 +92,7 @@ class Upkeep:
             os.close(lock)
 
     def _keep_up(self, say: Callable[[str], None]) -> None:
+        self._try_the_database()
         cluster = secrets.token_hex(4)
         launcher = self._launch(cluster)
         try:
@@ -107,6 +109,13 @@ class Upkeep:
         finally:
             remove_card(self.folder)
             launcher.close()
+
+    def _try_the_database(self) -> None:
+        """Before anything is launched: from then on one that is away is waited for."""
+        from coordinator.database import url_in
+        from coordinator.store import Store
+
+        Store(self._wish.database or url_in(self.folder)).close()
 
     def _launch(self, cluster: str) -> Launcher:
         service = ServiceOptions(

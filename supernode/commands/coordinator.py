@@ -51,10 +51,10 @@ def _file(state: str | None) -> str:
         BadInput: if there can be no such folder.
         ClusterFailed: if another cluster has it.
     """
-    from coordinator.database import sqlite_url
+    from coordinator.database import url_in
     from supernode.whereabouts import Place, occupy
 
     folder = Place.of_folder(state).folder
     assert folder is not None, "that is what it was made of"
     occupy(folder)
-    return sqlite_url(folder / "jobs.sqlite")
+    return url_in(folder)

@@ -135,6 +135,20 @@ def test_a_node_dies_while_there_is_no_coordinator(service):
         assert result.directives[0]["do"] == "replace"
 
 
+def test_a_database_that_is_away_is_waited_for(tmp_path):
+    with contextlib.ExitStack() as stack:
+        database = stack.enter_context(postgres.server())
+        service = stack.enter_context(live(tmp_path / "state", "torus 2x2", "--database", database.url()))
+        client = stack.enter_context(service.connect())
+        client.submit(job(10, topology="torus 2x2"), id="a").result(60)
+        database.stop()
+        service.kill("coordinator")
+        waiting = service.processes()["coordinator"]
+        database.start()
+        assert client.status()["jobs"] == {"exhausted": 1}
+        assert service.processes()["coordinator"] == waiting
+
+
 def test_all_nodes_of_a_job_die(tmp_path):
     with live(tmp_path / "state", "torus 1x2") as service, service.connect() as client:
         running = client.submit(job(400, 2000, "torus 1x1"), id="a")

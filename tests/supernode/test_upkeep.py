@@ -13,6 +13,7 @@ from fake_service import FakeService
 
 import supernode
 from supernode import upkeep
+from supernode.__main__ import main
 from supernode.detached import detached
 from supernode.upkeep import Upkeep, Wish
 from supernode.whereabouts import read_card
@@ -142,3 +143,13 @@ def test_detached_is_importable_without_anything_that_has_threads():
         ).stdout
     )
     assert detached.__doc__
+
+
+def test_a_database_that_cannot_be_used_is_one_error_before_anything_is_launched(tmp_path, capsys):
+    pytest.importorskip("psycopg")
+    nowhere = f"postgresql://ada@/jobs?host={tmp_path}"
+    assert main(["up", "--torus", "1x1", "--state", str(tmp_path / "state"), "--database", nowhere]) == 1
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    (line,) = captured.err.splitlines()
+    assert line.startswith("error: store postgresql")
