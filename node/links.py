@@ -10,7 +10,6 @@ where there can be none nobody waits for one. The spy of such a cluster hears th
 
 import contextlib
 import threading
-import time
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -26,7 +25,6 @@ from wire.control import Wiring
 _DIRECT_WITHIN = 30.0  # seconds that a direct link may take to come up; a thousand nodes start in a third of it
 
 _ROUTED_WITHIN = 90.0
-_LOOK_EVERY = 0.05  # seconds
 
 Hear = Callable[[int, zenoh.Sample], None]
 """Called on Zenoh's thread with the sender's cell and its message."""
@@ -43,6 +41,8 @@ class Links:
         control: the session through the router.
         hear: takes a neighbour's message.
         later: runs a task on the main thread: on Zenoh's thread nothing may be declared.
+        changed: notified when a neighbour is linked, and when ``given_up`` may have changed: a thousand nodes that
+            looked for themselves would keep each other from starting.
         given_up: whether nobody wants these links any more, which ends the waiting for neighbours: one may have died.
 
     Attributes:
@@ -58,7 +58,8 @@ class Links:
         control: zenoh.Session,
         hear: Hear,
         later: Callable[[Task], None],
-        given_up: Callable[[], bool] = lambda: False,
+        changed: threading.Condition,
+        given_up: Callable[[], bool],
     ) -> None:
         self.keys = berth.keys
         self.node = berth.node
@@ -70,7 +71,7 @@ class Links:
         self._hear = hear
         self._later = later
         self._given_up = given_up
-        self._changed = threading.Condition()
+        self._changed = changed
         self._linked: set[int] = set()  # the neighbours with a direct link
         self._routed: dict[int, Any] = {}  # the others, with their subscribers
         self._listening: set[int] = set()  # those of them who say that they listen to the router
@@ -172,14 +173,11 @@ class Links:
         Raises:
             TimeoutError: if the links are given up.
         """
-        until = time.monotonic() + seconds
         with self._changed:
-            while not self._changed.wait_for(condition, _LOOK_EVERY):
-                if self._given_up():
-                    raise TimeoutError("other links are wanted by now")
-                if time.monotonic() >= until:
-                    return False
-        return True
+            there = self._changed.wait_for(lambda: condition() or self._given_up(), seconds)
+            if there and not condition():
+                raise TimeoutError("other links are wanted by now")
+        return there
 
     def _reroute(self) -> None:
         """Hear exactly those through the router who have no direct link, but for those that may still get one."""

@@ -10,6 +10,7 @@ import contextlib
 import json
 import os
 import queue
+import threading
 import time
 from dataclasses import replace
 from functools import partial
@@ -68,6 +69,7 @@ class NodeProcess:
         self.assignment: Assignment | None = None
         self.coming: Coming | None = None
         self._ordered: Prepare | Halt | Drop | None = None  # the latest that is for this node
+        self._changed = threading.Condition()  # that, or who is linked
         self._questions_due = 0.0
         self._stats_due = 0.0
         self._stats_period = 1.0
@@ -87,7 +89,7 @@ class NodeProcess:
         def given_up() -> bool:
             return order is not None and self._ordered is not order
 
-        return Links(self.berth, topology, wiring, self.control, self._hear, self.mail.put, given_up)
+        return Links(self.berth, topology, wiring, self.control, self._hear, self.mail.put, self._changed, given_up)
 
     def _register(self) -> None:
         """The token comes last, since it means ready."""
@@ -109,7 +111,9 @@ class NodeProcess:
         if (isinstance(command, Prepare) and self.berth.node in command.wiring.nodes) or (
             isinstance(command, Drop | Halt) and self._ordered is not None and command.job == self._ordered.job
         ):
-            self._ordered = command
+            with self._changed:
+                self._ordered = command
+                self._changed.notify_all()
         self.mail.put(partial(self._open_command, query, command))
 
     def _hear(self, sender: int, sample: zenoh.Sample) -> None:
