@@ -401,6 +401,7 @@ class NodeProcess:
             cell.inbox.kept,
             cell.lost,
             cell.inbox.refused,
+            *cell.rows.vitals(),
         )
         self.stats.put(counters.encode())
 

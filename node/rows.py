@@ -5,6 +5,7 @@ arithmetic. It knows nothing of how messages come: what neighbours said lies in 
 """
 
 from dataclasses import dataclass, field
+from zlib import crc32
 
 import numpy as np
 
@@ -111,6 +112,15 @@ class Rows:
     def note_proposal(self, row: int, reason: Reason) -> None:
         """Keep in mind that the row's stop is its own proposal of this generation."""
         self.proposals.append(Proposal(int(self.stop_at[row]), reason, int(self.cells[row]), self.generation))
+
+    def vitals(self) -> tuple[float, float, float, float, int, int]:
+        """How the first row's deme is, see `wire.news.Counters`; by a glance that breeding may go on beside."""
+        fitness, champion = np.sort(self.fitness[0]), self.messages.champion(0)
+        spread = (float(fitness[0]), float(fitness[len(fitness) // 2]), float(fitness[-1]))
+        digest = crc32(self.genomes[0, self.fitness[0].argmin()])
+        if champion is None:
+            return *spread, np.inf, 0, digest
+        return *spread, champion.fitness, max(0, self.generation - champion.generation), digest
 
     def _judges(self) -> Judges:
         """One for all rows, unless that would not be the same as one for each."""

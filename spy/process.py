@@ -22,12 +22,13 @@ from problems import BadInput, ProblemFile
 from spy.collector import Collector
 from spy.judge import judge
 from spy.run_log import RunLog
+from spy.tally import added_up
 from topologies import ROOT
 from wire import control, sessions
 from wire.callbacks import direct, frequent
 from wire.control import Answer, Begin, Done, Drop, Finish, Judged, Prepare, Refused, Wiring
 from wire.exchange import Champion, Messages
-from wire.news import Counters, LogRecord, Statistics
+from wire.news import Counters, LogRecord
 from wire.strict import Rejected
 
 STATISTICS_PERIOD = 0.5  # seconds
@@ -280,19 +281,14 @@ class SpyProcess:
             self._stop_listening_to(assignment)
 
     def _tell_statistics(self, assignment: _Assignment, now: float) -> None:
-        counters = list(assignment.counters.values())
+        counters, root = list(assignment.counters.values()), assignment.root
         messages = sum(each.sent for each in counters)
         rate = (messages - assignment.messages) / max(now - assignment.added_up, STATISTICS_PERIOD / 2)
         assignment.messages, assignment.added_up = messages, now
-        statistics = Statistics(
-            assignment.job,
-            assignment.root.generation,
-            sum(each.evaluations for each in counters),
-            messages,
-            sum(each.lost for each in counters),
-            assignment.root.rejected + sum(each.rejected for each in counters),
-            len(self.alive),
-            max(0.0, rate),
+        statistics = added_up(counters, assignment.job, root.generation)._replace(
+            rejected=root.rejected + sum(each.rejected for each in counters),
+            nodes_alive=len(self.alive),
+            messages_per_second=max(0.0, rate),
         )
         self.control.put(self.keys.spy_stats, statistics.encode())
         assignment.log.write("statistics", **statistics._asdict())

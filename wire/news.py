@@ -58,7 +58,14 @@ class Improvement:
 
 
 class Counters(NamedTuple):
-    """One node's counters for the job that it is at."""
+    """One node's counters for the job that it is at, and how its deme is.
+
+    Attributes:
+        best, median, worst: fitness of the individuals on it; infinite for those that are not feasible.
+        champion: fitness of the best individual that it has seen or heard of,
+        age: and generations since that was born.
+        digest: of the best genome on it, so that alike ones can be told from others; 32 bits.
+    """
 
     node: int
     cell: int
@@ -70,6 +77,12 @@ class Counters(NamedTuple):
     received: int
     lost: int
     rejected: int
+    best: float
+    median: float
+    worst: float
+    champion: float
+    age: int
+    digest: int
 
     def encode(self) -> bytes:
         """As msgpack."""
@@ -82,11 +95,20 @@ class Counters(NamedTuple):
         Raises:
             Rejected: whatever is wrong with it.
         """
-        return Counters(*(count(each) for each in fields(unpack(payload), 10)))
+        given = fields(unpack(payload), 16)
+        of_deme = (fitness(each) for each in given[10:14])
+        return Counters._make((*map(count, given[:10]), *of_deme, *map(count, given[14:])))
 
 
 class Statistics(NamedTuple):
-    """The whole cluster's counters, as the spy adds them up: sums over nodes, the root's generation."""
+    """The counters of all nodes of a job, as the spy adds them up: sums over nodes, the root's generation.
+
+    Attributes:
+        best, worst: fitness of the best and of the worst individual of all.
+        median: of the nodes' medians.
+        age: generations since the birth of the root's champion.
+        diversity: how many different genomes the nodes' best ones are, as a share of the nodes: 1 if no two are alike.
+    """
 
     job: int
     generation: int
@@ -96,6 +118,11 @@ class Statistics(NamedTuple):
     rejected: int
     nodes_alive: int
     messages_per_second: float
+    best: float
+    median: float
+    worst: float
+    age: int
+    diversity: float
 
     def encode(self) -> bytes:
         """As msgpack."""
@@ -108,8 +135,9 @@ class Statistics(NamedTuple):
         Raises:
             Rejected: whatever is wrong with it.
         """
-        *counts, rate = fields(unpack(payload), 8)
-        return Statistics._make([*(count(each) for each in counts), fitness(rate)])
+        given = fields(unpack(payload), 13)
+        of_demes = (fitness(each) for each in given[7:11])
+        return Statistics._make((*map(count, given[:7]), *of_demes, count(given[11]), fitness(given[12])))
 
 
 class LogRecord(NamedTuple):

@@ -159,8 +159,8 @@ READERS = {
     "judgement": (control.decode_answer, control.encode_answer(Judged("solved", True, None, b"\x12", "in words", 0.5))),
     "report": (Report.decode, REPORT.encode()),
     "improvement": (Improvement.decode, IMPROVEMENT.encode()),
-    "counters": (Counters.decode, Counters(*range(1, 11)).encode()),
-    "statistics": (Statistics.decode, Statistics(1, 2, 3, 4, 5, 6, 7, 8.5).encode()),
+    "counters": (Counters.decode, Counters(*range(1, 11), 0.5, 1.5, 2.5, 0.5, 3, 4).encode()),
+    "statistics": (Statistics.decode, Statistics(1, 2, 3, 4, 5, 6, 7, 8.5, 0.5, 1.5, 2.5, 9, 0.25).encode()),
     "log": (LogRecord.decode, LogRecord("warning", 3, "bad message").encode()),
 }
 KNOWN_REASONS = {
@@ -230,14 +230,14 @@ def test_an_improvement_comes_back_as_it_was(improvement):
     assert Improvement.decode(improvement.encode()) == improvement
 
 
-@given(st.builds(Counters, *[counts] * 10))
+@given(st.builds(Counters, *[counts] * 10, *[fitnesses] * 4, counts, counts))
 def test_counters_come_back_as_they_were(counters):
     again = Counters.decode(counters.encode())
     assert again == counters
     assert type(again) is Counters
 
 
-@given(st.builds(Statistics, *[counts] * 7, fitnesses))
+@given(st.builds(Statistics, *[counts] * 7, *[fitnesses] * 4, counts, fitnesses))
 def test_statistics_come_back_as_they_were(statistics):
     again = Statistics.decode(statistics.encode())
     assert again == statistics
