@@ -18,7 +18,7 @@ import json
 import secrets
 import threading
 import weakref
-from collections.abc import AsyncIterator, Coroutine, Iterator, Mapping
+from collections.abc import AsyncIterator, Callable, Coroutine, Iterator, Mapping
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, TypeVar
@@ -30,6 +30,7 @@ from supernode.link import PATIENCE, Link
 from supernode.trail import WAITING, Trail, improvement_in
 from supernode.whereabouts import Place
 from wire import jobs as wire
+from wire.keys import Keys
 from wire.news import Improvement
 from wire.strict import Rejected
 
@@ -122,6 +123,19 @@ class AsyncClient:
         """The cluster: its nodes, and how many jobs there are in each state."""
         status: dict[str, Any] = await self.ask(wire.Status())
         return status
+
+    @property
+    def keys(self) -> Keys:
+        """The cluster's key expressions."""
+        return self._link.keys
+
+    def listen(self, key: str, hear: Callable[[bytes], None]) -> None:
+        """Have the loop call ``hear`` with each message that is published under ``key``."""
+        self._link.listen(key, hear)
+
+    def watch(self, key: str, hear: Callable[[str, bool], None]) -> None:
+        """Have the loop call ``hear`` with each process's token under ``key`` as it comes (True) and goes (False)."""
+        self._link.watch(key, hear)
 
     async def down(self) -> None:
         """End the whole cluster."""

@@ -86,6 +86,14 @@ class Link:
 
         self._session.declare_subscriber(key, direct(pass_on))
 
+    def watch(self, key: str, hear: Callable[[str, bool], None]) -> None:
+        """Have the loop call ``hear`` with each liveliness token under ``key`` as it comes (True) and goes (False)."""
+
+        def pass_on(sample: zenoh.Sample) -> None:
+            self._call(hear, str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT)
+
+        self._session.liveliness().declare_subscriber(key, direct(pass_on), history=True)
+
     async def close(self) -> None:
         """Leave the cluster."""
         await asyncio.to_thread(self._session.close)

@@ -1,0 +1,106 @@
+"""Who may come in: every request passes here before anything else sees it.
+
+A page of somebody else's must not be able to make a browser submit or cancel jobs, so what changes anything must come
+from the dashboard's own pages (``Origin``), and a loopback dashboard answers only to loopback names (``Host``), which
+foreign names made to resolve to this machine are not.
+"""
+
+import hmac
+from http.cookies import CookieError, SimpleCookie
+from urllib.parse import parse_qsl, urlencode, urlsplit
+
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.responses import PlainTextResponse, RedirectResponse, Response
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from supernode.dashboard.door import Door
+
+_COOKIE = "supernode_token"
+_HARMLESS = ("GET", "HEAD")
+_OPEN = "/healthz"  # says nothing but whether the cluster answers
+_HEADERS = {
+    # Plotly writes style elements into the page.
+    "Content-Security-Policy": "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; "
+    "object-src 'none'; base-uri 'none'; form-action 'self'; frame-ancestors 'none'",
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Resource-Policy": "same-origin",
+}
+
+
+class Guard:
+    """Refuses strangers, and tells browsers what the pages may do."""
+
+    def __init__(self, app: ASGIApp, door: Door) -> None:
+        self._app = app
+        self._door = door
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass on what is allowed."""
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+
+        async def send_with_headers(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                headers = MutableHeaders(scope=message)
+                for name, value in _HEADERS.items():
+                    headers[name] = value
+                headers.setdefault("Cache-Control", "no-store")
+            await send(message)
+
+        refusal = self._refusal(scope)
+        await (refusal or self._app)(scope, receive, send_with_headers)
+
+    def _refusal(self, scope: Scope) -> Response | None:
+        headers = Headers(scope=scope)
+        if self._door.is_local and _name_in(headers.get("host", "")) not in self._own_names():
+            return PlainTextResponse("this is not a name of the dashboard\n", 421)
+        if scope["method"] not in _HARMLESS and not _is_from_here(headers):
+            return PlainTextResponse("refused: the request comes from another site\n", 403)
+        if self._door.token is None or scope["path"] == _OPEN:
+            return None
+        return self._without_token(scope, headers, self._door.token)
+
+    def _own_names(self) -> set[str]:
+        return {"localhost", "127.0.0.1", "::1", self._door.host}
+
+    def _without_token(self, scope: Scope, headers: Headers, token: str) -> Response | None:
+        """None if the visitor has the token; one that comes with the address moves into a cookie."""
+        if _is(headers.get("authorization", "").removeprefix("Bearer "), token) or _is(_cookie(headers), token):
+            return None
+        query = parse_qsl(scope["query_string"].decode("latin-1"))
+        if scope["method"] not in _HARMLESS or not _is(dict(query).get("token", ""), token):
+            return PlainTextResponse("a token is needed: /?token=…\n", 401, {"WWW-Authenticate": "Bearer"})
+        rest = urlencode([each for each in query if each[0] != "token"])
+        path = "/" + scope["path"].lstrip("/\\")  # never another site's
+        response = RedirectResponse(path + ("?" + rest if rest else ""), 303)
+        response.set_cookie(_COOKIE, token, httponly=True, samesite="strict", path="/")
+        return response
+
+
+def _name_in(host: str) -> str | None:
+    try:
+        return urlsplit(f"//{host}").hostname
+    except ValueError:
+        return None
+
+
+def _is_from_here(headers: Headers) -> bool:
+    """Programs send no Origin; browsers always do with what may change something."""
+    if headers.get("sec-fetch-site", "same-origin") not in ("same-origin", "none"):
+        return False
+    origin = headers.get("origin")
+    return origin is None or origin.partition("://")[2] == headers.get("host")
+
+
+def _cookie(headers: Headers) -> str:
+    try:
+        found = SimpleCookie(headers.get("cookie", "")).get(_COOKIE)
+    except CookieError:
+        return ""
+    return "" if found is None else found.value
+
+
+def _is(given: str, token: str) -> bool:
+    return hmac.compare_digest(given.encode(), token.encode())

@@ -1,0 +1,219 @@
+"""What the dashboard knows of the cluster: the latest of all that it has heard, and no more, so it does not grow."""
+
+import math
+import time
+from collections import deque
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import topologies
+from wire.keys import Keys
+from wire.news import Counters, Improvement, LogRecord, Statistics
+
+SHOWN_FOR = 2.0  # seconds that a death, and then an arrival, is shown at least: a node is often replaced sooner
+_LINES = 50  # of log and events
+_FOLLOWED = 64  # jobs whose statistics are kept
+_SIGNIFICANT = 6  # digits: what a heat map and a table can show
+
+
+@dataclass
+class _Node:
+    """One node: the process on it, and what it has told last."""
+
+    process: str | None = None
+    came: float = -math.inf
+    died: float = -math.inf
+    deaths: int = 0
+    told: Counters | None = None
+    heard: float = -math.inf
+    status: Mapping[str, Any] | None = None
+
+    def state(self, now: float) -> str:
+        if now - self.died < SHOWN_FOR or (self.process is None and self.died > -math.inf):
+            return "dead"
+        if self.process is None or now - max(self.came, self.died + SHOWN_FOR) < SHOWN_FOR:
+            return "joining"
+        return "alive"
+
+
+@dataclass(frozen=True)
+class Totals:
+    """Sums over the nodes, for metrics."""
+
+    alive: int
+    evaluations: int
+    sent: int
+    received: int
+    lost: int
+    rejected: int
+    champion_age: int | None
+
+
+class View:
+    """The cluster as it is known now; its methods are called by one asyncio loop."""
+
+    def __init__(self) -> None:
+        self.answers = False
+        self.trouble: str | None = None
+        self.cluster: str | None = None
+        self.jobs: Sequence[Mapping[str, Any]] = ()
+        self.counts: Mapping[str, int] = {}
+        self.statistics: dict[int, Statistics] = {}
+        self._best: dict[int, Improvement] = {}
+        self._nodes: dict[int, _Node] = {}
+        self._lines: deque[dict[str, Any]] = deque(maxlen=_LINES)
+        self._line = 0
+        self._began = time.monotonic()
+
+    # What is heard ----------------------------------------------------------------------------------------------------
+    def hear_counters(self, payload: bytes) -> None:
+        """A node's."""
+        counters = Counters.decode(payload)
+        node = self._nodes.setdefault(counters.node, _Node())
+        node.told, node.heard = counters, time.monotonic()
+
+    def hear_statistics(self, payload: bytes) -> None:
+        """The spy's, of a job."""
+        statistics = Statistics.decode(payload)
+        _keep(self.statistics, statistics.job, statistics)
+
+    def hear_best(self, payload: bytes) -> None:
+        """A verified improvement."""
+        better = Improvement.decode(payload)
+        _keep(self._best, better.job, better)
+
+    def hear_log(self, payload: bytes) -> None:
+        """A warning or an error of some process."""
+        record = LogRecord.decode(payload)
+        self._say(record.level, f"node {record.node}: {record.text}")
+
+    def hear_life(self, key: str, is_there: bool) -> None:
+        """A node's process has come or gone."""
+        number, _ = Keys.life_of(key)
+        if number is None:
+            return
+        node, process, now = self._nodes.setdefault(number, _Node()), key.rpartition("/")[2], time.monotonic()
+        if is_there:
+            if node.process != process and node.deaths:
+                self._say("info", f"node {number} is alive again")
+            node.process, node.came = process, now if node.deaths or now - self._began > SHOWN_FOR else -math.inf
+        elif node.process == process:
+            node.process, node.died, node.deaths, node.told = None, now, node.deaths + 1, None
+            self._say("warning", f"node {number} is dead")
+
+    def hear_status(self, status: Mapping[str, Any]) -> None:
+        """The answer to `status`: which nodes there are."""
+        self.cluster, self.counts = status["cluster"], status["jobs"]
+        listed = {each["node"]: each for each in status["nodes"]}
+        for number in self._nodes.keys() - listed.keys():
+            del self._nodes[number]
+        for number, each in listed.items():
+            self._nodes.setdefault(number, _Node()).status = each
+
+    def hear_jobs(self, jobs: Sequence[Mapping[str, Any]]) -> None:
+        """The newest jobs, newest last."""
+        before = {job["number"]: job["status"] for job in self.jobs}
+        for job in jobs if before else ():
+            if before.get(job["number"]) != job["status"]:
+                self._say("info", f"job {job['job']} is {job['status']}")
+        self.jobs = jobs
+
+    def lost(self, trouble: str) -> None:
+        """The cluster does not answer."""
+        if self.answers:
+            self._say("error", trouble)
+        self.answers, self.trouble = False, trouble
+
+    def found(self) -> None:
+        """It answers."""
+        self.answers, self.trouble = True, None
+
+    # What is shown ----------------------------------------------------------------------------------------------------
+    def snapshot(self) -> dict[str, Any]:
+        """All that pages show of the cluster as a whole, in plain values."""
+        rows, columns = self._shape()
+        return {
+            "at": time.time(),
+            "answers": self.answers,
+            "trouble": self.trouble,
+            "cluster": self.cluster,
+            "rows": rows,
+            "columns": columns,
+            "nodes": self._table(),
+            "jobs": list(self.jobs),
+            "counts": dict(self.counts),
+            "statistics": {number: _plain(each._asdict()) for number, each in self.statistics.items()},
+            "bests": {number: [each.world, each.seconds, each.generation] for number, each in self._best.items()},
+            "lines": list(self._lines),
+        }
+
+    def totals(self) -> Totals:
+        """Of the jobs that the nodes are at."""
+        now = time.monotonic()
+        told = [node.told for node in self._nodes.values() if node.told is not None]
+        return Totals(
+            sum(node.state(now) == "alive" for node in self._nodes.values()),
+            sum(each.evaluations for each in told),
+            sum(each.sent for each in told),
+            sum(each.received for each in told),
+            sum(each.lost for each in told),
+            sum(each.rejected for each in told),
+            max((each.age for each in told), default=None),
+        )
+
+    def node(self, number: int) -> dict[str, Any] | None:
+        """All about one node."""
+        node = self._nodes.get(number)
+        if node is None:
+            return None
+        told = {} if node.told is None else _plain(node.told._asdict())
+        status = {} if node.status is None else dict(node.status)
+        known = {"node": number, "state": node.state(time.monotonic()), "deaths": node.deaths}
+        return status | told | {"job": status.get("job"), "process": node.process} | known
+
+    def _table(self) -> dict[str, list[Any]]:
+        """Nodes by column, since a thousand of them go out twice a second."""
+        now, numbers = time.monotonic(), sorted(self._nodes)
+        nodes = [self._nodes[number] for number in numbers]
+        table: dict[str, list[Any]] = {"node": numbers, "state": [node.state(now) for node in nodes]}
+        for name in ("cell", "job", "generation", "champion", "best", "age", "sent"):
+            table[name] = [None if node.told is None else _number(getattr(node.told, name)) for node in nodes]
+        return table
+
+    def _shape(self) -> tuple[int, int]:
+        """Rows and columns: of the newest job that runs on all nodes, else of the most square torus."""
+        count = len(self._nodes)
+        specs = [job["topology"] for job in self.jobs if job["cells"] == count and job["status"] == "running"]
+        return shape_of(specs[-1] if specs else topologies.torus_of(max(1, count)))
+
+    def _say(self, level: str, text: str) -> None:
+        self._line += 1
+        self._lines.append({"number": self._line, "at": time.time(), "level": level, "text": text})
+
+
+def shape_of(spec: str) -> tuple[int, int]:
+    """Rows and columns to draw a topology in: its own, or the most square ones."""
+    topology = topologies.parse(spec)
+    if not hasattr(topology, "rows"):
+        topology = topologies.parse(topologies.torus_of(topology.cells))
+    return getattr(topology, "rows"), getattr(topology, "columns")  # noqa: B009 - of grids only
+
+
+def _keep(table: dict[int, Any], job: int, value: Any) -> None:
+    """The latest of a job, and of no more than so many jobs."""
+    table.pop(job, None)
+    table[job] = value
+    if len(table) > _FOLLOWED:
+        del table[next(iter(table))]
+
+
+def _plain(values: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: _number(value) for name, value in values.items()}
+
+
+def _number(value: float) -> float | None:
+    """JSON has no infinity."""
+    if isinstance(value, int):
+        return value
+    return float(f"{value:.{_SIGNIFICANT}g}") if math.isfinite(value) else None
