@@ -16,6 +16,7 @@ from coordinator.database import StoreFailed
 from coordinator.errors import ClusterFailed
 from coordinator.hooks import Dispatcher
 from coordinator.job import Order, Placing
+from coordinator.record_book import RecordBook
 from coordinator.recorder import Recorder, state_of
 from coordinator.scheduler import QueueFull
 from coordinator.states import ENDS
@@ -31,6 +32,7 @@ from wire.jobs import (
     Down,
     JobState,
     ListJobs,
+    Records,
     Refused,
     Request,
     Rewire,
@@ -50,6 +52,7 @@ class Desk:
     Args:
         cluster: its name.
         store: where jobs are kept.
+        book: what happened in them.
         recorder: who writes down what the dispatcher tells.
         dispatcher: who runs jobs.
         checker: who knows which problems may be run.
@@ -60,6 +63,7 @@ class Desk:
         self,
         cluster: str,
         store: Store,
+        book: RecordBook,
         recorder: Recorder,
         dispatcher: Dispatcher,
         checker: Checker,
@@ -67,6 +71,7 @@ class Desk:
     ) -> None:
         self._cluster = cluster
         self._store = store
+        self._book = book
         self._recorder = recorder
         self._dispatcher = dispatcher
         self._checker = checker
@@ -113,6 +118,8 @@ class Desk:
                 value = [_line(job) for job in self._store.newest(MOST_LISTED if limit is None else limit)]
             case Show(job):
                 value = self._show(job)
+            case Records(kind, job, after):
+                value = self._book.page(kind, job, after)
             case Cancel(job):
                 value = self._cancel(job)
             case Update(job, patch):

@@ -40,6 +40,9 @@ class _NoHooks:
     def improved(self, number: int, improvement: Improvement) -> None:
         """See `Hooks`."""
 
+    def measured(self, statistics: Statistics) -> None:
+        """See `Hooks`."""
+
     def ended(self, number: int, outcome: Result | Exception) -> None:
         """See `Hooks`."""
 
@@ -98,9 +101,10 @@ class Dispatcher:
         self._conductors: dict[int, Conductor] = {}
         self._deadlines = Alarms(self._be_late)
         # Once for all jobs: to declare costs time, and each key that was ever declared some memory.
-        self._subscribers = [session.declare_subscriber(keys.best, direct(self._hear_best))]
-        if self._told:
-            self._subscribers.append(session.declare_subscriber(keys.spy_stats, direct(self._hear_statistics)))
+        self._subscribers = [
+            session.declare_subscriber(keys.best, direct(self._hear_best)),
+            session.declare_subscriber(keys.spy_stats, direct(self._hear_statistics)),
+        ]
 
     # Orders -----------------------------------------------------------------------------------------------------------
     def submit(self, order: Order, *, accepted_before: bool = False) -> JobEntry:
@@ -252,6 +256,7 @@ class Dispatcher:
             job = self.jobs.get(statistics.job)
             if job is not None:
                 job.tell(statistics)
+                self.hooks.measured(statistics)
 
     # For conductors, on their threads ---------------------------------------------------------------------------------
     def wire(self, nodes: tuple[int, ...], topology: str, fresh: bool = False) -> Wiring:

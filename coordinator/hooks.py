@@ -7,7 +7,7 @@ import zenoh
 from coordinator.job import JobEntry, Order, Placing
 from spy.result import Result
 from wire.keys import Keys
-from wire.news import Improvement
+from wire.news import Improvement, Statistics
 
 
 class Hooks(Protocol):
@@ -21,6 +21,9 @@ class Hooks(Protocol):
 
     def improved(self, number: int, improvement: Improvement) -> None:
         """A better answer was verified."""
+
+    def measured(self, statistics: Statistics) -> None:
+        """How a job is, twice a second."""
 
     def ended(self, number: int, outcome: Result | Exception) -> None:
         """A job has ended, with a result or because something broke."""

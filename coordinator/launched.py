@@ -10,6 +10,7 @@ import zenoh
 import topologies
 from coordinator.database import url_in
 from coordinator.hooks import Hooks
+from coordinator.record_book import Keep
 from coordinator.roster import Roster
 from coordinator.service import Options, run
 from coordinator.staff import Staff
@@ -25,7 +26,8 @@ def coordinate(berth: Berth, told: Mapping[str, Any], first: bool) -> None:
     url = told["database"] or url_in(Path(told["state"]))
     cells = topologies.parse(berth.topology).cells
     staff = partial(LaunchedStaff, topology=berth.topology, wired=first, max_queue=told["max_queue"])
-    run(berth, Options(cells, url, tuple(told["allow_modules"])), staff)
+    keep = Keep(told["keep_days"], told["keep_records"])
+    run(berth, Options(cells, url, keep, tuple(told["allow_modules"])), staff)
 
 
 class LaunchedStaff(Staff):

@@ -16,16 +16,18 @@ from dataclasses import dataclass
 
 from coordinator.database import StoreFailed
 from coordinator.job import Placing
+from coordinator.record_book import RecordBook
 from coordinator.states import ENDS, WrongTransition
 from coordinator.store import Store, Summary, UnknownJob
 from problems.errors import BadInput
 from spy.result import Result
 from wire.jobs import JobState
-from wire.news import Improvement
+from wire.news import Improvement, Statistics
 from wire.plain import plain
 
 _TRY_AGAIN = 0.5  # seconds
 _PATIENCE = 5.0  # seconds
+_SAMPLE_EVERY = 0.75  # seconds, of the spy's half seconds: every other one
 _MOST_AT_ONCE = 1000  # events in a transaction
 
 
@@ -41,6 +43,14 @@ class _Changed:
 class _Improved:
     number: int
     improvement: Improvement
+    at: float
+
+
+@dataclass(frozen=True)
+class _Measured:
+    number: int
+    statistics: Statistics
+    at: float
 
 
 @dataclass(frozen=True)
@@ -56,7 +66,7 @@ class _Placed:
     written: threading.Event
 
 
-_Event = _Changed | _Placed | _Improved | _Ended
+_Event = _Changed | _Placed | _Improved | _Measured | _Ended
 
 
 class Recorder:
@@ -64,12 +74,21 @@ class Recorder:
 
     Args:
         store: where it is written.
+        book: where is written how it went.
         publish: called with each change of a state, once it is written.
         forget: called with the number of each job that has ended.
     """
 
-    def __init__(self, store: Store, publish: Callable[[JobState], None], forget: Callable[[int], None]) -> None:
+    def __init__(
+        self,
+        store: Store,
+        book: RecordBook,
+        publish: Callable[[JobState], None],
+        forget: Callable[[int], None],
+    ) -> None:
         self._store = store
+        self._book = book
+        self._measured: dict[int, float] = {}  # by job: when it was last written down how it is
         self._publish = publish
         self._forget = forget
         self._events: queue.SimpleQueue[_Event | None] = queue.SimpleQueue()
@@ -106,7 +125,14 @@ class Recorder:
         job = self._known.get(number)
         if job is not None and math.isfinite(improvement.fitness):
             self._known[number] = dataclasses.replace(job, fitness=improvement.fitness)
-        self._events.put(_Improved(number, improvement))
+        self._events.put(_Improved(number, improvement, time.time()))
+
+    def measured(self, statistics: Statistics) -> None:
+        """How a job is; once a second is enough."""
+        at = time.time()
+        if at - self._measured.get(statistics.job, 0.0) >= _SAMPLE_EVERY:
+            self._measured[statistics.job] = at
+            self._events.put(_Measured(statistics.job, statistics, at))
 
     def ended(self, number: int, outcome: Result | Exception) -> None:
         """The end of a job."""
@@ -154,7 +180,10 @@ class Recorder:
     def _commit(self, events: list[_Event]) -> None:
         with self._pen:
             with self._store.transaction():
+                for event in events:
+                    self._write_record(event)
                 states = [self._write(event) for event in _latest(events)]
+                self._book.forget_the_old(time.time())
             for state in states:
                 if state is not None:
                     self._publish(state)
@@ -162,9 +191,16 @@ class Recorder:
             if isinstance(event, _Ended):
                 self._known.pop(event.number, None)
                 self._late.discard(event.number)
+                self._measured.pop(event.number, None)
                 self._forget(event.number)
             elif isinstance(event, _Placed):
                 event.written.set()
+
+    def _write_record(self, event: _Event) -> None:
+        if isinstance(event, _Improved):
+            self._book.note_improvement(event.at, event.improvement)
+        elif isinstance(event, _Measured):
+            self._book.note_statistics(event.at, event.statistics)
 
     def _write(self, event: _Event) -> JobState | None:
         """Write one down; what there is to publish."""
@@ -174,7 +210,7 @@ class Recorder:
                     return self._write_change(number, status, nodes, at)
                 case _Placed(number, placing, _):
                     self._store.note_placing(number, placing)
-                case _Improved(number, improvement):
+                case _Improved(number, improvement, _):
                     best = plain(dataclasses.asdict(improvement))
                     self._store.note_best(number, best["fitness"], best)
                 case _Ended(number, outcome):

@@ -21,6 +21,7 @@ from coordinator.checking import Checker
 from coordinator.database import StoreFailed
 from coordinator.desk import Desk
 from coordinator.hooks import MakeDispatcher
+from coordinator.record_book import Keep, RecordBook
 from coordinator.recorder import Recorder
 from coordinator.store import Store
 from node.berth import Berth
@@ -42,12 +43,14 @@ class Options:
     Attributes:
         nodes: how many there are.
         store: the URL of the database.
+        keep: how much of what happened is kept there.
         allow_modules: names of users' modules that jobs may name.
         modules: the folder where these lie, if not on ``sys.path``.
     """
 
     nodes: int
     store: str
+    keep: Keep
     allow_modules: tuple[str, ...] = ()
     modules: Path | None = None
 
@@ -82,10 +85,11 @@ class Service:
         self._slow = ThreadPoolExecutor(_SLOW_AT_ONCE, "slow requests")
         self._store = _store_at(options.store)
         self._states = session.declare_publisher(keys.state)
-        self._recorder = Recorder(self._store, self._publish, self._forget)
+        book = RecordBook(self._store, options.keep)
+        self._recorder = Recorder(self._store, book, self._publish, self._forget)
         self._dispatcher = make_dispatcher(session, keys, options.nodes, self._recorder)
         checker = Checker(options.allow_modules, options.modules)
-        self._desk = Desk(keys.cluster, self._store, self._recorder, self._dispatcher, checker, self._publish)
+        self._desk = Desk(keys.cluster, self._store, book, self._recorder, self._dispatcher, checker, self._publish)
 
     def serve(self) -> None:
         """Go on with the jobs of the last coordinator, then answer requests until `stop`."""

@@ -19,7 +19,15 @@ from sqlalchemy.orm import Session, undefer
 from coordinator.database import Database, StoreFailed
 from coordinator.job import Placing
 from coordinator.states import ENDS, State, WrongTransition, follow, state_of
-from coordinator.tables import Base, JobRow, MetaRow, TransitionRow, WorldRow
+from coordinator.tables import (
+    Base,
+    ImprovementRow,
+    JobRow,
+    MetaRow,
+    StatisticsRow,
+    TransitionRow,
+    WorldRow,
+)
 from problems.errors import BadInput
 
 _SCHEMA = 1
@@ -145,7 +153,7 @@ class Store:
         Raises:
             StoreFailed: if the database cannot do it.
         """
-        with self._writing():
+        with self.writing():
             yield
 
     # Writing ----------------------------------------------------------------------------------------------------------
@@ -160,7 +168,7 @@ class Store:
         Raises:
             IdTaken: if another job has that id.
         """
-        with self._writing() as session:
+        with self.writing() as session:
             if job is not None and (there := _find(session, job)) is not None:
                 if there.digest != new.digest:
                     raise IdTaken(f"another problem file was submitted as job {job!r} before")
@@ -182,7 +190,7 @@ class Store:
 
     def withdraw(self, number: int) -> None:
         """Forget a job that was never acknowledged."""
-        with self._writing() as session:
+        with self.writing() as session:
             session.execute(delete(WorldRow).where(WorldRow.number == number))
             session.execute(delete(TransitionRow).where(TransitionRow.number == number))
             session.execute(delete(JobRow).where(JobRow.number == number))
@@ -208,7 +216,7 @@ class Store:
         Raises:
             WrongTransition: if that state cannot follow.
         """
-        with self._writing() as session:
+        with self.writing() as session:
             row = _get(session, number)
             _change(session, row, status, time.time() if at is None else at)
             if nodes is not None:
@@ -225,7 +233,7 @@ class Store:
         """
         if state_of(status) not in ENDS:
             raise WrongTransition(f"{status!r} is no end")
-        with self._writing() as session:
+        with self.writing() as session:
             row = _get(session, number)
             if not (status == row.status == "deadline" and row.ended is None):
                 self.change(number, status)
@@ -239,21 +247,21 @@ class Store:
 
     def note_best(self, number: int, fitness: float | None, best: dict[str, Any]) -> None:
         """A better answer of a job; ``fitness`` is None if it is not finite."""
-        with self._writing() as session:
+        with self.writing() as session:
             row = _get(session, number)
             row.fitness = fitness
             row.best_json = json.dumps(best)
 
     def note_nodes(self, number: int, nodes: tuple[int, ...]) -> Summary:
         """A job lives on other nodes than before."""
-        with self._writing() as session:
+        with self.writing() as session:
             row = _get(session, number)
             row.nodes_json = json.dumps(nodes)
             return _summary(row)
 
     def note_placing(self, number: int, placing: Placing) -> None:
         """A job is about to begin in a world, on these nodes."""
-        with self._writing() as session:
+        with self.writing() as session:
             row = _get(session, number)
             row.nodes_json = json.dumps(placing.nodes)
             row.wiring = placing.wiring
@@ -264,10 +272,18 @@ class Store:
                 change = json.dumps(dict(placing.why))
                 session.add(WorldRow(number=number, world=placing.world, at=time.time(), change_json=change))
 
+    def forget_before(self, at: float) -> None:
+        """Forget jobs that ended before then, Unix time, and all that was written of them."""
+        with self.writing() as session:
+            old = select(JobRow.number).where(JobRow.ended < at)
+            for table in (ImprovementRow, StatisticsRow, WorldRow, TransitionRow):
+                session.execute(delete(table).where(table.number.in_(old)))
+            session.execute(delete(JobRow).where(JobRow.ended < at))
+
     # Reading ----------------------------------------------------------------------------------------------------------
     def unended(self) -> list[Stored]:
         """All jobs that have not ended, in the order of coming; also those whose nodes stop, after the deadline."""
-        with self._reading() as session:
+        with self.reading() as session:
             draining = and_(JobRow.status == "deadline", JobRow.ended.is_(None))
             found = _whole().where(or_(JobRow.status.not_in(ENDS), draining)).order_by(JobRow.number)
             rows = session.scalars(found)
@@ -275,7 +291,7 @@ class Store:
 
     def newest(self, limit: int | None = None) -> list[Summary]:
         """The newest jobs, newest last."""
-        with self._reading() as session:
+        with self.reading() as session:
             rows = session.scalars(select(JobRow).order_by(JobRow.number.desc()).limit(limit))
             return [_summary(row) for row in rows][::-1]
 
@@ -285,7 +301,7 @@ class Store:
         Raises:
             UnknownJob: if there is none of that id.
         """
-        with self._reading() as session:
+        with self.reading() as session:
             return _stored(session, _known(_find(session, job, _whole()), job))
 
     def summary(self, job: str) -> Summary:
@@ -294,7 +310,7 @@ class Store:
         Raises:
             UnknownJob: if there is none of that id.
         """
-        with self._reading() as session:
+        with self.reading() as session:
             return _summary(_known(_find(session, job), job))
 
     def at(self, number: int) -> Summary:
@@ -303,24 +319,24 @@ class Store:
         Raises:
             UnknownJob: if there is none.
         """
-        with self._writing() as session:  # so that it knows of what the open transaction has written
+        with self.writing() as session:  # so that it knows of what the open transaction has written
             return _summary(_get(session, number))
 
     def counts(self) -> dict[str, int]:
         """How many jobs there are in each state that any is in."""
-        with self._reading() as session:
+        with self.reading() as session:
             rows = session.execute(select(JobRow.status, func.count()).group_by(JobRow.status).order_by(JobRow.status))
             return {row[0]: row[1] for row in rows}
 
     def transitions(self, number: int) -> list[tuple[str, float]]:
         """The states of a job so far, and when each began (Unix time)."""
-        with self._reading() as session:
+        with self.reading() as session:
             found = select(TransitionRow).where(TransitionRow.number == number).order_by(TransitionRow.id)
             return [(row.status, row.at) for row in session.scalars(found)]
 
     # The database -----------------------------------------------------------------------------------------------------
     @contextlib.contextmanager
-    def _writing(self) -> Iterator[Session]:
+    def writing(self) -> Iterator[Session]:
         """The transaction that is open, or one for this."""
         with self._lock:
             if self._session is not None:
@@ -335,7 +351,8 @@ class Store:
                     self._session = None
 
     @contextlib.contextmanager
-    def _reading(self) -> Iterator[Session]:
+    def reading(self) -> Iterator[Session]:
+        """What has been written, by whomever."""
         with self._database.failing_clearly(), self._new_session() as session:
             yield session
 
@@ -343,11 +360,11 @@ class Store:
         return Session(self._database.engine, **options)
 
     def _greatest_number(self) -> int:
-        with self._reading() as session:
+        with self.reading() as session:
             return session.scalar(select(func.max(JobRow.number))) or 0
 
     def _check_schema(self) -> None:
-        with self._writing() as session:
+        with self.writing() as session:
             found = session.scalar(select(func.max(MetaRow.schema)))
             if found is None:
                 session.add(MetaRow(schema=_SCHEMA))

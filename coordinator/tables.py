@@ -95,5 +95,48 @@ class WorldRow(Base):
         return {"world": self.world, "at": self.at, **json.loads(self.change_json)}
 
 
+class RecordRow(Base):
+    """Something that happened; written once, and forgotten when it is old."""
+
+    __abstract__ = True
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    at: Mapped[float] = mapped_column(Double, index=True)
+
+
+class ImprovementRow(RecordRow):
+    """A verified improvement, without its solution; see `wire.news.Improvement`."""
+
+    __tablename__ = "improvements"
+
+    number: Mapped[int] = mapped_column(ForeignKey("jobs.number"), index=True)
+    seconds: Mapped[float] = mapped_column(Double)
+    world: Mapped[int]
+    generation: Mapped[int] = mapped_column(BigInteger)
+    cell: Mapped[int]
+    fitness: Mapped[float | None] = mapped_column(Double)
+    feasible: Mapped[bool]
+
+
+class StatisticsRow(RecordRow):
+    """How a job was in one second; see `wire.news.Statistics`."""
+
+    __tablename__ = "statistics"
+
+    number: Mapped[int] = mapped_column(ForeignKey("jobs.number"), index=True)
+    generation: Mapped[int] = mapped_column(BigInteger)
+    evaluations: Mapped[int] = mapped_column(BigInteger)
+    messages: Mapped[int] = mapped_column(BigInteger)
+    lost: Mapped[int] = mapped_column(BigInteger)
+    rejected: Mapped[int] = mapped_column(BigInteger)
+    nodes_alive: Mapped[int]
+    messages_per_second: Mapped[float] = mapped_column(Double)
+    best: Mapped[float | None] = mapped_column(Double)
+    median: Mapped[float | None] = mapped_column(Double)
+    worst: Mapped[float | None] = mapped_column(Double)
+    age: Mapped[int] = mapped_column(BigInteger)
+    diversity: Mapped[float] = mapped_column(Double)
+
+
 def _maybe_json(written: str | None) -> dict[str, Any] | None:
     return None if written is None else json.loads(written)

@@ -119,6 +119,20 @@ class AsyncClient:
         await self.look(trail)
         return AsyncClientJob(self, trail)
 
+    async def records(self, kind: str, job: str, after: int = 0) -> dict[str, Any]:
+        """What happened in a job, a page of it.
+
+        Args:
+            kind: "improvements", without their solutions, or "statistics", one for each second.
+            job: its id.
+            after: the id of the last record of the page before.
+
+        Returns:
+            "columns", "rows" (the first of each row is its id), and whether there are "more".
+        """
+        page: dict[str, Any] = await self.ask(wire.Records(kind, job, after))
+        return page
+
     async def status(self) -> dict[str, Any]:
         """The cluster: its nodes, and how many jobs there are in each state."""
         status: dict[str, Any] = await self.ask(wire.Status())
@@ -389,6 +403,10 @@ class Client:
     def jobs(self, limit: int | None = None) -> list[dict[str, Any]]:
         """What there is to know of each job in a few words, the newest last."""
         return self._thread.run(self._client.jobs(limit))
+
+    def records(self, kind: str, job: str, after: int = 0) -> dict[str, Any]:
+        """What happened in a job, see `AsyncClient.records`."""
+        return self._thread.run(self._client.records(kind, job, after))
 
     def job(self, id: str) -> "ClientJob":
         """A job that was submitted before, see `AsyncClient.job`."""

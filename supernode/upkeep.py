@@ -34,6 +34,8 @@ class Wish:
     listen: tuple[str, ...]
     database: str | None
     max_queue: int | None
+    keep_days: float
+    keep_records: int
     allow_modules: tuple[str, ...]
 
 
@@ -51,7 +53,21 @@ def wish_of(options: argparse.Namespace) -> Wish:
         raise BadInput(f"--max-queue: expected at least 0, found {options.max_queue}")
     spec = _topology(options)
     modules = tuple(options.allow_module)
-    return Wish(spec, tuple(options.listen), options.database, options.max_queue, modules)
+    keep = check_keep(options.keep_days, options.keep_records)
+    return Wish(spec, tuple(options.listen), options.database, options.max_queue, *keep, modules)
+
+
+def check_keep(days: float, records: int) -> tuple[float, int]:
+    """How much is kept, if it can be so.
+
+    Raises:
+        BadInput: if not.
+    """
+    if not days > 0:  # NaN is not either
+        raise BadInput(f"--keep-days: expected a number greater than 0, found {days:g}")
+    if records < 1:
+        raise BadInput(f"--keep-records: expected at least 1, found {records}")
+    return days, records
 
 
 def _topology(options: argparse.Namespace) -> str:
@@ -123,6 +139,8 @@ class Upkeep:
             database=self._wish.database,
             listen=self._wish.listen,
             max_queue=self._wish.max_queue,
+            keep_days=self._wish.keep_days,
+            keep_records=self._wish.keep_records,
             allow_modules=self._wish.allow_modules,
         )
         return Launcher(cluster, self._wish.topology, self._ends.put, service=service)

@@ -43,6 +43,7 @@ HARMLESS = {
     "struct",
     "types",
     "typing",
+    "zlib",
 }
 PURE = [
     *(path for path in MODULES if path.relative_to(ROOT).parts[0] in ("topologies", "genetics")),

@@ -23,6 +23,7 @@ _MOST_REQUEST_BYTES = MOST_FILE_BYTES + 4096
 _MOST_ARGUMENTS = 16
 _MOST_NAME = 64
 _MOST_TOPOLOGY = 256
+_MOST_RECORD = 1 << 62
 _ID = re.compile(r"[A-Za-z0-9._-]{1,64}")
 _Of = TypeVar("_Of")
 
@@ -57,6 +58,20 @@ class Show:
 
     name: ClassVar[str] = "show"
     job: str
+
+
+@dataclass(frozen=True)
+class Records:
+    """What happened in a job: some thousand of its records, after the one of the id ``after``.
+
+    Attributes:
+        kind: "improvements" or "statistics".
+    """
+
+    name: ClassVar[str] = "records"
+    kind: str
+    job: str
+    after: int = 0
 
 
 @dataclass(frozen=True)
@@ -99,10 +114,10 @@ class Down:
     name: ClassVar[str] = "down"
 
 
-Request = Submit | ListJobs | Show | Cancel | Update | Rewire | Status | Down
+Request = Submit | ListJobs | Show | Records | Cancel | Update | Rewire | Status | Down
 
 _REQUESTS: dict[str, type[Request]] = {
-    request.name: request for request in (Submit, ListJobs, Show, Cancel, Update, Rewire, Status, Down)
+    request.name: request for request in (Submit, ListJobs, Show, Records, Cancel, Update, Rewire, Status, Down)
 }
 
 
@@ -309,6 +324,8 @@ _CHECKS = {
     "priority": _priority,
     "limit": _limit,
     "job": job_id,
+    "kind": _text,
+    "after": lambda value: _between(value, 0, _MOST_RECORD),
     "patch": _patch,
     "topology": _topology,
 }

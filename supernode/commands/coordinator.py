@@ -22,6 +22,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_option(parser, "state", "the folder that keeps the jobs (the user's own)", metavar="DIR")
     add_option(parser, "database", "of the jobs, instead of a file in the state folder", metavar="URL")
     add_option(parser, "max-queue", "refuse jobs when so many wait (any number)", metavar="N")
+    add_option(parser, "keep-days", "forget ended jobs and records so old (30)", metavar="D", default="30")
+    add_option(parser, "keep-records", "of each kind, the newest (1000000)", metavar="N", default="1000000")
     add_option(parser, "allow-module", "let jobs name problems of this module of yours (none)", metavar="M")
 
 
@@ -30,17 +32,20 @@ def run(options: argparse.Namespace) -> int:
     router, cluster, nodes = endpoint_of(options), cluster_of(options), number_of(options, "nodes")
     max_queue = None if options.max_queue is None else number_of(options, "max_queue")
     database = options.database or _file(options.state)
+    keep_days, keep_records = number_of(options, "keep_days"), number_of(options, "keep_records")
     modules = tuple((options.allow_module or "").split())
     prepare_process()
     from pathlib import Path
 
     from coordinator.joined import preside
+    from coordinator.record_book import Keep
     from coordinator.service import Options
     from coordinator.zygote import import_all
     from node.berth import Berth
 
     import_all()
-    preside(Berth(cluster, 0, "", Path(), router), Options(nodes, database, modules), max_queue)
+    how = Options(nodes, database, Keep(keep_days, keep_records), modules)
+    preside(Berth(cluster, 0, "", Path(), router), how, max_queue)
     return exits.OK
 
 

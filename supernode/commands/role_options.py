@@ -61,7 +61,7 @@ def number_of(options: argparse.Namespace, name: str) -> int:
 
     text = _needed(options, name)
     if not text.isascii() or not text.isdigit() or int(text) < 1:
-        raise BadInput(f"--{name}: expected a whole number, at least 1, found {text}")
+        raise BadInput(f"--{name.replace('_', '-')}: expected a whole number, at least 1, found {text}")
     return int(text)
 
 
@@ -94,5 +94,5 @@ def _needed(options: argparse.Namespace, name: str) -> str:
 
     value = getattr(options, name)
     if not value:
-        raise BadInput(f"--{name}: needed, since {variable_of(name)} is not set")
+        raise BadInput(f"--{name.replace('_', '-')}: needed, since {variable_of(name)} is not set")
     return str(value)

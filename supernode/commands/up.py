@@ -29,6 +29,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--database", metavar="URL", help="of the jobs, instead of a file in the state folder")
     parser.add_argument("--max-queue", metavar="N", type=whole, help="refuse jobs when so many wait (any number)")
     parser.add_argument(
+        "--keep-days", metavar="D", type=float, default=30.0, help="forget ended jobs and records so old (30)"
+    )
+    parser.add_argument(
+        "--keep-records", metavar="N", type=whole, default=1_000_000, help="of each kind, the newest (1000000)"
+    )
+    parser.add_argument(
         "--allow-module",
         metavar="M",
         action="append",

@@ -14,6 +14,7 @@ import supernode
 from coordinator.checking import Checker
 from coordinator.database import StoreFailed, sqlite_url
 from coordinator.desk import Desk
+from coordinator.record_book import Keep, RecordBook
 from coordinator.recorder import Recorder
 from coordinator.store import Store
 from wire.jobs import Cancel, Done, Down, ListJobs, Refused, Rewire, Show, Status, Submit, Update
@@ -34,10 +35,11 @@ class Office:
     def __init__(self, path, make=MANUAL, nodes=16, checker=None):
         self.published = []
         self.store = Store(sqlite_url(path / "jobs.sqlite"))
-        self.recorder = Recorder(self.store, self.published.append, self.forget)
+        self.book = RecordBook(self.store, Keep())
+        self.recorder = Recorder(self.store, self.book, self.published.append, self.forget)
         self.dispatcher = make(None, None, nodes, self.recorder)
         checker = checker or Checker()
-        self.desk = Desk("c1", self.store, self.recorder, self.dispatcher, checker, self.published.append)
+        self.desk = Desk("c1", self.store, self.book, self.recorder, self.dispatcher, checker, self.published.append)
 
     def forget(self, number):
         self.desk.forget(number)

@@ -6,6 +6,7 @@ import pytest
 
 from coordinator import recorder as module
 from coordinator.database import StoreFailed, sqlite_url
+from coordinator.record_book import Keep, RecordBook
 from coordinator.recorder import Recorder
 from coordinator.store import Store, Submission
 from problems import BadInput
@@ -19,7 +20,7 @@ class Bench:
         self.store = Store(sqlite_url(path / "jobs.sqlite"))
         self.published = []
         self.forgotten = []
-        self.recorder = Recorder(self.store, self.publish, self.forgotten.append)
+        self.recorder = Recorder(self.store, RecordBook(self.store, Keep()), self.publish, self.forgotten.append)
 
     def publish(self, state):
         assert self.store.at(state.number).status == state.status or state.status not in ("failed", "solved")

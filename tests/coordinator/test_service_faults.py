@@ -91,7 +91,7 @@ def test_whatever_is_killed_every_job_ends_once(service):
 @pytest.mark.parametrize("mode", ["lockstep", "async"])
 @pytest.mark.parametrize("deme", [1, 8])
 def test_a_dead_node_is_replaced_on_its_cell(tmp_path, mode, deme):
-    file = job(200, 1000 if deme == 1 else 600, "torus 2x3", mode=mode, deme=deme)
+    file = job(150, 500 if deme == 1 else 300, "torus 2x3", mode=mode, deme=deme)
     with live(tmp_path / "state", "torus 2x3") as service, service.connect() as client:
         running = client.submit(file, id="a")
         breeds(running)
@@ -110,7 +110,7 @@ def test_a_dead_node_is_replaced_on_its_cell(tmp_path, mode, deme):
 
 
 def test_two_nodes_of_a_job_that_moves_die(tmp_path):
-    file = job(400, 500, "torus 2x3")
+    file = job(300, 400, "torus 2x3")
     with live(tmp_path / "state", "torus 2x3") as service, service.connect() as client:
         running = client.submit(file, id="a")
         breeds(running)
@@ -119,7 +119,7 @@ def test_two_nodes_of_a_job_that_moves_die(tmp_path):
         assert running.rewire("ring 6") > 1
         service.kill("spy")
         result = running.result(120)
-        assert (result.status, result.generations) == ("exhausted", 400)
+        assert (result.status, result.generations) == ("exhausted", 300)
         assert {directive["do"] for directive in result.directives} == {"replace", "rewire"}
         assert result.history_sha256 == history(file, result)
 
@@ -151,12 +151,12 @@ def test_a_database_that_is_away_is_waited_for(tmp_path):
 
 def test_all_nodes_of_a_job_die(tmp_path):
     with live(tmp_path / "state", "torus 1x2") as service, service.connect() as client:
-        running = client.submit(job(400, 2000, "torus 1x1"), id="a")
+        running = client.submit(job(300, 1000, "torus 1x1"), id="a")
         breeds(running)
         (node,) = running.show()["nodes"]
         service.kill(f"node {node}")
         result = running.result(120)
-        assert (result.status, result.generations) == ("exhausted", 400)
+        assert (result.status, result.generations) == ("exhausted", 300)
         assert states(running).count("queued") == 2
 
 
@@ -164,7 +164,7 @@ def test_all_nodes_of_a_job_die(tmp_path):
 def test_when_the_supervisor_is_killed_all_end_and_the_next_goes_on(tmp_path, victim):
     with live(tmp_path / "state", "torus 2x2") as service:
         with service.connect() as client:
-            running = client.submit(job(200, 2000, "torus 2x2", seed=3), id="a")
+            running = client.submit(job(60, 2000, "torus 2x2", seed=3), id="a")
             queued = client.submit(job(50, topology="torus 2x2"), id="b")
             breeds(running)
         process = service.zygote if victim == "zygote" else service.process.pid

@@ -263,7 +263,7 @@ def test_an_update_of_a_users_own_problem(cluster, own_problem):
 
 
 def test_async_worlds_follow_each_other_too(cluster, states, function):
-    job = cluster.submit(function, mode="async", target=-1.0, generations=4000)
+    job = cluster.submit(function, mode="async", target=-1.0, generations=10_000)
     states.wait(job, "running")
     improvements = job.improvements()
     assert job.update(name="sphere") == 1

@@ -6,21 +6,11 @@ import time
 from dataclasses import replace
 
 import topologies
-from coordinator import desk, job
 from coordinator.job import Placing
 from coordinator.scheduler import Scheduler
 from problems import BadInput
 from spy.result import Result
 from wire.news import Improvement
-
-if "priority" not in {field.name for field in dataclasses.fields(job.Order)}:
-
-    @dataclasses.dataclass(frozen=True)
-    class Order(job.Order):
-        priority: int = 0
-        job: str = ""
-
-    desk.Order = Order
 
 
 class StubDispatcher:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from stub_dispatcher import StubDispatcher
 
+from coordinator.record_book import Keep
 from coordinator.service import Options, run
 from node.berth import Berth
 
@@ -14,4 +15,8 @@ if __name__ == "__main__":
     router, cluster, store, nodes = sys.argv[1:]
     berth = Berth(cluster, 0, f"ring {nodes}", Path("/nowhere"), router)
     most = os.environ.get("MAX_QUEUE")
-    run(berth, Options(int(nodes), store), partial(StubDispatcher, max_queue=None if most is None else int(most)))
+    run(
+        berth,
+        Options(int(nodes), store, Keep()),
+        partial(StubDispatcher, max_queue=None if most is None else int(most)),
+    )

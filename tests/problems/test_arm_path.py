@@ -218,7 +218,7 @@ def test_every_decoded_path_keeps_to_the_rules_and_is_worth_its_fitness(recipe, 
     for number in range(6):
         problem = random_world(generator, links, [0.0, 0.03][number % 2], limits if number % 3 == 0 else None)
         problem = problem.model_copy(update={"stretch": number % 2 == 0}).for_recipe(recipe, 1)
-        genomes = random_genomes(problem, 12, number)
+        genomes = random_genomes(problem, 6, number)
         for genome, fitness in zip(genomes, problem.evaluate(genomes), strict=True):
             solution = json.loads(json.dumps(problem.decode(genome)))
             assert all(np.count_nonzero(np.subtract(*rows)) == 1 for rows in pairwise(solution["path"]))

@@ -79,7 +79,7 @@ def test_a_corrupted_solution_is_rejected_or_unreadable(plan):
             with pytest.raises(supernode.BadInput):
                 plan.problem.check(solution | {name: nonsense})
     numbers = list(_numbers(solution))
-    for container, name in random.Random(1).sample(numbers, min(len(numbers), 500)):
+    for container, name in random.Random(1).sample(numbers, min(len(numbers), 150)):
         true, container[name] = container[name], container[name] + 0.37
         try:
             verdict = plan.problem.check(solution)
@@ -167,7 +167,7 @@ def test_built_in_kinds_are_evaluated_all_at_once():
 
 
 def test_every_solution_that_decodes_can_be_checked_and_agrees(plan):
-    for genome, fitness in zip(some_genomes(plan, 15), plan.evaluate(some_genomes(plan, 15)), strict=True):
+    for genome, fitness in zip(some_genomes(plan, 8), plan.evaluate(some_genomes(plan, 8)), strict=True):
         if np.isfinite(fitness):
             solution = json.loads(json.dumps(plan.problem.decode(genome)))
             assert plan.problem.check(solution).fitness == pytest.approx(fitness, rel=1e-6, abs=1e-6)

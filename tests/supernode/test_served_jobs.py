@@ -1,5 +1,6 @@
 """Clients of a real cluster: what they see of one job together, what they are refused, and when answers come."""
 
+import itertools
 import json
 import os
 import signal
@@ -148,7 +149,7 @@ def test_a_client_that_stops_reading_slows_nobody(service, client):
 def test_the_answer_at_the_deadline_is_in_time(service, client, cost):
     late = []
     with Ear(service) as ear:
-        for turn in range(5):
+        for turn in range(3):
             name = f"deadline-{cost}-{turn}"
             running = client.submit(job(cost=cost, seconds=0.7), id=name)
             answer = running.answer(10)
@@ -231,3 +232,19 @@ def test_many_jobs_lose_and_leave_nothing():
         before = measured.settled[name]
         assert held.descriptors <= before.descriptors + 1
         assert held.sockets <= before.sockets
+
+
+def test_what_happened_is_kept(client):
+    running = client.submit(job(cost=100, seconds=3), id="recorded")
+    result = running.result(30)
+    improvements, each_second = (
+        [dict(zip(page["columns"], row, strict=True)) for row in page["rows"]]
+        for page in (client.records(kind, "recorded") for kind in ("improvements", "statistics"))
+    )
+    told = [better.fitness for better in running.improvements()]
+    assert [each["fitness"] for each in improvements] == told
+    assert told[-1] == result.fitness
+    assert 2 <= len(each_second) <= 5, "one a second"
+    assert all(one["generation"] < other["generation"] for one, other in itertools.pairwise(each_second))
+    assert all(each["best"] <= each["median"] <= each["worst"] for each in each_second)
+    assert 0 < each_second[-1]["diversity"] <= 1

@@ -1,0 +1,95 @@
+"""What happened in every job, second by second, for those who look at it later; the oldest is forgotten first.
+
+It is kept in the store's database. Whoever wants it takes it page by page: a run of an hour is thousands of rows.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+from sqlalchemy import delete, func, select
+
+from coordinator.store import Store
+from coordinator.tables import ImprovementRow, RecordRow, StatisticsRow
+from problems.errors import BadInput
+from wire.news import Improvement, Statistics
+from wire.plain import plain
+
+_PAGE = 2000  # rows in one answer
+_LOOK_AFTER = 1000  # rows written, before what is too old is looked for
+_DAY = 86400.0  # seconds
+
+_TABLES: dict[str, type[ImprovementRow] | type[StatisticsRow]] = {
+    "improvements": ImprovementRow,
+    "statistics": StatisticsRow,
+}
+
+
+@dataclass(frozen=True)
+class Keep:
+    """How much is kept.
+
+    Attributes:
+        days: records, and jobs that have ended, are forgotten when they are so old.
+        rows: of each kind of record, the newest.
+    """
+
+    days: float = 30.0
+    rows: int = 1_000_000
+
+
+class RecordBook:
+    """The records of a store; any thread may use it."""
+
+    def __init__(self, store: Store, keep: Keep) -> None:
+        self._store = store
+        self._keep = keep
+        self._unlooked = _LOOK_AFTER  # rows since too old ones were looked for
+
+    def note_improvement(self, at: float, better: Improvement) -> None:
+        """A job has a better answer, at a Unix time."""
+        names = ("seconds", "world", "generation", "cell", "fitness", "feasible")
+        values = {name: plain(getattr(better, name)) for name in names}
+        self._note(ImprovementRow(at=at, number=better.job, **values))
+
+    def note_statistics(self, at: float, statistics: Statistics) -> None:
+        """How a job is at a Unix time."""
+        values = plain(statistics._asdict())
+        self._note(StatisticsRow(at=at, number=values.pop("job"), **values))
+
+    def page(self, kind: str, job: str, after: int) -> dict[str, Any]:
+        """Records of a job in the order of their coming, those after the one of a given id.
+
+        Returns:
+            "columns", "rows", the first of each row being its id, and whether there are "more".
+
+        Raises:
+            UnknownJob: if there is no such job.
+            BadInput: if there are no such records.
+        """
+        table = _TABLES.get(kind)
+        if table is None:
+            raise BadInput(f"kind: expected one of {', '.join(_TABLES)}, found {kind!r}")
+        number = self._store.summary(job).number
+        columns = ["id", *(column.name for column in table.__table__.columns if column.name not in ("id", "number"))]
+        with self._store.reading() as session:
+            values = (getattr(table, name) for name in columns)
+            query = select(*values).where(table.number == number, table.id > after).order_by(table.id)
+            rows = [list(row) for row in session.execute(query.limit(_PAGE + 1))]
+        return {"columns": columns, "rows": rows[:_PAGE], "more": len(rows) > _PAGE}
+
+    def forget_the_old(self, now: float) -> None:
+        """If enough was written since the last time, forget what is older, or more, than is to be kept."""
+        if self._unlooked < _LOOK_AFTER:
+            return
+        self._unlooked = 0
+        before = now - self._keep.days * _DAY
+        with self._store.writing() as session:
+            for table in _TABLES.values():
+                newest = session.scalar(select(func.max(table.id))) or 0
+                session.execute(delete(table).where((table.id <= newest - self._keep.rows) | (table.at < before)))
+        self._store.forget_before(before)
+
+    def _note(self, row: RecordRow) -> None:
+        with self._store.writing() as session:
+            session.add(row)
+        self._unlooked += 1

@@ -1,0 +1,113 @@
+"""What happened in jobs: written, read page by page, and forgotten in time."""
+
+import math
+
+import pytest
+
+from coordinator import record_book as module
+from coordinator.database import sqlite_url
+from coordinator.record_book import Keep, RecordBook
+from coordinator.store import Store, Submission, UnknownJob
+from problems import BadInput
+from wire.news import Improvement, Statistics
+
+DAY = 86400.0
+
+
+@pytest.fixture
+def store(tmp_path):
+    store = Store(sqlite_url(tmp_path / "jobs.sqlite"))
+    for job in ("a", "b"):
+        store.add(Submission("{}", job, "function", "torus 2x2", 4), job)
+    yield store
+    store.close()
+
+
+@pytest.fixture
+def book(store):
+    return RecordBook(store, Keep(days=2.0, rows=5))
+
+
+def improvement(job=1, fitness=2.0, generation=3):
+    return Improvement(job, 0, 0.5, generation, 7, fitness, True, {"x": 1.0})
+
+
+def statistics(job=1, generation=3, best=1.0):
+    return Statistics(job, generation, 40, 16, 0, 1, 4, 8.0, best, 2.0, math.inf, 2, 0.75)
+
+
+def rows(book, kind, job="a", after=0):
+    page = book.page(kind, job, after)
+    assert not page["more"]
+    return [dict(zip(page["columns"], row, strict=True)) for row in page["rows"]]
+
+
+def test_what_was_noted_is_there(book):
+    book.note_improvement(100.0, improvement())
+    book.note_statistics(101.0, statistics())
+    (found,) = rows(book, "improvements")
+    assert found.pop("id") > 0
+    assert found == {
+        "at": 100.0,
+        "seconds": 0.5,
+        "world": 0,
+        "generation": 3,
+        "cell": 7,
+        "fitness": 2.0,
+        "feasible": True,
+    }
+    (found,) = rows(book, "statistics")
+    assert found.pop("id") > 0
+    told = statistics()._asdict() | {"at": 101.0, "worst": None}
+    assert found == {name: value for name, value in told.items() if name != "job"}
+    assert rows(book, "statistics", "b") == []
+
+
+def test_page_by_page_nothing_is_missing_or_twice(book, monkeypatch):
+    monkeypatch.setattr(module, "_PAGE", 3)
+    for generation in range(8):
+        book.note_statistics(float(generation), statistics(1 + generation % 2, generation))
+    seen, after, more = [], 0, True
+    while more:
+        page = book.page("statistics", "a", after)
+        assert len(page["rows"]) <= 3
+        seen += [row[page["columns"].index("generation")] for row in page["rows"]]
+        after, more = page["rows"][-1][0], page["more"]
+    assert seen == [0, 2, 4, 6]
+
+
+def test_what_is_not_there(book):
+    with pytest.raises(UnknownJob):
+        book.page("statistics", "c", 0)
+    with pytest.raises(BadInput, match="kind: expected one of improvements, statistics, found 'gossip'"):
+        book.page("gossip", "a", 0)
+
+
+def test_more_than_is_to_be_kept_is_forgotten_oldest_first(book, monkeypatch):
+    monkeypatch.setattr(module, "_LOOK_AFTER", 4)
+    for generation in range(9):
+        book.note_statistics(DAY + generation, statistics(generation=generation))
+        book.note_improvement(DAY + generation, improvement(generation=generation))
+    book.forget_the_old(DAY + 10)
+    assert [row["generation"] for row in rows(book, "statistics")] == [4, 5, 6, 7, 8]
+    assert [row["generation"] for row in rows(book, "improvements")] == [4, 5, 6, 7, 8]
+
+
+def test_what_is_too_old_is_forgotten_and_jobs_that_ended_then(book, store):
+    store.change(1, "cancelled")
+    ended = store.summary("a").ended
+    book.note_statistics(ended, statistics())
+    book.note_statistics(ended + 1.5 * DAY, statistics(2))
+    book.forget_the_old(ended + 2.5 * DAY)
+    with pytest.raises(UnknownJob):
+        store.show("a")
+    assert store.summary("b").status == "queued", "it has not ended"
+    assert len(rows(book, "statistics", "b")) == 1
+
+
+def test_it_looks_only_now_and_then(book):
+    book.forget_the_old(0.0)
+    for generation in range(9):
+        book.note_statistics(0.0, statistics(generation=generation))
+    book.forget_the_old(0.0)
+    assert len(rows(book, "statistics")) == 9
