@@ -15,6 +15,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from coordinator.errors import ClusterFailed
 from coordinator.launcher import Launcher, ServiceOptions
@@ -22,6 +23,10 @@ from problems.errors import BadInput
 from supernode.client import Client
 from supernode.whereabouts import Card, Place, occupy, remove_card, write_card
 from wire import sessions
+
+if TYPE_CHECKING:
+    from supernode.dashboard.door import Door
+    from supernode.dashboard.keeper import Keeper
 
 _READY_WITHIN = 120.0  # seconds; a thousand nodes on two cores take less than ten
 
@@ -37,6 +42,7 @@ class Wish:
     keep_days: float
     keep_records: int
     allow_modules: tuple[str, ...]
+    dashboard: "Door | None" = None
 
 
 def wish_of(options: argparse.Namespace) -> Wish:
@@ -54,7 +60,23 @@ def wish_of(options: argparse.Namespace) -> Wish:
     spec = _topology(options)
     modules = tuple(options.allow_module)
     keep = check_keep(options.keep_days, options.keep_records)
-    return Wish(spec, tuple(options.listen), options.database, options.max_queue, *keep, modules)
+    door = wished_door(options)
+    return Wish(spec, tuple(options.listen), options.database, options.max_queue, *keep, modules, door)
+
+
+def wished_door(options: argparse.Namespace) -> "Door | None":
+    """Where a dashboard is asked to listen, if one is.
+
+    Raises:
+        BadInput: if it cannot be there.
+    """
+    if options.dashboard is None:
+        if options.dashboard_token_file is not None:
+            raise BadInput("--dashboard-token-file: expected --dashboard too")
+        return None
+    from supernode.dashboard.door import door_of
+
+    return door_of(options.dashboard, options.dashboard_token_file)
 
 
 def check_keep(days: float, records: int) -> tuple[float, int]:
@@ -109,6 +131,24 @@ class Upkeep:
 
     def _keep_up(self, say: Callable[[str], None]) -> None:
         self._try_the_database()
+        with self._dashboard() as dashboard:
+            self._keep_cluster_up(say, dashboard)
+
+    @contextmanager
+    def _dashboard(self) -> "Iterator[Keeper | None]":
+        """The socket is there before anything is launched: an address that is taken is an error at once."""
+        if self._wish.dashboard is None:
+            yield None
+            return
+        from supernode.dashboard.keeper import Keeper
+
+        keeper = Keeper(self.folder, self._wish.dashboard)
+        try:
+            yield keeper
+        finally:
+            keeper.close()
+
+    def _keep_cluster_up(self, say: Callable[[str], None], dashboard: "Keeper | None") -> None:
         cluster = secrets.token_hex(4)
         launcher = self._launch(cluster)
         try:
@@ -120,6 +160,9 @@ class Upkeep:
                 return
             write_card(self.folder, Card(endpoint, cluster, os.getpid(), version("supernode")))
             listens = "".join(f", {each}" for each in self._wish.listen)
+            if dashboard is not None:
+                dashboard.start()
+                listens += f", dashboard {dashboard.address}"
             say(f"up: {nodes} nodes ({self._wish.topology}) in {self.folder}{listens}")
             self._raise_unless_asked(self._ends.get())
         finally:

@@ -4,6 +4,7 @@ import argparse
 from typing import TYPE_CHECKING
 
 from supernode import exits
+from supernode.commands.dashboard_options import add_dashboard
 from supernode.commands.run_options import torus, whole
 
 if TYPE_CHECKING:
@@ -41,6 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=[],
         help="let jobs name problems of this module of yours (none)",
     )
+    add_dashboard(parser)
     parser.add_argument("--detach", action="store_true", help="return when the cluster is ready, and leave it running")
 
 

@@ -38,16 +38,18 @@ class _Node:
 
 
 @dataclass(frozen=True)
-class Totals:
-    """Sums over the nodes, for metrics."""
+class Sums:
+    """The counters of the nodes that are at a job, added up; the furthest generation, and the root's champion's age."""
 
-    alive: int
+    nodes: int
+    generation: int
     evaluations: int
     sent: int
     received: int
     lost: int
     rejected: int
-    champion_age: int | None
+    age: int
+    best: float
 
 
 class View:
@@ -64,6 +66,11 @@ class View:
         self._nodes: dict[int, _Node] = {}
         self._lines: deque[dict[str, Any]] = deque(maxlen=_LINES)
         self._line = 0
+        self._began = time.monotonic()
+
+    def begin(self) -> None:
+        """A new link: who lives is told anew."""
+        self._nodes.clear()
         self._began = time.monotonic()
 
     # What is heard ----------------------------------------------------------------------------------------------------
@@ -148,19 +155,19 @@ class View:
             "lines": list(self._lines),
         }
 
-    def totals(self) -> Totals:
-        """Of the jobs that the nodes are at."""
+    def alive(self) -> int:
+        """How many nodes are."""
         now = time.monotonic()
-        told = [node.told for node in self._nodes.values() if node.told is not None]
-        return Totals(
-            sum(node.state(now) == "alive" for node in self._nodes.values()),
-            sum(each.evaluations for each in told),
-            sum(each.sent for each in told),
-            sum(each.received for each in told),
-            sum(each.lost for each in told),
-            sum(each.rejected for each in told),
-            max((each.age for each in told), default=None),
-        )
+        return sum(node.state(now) == "alive" for node in self._nodes.values())
+
+    def sums(self) -> dict[str, Sums]:
+        """Of the jobs that run, by id."""
+        running = {job["number"]: job["job"] for job in self.jobs if job["status"] == "running"}
+        told: dict[int, list[Counters]] = {number: [] for number in running}
+        for node in self._nodes.values():
+            if node.told is not None and node.told.job in told:
+                told[node.told.job].append(node.told)
+        return {running[number]: _sums(counters) for number, counters in told.items() if counters}
 
     def node(self, number: int) -> dict[str, Any] | None:
         """All about one node."""
@@ -198,6 +205,21 @@ def shape_of(spec: str) -> tuple[int, int]:
     if not hasattr(topology, "rows"):
         topology = topologies.parse(topologies.torus_of(topology.cells))
     return getattr(topology, "rows"), getattr(topology, "columns")  # noqa: B009 - of grids only
+
+
+def _sums(counters: Sequence[Counters]) -> Sums:
+    root = min(counters, key=lambda each: each.cell)
+    return Sums(
+        nodes=len(counters),
+        generation=max(each.generation for each in counters),
+        evaluations=sum(each.evaluations for each in counters),
+        sent=sum(each.sent for each in counters),
+        received=sum(each.received for each in counters),
+        lost=sum(each.lost for each in counters),
+        rejected=sum(each.rejected for each in counters),
+        age=root.age,
+        best=min(each.champion for each in counters),
+    )
 
 
 def _keep(table: dict[int, Any], job: int, value: Any) -> None:

@@ -34,6 +34,14 @@ def children_of(process):
         return []
 
 
+def command_of(process):
+    """Its command line, "" if it has ended."""
+    try:
+        return Path(f"/proc/{process}/cmdline").read_text().replace("\0", " ")
+    except OSError:
+        return ""
+
+
 class LiveService:
     """A cluster that stays up, until `close`."""
 
@@ -44,7 +52,8 @@ class LiveService:
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=None, env=environment, text=True)
         line = self.process.stdout.readline()
         assert line.startswith("up: "), line
-        (self.zygote,) = children_of(self.process.pid)
+        self.line = line
+        (self.zygote,) = (each for each in children_of(self.process.pid) if "coordinator.zygote" in command_of(each))
         self.folder = Path(self.card().endpoint.partition("/")[2]).parent
 
     def card(self):

@@ -1,0 +1,41 @@
+"""The dashboard's process beside `supernode up`; see `keeper`. It ends when its standard input does."""
+
+import json
+import os
+import socket
+import sys
+import threading
+import time
+from pathlib import Path
+
+import uvicorn
+
+from supernode.dashboard.door import Door
+from supernode.dashboard.server import serve
+from supernode.whereabouts import Place
+
+_NICENESS = 5  # nodes come first
+_END_WITHIN = 3.0  # seconds, whatever it is busy with
+
+
+def main() -> None:
+    """Serve on the socket that was handed over; the first line of standard input says how."""
+    config = json.loads(sys.stdin.buffer.readline())
+    os.nice(_NICENESS)
+    sock = socket.socket(fileno=config["socket"])
+    serve(Place.of_folder(Path(config["folder"])), Door(**config["door"]), sock, _tie_to_parent)
+
+
+def _tie_to_parent(server: uvicorn.Server) -> None:
+    threading.Thread(target=_end_with_parent, args=(server,), daemon=True).start()
+
+
+def _end_with_parent(server: uvicorn.Server) -> None:
+    sys.stdin.buffer.read()
+    server.should_exit = True
+    time.sleep(_END_WITHIN)
+    os._exit(0)
+
+
+if __name__ == "__main__":
+    main()

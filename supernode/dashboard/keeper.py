@@ -1,0 +1,85 @@
+"""Keeps the dashboard's process beside `supernode up`.
+
+`up` opens the socket and hands it over, so that the address stays while a process that died is replaced. The pipe to
+its standard input is the process's lifeline: it ends when `up` does, however that ends.
+"""
+
+import contextlib
+import json
+import os
+import subprocess
+import sys
+import threading
+from dataclasses import asdict
+from pathlib import Path
+
+from coordinator.launcher import ONE_THREAD
+from supernode.dashboard.door import Door
+
+_AGAIN = 0.5  # seconds before a process that died has a successor
+_END_WITHIN = 5.0  # seconds
+
+
+class Keeper:
+    """The dashboard of the cluster in one state folder, from now until `close`.
+
+    Raises:
+        BadInput: if it cannot listen there.
+    """
+
+    def __init__(self, folder: Path, door: Door) -> None:
+        self._folder = folder
+        self._door = door
+        self._socket = door.listen()
+        self.address = door.address(self._socket)
+        self._ending = threading.Event()
+        self._process: subprocess.Popen[bytes] | None = None
+        self._thread = threading.Thread(target=self._keep, name="dashboard keeper", daemon=True)
+
+    def start(self) -> None:
+        """The cluster answers: let the dashboard look at it."""
+        self._process = self._start()
+        self._thread.start()
+
+    def close(self) -> None:
+        """End it. Idempotent."""
+        self._ending.set()
+        if self._thread.is_alive():
+            self._thread.join()
+        self._socket.close()
+
+    def _start(self) -> "subprocess.Popen[bytes]":
+        number = self._socket.fileno()
+        process = subprocess.Popen(
+            [sys.executable, "-P", "-m", "supernode.dashboard"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            env=os.environ | ONE_THREAD,
+            pass_fds=[number],
+            start_new_session=True,  # Ctrl-C is the caller's business
+        )
+        config = {"folder": str(self._folder), "door": asdict(self._door), "socket": number}
+        assert process.stdin is not None
+        with contextlib.suppress(BrokenPipeError):  # it is dead already, and will be replaced
+            process.stdin.write(json.dumps(config).encode() + b"\n")  # not among its arguments, which all users see
+            process.stdin.flush()
+        return process
+
+    def _keep(self) -> None:
+        assert self._process is not None, "start comes first"
+        while not self._ending.wait(_AGAIN):
+            if self._process.poll() is not None:
+                _end(self._process)
+                self._process = self._start()
+        _end(self._process)
+
+
+def _end(process: "subprocess.Popen[bytes]") -> None:
+    assert process.stdin is not None
+    with contextlib.suppress(BrokenPipeError):
+        process.stdin.close()
+    try:
+        process.wait(_END_WITHIN)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()

@@ -1,0 +1,51 @@
+"""The cluster's numbers for Prometheus, read off the view when they are asked for."""
+
+from collections.abc import Iterable
+
+from prometheus_client import CollectorRegistry, generate_latest
+from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
+
+from supernode.dashboard.view import View
+
+_COUNTERS = {
+    "evaluations": ("supernode_evaluations", "Evaluations of a running job."),
+    "sent": ("supernode_messages_sent", "Messages that the nodes of a running job have sent."),
+    "received": ("supernode_messages_received", "Messages that they have received and used."),
+    "lost": ("supernode_messages_lost", "Messages that they have missed."),
+    "rejected": ("supernode_messages_rejected", "Messages that they have refused."),
+}
+_GAUGES = {
+    "nodes": ("supernode_job_nodes", "Nodes that have told of a running job."),
+    "generation": ("supernode_job_generation", "The furthest generation of a running job."),
+    "age": ("supernode_champion_age_generations", "Generations since the birth of the champion known at the root."),
+    "best": ("supernode_best_fitness", "Fitness of the best individual of a running job; lower is better."),
+}
+
+
+class Metrics:
+    """A collector of its own registry."""
+
+    def __init__(self, view: View) -> None:
+        self._view = view
+        self._registry = CollectorRegistry(auto_describe=False)
+        self._registry.register(self)
+
+    def text(self) -> bytes:
+        """In Prometheus' text format."""
+        return generate_latest(self._registry)
+
+    def collect(self) -> Iterable[Metric]:
+        """What Prometheus' library calls."""
+        view, sums = self._view, self._view.sums()
+        yield GaugeMetricFamily("supernode_up", "Whether the cluster answers.", float(view.answers))
+        yield GaugeMetricFamily("supernode_nodes_alive", "Nodes that are alive.", view.alive())
+        jobs = GaugeMetricFamily("supernode_jobs", "Jobs by state.", labels=["state"])
+        for state, count in view.counts.items():
+            jobs.add_metric([state], count)
+        yield jobs
+        for names, family in ((_COUNTERS, CounterMetricFamily), (_GAUGES, GaugeMetricFamily)):
+            for name, (metric, words) in names.items():
+                of_jobs = family(metric, words, labels=["job"])
+                for job, added in sums.items():
+                    of_jobs.add_metric([job], getattr(added, name))
+                yield of_jobs

@@ -1,0 +1,60 @@
+"""Live news for browsers: server-sent events, each the whole picture as it is now.
+
+All browsers share one snapshot, and none has a queue: whoever reads slowly misses some, and whoever does not read at
+all is disconnected by the socket's user timeout (`door`). So memory does not grow, however many look.
+"""
+
+import asyncio
+import json
+from collections.abc import Callable
+from typing import Any
+
+from starlette.responses import PlainTextResponse
+from starlette.types import Receive, Scope, Send
+
+MOST = 100  # streams at once
+PERIOD = 0.5  # seconds
+_HEADERS = [(b"content-type", b"text/event-stream"), (b"cache-control", b"no-store")]
+
+
+class Streams:
+    """Everybody who watches; an ASGI application that is one stream."""
+
+    def __init__(self, snapshot: Callable[[], dict[str, Any]]) -> None:
+        self._snapshot = snapshot
+        self._latest = asyncio.get_running_loop().create_future()
+        self.count = 0
+
+    async def run(self) -> None:
+        """Take snapshots until cancelled, while anybody watches."""
+        while True:
+            await asyncio.sleep(PERIOD)
+            if self.count:
+                before, self._latest = self._latest, asyncio.get_running_loop().create_future()
+                before.set_result(_event(self._snapshot()))
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Tell one browser until it is gone."""
+        if self.count >= MOST:
+            await PlainTextResponse(f"there are {MOST} streams already\n", 503)(scope, receive, send)
+            return
+        self.count += 1
+        gone = asyncio.create_task(_until_gone(receive))
+        try:
+            await send({"type": "http.response.start", "status": 200, "headers": _HEADERS})
+            event = _event(self._snapshot())
+            while not gone.done():
+                await send({"type": "http.response.body", "body": event, "more_body": True})
+                event = await asyncio.shield(self._latest)
+        finally:
+            gone.cancel()
+            self.count -= 1
+
+
+async def _until_gone(receive: Receive) -> None:
+    while (await receive())["type"] != "http.disconnect":
+        pass
+
+
+def _event(snapshot: dict[str, Any]) -> bytes:
+    return b"data: " + json.dumps(snapshot, separators=(",", ":"), allow_nan=False).encode() + b"\n\n"

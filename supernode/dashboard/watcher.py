@@ -1,0 +1,92 @@
+"""Keeps the view up to date: listens to the cluster, asks it now and then, and finds it again when it was away."""
+
+import asyncio
+import contextlib
+from collections.abc import Callable
+
+from coordinator.errors import ClusterFailed
+from supernode.client import AsyncClient
+from supernode.dashboard.view import View
+from supernode.whereabouts import Place
+from wire import jobs as wire
+from wire.strict import Rejected
+
+PATIENCE = 5.0  # seconds without an answer: a coordinator that died has a successor by then
+LISTED = 100  # jobs
+_AGAIN = 0.5  # seconds between attempts, and between two questions
+_LOOK_EVERY = 2.0  # seconds
+_NODES_A_SECOND = 32  # `status` costs the coordinator a look at each node's memory
+
+
+class Watcher:
+    """One cluster, watched."""
+
+    def __init__(self, place: Place, view: View) -> None:
+        self._place = place
+        self._view = view
+        self._client: AsyncClient | None = None
+        self._news = asyncio.Event()
+
+    @property
+    def client(self) -> AsyncClient:
+        """The link to the cluster.
+
+        Raises:
+            ClusterFailed: while there is none.
+        """
+        if self._client is None:
+            raise ClusterFailed(self._view.trouble or "the cluster has not answered yet")
+        return self._client
+
+    async def run(self) -> None:
+        """Watch until cancelled."""
+        while True:
+            try:
+                async with await AsyncClient.open(self._place) as client:
+                    self._listen(client)
+                    self._client = client
+                    await self._look(client)
+            except ClusterFailed as error:
+                self._view.lost(str(error))
+            finally:
+                self._client = None
+            await asyncio.sleep(_AGAIN)
+
+    def _listen(self, client: AsyncClient) -> None:
+        view, keys = self._view, client.keys
+        view.begin()
+        for key, hear in (
+            (keys.any_stats, view.hear_counters),
+            (keys.spy_stats, view.hear_statistics),
+            (keys.best, view.hear_best),
+            (keys.log, view.hear_log),
+        ):
+            client.listen(key, _forgiving(hear))
+        client.listen(keys.state, lambda _: self._news.set())
+        client.watch(keys.any_life, view.hear_life)
+
+    async def _look(self, client: AsyncClient) -> None:
+        """Ask which jobs there are whenever one has changed, and which nodes, now and then."""
+        loop, status_due = asyncio.get_running_loop(), 0.0
+        while True:
+            self._news.clear()
+            self._view.hear_jobs(await client.ask(wire.ListJobs(LISTED), PATIENCE))
+            if loop.time() >= status_due:
+                status = await client.ask(wire.Status(), PATIENCE)
+                self._view.hear_status(status)
+                status_due = loop.time() + max(_LOOK_EVERY, len(status["nodes"]) / _NODES_A_SECOND)
+            self._view.found()
+            await asyncio.sleep(_AGAIN)
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(_LOOK_EVERY - _AGAIN):
+                    await self._news.wait()
+
+
+def _forgiving(hear: Callable[[bytes], None]) -> Callable[[bytes], None]:
+    """What cannot be read is not shown."""
+
+    def forgiving(payload: bytes) -> None:
+        with contextlib.suppress(Rejected):
+            hear(payload)
+
+    return forgiving
