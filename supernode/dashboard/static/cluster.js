@@ -1,0 +1,72 @@
+// The cluster: its nodes on the torus, one of them in detail, and what happened.
+
+import { byId, clock, fillRow, follow, getJson, make, number, setText, showFacts } from "./common.js";
+import { Torus } from "./torus.js";
+
+const COLUMNS = ["node", "state", "cell", "generation", "champion", "best", "age", "sent"];
+const SHOWN = {
+  state: "state", process: "process", cell: "cell", job: "job", world: "world", generation: "generation",
+  evaluations: "evaluations", best: "best", median: "median", worst: "worst", champion: "champion", age: "champion's age",
+  sent: "sent", received: "received", lost: "lost", rejected: "rejected", deaths: "deaths", memory: "memory",
+};
+let nodes = null, chosen = null, asking = false, latest = null;
+
+const torus = new Torus(byId("torus"), byId("legend"), {
+  choose: (index) => { chosen = nodes.node[index]; showNode(); },
+  describe: (index) => `node ${nodes.node[index]}, ${nodes.state[index]}, ${byId("what").value} ${value(index)}`,
+});
+const value = (index) => number(nodes[byId("what").value][index]);
+
+function show(snapshot) {
+  latest = snapshot;
+  nodes = snapshot.nodes;
+  const states = (name) => nodes.state.filter((state) => state === name).length;
+  showFacts(byId("facts"), {
+    nodes: nodes.node.length, alive: states("alive"), dead: states("dead"), joining: states("joining"),
+    ...snapshot.counts,
+  });
+  showTorus();
+  if (byId("all").open) showTable();
+  showLines(snapshot.lines);
+  if (chosen !== null) showNode();
+}
+
+function showTorus() {
+  const values = nodes[byId("what").value];
+  torus.show(latest.rows, latest.columns, nodes.state.map((state, index) => ({ state, value: values[index] })));
+}
+
+function showTable() {
+  const rows = byId("rows");
+  while (rows.children.length > nodes.node.length) rows.lastChild.remove();
+  nodes.node.forEach((_, index) => {
+    const row = rows.children[index] ?? rows.appendChild(make("tr"));
+    fillRow(row, COLUMNS.map((name) => nodes[name][index]));
+    row.children[1].dataset.state = nodes.state[index];
+  });
+}
+
+function showLines(lines) {
+  const list = byId("lines"), newest = String(lines.at(-1)?.number ?? 0);
+  if (list.dataset.newest === newest) return;
+  list.dataset.newest = newest;
+  list.replaceChildren(...lines.toReversed().map((line) =>
+    make("li", { "data-level": line.level }, make("time", {}, clock(line.at)), line.text)));
+}
+
+async function showNode() {
+  if (asking) return;
+  asking = true;
+  try {
+    const told = await getJson(`/api/nodes/${chosen}`);
+    setText(byId("node-title"), `Node ${chosen}`);
+    const facts = Object.entries(SHOWN).filter(([name]) => told[name] !== undefined);
+    showFacts(byId("node"), Object.fromEntries(facts.map(([name, words]) => [words, told[name]])));
+  } catch { /* the node is gone, or the dashboard is away: what was known stays */ } finally {
+    asking = false;
+  }
+}
+
+byId("what").addEventListener("change", showTorus);
+byId("all").addEventListener("toggle", () => nodes && showTable());
+follow(show);

@@ -1,0 +1,77 @@
+// The queue and the history of jobs, and a form to hand one in.
+
+import { announce, byId, clock, follow, hasEnded, make, number, postJson, setText } from "./common.js";
+
+const rows = new Map();
+
+function show(snapshot) {
+  byId("none").hidden = snapshot.jobs.length > 0;
+  const known = new Set(snapshot.jobs.map((job) => job.job));
+  for (const [id, row] of rows) if (!known.has(id)) { row.remove(); rows.delete(id); }
+  for (const job of snapshot.jobs) {
+    if (!rows.has(job.job)) byId("rows").prepend(newRow(job.job));
+    update(rows.get(job.job), job, snapshot.at);
+  }
+}
+
+function newRow(id) {
+  const box = make("input", { type: "checkbox", value: id, "aria-label": `choose ${id}` });
+  const link = make("a", { href: `/jobs/${encodeURIComponent(id)}` }, id);
+  const cancel = make("button", { type: "button", "aria-label": `cancel ${id}` }, "Cancel");
+  cancel.addEventListener("click", () => attempt(() => postJson(`/api/jobs/${encodeURIComponent(id)}/cancel`, {})));
+  const cells = Array.from({ length: 9 }, () => make("td"));
+  cells[0].append(box);
+  cells[1].append(link);
+  cells[8].append(cancel);
+  const row = make("tr", {}, ...cells);
+  rows.set(id, row);
+  return row;
+}
+
+function update(row, job, now) {
+  const from = job.started ?? job.submitted, took = (job.ended ?? now) - from;
+  const texts = [job.kind, job.status, number(job.fitness), number(job.cells), clock(job.submitted), `${took.toFixed(1)} s`];
+  texts.forEach((text, index) => setText(row.children[index + 2], text));
+  row.children[3].dataset.state = job.status;
+  row.children[3].title = job.message ?? "";
+  row.children[8].firstChild.hidden = hasEnded(job.status);
+}
+
+async function attempt(work) {
+  setText(byId("trouble"), "");
+  try {
+    await work();
+  } catch (error) {
+    setText(byId("trouble"), error.message);
+  }
+}
+
+byId("compare").addEventListener("click", () => {
+  const chosen = [...document.querySelectorAll("#rows input:checked")].map((box) => box.value);
+  location.assign(`/compare?jobs=${chosen.join()}`);
+});
+
+byId("kind").addEventListener("change", (event) => attempt(async () => {
+  const kind = event.target.value;
+  const form = byId("submit").elements;
+  form.file.value = kind ? await (await fetch(`/api/templates/${kind}`)).text() : "";
+  form.name.value = kind ? `${kind}.toml` : "form.toml";
+}));
+
+byId("upload").addEventListener("change", (event) => attempt(async () => {
+  const [file] = event.target.files;
+  if (!file) return;
+  byId("submit").elements.file.value = await file.text();
+  byId("submit").elements.name.value = file.name;
+}));
+
+byId("submit").addEventListener("submit", (event) => {
+  event.preventDefault();
+  attempt(async () => {
+    const { job } = await postJson("/api/jobs", Object.fromEntries(new FormData(event.target)));
+    announce(`job ${job} is submitted`);
+    location.assign(`/jobs/${encodeURIComponent(job)}`);
+  });
+});
+
+follow(show);
