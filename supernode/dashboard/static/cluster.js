@@ -7,7 +7,7 @@ const COLUMNS = ["node", "state", "cell", "generation", "champion", "best", "age
 const SHOWN = {
   state: "state", process: "process", cell: "cell", job: "job", world: "world", generation: "generation",
   evaluations: "evaluations", best: "best", median: "median", worst: "worst", champion: "champion", age: "champion's age",
-  sent: "sent", received: "received", lost: "lost", rejected: "rejected", deaths: "deaths", memory: "memory",
+  sent: "sent", received: "received", lost: "lost", rejected: "rejected", deaths: "deaths", megabytes: "memory / MB",
 };
 let nodes = null, chosen = null, asking = false, latest = null;
 
@@ -59,6 +59,7 @@ async function showNode() {
   asking = true;
   try {
     const told = await getJson(`/api/nodes/${chosen}`);
+    if (typeof told.memory === "number") told.megabytes = Math.round(told.memory / 1e6);
     setText(byId("node-title"), `Node ${chosen}`);
     const facts = Object.entries(SHOWN).filter(([name]) => told[name] !== undefined);
     showFacts(byId("node"), Object.fromEntries(facts.map(([name, words]) => [words, told[name]])));

@@ -40,7 +40,7 @@ function showPlots() {
 function showTable() {
   const told = runs.map(({ job }) => ({
     kind: job.kind, problem: job.name, status: job.status, fitness: job.fitness, topology: job.topology,
-    seconds: job.started && job.ended ? job.ended - job.started : null,
+    "took / s": job.started && job.ended ? job.ended - job.started : null,
     generations: job.result?.generations, evaluations: job.result?.evaluations,
     "messages lost": job.result?.messages?.lost, ...job.run,
   }));

@@ -31,7 +31,7 @@ export class Torus {
     this.#explain(known.length ? [low, high] : null);
   }
 
-  // The places where champions were born, joined in order; a line does not cross the torus' edge to come back.
+  // The places where champions were born, joined in order.
   trace(cells) {
     const places = cells.map((cell) => this.place(cell));
     set(this.lineage, "d", places.map(([row, column], index) => `${index ? "L" : "M"}${column + .5} ${row + .5}`).join(""));
@@ -87,7 +87,7 @@ export class Torus {
   }
 
   #explain(ends) {
-    const words = ends ? `${ends.map(number).join()}` : "";
+    const words = ends ? ends.map(number).join() : "none";
     if (this.legend.dataset.words === words) return;
     this.legend.dataset.words = words;
     const scale = ends ? [number(ends[0]), make("span", { class: "ramp" }), number(ends[1])] : ["no job on the nodes"];

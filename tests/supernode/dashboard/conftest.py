@@ -1,0 +1,85 @@
+"""What tests of the dashboard share: one in this process, before a coordinator that the test plays; and a browser."""
+
+import contextlib
+import http.client
+import json
+import queue
+import shutil
+import threading
+
+import pytest
+from fake_service import FakeService
+
+from supernode.dashboard.door import Door
+from supernode.dashboard.server import serve
+from supernode.whereabouts import Place
+
+
+class Shown:
+    """A dashboard that serves in a thread."""
+
+    def __init__(self, endpoint, token=None):
+        door = Door("127.0.0.1", 0, token)
+        self.socket = door.listen()
+        self.port = self.socket.getsockname()[1]
+        servers = queue.SimpleQueue()
+        arguments = (Place.at(endpoint), door, self.socket, servers.put)
+        self._thread = threading.Thread(target=serve, args=arguments)
+        self._thread.start()
+        self._server = servers.get()
+
+    @property
+    def streams(self):
+        return self._server.config.app.state.dashboard.streams
+
+    def ask(self, method, path, body=None, **headers):
+        """Status, headers and text of the answer; the path goes out as it is."""
+        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=20)
+        with contextlib.closing(connection):
+            connection.request(method, path, body, {name.replace("_", "-"): value for name, value in headers.items()})
+            answer = connection.getresponse()
+            return answer.status, answer.headers, answer.read().decode()
+
+    def post(self, path, value, **headers):
+        return self.ask("POST", path, json.dumps(value), **({"Content_Type": "application/json"} | headers))
+
+    def close(self):
+        self._server.should_exit = True
+        self._thread.join()
+
+
+@pytest.fixture
+def played():
+    service = FakeService()
+    yield service
+    service.close()
+
+
+@pytest.fixture
+def show(played):
+    """Starts a dashboard of the played cluster; call it with a token, or without."""
+    with contextlib.ExitStack() as stack:
+
+        def start(token=None):
+            shown = Shown(played.endpoint, token)
+            stack.callback(shown.close)
+            return shown
+
+        yield start
+
+
+@pytest.fixture
+def shown(show):
+    return show()
+
+
+@pytest.fixture(scope="session")
+def chromium():
+    sync_api = pytest.importorskip("playwright.sync_api")
+    path = shutil.which("chromium")
+    if path is None:
+        pytest.skip("no chromium on this machine (Debian: apt-get install chromium)")
+    with sync_api.sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
+        yield browser
+        browser.close()

@@ -1,0 +1,214 @@
+"""The dashboard of a real cluster, in a real browser."""
+
+import contextlib
+import os
+import select
+import signal
+import subprocess
+import sys
+import urllib.request
+from pathlib import Path
+
+import pytest
+from live_service import ROOT, command_of, live, until
+
+# Nobody solves this: it runs until it is cancelled.
+ENDLESS = """
+kind = "function"
+name = "rastrigin"
+dimension = 200
+[run]
+topology = "torus 4x4"
+mode = "async"
+target = -1.0
+stall = 1000000
+seconds = 100
+"""
+SIZES = [(1280, 800), (390, 844)]
+
+
+@pytest.fixture(scope="module")
+def cluster(tmp_path_factory):
+    with live(tmp_path_factory.mktemp("state"), "torus 4x4", "--dashboard", "127.0.0.1:0") as service:
+        yield service
+
+
+@pytest.fixture(scope="module")
+def home(cluster):
+    return address_in(cluster.line)
+
+
+@pytest.fixture
+def endless(cluster, tmp_path):
+    path = tmp_path / "endless.toml"
+    path.write_text(ENDLESS)
+    with cluster.connect() as client:
+        job = client.submit(path)
+        yield job
+        job.cancel()
+        job.result(30)
+
+
+@pytest.fixture
+def page(chromium, home):
+    """A page that may neither complain nor ask anybody but the dashboard."""
+    page, complaints = chromium.new_page(viewport={"width": 1280, "height": 800}), []
+    page.on("console", lambda message: complaints.append(message.text) if message.type == "error" else None)
+    page.on("pageerror", lambda error: complaints.append(str(error)))
+    page.on(
+        "request", lambda request: None if request.url.startswith((home, "data:")) else complaints.append(request.url)
+    )
+    yield page
+    page.close()
+    assert complaints == []
+
+
+def is_foreign(request, home):
+    return not request.url.startswith((home, "data:"))
+
+
+def see(page, selector, seconds=30):
+    """Wait until there is such an element, seen or not."""
+    page.wait_for_selector(selector, state="attached", timeout=1000 * seconds)
+
+
+def address_in(line):
+    return line.split("dashboard ")[1].split(": ")[-1].strip()
+
+
+def dashboard_of(service):
+    """The process id, whichever thread of `up` started it."""
+    tasks = Path(f"/proc/{service.process.pid}/task")
+    children = [int(each) for task in tasks.iterdir() for each in (task / "children").read_text().split()]
+    return next((each for each in children if "supernode.dashboard" in command_of(each)), None)
+
+
+def answers(address):
+    with contextlib.suppress(OSError), urllib.request.urlopen(address + "healthz", timeout=10) as answer:
+        return answer.status == 200
+    return False
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_each_page_loads_and_fits(page, home, cluster, size):
+    page.set_viewport_size({"width": size[0], "height": size[1]})
+    with cluster.connect() as client:
+        job = client.submit(ROOT / "examples" / "arm-ik.toml", seconds=5)
+        job.result(60)
+    for path in ("", "jobs", f"jobs/{job.id}", f"compare?jobs={job.id}"):
+        page.goto(home + path)
+        page.wait_for_selector("#link[data-state=answers]")
+        assert page.evaluate("document.documentElement.scrollWidth") <= size[0]
+    page.wait_for_selector("#seconds .main-svg")
+    page.wait_for_selector(f"#table >> text={job.id}")
+
+
+def test_cells_change_while_a_job_runs(page, home, endless):
+    page.goto(home)
+    page.select_option("#what", "sent")
+    page.wait_for_selector("[data-cell='15'][fill^=rgb]")
+    fills = "[...document.querySelectorAll('#torus rect')].map((each) => each.getAttribute('fill')).join()"
+    before = page.evaluate(fills)
+    until(lambda: page.evaluate(fills) != before)
+
+
+def test_the_keyboard_leads_to_a_node(page, home, endless):
+    page.goto(home)
+    page.wait_for_selector("[data-cell='15']")
+    page.focus("#torus")
+    page.keyboard.press("ArrowRight")
+    see(page, "#live >> text=/^node 1, alive/")
+    page.keyboard.press("Enter")
+    see(page, "#node-title >> text=Node 1")
+    page.wait_for_selector("#node >> text=generation")
+    page.click("#all summary")
+    page.wait_for_selector("#rows tr:nth-child(16)")
+
+
+def test_a_killed_node_is_dead_within_five_seconds_and_alive_again(page, home, cluster, endless):
+    page.goto(home)
+    see(page, "[data-cell='5'][data-state=alive]")
+    os.kill(cluster.processes()["node 5"], signal.SIGKILL)
+    see(page, "[data-cell='5'][data-state=dead]", 5)
+    see(page, "[data-cell='5'][data-state=alive]")
+    page.wait_for_selector("#lines >> text=node 5 is alive again")
+
+
+def test_a_form_leads_to_a_solved_job_with_its_scene(page, home):
+    page.goto(home + "jobs")
+    page.fill("textarea[name=file]", (ROOT / "examples" / "arm-ik.toml").read_text())
+    page.fill("input[name=name]", "<img src=/nowhere onerror=alert(1)>.toml")
+    page.fill("input[name=seconds]", "20")
+    page.click("form#submit button")
+    page.wait_for_selector("#facts >> text=solved")
+    until(lambda: page.evaluate("document.getElementById('scene').naturalWidth") > 0)
+    page.wait_for_selector("#convergence .main-svg .scatterlayer .trace")
+    assert "<img src=/nowhere" in page.inner_text("#facts")
+    assert page.query_selector("#facts img") is None
+
+
+def test_the_form_says_what_is_wrong(chromium, home):
+    page = chromium.new_page()
+    page.goto(home + "jobs")
+    page.select_option("#kind", "arm-ik")
+    until(lambda: "arm-ik" in page.input_value("textarea"))
+    page.fill("textarea[name=file]", "kind = <b>")
+    with page.expect_response("**/api/jobs") as refused:
+        page.click("form#submit button")
+    assert refused.value.status == 400
+    page.wait_for_selector("#trouble >> text=expected TOML")
+    page.close()
+
+
+def test_jobs_are_cancelled_by_button(page, home, endless):
+    page.goto(home + "jobs")
+    page.click(f"button[aria-label='cancel {endless.id}']")
+    page.wait_for_selector(f"tr:has(a[href='/jobs/{endless.id}']) td[data-state=cancelled]")
+
+
+def test_a_dashboard_that_died_is_replaced_at_the_same_address(cluster, home):
+    victim = until(lambda: dashboard_of(cluster))
+    os.kill(victim, signal.SIGKILL)
+    until(lambda: dashboard_of(cluster) not in (victim, None))
+    until(lambda: answers(home))
+
+
+@pytest.mark.parametrize("kind", [signal.SIGTERM, signal.SIGKILL])
+def test_it_ends_with_the_cluster(tmp_path, kind):
+    with live(tmp_path, "torus 1x2", "--dashboard", "127.0.0.1:0") as service:
+        until(lambda: answers(address_in(service.line)))
+        watched = os.pidfd_open(dashboard_of(service))
+        os.kill(service.process.pid, kind)
+        try:
+            until(lambda: has_ended(watched), 10)
+        finally:
+            os.close(watched)
+
+
+def has_ended(descriptor):
+    return select.select([descriptor], [], [], 0)[0] != []
+
+
+def test_an_onlooker_shows_a_running_cluster(cluster):
+    command = [sys.executable, "-m", "supernode", "spy", "--connect", cluster.card().endpoint]
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    with subprocess.Popen(
+        [*command, "--dashboard", "127.0.0.1:0"], stdout=subprocess.PIPE, env=environment, text=True
+    ) as process:
+        try:
+            address = address_in(process.stdout.readline())
+            until(lambda: answers(address))
+            process.send_signal(signal.SIGINT)
+            assert process.wait(10) == 130
+        finally:
+            process.kill()
+
+
+def test_its_metrics_count_what_the_nodes_do(cluster, home, endless):
+    def text():
+        with urllib.request.urlopen(home + "metrics") as answer:
+            return answer.read().decode()
+
+    line = f'supernode_evaluations_total{{job="{endless.id}"}}'
+    until(lambda: line in text())
+    assert "supernode_nodes_alive 16.0" in text()

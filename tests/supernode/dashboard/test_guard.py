@@ -1,0 +1,101 @@
+"""Who may come in, and what else a dashboard does not let be done to it."""
+
+import pytest
+
+from supernode.dashboard import server
+
+TOKEN = "s3cret-s3cret-s3cret"
+PROBLEM = {"file": 'kind = "function"\nname = "onemax"\ndimension = 8\n'}
+
+
+def own(shown):
+    return f"http://127.0.0.1:{shown.port}"
+
+
+def test_what_changes_anything_must_come_from_its_own_pages(shown, played):
+    for headers in (
+        {"Origin": "http://evil.example"},
+        {"Origin": "null"},
+        {"Origin": f"http://127.0.0.1:{shown.port + 1}"},
+        {"Sec_Fetch_Site": "cross-site"},
+    ):
+        status, _, text = shown.post("/api/jobs", PROBLEM, **headers)
+        assert (status, "another site" in text) == (403, True)
+    assert played.jobs == {}
+    assert shown.post("/api/jobs", PROBLEM, Origin=own(shown))[0] in (201, 503)  # it may not have met the cluster yet
+
+
+def test_a_name_that_was_made_to_lead_here_is_refused(shown):
+    assert shown.ask("GET", "/", Host="evil.example")[0] == 421
+    assert shown.ask("GET", "/", Host="[broken")[0] == 421
+    assert shown.ask("GET", "/", Host=f"localhost:{shown.port}")[0] == 200
+
+
+def test_browsers_are_told_to_load_nothing_from_elsewhere(shown):
+    _, headers, _ = shown.ask("GET", "/")
+    assert headers["Content-Security-Policy"].startswith("default-src 'self'")
+    assert headers["X-Content-Type-Options"] == "nosniff"
+
+
+@pytest.mark.parametrize(
+    "path", ["/static/../server.py", "/static/%2e%2e/server.py", "/static/..%2fserver.py", "/../etc/passwd", "/static/"]
+)
+def test_paths_lead_to_no_other_files(shown, path):
+    assert shown.ask("GET", path)[0] == 404
+
+
+def test_a_token_is_needed_where_there_is_one(show):
+    shown = show(TOKEN)
+    assert shown.ask("GET", "/")[0] == 401
+    assert shown.ask("GET", "/events")[0] == 401
+    assert shown.ask("GET", "/static/style.css")[0] == 401
+    assert shown.ask("GET", "/", Authorization="Bearer wrong")[0] == 401
+    assert shown.ask("GET", "/?token=wrong")[0] == 401
+    assert shown.ask("GET", "/", Cookie="supernode_token=wrong")[0] == 401
+    assert shown.post("/api/jobs?token=" + TOKEN, PROBLEM)[0] == 401
+    assert shown.ask("GET", "/", Authorization=f"Bearer {TOKEN}")[0] == 200
+    assert shown.ask("GET", "/healthz")[0] in (200, 503)
+
+
+def test_a_token_in_the_address_becomes_a_cookie(show):
+    shown = show(TOKEN)
+    status, headers, _ = shown.ask("GET", f"/compare?jobs=a%2Cb&token={TOKEN}")
+    assert (status, headers["Location"]) == (303, "/compare?jobs=a%2Cb")
+    cookie = headers["Set-Cookie"]
+    assert "httponly" in cookie.lower()
+    assert "samesite=strict" in cookie.lower()
+    assert shown.ask("GET", "/", Cookie=cookie.partition(";")[0])[0] == 200
+    assert shown.ask("GET", f"//evil.example/?token={TOKEN}")[1]["Location"] == "/evil.example/"
+
+
+def test_what_is_submitted_has_a_size(shown, monkeypatch):
+    monkeypatch.setattr(server, "MOST_BODY", 1000)
+    assert shown.post("/api/jobs", {"file": "#" * 2000})[0] == 413
+
+
+@pytest.mark.parametrize(
+    ("kind", "body", "status"),
+    [
+        ("application/json", "{", 400),
+        ("application/json", "[1]", 400),
+        ("application/json", "[" * 100_000, 400),
+        ("application/json", '{"file": 1}', 400),
+        ("application/json", '{"file": "kind = 3"}', 400),
+        ("application/json", '{"file": "kind = \\"arm-ik\\"", "extra": 1}', 400),
+        ("application/json", '{"file": "kind = \\"arm-ik\\"", "seed": "x"}', 400),
+        ("application/json", b"\xff\xfe", 400),
+        ("application/x-www-form-urlencoded", "nothing", 400),
+        ("text/plain", "{}", 415),
+    ],
+)
+def test_what_is_malformed_is_refused(shown, kind, body, status):
+    found, _, text = shown.ask("POST", "/api/jobs", body, Content_Type=kind)
+    assert found == status
+    assert "error" in text
+
+
+def test_names_in_an_address_are_text(shown):
+    status, _, page = shown.ask("GET", "/jobs/%3Cscript%3Ealert(1)%3C%2Fscript%3E")
+    assert status in (200, 404)
+    assert "<script>alert" not in page
+    assert "<b>" not in shown.ask("GET", "/jobs/%3Cb%3E")[2]

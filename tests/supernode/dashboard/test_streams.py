@@ -1,0 +1,67 @@
+"""Live news: many who listen, and one who does not."""
+
+import contextlib
+import json
+import socket
+
+import pytest
+from live_service import until
+
+from supernode.dashboard import door, streams
+
+ASK = b"GET /events HTTP/1.1\r\nHost: localhost\r\n\r\n"
+
+
+def listen(shown, room=None):
+    sock = socket.socket()
+    if room is not None:
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, room)
+    sock.settimeout(20)
+    sock.connect(("127.0.0.1", shown.port))
+    sock.sendall(ASK)
+    return sock
+
+
+def first_event(sock):
+    with sock.makefile("rb") as lines:
+        return json.loads(next(line for line in lines if line.startswith(b"data: "))[6:])
+
+
+def test_fifty_browsers_hear_the_same(shown, played):
+    with contextlib.ExitStack() as stack:
+        socks = [stack.enter_context(listen(shown)) for _ in range(50)]
+        events = [first_event(sock) for sock in socks]
+        assert {event["rows"] for event in events} == {1}
+        assert shown.streams.count == 50
+    until(lambda: shown.streams.count == 0)
+
+
+def test_there_is_a_most(shown, monkeypatch):
+    monkeypatch.setattr(streams, "MOST", 2)
+    with listen(shown) as one, listen(shown) as two:
+        first_event(one), first_event(two)
+        status, _, text = shown.ask("GET", "/events")
+        assert (status, text) == (503, "there are 2 streams already\n")
+    until(lambda: shown.streams.count == 0)
+
+
+@pytest.fixture
+def _hasty(monkeypatch):
+    monkeypatch.setattr(door, "_STALLED_MS", 1000)
+    monkeypatch.setattr(streams, "PERIOD", 0.01)
+
+
+@pytest.mark.usefixtures("_hasty")
+def test_a_browser_that_stops_reading_is_disconnected_and_nothing_is_kept_for_it(show, monkeypatch):
+    shown = show()
+    made = []
+    with listen(shown) as reads:
+        first_event(reads)
+        stream = shown.streams
+        big = "x" * (1 << 20)
+        monkeypatch.setattr(stream, "_snapshot", lambda: made.append(1) or {"rows": 1, "text": big})
+        with listen(shown, room=4096):
+            until(lambda: stream.count == 2)
+            reads.close()
+            until(lambda: stream.count == 0)
+            assert len(made) > 1
