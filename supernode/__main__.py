@@ -25,6 +25,7 @@ _COMMANDS = {
     "submit": "hand it a job, and print the job's id",
     "jobs": "the jobs of a running cluster, or one of them",
     "watch": "follow a job to its result",
+    "logs": "what its processes had to say",
     "update": "tell a job that its world has moved",
     "rewire": "give a running job another topology",
     "cancel": "end a job",
