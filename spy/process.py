@@ -85,9 +85,16 @@ class _Assignment:
     root: _Root
     latest: Champion | None = None
     began: float | None = None  # on the monotonic clock
-    counters: dict[int, Counters] = field(default_factory=dict)  # the latest of each node
-    messages: int = 0  # when they were last added up,
-    added_up: float = 0.0  # at this time
+    counters: dict[int, Counters] = field(default_factory=dict)  # the latest of each node,
+    heard: dict[int, float] = field(default_factory=dict)  # when they came,
+    rates: dict[int, float] = field(default_factory=dict)  # and messages a second since those before
+
+    def hear(self, counters: Counters, now: float) -> None:
+        """A node's counters have come."""
+        node, before = counters.node, self.counters.get(counters.node)
+        if before is not None and now > self.heard[node]:
+            self.rates[node] = max(0, counters.sent - before.sent) / (now - self.heard[node])
+        self.counters[node], self.heard[node] = counters, now
 
     @property
     def seconds(self) -> float:
@@ -192,7 +199,7 @@ class SpyProcess:
             if now >= self._due:
                 self._due = now + STATISTICS_PERIOD
                 for assignment in watched:
-                    self._tell_statistics(assignment, now)
+                    self._tell_statistics(assignment)
 
     def _open(self, mail: _Assignment | Counters | LogRecord | zenoh.Query) -> None:
         if isinstance(mail, zenoh.Query):
@@ -204,7 +211,7 @@ class SpyProcess:
         elif isinstance(mail, Counters):
             watched = self.assignments.get(mail.job)
             if watched is not None and watched.plan.world == mail.world:
-                watched.counters[mail.node] = mail
+                watched.hear(mail, time.monotonic())
         elif self.assignments.get(mail.job) is mail:
             self._hear(mail, mail.latest)
 
@@ -238,7 +245,7 @@ class SpyProcess:
         if isinstance(command, Finish):
             return self._finish(assignment, command)
         self._listen_to(assignment)
-        assignment.began = assignment.added_up = time.monotonic()
+        assignment.began = time.monotonic()
         plan = assignment.plan
         assignment.log.write("start", job=command.job, world=plan.world, run=plan.run.model_dump())
         return Done()
@@ -281,15 +288,12 @@ class SpyProcess:
             assignment.log.close()
             self._stop_listening_to(assignment)
 
-    def _tell_statistics(self, assignment: _Assignment, now: float) -> None:
+    def _tell_statistics(self, assignment: _Assignment) -> None:
         counters, root = list(assignment.counters.values()), assignment.root
-        messages = sum(each.sent for each in counters)
-        rate = (messages - assignment.messages) / max(now - assignment.added_up, STATISTICS_PERIOD / 2)
-        assignment.messages, assignment.added_up = messages, now
         statistics = added_up(counters, assignment.job, root.generation)._replace(
             rejected=root.rejected + sum(each.rejected for each in counters),
             nodes_alive=len(self.alive),
-            messages_per_second=max(0.0, rate),
+            messages_per_second=sum(assignment.rates.values()),
         )
         self.control.put(self.keys.spy_stats, statistics.encode())
         assignment.log.write("statistics", **statistics._asdict())

@@ -1,6 +1,6 @@
 """What people see while a run goes on: a line for each improvement, and a live line of statistics on a terminal."""
 
-from rich.console import Console
+from rich.console import Console, RenderableType
 from rich.live import Live
 from rich.text import Text
 
@@ -9,16 +9,22 @@ from wire.news import Improvement, Statistics
 
 
 class Terminal:
-    """Progress on stderr; a context manager, since a live line must be taken away in the end."""
+    """Progress on stderr; a context manager, since what is live must be taken away in the end.
 
-    def __init__(self, topology: Topology, quiet: bool = False) -> None:
-        self._topology = topology
+    Args:
+        topology: of the cells.
+        quiet: whether to say nothing at all.
+        below: what is live under the lines, instead of one line of statistics.
+    """
+
+    def __init__(self, topology: Topology, quiet: bool = False, below: RenderableType = "") -> None:
+        self.topology = topology
         self._quiet = quiet
         self._console = Console(stderr=True, highlight=False, soft_wrap=True)
         self._best: float | None = None
         self._live: Live | None = None
         if self._console.is_terminal and not quiet:
-            self._live = Live(console=self._console, transient=True, refresh_per_second=4)
+            self._live = Live(below, console=self._console, transient=True, refresh_per_second=4)
 
     def __enter__(self) -> "Terminal":
         if self._live is not None:
@@ -37,7 +43,7 @@ class Terminal:
     def improvement(self, better: Improvement) -> None:
         """A line: time, generation, cell, fitness."""
         self._best = better.fitness
-        place = ", ".join(str(part) for part in self._topology.place(better.cell))
+        place = ", ".join(str(part) for part in self.topology.place(better.cell))
         self.say(
             f"{better.seconds:9.3f} s  generation {better.generation:<6d} cell ({place})  fitness {better.fitness:.6g}"
         )
@@ -49,7 +55,7 @@ class Terminal:
             self._live.update(
                 Text(
                     f"best {best}   generation {now.generation}   {now.messages_per_second:.0f} messages/s   "
-                    f"{now.nodes_alive} of {self._topology.cells} nodes alive",
+                    f"{now.nodes_alive} of {self.topology.cells} nodes alive",
                     style="bold",
                 )
             )

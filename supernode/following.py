@@ -12,34 +12,45 @@ from spy.terminal import Terminal
 from topologies import Topology
 
 if TYPE_CHECKING:
+    from rich.console import RenderableType
+
     from supernode.client import ClientJob
 
 
 class Follower:
-    """Shows one job, and writes its run log if one is wanted; a context manager.
+    """Shows one job, and writes its run log if one is wanted.
+
+    Args:
+        job: which.
+        file: its problem, as it was submitted.
+        quiet: whether to say nothing at all.
+        log: the file of the run log.
+        below: what is live under the improvements, on a terminal.
 
     Raises:
         BadInput: if the log cannot be written.
     """
 
-    def __init__(self, job: "ClientJob", file: ProblemFile, quiet: bool, log: str | None = None) -> None:
+    def __init__(
+        self, job: "ClientJob", file: ProblemFile, quiet: bool, log: str | None = None, below: "RenderableType" = ""
+    ) -> None:
         self._job = job
         self._file = file
         self._quiet = quiet
+        self._below = below
         self._log = RunLog(log)
         self._log.write("start", job=job.id, run=file.run.model_dump())
 
     def show(self) -> None:
         """Each improvement until the end."""
-        world, topology = 0, topologies.parse(self._file.run.topology)
-        terminal = Terminal(topology, self._quiet)
-        for better in self._job.improvements():
-            if better.world != world:
-                world, topology = better.world, self._topology_of(better.world)
-                terminal = Terminal(topology, self._quiet)
-                terminal.say(f"world {world}: {topology.spec}")
-            terminal.improvement(better)
-            self._log.improvement(topology, better)
+        world = 0
+        with Terminal(topologies.parse(self._file.run.topology), self._quiet, self._below) as terminal:
+            for better in self._job.improvements():
+                if better.world != world:
+                    world, terminal.topology = better.world, self._topology_of(better.world)
+                    terminal.say(f"world {world}: {terminal.topology.spec}")
+                terminal.improvement(better)
+                self._log.improvement(terminal.topology, better)
 
     def result(self, timeout: float | None = None) -> Result:
         """What came of the job, with the solution in words; the log is closed.

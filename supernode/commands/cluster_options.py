@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from supernode.client import Client
+    from supernode.whereabouts import Place
 
 
 def add_cluster_options(parser: argparse.ArgumentParser, what: str = "the answer") -> None:
@@ -21,9 +22,9 @@ def add_place(parser: "argparse._ActionsContainer") -> None:
     where.add_argument("--connect", metavar="ENDPOINT", help="that of a running cluster: tcp/192.168.1.7:7447")
 
 
-def add_job(parser: argparse.ArgumentParser) -> None:
+def add_job(parser: argparse.ArgumentParser, **more: Any) -> None:
     """Which job."""
-    parser.add_argument("job", metavar="JOB", help="the job's id, as `submit` printed it")
+    parser.add_argument("job", metavar="JOB", help="the job's id, as `submit` printed it", **more)
 
 
 def connected(options: argparse.Namespace) -> "Client":
@@ -34,11 +35,19 @@ def connected(options: argparse.Namespace) -> "Client":
         ClusterFailed: if no cluster answers.
     """
     from supernode.client import Client
+
+    return Client(place_of(options))
+
+
+def place_of(options: argparse.Namespace) -> "Place":
+    """The place that the options name.
+
+    Raises:
+        BadInput: if ENDPOINT is none.
+    """
     from supernode.whereabouts import Place
 
-    if options.connect is not None:
-        return Client(Place.at(options.connect))
-    return Client(Place.of_folder(options.state))
+    return Place.of_folder(options.state) if options.connect is None else Place.at(options.connect)
 
 
 def tell(options: argparse.Namespace, value: dict[str, Any], words: str) -> None:

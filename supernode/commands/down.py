@@ -4,7 +4,7 @@ import argparse
 import time
 
 from supernode import exits
-from supernode.commands.cluster_options import add_cluster_options, tell
+from supernode.commands.cluster_options import add_cluster_options, place_of, tell
 
 EXAMPLE = "supernode down"
 
@@ -18,9 +18,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Ask, and wait until it has gone; on this machine also if it does not answer."""
-    from supernode.whereabouts import Place
-
-    place = Place.of_folder(options.state) if options.connect is None else Place.at(options.connect)
+    place = place_of(options)
     card = place.card()
     answered = _ask(options)
     if card is not None:

@@ -1,15 +1,28 @@
-"""Follow a job of a running cluster: each improvement as it comes on stderr, then the result, as `solve` prints it."""
+"""Watch a running cluster, or follow one of its jobs to its result, which is printed as `solve` prints it."""
 
 import argparse
+import contextlib
+import sys
+import threading
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
-from supernode.commands.cluster_options import add_cluster_options, add_job, connected
+from supernode import exits
+from supernode.commands.cluster_options import add_cluster_options, add_job, connected, place_of
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+    from supernode.screen import Screen
 
 EXAMPLE = "supernode watch 5f3a09c1"
+
+_PERIOD = 0.5  # seconds
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Which job."""
-    add_job(parser)
+    add_job(parser, nargs="?")
     parser.add_argument("--plot", metavar="FILE", help="draw the result (PNG, SVG or PDF by the name's end)")
     parser.add_argument("--quiet", action="store_true", help="no progress on stderr")
     add_cluster_options(parser, "the result")
@@ -17,6 +30,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Show all until the end; Ctrl-C ends the watching, not the job."""
+    return _watch_all(options) if options.job is None else _follow(options)
+
+
+def _follow(options: argparse.Namespace) -> int:
     from problems import ProblemFile
     from supernode.following import Follower
     from supernode.picture import check_picture_name
@@ -24,10 +41,51 @@ def run(options: argparse.Namespace) -> int:
 
     if options.plot is not None:
         check_picture_name(options.plot)
-    with connected(options) as client:
+    with connected(options) as client, _below(options) as below:
         job = client.job(options.job)
         file = ProblemFile.from_json(job.show()["file"])
-        follower = Follower(job, file, options.quiet)
+        follower = Follower(job, file, options.quiet, below=below)
         follower.show()
         result = follower.result()
     return present(result, file, options, interrupted=False)
+
+
+@contextlib.contextmanager
+def _below(options: argparse.Namespace) -> Iterator["RenderableType"]:
+    """The job's cells, live, where somebody sees them."""
+    if options.quiet or not sys.stderr.isatty():
+        yield ""
+        return
+    from supernode.screen import Screen
+
+    with Screen(place_of(options), options.job) as screen:
+        yield screen
+
+
+def _watch_all(options: argparse.Namespace) -> int:
+    """The cluster until Ctrl-C: live on a terminal, else a line for whatever happens."""
+    from supernode.screen import Screen
+
+    with connected(options), Screen(place_of(options)) as screen, contextlib.suppress(KeyboardInterrupt):
+        if sys.stdout.isatty():
+            _live(screen)
+        else:
+            _lines(screen)
+    return exits.OK
+
+
+def _live(screen: "Screen") -> None:
+    from rich.live import Live
+
+    with Live(screen, transient=True):
+        threading.Event().wait()
+
+
+def _lines(screen: "Screen") -> None:
+    told = 0
+    while True:
+        for line in screen.snapshot["lines"]:
+            if line["number"] > told:
+                told = line["number"]
+                print(f"{line['level']}: {line['text']}", flush=True)
+        threading.Event().wait(_PERIOD)

@@ -1,0 +1,156 @@
+"""A cluster on a terminal: its torus, its jobs or one of them, and what processes had to say."""
+
+import asyncio
+import contextlib
+import threading
+from collections.abc import Mapping
+from typing import Any, Self
+
+from rich.color import Color
+from rich.console import Group, RenderableType
+from rich.style import Style
+from rich.table import Table
+from rich.text import Text
+
+from supernode.dashboard.view import View, shape_of
+from supernode.dashboard.watcher import Watcher
+from supernode.whereabouts import Place
+
+_PERIOD = 0.5  # seconds
+_JOBS, _LINES = 8, 5
+_LOW, _MIDDLE, _HIGH = (68, 1, 84), (33, 145, 140), (253, 231, 37)  # of viridis
+_UNKNOWN, _DEAD = (60, 60, 60), (200, 40, 40)
+
+RGB = tuple[int, int, int]
+
+
+class Screen:
+    """What there is to see now, as Rich draws it; a context manager, since a thread keeps it up to date.
+
+    Args:
+        place: where the cluster is.
+        job: the id of the only job to show; None for all.
+    """
+
+    def __init__(self, place: Place, job: str | None = None) -> None:
+        self._place = place
+        self._job = job
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=lambda: asyncio.run(self._watch()), name="screen", daemon=True)
+        self.snapshot: dict[str, Any] = View().snapshot()
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._ended.set()
+        self._thread.join()
+
+    def __rich__(self) -> RenderableType:
+        return drawn(self.snapshot, self._job)
+
+    async def _watch(self) -> None:
+        view = View()
+        watching = asyncio.create_task(Watcher(self._place, view).run())
+        while not await asyncio.to_thread(self._ended.wait, _PERIOD):
+            self.snapshot = view.snapshot()
+        watching.cancel()
+        with contextlib.suppress(asyncio.CancelledError):
+            await watching
+
+
+def drawn(snapshot: Mapping[str, Any], job: str | None) -> RenderableType:
+    """The cluster, or one of its jobs, as `supernode.dashboard.view.View.snapshot` knows it."""
+    if not snapshot["answers"]:
+        return Text(snapshot["trouble"] or "waiting for the cluster", style="italic")
+    parts: list[RenderableType] = [_head(snapshot)]
+    if job is None:
+        parts += [_torus(snapshot), _jobs(snapshot)]
+    else:
+        found = next((each for each in snapshot["jobs"] if each["job"] == job), None)
+        if found is not None:
+            parts += [_of_job(snapshot, found), _torus(snapshot, found)]
+    lines = (f"{each['level']}: {each['text']}" for each in snapshot["lines"][-_LINES:])
+    return Group(*parts, Text("\n".join(lines), style="dim"))
+
+
+def _head(snapshot: Mapping[str, Any]) -> Text:
+    states = snapshot["nodes"]["state"]
+    alive = sum(state == "alive" for state in states)
+    jobs = ", ".join(f"{count} {status}" for status, count in snapshot["counts"].items()) or "none yet"
+    return Text(f"cluster {snapshot['cluster']}: {alive} of {len(states)} nodes alive; jobs: {jobs}", style="bold")
+
+
+def _of_job(snapshot: Mapping[str, Any], job: Mapping[str, Any]) -> Text:
+    """How it is, in a line or two."""
+    words = f"job {job['job']} ({job['kind']}, {job['topology']}): {job['status']}, fitness {_figure(job['fitness'])}"
+    now = snapshot["statistics"].get(job["number"])
+    if now is None:
+        return Text(words)
+    spread = "  ".join(f"{name} {_figure(now[name])}" for name in ("best", "median", "worst"))
+    messages = f"{now['messages_per_second']:.0f} messages/s  lost {now['lost']}  rejected {now['rejected']}"
+    spread += f"  diversity {now['diversity']:.0%}  champion's age {now['age']}"
+    return Text(f"{words}\ngeneration {now['generation']}  {spread}  {messages}")
+
+
+def _jobs(snapshot: Mapping[str, Any]) -> RenderableType:
+    table = Table("job", "kind", "status", "fitness", "generation", "cells", box=None, padding=(0, 2, 0, 0))
+    for job in snapshot["jobs"][: -_JOBS - 1 : -1]:
+        now = snapshot["statistics"].get(job["number"], {})
+        figures = (_figure(job["fitness"]), str(now.get("generation", "-")), str(job["cells"]))
+        table.add_row(Text(job["job"]), Text(job["kind"]), job["status"], *figures)
+    return table
+
+
+def _torus(snapshot: Mapping[str, Any], job: Mapping[str, Any] | None = None) -> Text:
+    """A character for two cells, one above the other: the better its best individual, the lighter."""
+    places = _places(snapshot["nodes"], None if job is None else job["number"])
+    rows, columns = (snapshot["rows"], snapshot["columns"]) if job is None else shape_of(job["topology"])
+    colours = _colours({place: each for place, each in places.items() if each is not None})
+    dead = {place for place, each in places.items() if each is None}
+    text = Text()
+    for row in range(0, rows, 2):
+        for column in range(columns):
+            above, below = (_colour(each * columns + column, colours, dead) for each in (row, row + 1))
+            text.append("▀▀", Style(color=above, bgcolor=below if row + 1 < rows else None))
+        text.append("\n")
+    return text
+
+
+def _places(nodes: Mapping[str, list[Any]], job: int | None) -> dict[int, float | None]:
+    """The best fitness on each place that something is known of; None where a node is dead.
+
+    The place is the cell in a job, else the node's own number.
+    """
+    places: dict[int, float | None] = {}
+    for node, state, cell, at, best in zip(
+        *(nodes[name] for name in ("node", "state", "cell", "job", "best")), strict=True
+    ):
+        if state == "dead" and job is None:
+            places[node] = None
+        elif best is not None and job in (None, at):
+            places[node if job is None else cell] = best
+    return places
+
+
+def _colours(places: Mapping[int, float]) -> dict[int, RGB]:
+    """By rank: fitness may span many orders of magnitude."""
+    ranks = {best: rank for rank, best in enumerate(sorted(set(places.values())))}
+    greatest = max(1, len(ranks) - 1)
+    return {place: _shade(1.0 - ranks[best] / greatest) for place, best in places.items()}
+
+
+def _shade(lightness: float) -> RGB:
+    """Between dark, 0, and light, 1."""
+    begin, end, share = (_LOW, _MIDDLE, 2 * lightness) if lightness < 0.5 else (_MIDDLE, _HIGH, 2 * lightness - 1)
+    red, green, blue = (round(one + (other - one) * share) for one, other in zip(begin, end, strict=True))
+    return red, green, blue
+
+
+def _colour(place: int, colours: Mapping[int, RGB], dead: set[int]) -> Color:
+    return Color.from_rgb(*(_DEAD if place in dead else colours.get(place, _UNKNOWN)))
+
+
+def _figure(value: float | None) -> str:
+    return "-" if value is None else f"{value:.6g}"
