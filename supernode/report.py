@@ -38,7 +38,6 @@ class _Setting(NamedTuple):
 
     name: str
     value: str
-    origin: str
     meaning: str
 
 
@@ -219,7 +218,12 @@ def _commands(job: str, result: Result | None) -> list[tuple[str, str]]:
 
 
 def _repeatable(result: Result | None) -> bool:
-    return result is not None and result.mode == "lockstep" and result.history_sha256 is not None
+    return result is not None and result.mode == "lockstep" and _lived(result) is not None
+
+
+def _lived(result: Result | None) -> str | None:
+    """The digest of all that the cells lived through; None if nobody knows, or they never lived."""
+    return result.history_sha256 if result is not None and result.evaluations > 0 else None
 
 
 def _warning(file: ProblemFile, result: Result | None) -> str | None:
@@ -254,8 +258,7 @@ def _settings(run: Run, problem: Problem | None) -> list[_Setting]:
     return [
         _Setting(
             name,
-            _in_force(name, run, problem),
-            "given" if name in run.model_fields_set else "default",
+            _in_force(name, run, problem) + ("" if name in run.model_fields_set else " (default)"),
             field.description or "",
         )
         for name, field in Run.model_fields.items()
@@ -268,9 +271,9 @@ def _in_force(name: str, run: Run, problem: Problem | None) -> str:
     if value is not None:
         return json.dumps(value)
     if name == "stall" and (stall := run.stall_limit()) is not None:
-        return f"none: {stall}, as nothing else limits the run"
+        return f"none, hence {stall}"
     if name in ("replacement", "mutation") and problem is not None:
-        return f"none: the recipe's, {json.dumps(getattr(run.breeding(problem), name))}"
+        return f"the recipe's {json.dumps(getattr(run.breeding(problem), name))}"
     return "none"
 
 
@@ -278,8 +281,7 @@ def _digests(file: ProblemFile, now: ProblemFile, result: Result | None) -> dict
     found = {"seed": str(file.run.seed), "problem_sha256 as submitted": file.sha256}
     if now.sha256 != file.sha256:
         found["problem_sha256 as it is now"] = now.sha256
-    history = None if result is None else result.history_sha256
-    found["history_sha256"] = history or "not known"
+    found["history_sha256"] = _lived(result) or "not known"
     if not is_built_in(file.kind):
         found["module"] = f"{file.kind}, looked for in {file.folder}; it must lie beside the problem file"
     return found

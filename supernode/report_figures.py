@@ -96,7 +96,7 @@ def _against_generations(history: History) -> Picture:
 
 def _diversity(history: History) -> Picture:
     figure, axes = _empty("seconds since the start", "diversity")
-    _line(axes, history, "diversity")
+    _line(axes, history, [each["diversity"] for each in history.statistics])
     axes.set_ylim(-0.03, 1.03)
     return _finished(
         figure, "diversity", "Diversity: different best genomes of the nodes as a share of the nodes; 1: no two alike."
@@ -105,9 +105,11 @@ def _diversity(history: History) -> Picture:
 
 def _messages(history: History) -> Picture:
     figure, axes = _empty("seconds since the start", "messages a second")
-    _line(axes, history, "messages_per_second")
+    _line(axes, history, _rates(history.statistics))
     axes.set_ylim(bottom=0)
-    return _finished(figure, "messages", "Messages between neighbours a second, of all nodes together.")
+    return _finished(
+        figure, "messages", "Messages between neighbours a second, of all nodes together, from one sample to the next."
+    )
 
 
 def _lineage(improvements: Sequence[Record], topology: Topology) -> Picture:
@@ -122,10 +124,11 @@ def _lineage(improvements: Sequence[Record], topology: Topology) -> Picture:
             style = {"arrowstyle": "-|>", "color": color, "connectionstyle": "arc3,rad=0.18", "linewidth": 1.4}
             axes.annotate("", spot(topology, there), spot(topology, here), arrowprops=style)
     for cell in sorted(set(births)):
-        axes.plot(*spot(topology, cell), "o", color=_COLORS["verified"], markersize=size + 2)
-        write_beside(axes, _named([n for n, birth in enumerate(births, 1) if birth == cell]), spot(topology, cell),
-                     size + 6, _INK)  # fmt: skip
-    axes.plot(*spot(topology, births[-1]), "*", color=_COLORS["worst"], markersize=size + 9)
+        last = cell == births[-1]
+        mark, color, wide = ("*", _COLORS["worst"], size + 9) if last else ("o", _COLORS["verified"], size + 2)
+        axes.plot(*spot(topology, cell), mark, color=color, markersize=wide)
+        numbers = [number for number, birth in enumerate(births, 1) if birth == cell]
+        write_beside(axes, _named(numbers), spot(topology, cell), wide + 4, _INK)
     axes.margins(0.12)
     return _finished(
         figure,
@@ -162,6 +165,15 @@ def _lives(statistics: Sequence[Record]) -> list[list[Record]]:
     return lives
 
 
+def _rates(statistics: Sequence[Record]) -> list[float]:
+    """Messages a second before each sample; there is none for the first, nor where nodes count anew."""
+    rates = [math.nan]
+    for before, after in itertools.pairwise(statistics):
+        messages, seconds = after["messages"] - before["messages"], after["at"] - before["at"]
+        rates.append(messages / seconds if messages >= 0 and seconds > 0 else math.nan)
+    return rates
+
+
 def _fitness(value: float | None) -> float:
     return math.nan if value is None else value
 
@@ -192,9 +204,8 @@ def _curves(axes: "Axes", along: list[float], samples: Sequence[Record]) -> None
         axes.plot(along, up, color=_COLORS[name], linewidth=1.2, marker=_marker(samples), markersize=3, label=name)
 
 
-def _line(axes: "Axes", history: History, name: str) -> None:
+def _line(axes: "Axes", history: History, up: Sequence[float]) -> None:
     along = [each["at"] - history.began for each in history.statistics]
-    up = [each[name] for each in history.statistics]
     axes.plot(along, up, color=_COLORS["best"], linewidth=1.4, marker=_marker(up), markersize=3)
 
 

@@ -37,7 +37,7 @@ def spot(topology: "Topology", cell: int) -> tuple[float, float]:
 def write_beside(axes: "Axes", text: str, place: tuple[float, float], size: float, color: str = "black") -> None:
     """Write ``text`` above a cell whose dot has that size."""
     offset = (0, max(3.0, size / 2))
-    axes.annotate(text, place, offset, textcoords="offset points", ha="center", fontsize=7, color=color)
+    axes.annotate(text, place, offset, textcoords="offset points", ha="center", fontsize=7.5, color=color)
 
 
 def _line(start: tuple[float, float], end: tuple[float, float], flat: bool) -> list[tuple[float, float]]:
