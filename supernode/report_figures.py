@@ -40,7 +40,7 @@ class History:
 
     Attributes:
         improvements: records of that kind.
-        statistics: records of that kind.
+        statistics: records of that kind, in each of which some node has told how it is.
         began: when the job began to run, Unix time.
     """
 
@@ -63,10 +63,10 @@ def pictures(history: History, topology: Topology) -> list[Picture]:
 
 def _against_seconds(history: History) -> Picture:
     figure, axes = _empty("seconds since the start", "fitness")
-    times = [each["at"] - history.began for each in (*history.improvements, *history.statistics)]
-    for world in _worlds(history.improvements):
-        last = max(times) if world[-1] is history.improvements[-1] else world[-1]["at"] - history.began
-        _steps(axes, [each["at"] - history.began for each in world], world, last)
+    worlds = _worlds(history.improvements)
+    end = max(each["at"] for each in (*history.improvements, *history.statistics))
+    for world, until in zip(worlds, [*(after[0]["at"] for after in worlds[1:]), end], strict=False):
+        _steps(axes, [each["at"] - history.began for each in world], world, until - history.began)
     _curves(axes, [each["at"] - history.began for each in history.statistics], history.statistics)
     return _finished(
         figure,
@@ -120,8 +120,8 @@ def _lineage(improvements: Sequence[Record], topology: Topology) -> Picture:
     shades = mpl.colormaps["viridis"]
     for number, (here, there) in enumerate(itertools.pairwise(births)):
         if here != there and number >= len(births) - 1 - _ARROWS:
-            color = shades(0.3 + 0.6 * number / len(births))
-            style = {"arrowstyle": "-|>", "color": color, "connectionstyle": "arc3,rad=0.18", "linewidth": 1.4}
+            shade = shades(0.3 + 0.6 * number / len(births))
+            style = {"arrowstyle": "-|>", "color": shade, "connectionstyle": "arc3,rad=0.18", "linewidth": 1.4}
             axes.annotate("", spot(topology, there), spot(topology, here), arrowprops=style)
     for cell in sorted(set(births)):
         last = cell == births[-1]
