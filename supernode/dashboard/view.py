@@ -135,7 +135,7 @@ class View:
         before = {job["number"]: job["status"] for job in self.jobs}
         for job in jobs if before else ():
             if before.get(job["number"]) != job["status"]:
-                self._say("info", f"job {job['job']} is {job['status']}")
+                self._say("info", f"job {job['job']}: {job['status']}")
         self.jobs = jobs
 
     def lost(self, trouble: str) -> None:

@@ -113,7 +113,7 @@ def test_sums_are_of_jobs_that_run(view):
     assert (view.snapshot()["rows"], view.snapshot()["columns"]) == (1, 4)
     view.hear_jobs([{"number": 7, "job": "a", "status": "solved", "cells": 4, "topology": "torus 1x4"}])
     assert view.sums() == {}
-    assert words(view) == ["job a is solved"]
+    assert words(view) == ["job a: solved"]
 
 
 def test_what_is_kept_of_jobs_is_bounded(view):
