@@ -188,8 +188,9 @@ class View:
             return None
         told = {} if node.told is None else _plain(node.told._asdict())
         status = {} if node.status is None else dict(node.status)
-        known = {"node": number, "state": node.state(time.monotonic()), "deaths": node.deaths}
-        return status | told | {"job": status.get("job"), "process": node.process} | known
+        names = {job["number"]: job["job"] for job in self.jobs}
+        known = {"node": number, "state": node.state(time.monotonic()), "deaths": node.deaths, "process": node.process}
+        return status | told | known | {"job": names.get(told.get("job"))}
 
     def _table(self) -> dict[str, list[Any]]:
         """Nodes by column, since a thousand of them go out twice a second."""

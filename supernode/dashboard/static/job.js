@@ -116,6 +116,7 @@ const scene = {
     };
     image.onload = () => {
       byId("scene").src = image.src;
+      byId("scene").hidden = false;
       byId("scene").alt = `The best solution of job ${id} so far, fitness ${number(job.best?.fitness)}`;
       done("");
     };
