@@ -22,11 +22,11 @@ class _Node:
     """One node: the process on it, and what it has told last."""
 
     process: str | None = None
+    lost: str | None = None  # the process that was there before
     came: float = -math.inf
     died: float = -math.inf
     deaths: int = 0
     told: Counters | None = None
-    heard: float = -math.inf
     status: Mapping[str, Any] | None = None
 
     def state(self, now: float) -> str:
@@ -77,8 +77,7 @@ class View:
     def hear_counters(self, payload: bytes) -> None:
         """A node's."""
         counters = Counters.decode(payload)
-        node = self._nodes.setdefault(counters.node, _Node())
-        node.told, node.heard = counters, time.monotonic()
+        self._nodes.setdefault(counters.node, _Node()).told = counters
 
     def hear_statistics(self, payload: bytes) -> None:
         """The spy's, of a job."""
@@ -100,14 +99,27 @@ class View:
         number, _ = Keys.life_of(key)
         if number is None:
             return
-        node, process, now = self._nodes.setdefault(number, _Node()), key.rpartition("/")[2], time.monotonic()
+        node, process = self._nodes.setdefault(number, _Node()), key.rpartition("/")[2]
         if is_there:
-            if node.process != process and node.deaths:
-                self._say("info", f"node {number} is alive again")
-            node.process, node.came = process, now if node.deaths or now - self._began > SHOWN_FOR else -math.inf
+            self._came(number, node, process)
         elif node.process == process:
-            node.process, node.died, node.deaths, node.told = None, now, node.deaths + 1, None
-            self._say("warning", f"node {number} is dead")
+            self._gone(number, node)
+
+    def _came(self, number: int, node: _Node, process: str) -> None:
+        now = time.monotonic()
+        if node.lost == process:  # it lived on: tokens also drop when the router does
+            node.died, node.deaths = -math.inf, node.deaths - 1
+        elif node.process not in (None, process):  # its token comes before the other's is dropped
+            self._gone(number, node)
+        if node.deaths and node.process != process:
+            self._say("info", f"node {number} is alive again")
+        is_new = node.deaths > 0 or now - self._began > SHOWN_FOR
+        node.process, node.lost, node.came = process, None, now if is_new else -math.inf
+
+    def _gone(self, number: int, node: _Node) -> None:
+        node.process, node.lost, node.told = None, node.process, None
+        node.died, node.deaths = time.monotonic(), node.deaths + 1
+        self._say("warning", f"node {number} is dead")
 
     def hear_status(self, status: Mapping[str, Any]) -> None:
         """The answer to `status`: which nodes there are."""
@@ -123,7 +135,7 @@ class View:
         before = {job["number"]: job["status"] for job in self.jobs}
         for job in jobs if before else ():
             if before.get(job["number"]) != job["status"]:
-                self._say("info", f"job {job['job']} is {job['status']}")
+                self._say("info", f"job {job['job']}: {job['status']}")
         self.jobs = jobs
 
     def lost(self, trouble: str) -> None:
@@ -176,8 +188,9 @@ class View:
             return None
         told = {} if node.told is None else _plain(node.told._asdict())
         status = {} if node.status is None else dict(node.status)
-        known = {"node": number, "state": node.state(time.monotonic()), "deaths": node.deaths}
-        return status | told | {"job": status.get("job"), "process": node.process} | known
+        names = {job["number"]: job["job"] for job in self.jobs}
+        known = {"node": number, "state": node.state(time.monotonic()), "deaths": node.deaths, "process": node.process}
+        return status | told | known | {"job": names.get(told.get("job"))}
 
     def _table(self) -> dict[str, list[Any]]:
         """Nodes by column, since a thousand of them go out twice a second."""

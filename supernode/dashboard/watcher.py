@@ -14,6 +14,7 @@ from wire.strict import Rejected
 PATIENCE = 5.0  # seconds without an answer: a coordinator that died has a successor by then
 LISTED = 100  # jobs
 _AGAIN = 0.5  # seconds between attempts, and between two questions
+_GIVEN_UP_AFTER = 30.0  # seconds
 _LOOK_EVERY = 2.0  # seconds
 _NODES_A_SECOND = 32  # `status` costs the coordinator a look at each node's memory
 
@@ -66,16 +67,27 @@ class Watcher:
         client.watch(keys.any_life, view.hear_life)
 
     async def _look(self, client: AsyncClient) -> None:
-        """Ask which jobs there are whenever one has changed, and which nodes, now and then."""
-        loop, status_due = asyncio.get_running_loop(), 0.0
+        """Ask which jobs there are whenever one has changed, and which nodes, now and then.
+
+        Raises:
+            ClusterFailed: if another cluster is in its place, or nobody has answered for long. A busy one may be slow.
+        """
+        loop, card = asyncio.get_running_loop(), self._place.card()
+        status_due, given_up = 0.0, loop.time() + _GIVEN_UP_AFTER
         while True:
             self._news.clear()
-            self._view.hear_jobs(await client.ask(wire.ListJobs(LISTED), PATIENCE))
-            if loop.time() >= status_due:
-                status = await client.ask(wire.Status(), PATIENCE)
-                self._view.hear_status(status)
-                status_due = loop.time() + max(_LOOK_EVERY, len(status["nodes"]) / _NODES_A_SECOND)
-            self._view.found()
+            try:
+                self._view.hear_jobs(await client.ask(wire.ListJobs(LISTED), PATIENCE))
+                if loop.time() >= status_due:
+                    status = await client.ask(wire.Status(), PATIENCE)
+                    self._view.hear_status(status)
+                    status_due = loop.time() + max(_LOOK_EVERY, len(status["nodes"]) / _NODES_A_SECOND)
+                self._view.found()
+                given_up = loop.time() + _GIVEN_UP_AFTER
+            except ClusterFailed as error:
+                if loop.time() > given_up or self._place.card() != card:
+                    raise
+                self._view.lost(str(error))
             await asyncio.sleep(_AGAIN)
             with contextlib.suppress(TimeoutError):
                 async with asyncio.timeout(_LOOK_EVERY - _AGAIN):

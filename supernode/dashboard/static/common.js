@@ -1,5 +1,7 @@
 // What all pages share: live news, small pieces of page, numbers for people. Text from outside is only ever text.
 
+export const TROUBLED = 3000; // ms until what failed is tried again
+
 export const byId = (id) => document.getElementById(id);
 
 export function make(tag, attributes = {}, ...children) {

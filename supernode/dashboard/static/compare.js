@@ -1,32 +1,36 @@
 // Runs side by side: their fitness over time, their settings and results.
 
-import { byId, follow, getJson, hasEnded, make, number, setText } from "./common.js";
+import { TROUBLED, byId, follow, getJson, hasEnded, make, number, setText } from "./common.js";
 import { History, generation, line, plot, since } from "./history.js";
 
 const MOST = 8; // runs
+const LOADED_EVERY = 1000; // ms
 const ids = (new URLSearchParams(location.search).get("jobs") ?? "").split(",").map((id) => id.trim()).filter(Boolean);
 const runs = ids.slice(0, MOST).map((id) => ({ id, job: null, history: new History(id) }));
-let busy = false, loaded = 0;
+let busy = false, due = 0;
 
 async function show() {
   const stale = runs.filter((run) => run.job === null || !hasEnded(run.job.status) || !run.whole);
-  if (busy || stale.length === 0 || Date.now() - loaded < 1000) return;
+  if (busy || stale.length === 0 || Date.now() < due) return;
   busy = true;
   try {
-    for (const run of stale) {
-      run.whole = run.job !== null && hasEnded(run.job.status);
-      run.job = await getJson(`/api/jobs/${encodeURIComponent(run.id)}`);
-      await run.history.load();
-    }
+    await Promise.all(stale.map(load));
     showPlots();
     showTable();
     setText(byId("trouble"), "");
+    due = Date.now() + LOADED_EVERY;
   } catch (error) {
     setText(byId("trouble"), error.message);
+    due = Date.now() + TROUBLED;
   } finally {
     busy = false;
-    loaded = Date.now();
   }
+}
+
+async function load(run) {
+  const over = run.job !== null && hasEnded(run.job.status); // the last records come after the end
+  [run.job] = await Promise.all([getJson(`/api/jobs/${encodeURIComponent(run.id)}`), run.history.load()]);
+  run.whole = over;
 }
 
 function showPlots() {

@@ -39,7 +39,7 @@ export function plot(element, lines, titles, more = {}) {
   const { yaxis, ...rest } = more;
   Plotly.react(element, lines, {
     margin: { l: 64, r: 56, t: 8, b: 44 }, paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)",
-    font: { color: of("--ink"), family: "system-ui, sans-serif" }, legend: { orientation: "h", y: 1.15 },
+    font: { color: of("--ink"), family: "system-ui, sans-serif" }, legend: { orientation: "h", x: 0, y: 1.02, yanchor: "bottom" },
     showlegend: true, xaxis: { ...axis, title: { text: titles[0] }, rangemode: "tozero" },
     yaxis: { ...axis, title: { text: titles[1] }, exponentformat: "power", ...yaxis }, uirevision: "same", ...rest,
   }, { displayModeBar: false, responsive: true });

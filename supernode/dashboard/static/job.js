@@ -1,6 +1,8 @@
 // One job: convergence, diversity, lineage and the best solution so far.
 
-import { announce, byId, fillRow, follow, getJson, hasEnded, make, number, postJson, setText, showFacts } from "./common.js";
+import {
+  TROUBLED, announce, byId, fillRow, follow, getJson, hasEnded, make, number, postJson, setText, showFacts,
+} from "./common.js";
 import { History, generation, line, plot, since } from "./history.js";
 import { Torus } from "./torus.js";
 
@@ -8,7 +10,7 @@ const LINEAGE = 40; // births that are drawn
 const SCENE_EVERY = 1100; // ms
 const id = byId("job").dataset.job, address = `/api/jobs/${encodeURIComponent(id)}`;
 const history = new History(id);
-let job = null, busy = false, heard = "", bests = [];
+let job = null, busy = false, patient = 0, heard = "", bests = [];
 
 const torus = new Torus(byId("torus"), byId("legend"), {
   describe: (cell) => `cell ${cell}, best ${number(bests[cell])}`,
@@ -18,7 +20,7 @@ async function show(snapshot) {
   showCells(snapshot);
   const line = snapshot.jobs.find((each) => each.job === id), number = line?.number ?? job?.number;
   const now = JSON.stringify([line, snapshot.statistics[number]?.generation, snapshot.bests[number]]);
-  if (busy || now === heard) return;
+  if (busy || now === heard || Date.now() < patient) return;
   busy = true;
   try {
     job = await getJson(address);
@@ -29,6 +31,7 @@ async function show(snapshot) {
     setText(byId("trouble"), "");
   } catch (error) {
     setText(byId("trouble"), error.message);
+    patient = Date.now() + TROUBLED;
   } finally {
     busy = false;
   }
@@ -69,7 +72,8 @@ function showHistory() {
     yaxis2: { title: { text: "age / generations" }, overlaying: "y", side: "right", rangemode: "tozero", showgrid: false },
   });
   const world = improvements.at(-1)?.world;
-  torus.trace(improvements.filter((each) => each.world === world).slice(-LINEAGE).map((each) => each.cell));
+  const born = improvements.filter((each) => each.world === world).slice(-LINEAGE).map((each) => each.cell);
+  torus.trace(born, /^(torus|moore)/.test(job.topology));
   showImprovements(improvements);
 }
 
@@ -112,6 +116,7 @@ const scene = {
     };
     image.onload = () => {
       byId("scene").src = image.src;
+      byId("scene").hidden = false;
       byId("scene").alt = `The best solution of job ${id} so far, fitness ${number(job.best?.fitness)}`;
       done("");
     };

@@ -23,7 +23,7 @@ export class Torus {
       const { value = null, state = "joining" } = cells[index] ?? {};
       const marked = state !== "alive" ? state : value === null ? "unknown" : "";
       set(square, "class", marked);
-      set(square, "fill", marked ? "" : colour(high > low ? (value - low) / (high - low) : 0));
+      set(square, "fill", marked ? "" : colour(high > low ? (value - low) / (high - low) : .5));
       set(square, "data-state", state);
     });
     const dead = cells.map((cell, index) => (cell.state === "dead" ? cross(...this.place(index)) : ""));
@@ -31,16 +31,29 @@ export class Torus {
     this.#explain(known.length ? [low, high] : null);
   }
 
-  // The places where champions were born, joined in order.
-  trace(cells) {
+  // The places where champions were born, joined in order; where the topology `wraps`, by the shorter way around.
+  trace(cells, wraps) {
     const places = cells.map((cell) => this.place(cell));
-    set(this.lineage, "d", places.map(([row, column], index) => `${index ? "L" : "M"}${column + .5} ${row + .5}`).join(""));
+    const strokes = places.slice(1).map((to, index) => this.#stroke(places[index], to, wraps));
+    set(this.lineage, "d", strokes.join(""));
     this.births.replaceChildren(...places.map(([row, column], index) => {
       const circle = document.createElementNS(SVG, "circle");
       const radius = index === places.length - 1 ? .22 : .1;
       Object.entries({ cx: column + .5, cy: row + .5, r: radius }).forEach(([name, value]) => set(circle, name, value));
       return circle;
     }));
+  }
+
+  // One that leaves the torus at an edge comes back at the opposite one.
+  #stroke(from, to, wraps) {
+    const sizes = [this.rows, this.columns];
+    const step = to.map((end, side) => {
+      const straight = end - from[side], size = sizes[side];
+      return wraps && 2 * Math.abs(straight) > size ? straight - Math.sign(straight) * size : straight;
+    });
+    const line = ([row, column]) => `M${column + .5} ${row + .5}l${step[1]} ${step[0]}`;
+    const entry = to.map((end, side) => end - step[side]);
+    return line(from) + (entry.join() === from.join() ? "" : line(entry));
   }
 
   place(cell) { return [Math.floor(cell / this.columns), cell % this.columns]; }

@@ -1,0 +1,127 @@
+"""What a dashboard makes of what it hears."""
+
+import json
+
+import pytest
+
+from supernode.dashboard import view as module
+from supernode.dashboard.view import View, shape_of
+from wire.keys import Keys
+from wire.news import Counters
+
+KEYS = Keys("c")
+
+
+class Clock:
+    now = 1000.0
+
+    def monotonic(self):
+        return self.now
+
+    def time(self):
+        return self.now
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    clock = Clock()
+    monkeypatch.setattr(module, "time", clock)
+    return clock
+
+
+@pytest.fixture
+def view(clock):
+    view = View()
+    view.begin()
+    for node in range(4):
+        view.hear_life(KEYS.life(node, 100 + node), True)
+    return view
+
+
+def states(view):
+    return view.snapshot()["nodes"]["state"]
+
+
+def words(view):
+    return [line["text"] for line in view.snapshot()["lines"]]
+
+
+def counters(node, best=0.5):
+    return Counters(node, node, 7, 0, 3, 40, 5, 6, 0, 1, best, 0.7, float("inf"), 0.25, 2, 99)
+
+
+def test_who_is_there_at_the_beginning_is_alive(view):
+    assert states(view) == ["alive"] * 4
+
+
+def test_a_death_is_shown_though_the_node_is_replaced_at_once(view, clock):
+    view.hear_life(KEYS.life(2, 102), False)
+    view.hear_life(KEYS.life(2, 202), True)
+    assert states(view)[2] == "dead"
+    clock.now += module.SHOWN_FOR + 0.1
+    assert states(view)[2] == "joining"
+    clock.now += module.SHOWN_FOR
+    assert states(view)[2] == "alive"
+    assert words(view) == ["node 2 is dead", "node 2 is alive again"]
+
+
+def test_the_order_of_tokens_does_not_matter(view):
+    view.hear_life(KEYS.life(2, 202), True)
+    view.hear_life(KEYS.life(2, 102), False)
+    assert states(view)[2] == "dead"
+    assert view.node(2)["process"] == "202"
+
+
+def test_a_node_that_nobody_replaces_stays_dead(view, clock):
+    view.hear_life(KEYS.life(2, 102), False)
+    clock.now += 100
+    assert states(view)[2] == "dead"
+    assert view.alive() == 3
+
+
+def test_tokens_that_dropped_with_the_router_were_no_deaths(view):
+    for node in range(4):
+        view.hear_life(KEYS.life(node, 100 + node), False)
+    assert states(view) == ["dead"] * 4
+    for node in range(4):
+        view.hear_life(KEYS.life(node, 100 + node), True)
+    assert view.node(0)["deaths"] == 0
+    assert "dead" not in states(view)
+
+
+def test_a_node_that_comes_later_is_joining(view, clock):
+    clock.now += 60
+    view.hear_life(KEYS.life(4, 104), True)
+    assert states(view)[4] == "joining"
+
+
+def test_a_snapshot_of_a_thousand_nodes_is_small_and_plain_json(view):
+    for node in range(1024):
+        view.hear_life(KEYS.life(node, 100 + node), True)
+        view.hear_counters(counters(node, float("inf")).encode())
+    text = json.dumps(view.snapshot(), allow_nan=False)
+    assert len(text) < 100_000
+    assert (view.snapshot()["rows"], view.snapshot()["columns"]) == (32, 32)
+
+
+def test_sums_are_of_jobs_that_run(view):
+    view.hear_jobs([{"number": 7, "job": "a", "status": "running", "cells": 4, "topology": "torus 1x4"}])
+    for node in range(3):
+        view.hear_counters(counters(node).encode())
+    (added,) = view.sums().values()
+    assert (added.nodes, added.evaluations, added.sent, added.rejected, added.best) == (3, 120, 15, 3, 0.25)
+    assert (view.snapshot()["rows"], view.snapshot()["columns"]) == (1, 4)
+    view.hear_jobs([{"number": 7, "job": "a", "status": "solved", "cells": 4, "topology": "torus 1x4"}])
+    assert view.sums() == {}
+    assert words(view) == ["job a: solved"]
+
+
+def test_what_is_kept_of_jobs_is_bounded(view):
+    for job in range(1000):
+        view.hear_statistics(module.Statistics(job, *[0] * 6, 0.0, 0.0, 0.0, 0.0, 0, 0.0).encode())
+    assert len(view.statistics) < 100
+
+
+@pytest.mark.parametrize(("spec", "shape"), [("torus 2x8", (2, 8)), ("grid 3x4", (3, 4)), ("ring 16", (4, 4))])
+def test_each_topology_is_drawn_in_rows_and_columns(spec, shape):
+    assert shape_of(spec) == shape
