@@ -32,6 +32,7 @@ from wire.jobs import (
     Down,
     JobState,
     ListJobs,
+    Logs,
     Records,
     Refused,
     Request,
@@ -120,6 +121,8 @@ class Desk:
                 value = self._show(job)
             case Records(kind, job, after):
                 value = self._book.page(kind, job, after)
+            case Logs(job, node, after):
+                value = self._book.log(job, node, after)
             case Cancel(job):
                 value = self._cancel(job)
             case Update(job, patch):

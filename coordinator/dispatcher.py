@@ -24,7 +24,7 @@ from wire import control
 from wire.callbacks import direct
 from wire.control import Drop, Wiring
 from wire.keys import Keys
-from wire.news import Improvement, Statistics
+from wire.news import Improvement, LogRecord, Statistics
 from wire.strict import Rejected
 
 
@@ -41,6 +41,9 @@ class _NoHooks:
         """See `Hooks`."""
 
     def measured(self, statistics: Statistics) -> None:
+        """See `Hooks`."""
+
+    def logged(self, record: LogRecord) -> None:
         """See `Hooks`."""
 
     def ended(self, number: int, outcome: Result | Exception) -> None:
@@ -104,6 +107,7 @@ class Dispatcher:
         self._subscribers = [
             session.declare_subscriber(keys.best, direct(self._hear_best)),
             session.declare_subscriber(keys.spy_stats, direct(self._hear_statistics)),
+            session.declare_subscriber(keys.log, direct(self._hear_log)),
         ]
 
     # Orders -----------------------------------------------------------------------------------------------------------
@@ -257,6 +261,10 @@ class Dispatcher:
             if job is not None:
                 job.tell(statistics)
                 self.hooks.measured(statistics)
+
+    def _hear_log(self, sample: zenoh.Sample) -> None:
+        with contextlib.suppress(Rejected):
+            self.hooks.logged(LogRecord.decode(sample.payload.to_bytes()))
 
     # For conductors, on their threads ---------------------------------------------------------------------------------
     def wire(self, nodes: tuple[int, ...], topology: str, fresh: bool = False) -> Wiring:

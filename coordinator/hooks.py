@@ -7,7 +7,7 @@ import zenoh
 from coordinator.job import JobEntry, Order, Placing
 from spy.result import Result
 from wire.keys import Keys
-from wire.news import Improvement, Statistics
+from wire.news import Improvement, LogRecord, Statistics
 
 
 class Hooks(Protocol):
@@ -24,6 +24,9 @@ class Hooks(Protocol):
 
     def measured(self, statistics: Statistics) -> None:
         """How a job is, twice a second."""
+
+    def logged(self, record: LogRecord) -> None:
+        """A process has something to say."""
 
     def ended(self, number: int, outcome: Result | Exception) -> None:
         """A job has ended, with a result or because something broke."""

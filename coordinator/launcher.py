@@ -33,6 +33,7 @@ class ServiceOptions:
         database: the URL of its jobs' database, instead of a file in ``state``.
         listen: further endpoints of the router.
         max_queue: how many jobs may wait.
+        log_json: see `coordinator.service.Options`.
         keep_days, keep_records: see `coordinator.record_book.Keep`.
         allow_modules: of users, whose problems may be run.
     """
@@ -41,6 +42,7 @@ class ServiceOptions:
     database: str | None = None
     listen: tuple[str, ...] = ()
     max_queue: int | None = None
+    log_json: bool | None = None
     keep_days: float = 30.0
     keep_records: int = 1_000_000
     allow_modules: tuple[str, ...] = ()

@@ -3,15 +3,16 @@
 It is kept in the store's database. Whoever wants it takes it page by page: a run of an hour is thousands of rows.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from sqlalchemy import delete, func, select
+from sqlalchemy import Select, delete, func, select
 
-from coordinator.store import Store
-from coordinator.tables import ImprovementRow, RecordRow, StatisticsRow
+from coordinator.store import Store, storable
+from coordinator.tables import ImprovementRow, JobRow, LogRow, RecordRow, StatisticsRow
 from problems.errors import BadInput
-from wire.news import Improvement, Statistics
+from wire.news import Improvement, LogRecord, Statistics
 from wire.plain import plain
 
 _PAGE = 2000  # rows in one answer
@@ -56,6 +57,31 @@ class RecordBook:
         values = plain(statistics._asdict())
         self._note(StatisticsRow(at=at, number=values.pop("job"), **values))
 
+    def note_log(self, record: LogRecord) -> None:
+        """A process has something to say."""
+        values = record._asdict()
+        text = storable(values.pop("text"))
+        self._note(LogRow(number=values.pop("job"), text=text, **values))
+
+    def log(self, job: str | None, node: int | None, after: int) -> dict[str, Any]:
+        """A page of the log, after the record of a given id; that of a job or a node only, if one is given.
+
+        Returns:
+            as `page`; the column "job" has ids.
+
+        Raises:
+            UnknownJob: if there is no such job.
+        """
+        of_job = JobRow.job.label("job")
+        names = ("id", "at", "level", "process", "text", "node", "cell", "generation")
+        query = select(*(getattr(LogRow, name) for name in names), of_job)
+        query = query.outerjoin(JobRow, JobRow.number == LogRow.number).where(LogRow.id > after)
+        if job is not None:
+            query = query.where(LogRow.number == self._store.summary(job).number)
+        if node is not None:
+            query = query.where(LogRow.node == node)
+        return self._page([*names, "job"], query.order_by(LogRow.id))
+
     def page(self, kind: str, job: str, after: int) -> dict[str, Any]:
         """Records of a job in the order of their coming, those after the one of a given id.
 
@@ -71,11 +97,8 @@ class RecordBook:
             raise BadInput(f"kind: expected one of {', '.join(_TABLES)}, found {kind!r}")
         number = self._store.summary(job).number
         columns = ["id", *(column.name for column in table.__table__.columns if column.name not in ("id", "number"))]
-        with self._store.reading() as session:
-            values = (getattr(table, name) for name in columns)
-            query = select(*values).where(table.number == number, table.id > after).order_by(table.id)
-            rows = [list(row) for row in session.execute(query.limit(_PAGE + 1))]
-        return {"columns": columns, "rows": rows[:_PAGE], "more": len(rows) > _PAGE}
+        query = select(*(getattr(table, name) for name in columns))
+        return self._page(columns, query.where(table.number == number, table.id > after).order_by(table.id))
 
     def forget_the_old(self, now: float) -> None:
         """If enough was written since the last time, forget what is older, or more, than is to be kept."""
@@ -84,10 +107,15 @@ class RecordBook:
         self._unlooked = 0
         before = now - self._keep.days * _DAY
         with self._store.writing() as session:
-            for table in _TABLES.values():
+            for table in (*_TABLES.values(), LogRow):
                 newest = session.scalar(select(func.max(table.id))) or 0
                 session.execute(delete(table).where((table.id <= newest - self._keep.rows) | (table.at < before)))
         self._store.forget_before(before)
+
+    def _page(self, columns: Sequence[str], query: Select[Any]) -> dict[str, Any]:
+        with self._store.reading() as session:
+            rows = [list(row) for row in session.execute(query.limit(_PAGE + 1))]
+        return {"columns": list(columns), "rows": rows[:_PAGE], "more": len(rows) > _PAGE}
 
     def _note(self, row: RecordRow) -> None:
         with self._store.writing() as session:

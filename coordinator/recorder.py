@@ -8,7 +8,6 @@ import contextlib
 import dataclasses
 import math
 import queue
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -16,13 +15,14 @@ from dataclasses import dataclass
 
 from coordinator.database import StoreFailed
 from coordinator.job import Placing
+from coordinator.log_lines import LogLines
 from coordinator.record_book import RecordBook
 from coordinator.states import ENDS, WrongTransition
 from coordinator.store import Store, Summary, UnknownJob
 from problems.errors import BadInput
 from spy.result import Result
 from wire.jobs import JobState
-from wire.news import Improvement, Statistics
+from wire.news import Improvement, LogRecord, Statistics
 from wire.plain import plain
 
 _TRY_AGAIN = 0.5  # seconds
@@ -66,7 +66,13 @@ class _Placed:
     written: threading.Event
 
 
-_Event = _Changed | _Placed | _Improved | _Measured | _Ended
+@dataclass(frozen=True)
+class _Logged:
+    number: int | None
+    record: LogRecord
+
+
+_Event = _Changed | _Placed | _Improved | _Measured | _Ended | _Logged
 
 
 class Recorder:
@@ -75,6 +81,7 @@ class Recorder:
     Args:
         store: where it is written.
         book: where is written how it went.
+        lines: of the log.
         publish: called with each change of a state, once it is written.
         forget: called with the number of each job that has ended.
     """
@@ -83,11 +90,13 @@ class Recorder:
         self,
         store: Store,
         book: RecordBook,
+        lines: LogLines,
         publish: Callable[[JobState], None],
         forget: Callable[[int], None],
     ) -> None:
         self._store = store
         self._book = book
+        self._lines = lines
         self._measured: dict[int, float] = {}  # by job: when it was last written down how it is
         self._publish = publish
         self._forget = forget
@@ -134,6 +143,10 @@ class Recorder:
             self._measured[statistics.job] = at
             self._events.put(_Measured(statistics.job, statistics, at))
 
+    def logged(self, record: LogRecord) -> None:
+        """A process has something to say: it is written down, and shown."""
+        self._events.put(_Logged(record.job, record))
+
     def ended(self, number: int, outcome: Result | Exception) -> None:
         """The end of a job."""
         self._events.put(_Ended(number, outcome))
@@ -167,7 +180,7 @@ class Recorder:
                 return self._commit(events)
             except StoreFailed as error:
                 if not away:
-                    _complain(str(error))
+                    self._lines.write(_complaint(str(error)))
                 if not error.passing:
                     break
                 away = True
@@ -201,6 +214,13 @@ class Recorder:
             self._book.note_improvement(event.at, event.improvement)
         elif isinstance(event, _Measured):
             self._book.note_statistics(event.at, event.statistics)
+        elif isinstance(event, _Logged):
+            self._log(event.record)
+
+    def _log(self, record: LogRecord) -> None:
+        """Show it, and write it down; shown again if that has to be done again."""
+        self._lines.write(record)
+        self._book.note_log(record)
 
     def _write(self, event: _Event) -> JobState | None:
         """Write one down; what there is to publish."""
@@ -216,7 +236,7 @@ class Recorder:
                 case _Ended(number, outcome):
                     return self._write_end(number, outcome)
         except (WrongTransition, UnknownJob) as error:
-            _complain(f"job {event.number}: {error}")
+            self._log(_complaint(str(error), event.number))
         return None
 
     def _write_change(self, number: int, status: str, nodes: tuple[int, ...], at: float) -> JobState | None:
@@ -238,6 +258,7 @@ class Recorder:
         if isinstance(outcome, Exception):
             said = str(outcome) if isinstance(outcome, BadInput) else f"{type(outcome).__name__}: {outcome}"
             ended = self._store.end(number, "deadline" if told else "failed", None, message=said)
+            self._log(LogRecord("error", "coordinator", f"job failed: {said}", time.time(), job=number))
         else:
             status = "deadline" if told else outcome.status
             result = plain(outcome.to_json()) | {"job": before.job, "status": status, "solved": status == "solved"}
@@ -256,5 +277,5 @@ def _latest(events: list[_Event]) -> list[_Event]:
     return [event for event in events if not isinstance(event, _Improved) or last[event.number] is event]
 
 
-def _complain(text: str) -> None:
-    sys.stderr.write(f"coordinator: {text}\n")
+def _complaint(text: str, job: int | None = None) -> LogRecord:
+    return LogRecord("warning", "coordinator", text, time.time(), job=job)

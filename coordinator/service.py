@@ -21,6 +21,7 @@ from coordinator.checking import Checker
 from coordinator.database import StoreFailed
 from coordinator.desk import Desk
 from coordinator.hooks import MakeDispatcher
+from coordinator.log_lines import LogLines
 from coordinator.record_book import Keep, RecordBook
 from coordinator.recorder import Recorder
 from coordinator.store import Store
@@ -44,6 +45,7 @@ class Options:
         nodes: how many there are.
         store: the URL of the database.
         keep: how much of what happened is kept there.
+        log_json: whether the log is written in JSON; if None, it is where stderr is no terminal.
         allow_modules: names of users' modules that jobs may name.
         modules: the folder where these lie, if not on ``sys.path``.
     """
@@ -51,6 +53,7 @@ class Options:
     nodes: int
     store: str
     keep: Keep
+    log_json: bool | None = None
     allow_modules: tuple[str, ...] = ()
     modules: Path | None = None
 
@@ -86,7 +89,8 @@ class Service:
         self._store = _store_at(options.store)
         self._states = session.declare_publisher(keys.state)
         book = RecordBook(self._store, options.keep)
-        self._recorder = Recorder(self._store, book, self._publish, self._forget)
+        lines = LogLines(keys.cluster, options.log_json)
+        self._recorder = Recorder(self._store, book, lines, self._publish, self._forget)
         self._dispatcher = make_dispatcher(session, keys, options.nodes, self._recorder)
         checker = Checker(options.allow_modules, options.modules)
         self._desk = Desk(keys.cluster, self._store, book, self._recorder, self._dispatcher, checker, self._publish)

@@ -1,6 +1,7 @@
 """The dispatcher of a service: its processes outlive it, and whatever dies of them is replaced."""
 
 import time
+from collections.abc import Iterable
 from typing import Any
 
 import zenoh
@@ -9,6 +10,7 @@ from coordinator.dispatcher import Dispatcher
 from coordinator.hooks import Hooks
 from coordinator.roster import Roster
 from wire.keys import Keys
+from wire.news import LogRecord
 
 
 class Staff(Dispatcher):
@@ -57,8 +59,22 @@ class Staff(Dispatcher):
             here = self._scheduler.here
         return self._roster.nodes(here, self.job_on)
 
+    def replaced(self, node: int | None) -> None:
+        """Another process lives in the place of a dead node, or of the dead spy."""
+        whose = "as the spy" if node is None else f"on node {node}"
+        self._log("warning", f"a process has died: another one lives {whose}", node)
+        super().replaced(node)
+
+    def left(self, nodes: Iterable[int], why: str) -> None:
+        """Nodes are gone that nothing replaces."""
+        self._log("error", why)
+        super().left(nodes, why)
+
     def close(self) -> None:
         """Leave the jobs to whoever comes next."""
+
+    def _log(self, level: str, text: str, node: int | None = None) -> None:
+        self.hooks.logged(LogRecord(level, "coordinator", text, time.time(), node))
 
     def _cpu_seconds(self) -> dict[str, float]:
         return self._roster.cpu_seconds()

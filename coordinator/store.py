@@ -222,7 +222,7 @@ class Store:
             if nodes is not None:
                 row.nodes_json = json.dumps(nodes)
             if message is not None:
-                row.message = _storable(message)
+                row.message = storable(message)
             return _summary(row)
 
     def end(self, number: int, status: str, result: dict[str, Any] | None, *, message: str | None = None) -> Summary:
@@ -239,7 +239,7 @@ class Store:
                 self.change(number, status)
             row.ended = row.ended or time.time()
             if message is not None:
-                row.message = _storable(message)
+                row.message = storable(message)
             if result is not None:
                 row.result_json = json.dumps(result)
                 row.fitness = result.get("fitness", row.fitness)
@@ -428,6 +428,6 @@ def _values(row: JobRow, kind: type[Summary], *but: str) -> dict[str, Any]:
     return values | {"status": state_of(row.status)}
 
 
-def _storable(message: str) -> str:
+def storable(message: str) -> str:
     """``message`` without what a database cannot keep."""
     return message.replace("\0", "\\0").encode("utf-8", "replace").decode("utf-8")

@@ -118,6 +118,20 @@ class ImprovementRow(RecordRow):
     feasible: Mapped[bool]
 
 
+class LogRow(RecordRow):
+    """A line of the log; see `wire.news.LogRecord`."""
+
+    __tablename__ = "log"
+
+    number: Mapped[int | None] = mapped_column(index=True)
+    level: Mapped[str] = mapped_column(String(16))
+    process: Mapped[str] = mapped_column(Text)
+    text: Mapped[str] = mapped_column(Text)
+    node: Mapped[int | None] = mapped_column(index=True)
+    cell: Mapped[int | None]
+    generation: Mapped[int | None] = mapped_column(BigInteger)
+
+
 class StatisticsRow(RecordRow):
     """How a job was in one second; see `wire.news.Statistics`."""
 

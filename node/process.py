@@ -369,9 +369,10 @@ class NodeProcess:
                 query.reply(query.key_expr, action.payload)
         elif isinstance(action, Complain):
             sender = assignment.links.wiring.nodes[action.sender]
-            text = f"node {self.berth.node} rejects messages of node {sender}: {action.reason}"
-            self.control.put(self.keys.log, LogRecord("warning", self.berth.node, text).encode())
+            self._log("warning", f"rejects messages of node {sender}: {action.reason}", assignment.cell)
         elif isinstance(action, Report):
+            if action.error is not None:
+                self._log("error", action.error, assignment.cell)
             assignment.report = action.encode()
             self._report(assignment)
             self._turn_to_the_next_world()
@@ -388,6 +389,11 @@ class NodeProcess:
             payload=control.encode(Missed(assignment.job, assignment.world, action.generation)),
             timeout=PATIENCE,
         )
+
+    def _log(self, level: str, text: str, cell: Cell) -> None:
+        node, generation = self.berth.node, cell.plan.since + cell.rows.generation
+        record = LogRecord(level, f"node {node}", text, time.time(), node, cell.cell, cell.job, generation)
+        self.control.put(self.keys.log, record.encode())
 
     def _tell_counters(self, cell: Cell) -> None:
         counters = Counters(

@@ -199,7 +199,8 @@ class SpyProcess:
             self._open_command(mail)
         elif isinstance(mail, LogRecord):
             for assignment in self.assignments.values():
-                assignment.log.write("log", level=mail.level, node=mail.node, text=mail.text)
+                if mail.job in (None, assignment.job):
+                    assignment.log.write("log", **(mail._asdict() | {"at": round(mail.at, 6)}))
         elif isinstance(mail, Counters):
             watched = self.assignments.get(mail.job)
             if watched is not None and watched.plan.world == mail.world:

@@ -133,6 +133,11 @@ class AsyncClient:
         page: dict[str, Any] = await self.ask(wire.Records(kind, job, after))
         return page
 
+    async def logs(self, job: str | None = None, node: int | None = None, after: int = 0) -> dict[str, Any]:
+        """What the processes had to say, a page of it as in `records`: all, or that of a job or of a node."""
+        page: dict[str, Any] = await self.ask(wire.Logs(job, node, after))
+        return page
+
     async def status(self) -> dict[str, Any]:
         """The cluster: its nodes, and how many jobs there are in each state."""
         status: dict[str, Any] = await self.ask(wire.Status())
@@ -407,6 +412,10 @@ class Client:
     def records(self, kind: str, job: str, after: int = 0) -> dict[str, Any]:
         """What happened in a job, see `AsyncClient.records`."""
         return self._thread.run(self._client.records(kind, job, after))
+
+    def logs(self, job: str | None = None, node: int | None = None, after: int = 0) -> dict[str, Any]:
+        """What the processes had to say, see `AsyncClient.logs`."""
+        return self._thread.run(self._client.logs(job, node, after))
 
     def job(self, id: str) -> "ClientJob":
         """A job that was submitted before, see `AsyncClient.job`."""

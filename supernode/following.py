@@ -9,7 +9,7 @@ from problems.guard import described
 from spy.result import Result
 from spy.run_log import RunLog
 from spy.terminal import Terminal
-from topologies import Topology
+from supernode.results import topology_of
 
 if TYPE_CHECKING:
     from supernode.client import ClientJob
@@ -35,7 +35,7 @@ class Follower:
         terminal = Terminal(topology, self._quiet)
         for better in self._job.improvements():
             if better.world != world:
-                world, topology = better.world, self._topology_of(better.world)
+                world, topology = better.world, topology_of(self._job.show(), better.world)
                 terminal = Terminal(topology, self._quiet)
                 terminal.say(f"world {world}: {topology.spec}")
             terminal.improvement(better)
@@ -52,14 +52,6 @@ class Follower:
         self._log.write("end", **{name: getattr(result, name) for name in names})
         self._log.close()
         return replace(result, words=self._words(result))
-
-    def _topology_of(self, world: int) -> Topology:
-        """Of a world that the job has been in."""
-        spec = self._file.run.topology
-        for change in self._job.show()["worlds"]:
-            if change["world"] <= world:
-                spec = change.get("topology", spec)
-        return topologies.parse(spec)
 
     def _words(self, result: Result) -> str | None:
         """A user's module may not be here."""

@@ -12,6 +12,7 @@ from coordinator.errors import ClusterFailed
 from problems import BadInput, ProblemFile
 from problems.errors import shorten
 from spy.result import Result
+from topologies import Topology
 
 
 def read_table(name: str) -> dict[str, Any]:
@@ -49,6 +50,15 @@ def result_in(view: Mapping[str, Any]) -> Result:
         return Result(**given)
     except TypeError as error:
         raise ClusterFailed(f"job {view['job']}: its result cannot be read: {error}") from error
+
+
+def topology_of(view: Mapping[str, Any], world: int) -> Topology:
+    """The topology of a world that the job has been in; ``view`` is what `show` tells of the job."""
+    spec = ProblemFile.from_json(view["file"]).run.topology
+    for change in view["worlds"]:
+        if change["world"] <= world:
+            spec = change.get("topology", spec)
+    return topologies.parse(spec)
 
 
 def _nothing(view: Mapping[str, Any]) -> dict[str, Any]:

@@ -39,6 +39,7 @@ class Wish:
     listen: tuple[str, ...]
     database: str | None
     max_queue: int | None
+    log_json: bool | None
     keep_days: float
     keep_records: int
     allow_modules: tuple[str, ...]
@@ -51,8 +52,9 @@ def wish_of(options: argparse.Namespace) -> Wish:
     Raises:
         BadInput: if one is wrong.
     """
-    if importlib.util.find_spec("sqlalchemy") is None:
-        raise BadInput("up: expected sqlalchemy to be installed: pip install 'supernode[service]'")
+    for needed in ("sqlalchemy", "structlog"):
+        if importlib.util.find_spec(needed) is None:
+            raise BadInput(f"up: expected {needed} to be installed: pip install 'supernode[service]'")
     for endpoint in options.listen:
         Place.at(endpoint, "--listen")
     if options.max_queue is not None and options.max_queue < 0:
@@ -61,7 +63,9 @@ def wish_of(options: argparse.Namespace) -> Wish:
     modules = tuple(options.allow_module)
     keep = check_keep(options.keep_days, options.keep_records)
     door = wished_door(options)
-    return Wish(spec, tuple(options.listen), options.database, options.max_queue, *keep, modules, door)
+    return Wish(
+        spec, tuple(options.listen), options.database, options.max_queue, options.log_json, *keep, modules, door
+    )
 
 
 def wished_door(options: argparse.Namespace) -> "Door | None":
@@ -182,6 +186,7 @@ class Upkeep:
             database=self._wish.database,
             listen=self._wish.listen,
             max_queue=self._wish.max_queue,
+            log_json=self._wish.log_json,
             keep_days=self._wish.keep_days,
             keep_records=self._wish.keep_records,
             allow_modules=self._wish.allow_modules,

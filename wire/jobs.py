@@ -24,6 +24,7 @@ _MOST_ARGUMENTS = 16
 _MOST_NAME = 64
 _MOST_TOPOLOGY = 256
 _MOST_RECORD = 1 << 62
+_MOST_NODE = 1 << 20
 _ID = re.compile(r"[A-Za-z0-9._-]{1,64}")
 _Of = TypeVar("_Of")
 
@@ -75,6 +76,16 @@ class Records:
 
 
 @dataclass(frozen=True)
+class Logs:
+    """What the processes had to say, of a ``job`` or of a ``node`` only, if one is given; as `Records`."""
+
+    name: ClassVar[str] = "logs"
+    job: str | None = None
+    node: int | None = None
+    after: int = 0
+
+
+@dataclass(frozen=True)
 class Cancel:
     """End a job; its result is the best so far."""
 
@@ -114,10 +125,10 @@ class Down:
     name: ClassVar[str] = "down"
 
 
-Request = Submit | ListJobs | Show | Records | Cancel | Update | Rewire | Status | Down
+Request = Submit | ListJobs | Show | Records | Logs | Cancel | Update | Rewire | Status | Down
 
 _REQUESTS: dict[str, type[Request]] = {
-    request.name: request for request in (Submit, ListJobs, Show, Records, Cancel, Update, Rewire, Status, Down)
+    request.name: request for request in (Submit, ListJobs, Show, Records, Logs, Cancel, Update, Rewire, Status, Down)
 }
 
 
@@ -265,8 +276,8 @@ def _request(name: str, arguments: dict[str, Any]) -> Request:
     for field in known.values():
         if field.default is dataclasses.MISSING and field.name not in arguments:
             raise Rejected(f"{name}: expected {_listed(known)}, found no {field.name}")
-    checked = {each: _argument(name, each, value) for each, value in arguments.items()}
-    return kind(**checked)
+    given = {each: value for each, value in arguments.items() if value is not None or known[each].default is not None}
+    return kind(**{each: _argument(name, each, value) for each, value in given.items()})
 
 
 def _argument(request: str, name: str, value: Any) -> Any:
@@ -306,12 +317,8 @@ def _topology(value: object) -> str:
     return spec
 
 
-def _optional_id(value: object) -> str | None:
-    return None if value is None else job_id(value)
-
-
-def _limit(value: object) -> int | None:
-    return None if value is None else _between(value, 0, MOST_LISTED)
+def _limit(value: object) -> int:
+    return _between(value, 0, MOST_LISTED)
 
 
 def _priority(value: object) -> int:
@@ -320,11 +327,12 @@ def _priority(value: object) -> int:
 
 _CHECKS = {
     "file": _file,
-    "id": _optional_id,
+    "id": job_id,
     "priority": _priority,
     "limit": _limit,
     "job": job_id,
     "kind": _text,
+    "node": lambda value: _between(value, 0, _MOST_NODE),
     "after": lambda value: _between(value, 0, _MOST_RECORD),
     "patch": _patch,
     "topology": _topology,

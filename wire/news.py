@@ -7,6 +7,9 @@ from typing import Any, NamedTuple
 from wire.plain import plain
 from wire.strict import Rejected, count, fields, fitness, of, pack, unpack
 
+LEVELS = ("info", "warning", "error")
+"""Of log records, the less important first."""
+
 
 @dataclass(frozen=True)
 class Improvement:
@@ -141,11 +144,23 @@ class Statistics(NamedTuple):
 
 
 class LogRecord(NamedTuple):
-    """What a process wants people to know."""
+    """What a process wants people to know.
+
+    Attributes:
+        level: "info", "warning" or "error".
+        process: such as "node 7", "spy" or "coordinator".
+        at: Unix time, seconds.
+        node, cell, job, generation: what it is about, as far as it is about one; the job by its number.
+    """
 
     level: str
-    node: int
+    process: str
     text: str
+    at: float
+    node: int | None = None
+    cell: int | None = None
+    job: int | None = None
+    generation: int | None = None
 
     def encode(self) -> bytes:
         """As msgpack."""
@@ -158,8 +173,11 @@ class LogRecord(NamedTuple):
         Raises:
             Rejected: whatever is wrong with it.
         """
-        level, node, text = fields(unpack(payload), 3)
-        return LogRecord(of(str, level), count(node), of(str, text))
+        level, process, text, at, *about = fields(unpack(payload), 8)
+        if level not in LEVELS:
+            raise Rejected("no such level")
+        places = (None if each is None else count(each) for each in about)
+        return LogRecord(level, of(str, process), of(str, text), fitness(at), *places)
 
 
 def _table(value: object) -> dict[str, Any]:

@@ -19,8 +19,7 @@ _HEAD = """\
 # How good the planners are
 
 Written by `make planners`, or by `python -m benchmarks.planners --only KIND` for one planner. Instances come from
-seeded generators; nobody tuned to those numbers. A planner without a part has not been measured as a whole yet; its own
-page says what was."""
+seeded generators; nobody tuned to those numbers."""
 _PAGE = Path(__file__).resolve().parent.parent.parent / "docs" / "results.md"
 
 

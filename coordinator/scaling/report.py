@@ -1,4 +1,4 @@
-"""The report: one HTML file with everything in it, so that it can be sent to somebody and read without a network."""
+"""The report of an experiment: its numbers in tables and pictures, and how to read them."""
 
 import base64
 import json
@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
-
+from coordinator.pages import rendered
 from coordinator.scaling import words
 from coordinator.scaling.plots import Picture
 from coordinator.scaling.summary import (
@@ -64,15 +63,9 @@ def write_report(
     summary: Summary, experiment: dict[str, Any], pictures: Sequence[tuple[Path, Picture]], path: Path
 ) -> None:
     """Fill in the template."""
-    environment = Environment(
-        loader=PackageLoader("coordinator.scaling", "."),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     inlined = {picture.name: (_data_url(file), picture.caption) for file, picture in pictures}
-    page = environment.get_template("report.html.j2").render(
+    page = rendered(
+        "coordinator.scaling",
         experiment=experiment,
         verdict=words.verdict(summary),
         critical_path=words.CRITICAL_PATH.format(cores=_cores(experiment["machine"]["cores"])),

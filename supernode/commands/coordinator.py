@@ -22,6 +22,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_option(parser, "state", "the folder that keeps the jobs (the user's own)", metavar="DIR")
     add_option(parser, "database", "of the jobs, instead of a file in the state folder", metavar="URL")
     add_option(parser, "max-queue", "refuse jobs when so many wait (any number)", metavar="N")
+    parser.add_argument(
+        "--log-json", action="store_true", default=None, help="the log on stderr in JSON Lines, on a terminal too"
+    )
     add_option(parser, "keep-days", "forget ended jobs and records so old (30)", metavar="D", default="30")
     add_option(parser, "keep-records", "of each kind, the newest (1000000)", metavar="N", default="1000000")
     add_option(parser, "allow-module", "let jobs name problems of this module of yours (none)", metavar="M")
@@ -44,7 +47,7 @@ def run(options: argparse.Namespace) -> int:
     from node.berth import Berth
 
     import_all()
-    how = Options(nodes, database, Keep(keep_days, keep_records), modules)
+    how = Options(nodes, database, Keep(keep_days, keep_records), options.log_json, modules)
     preside(Berth(cluster, 0, "", Path(), router), how, max_queue)
     return exits.OK
 

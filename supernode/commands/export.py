@@ -1,4 +1,8 @@
-"""Write the motion that a result holds, over time: as CSV, as JSON, or as MCAP for Foxglove and the like."""
+"""Write the motion that a result holds, over time: as CSV, as JSON, or as MCAP for Foxglove and the like.
+
+With --records, write what happened in a job of a running cluster, ended or not, as CSV or Parquet: each verified
+improvement, or the statistics of each second.
+"""
 
 import argparse
 import contextlib
@@ -8,40 +12,90 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from supernode import exits
+from supernode.commands.cluster_options import add_place, connected
 
 if TYPE_CHECKING:
     from problems import BadInput, Problem, ProblemFile
     from problems.motion import Motion
 
-EXAMPLE = "supernode export examples/mobile-robot.toml result.json --speed 0.5 -o motion.mcap"
+EXAMPLE = """supernode export examples/mobile-robot.toml result.json --speed 0.5 -o motion.mcap
+  supernode export 5f3a09c1 --records statistics -o statistics.parquet"""
 
-_FORMATS = ("csv", "json", "mcap")
+_USAGE = """supernode export PROBLEM.toml RESULT.json [--format csv|json|mcap] [-o FILE] [--speed V] ...
+       supernode export JOB --records KIND [--format csv|parquet] [-o FILE] [--state DIR | --connect ENDPOINT]"""
+
+_KINDS = ("improvements", "statistics")
+_OF_MOTIONS = ("csv", "json", "mcap")
+_OF_RECORDS = ("csv", "parquet")
+_FORMATS = tuple(dict.fromkeys(_OF_MOTIONS + _OF_RECORDS))
+_FOR_MOTIONS = {"result": "RESULT.json", "speed": "--speed", "turn_speed": "--turn-speed", "rate": "--rate"}
+_FOR_RECORDS = {"state": "--state", "connect": "--connect"}
+_IN_FILES_ONLY = {"mcap": "MCAP", "parquet": "Parquet"}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The problem and the result, the format, and how quick."""
-    parser.add_argument("problem", metavar="PROBLEM.toml", help="the problem file")
-    parser.add_argument("result", metavar="RESULT.json", help="a result as `solve --json` prints it, or its solution")
-    parser.add_argument("--format", choices=_FORMATS, help="if not given, as FILE ends, else csv")
-    parser.add_argument("-o", "--output", metavar="FILE", help="stdout if not given; mcap needs a file")
+    """The problem and the result, or the job; the format, and how quick."""
+    parser.usage = _USAGE
+    parser.add_argument("source", metavar="PROBLEM.toml | JOB", help="the problem file; with --records a job's id")
     parser.add_argument(
+        "result", metavar="RESULT.json", nargs="?", help="a result as `solve --json` prints it, or its solution"
+    )
+    parser.add_argument("--format", choices=_FORMATS, help="if not given, as FILE ends, else csv")
+    parser.add_argument("-o", "--output", metavar="FILE", help="stdout if not given; mcap and parquet need a file")
+    motion = parser.add_argument_group("the motion of a result")
+    motion.add_argument(
         "--speed",
         type=_positive,
         metavar="V",
         help="along a path that has no times, in its unit per second: m/s, rad/s (arm-path) or cells/s (terrain)",
     )
-    parser.add_argument(
+    motion.add_argument(
         "--turn-speed",
         type=_positive,
         metavar="W",
         help="rad/s, of a mobile-robot that turns; if not given, no point of it is quicker than --speed",
     )
-    parser.add_argument(
+    motion.add_argument(
         "--rate", type=_positive, metavar="HZ", help="rows a second (50); min-time has the rows of its solution"
     )
+    records = parser.add_argument_group("the records of a job")
+    records.add_argument("--records", metavar="KIND", choices=_KINDS, help="improvements, or statistics")
+    add_place(records)
 
 
 def run(options: argparse.Namespace) -> int:
+    """Write the one or the other."""
+    _check_combination(options)
+    return _run_motion(options) if options.records is None else _run_records(options)
+
+
+def _check_combination(options: argparse.Namespace) -> None:
+    """Refuse what belongs to the other form of the command."""
+    from problems import BadInput
+
+    if options.records is None and options.result is None:
+        raise BadInput("RESULT.json: expected a result, or --records of a job, found neither")
+    foreign, only = (_FOR_RECORDS, "only with") if options.records is None else (_FOR_MOTIONS, "none with")
+    for name, option in foreign.items():
+        if (found := getattr(options, name)) is not None:
+            raise BadInput(f"{option}: expected {only} --records, found {found}")
+
+
+def _run_records(options: argparse.Namespace) -> int:
+    """Write all records of the job."""
+    from supernode.records import pages, write_csv, write_parquet
+
+    kind_of_file = _format(options, _OF_RECORDS)
+    with connected(options) as client:
+        found = pages(client, options.records, options.source)
+        if kind_of_file == "parquet":
+            write_parquet(found, options.output)
+        else:
+            write_csv(found, options.output)
+    return exits.OK
+
+
+def _run_motion(options: argparse.Namespace) -> int:
     """Write the motion, if the check accepts the result."""
     from problems import load
     from problems.guard import moved
@@ -50,7 +104,7 @@ def run(options: argparse.Namespace) -> int:
     from supernode.claims import judged
 
     pace = Pace(options.speed, options.turn_speed, options.rate)
-    kind_of_file, file = _format(options), load(options.problem)
+    kind_of_file, file = _format(options, _OF_MOTIONS), load(options.source)
     with contextlib.redirect_stdout(sys.stderr):  # a user's module may print
         if not _moves(find(file.kind, file.folder)):
             raise _no_motion(file)
@@ -75,13 +129,15 @@ def _positive(text: str) -> float:
     return value
 
 
-def _format(options: argparse.Namespace) -> str:
+def _format(options: argparse.Namespace, known: tuple[str, ...]) -> str:
     from problems import BadInput
 
     ending = Path(options.output or "").suffix.lower().lstrip(".")
-    chosen = str(options.format or (ending if ending in _FORMATS else "csv"))
-    if chosen == "mcap" and options.output is None:
-        raise BadInput("-o: expected a file to write MCAP to, found nothing")
+    chosen = str(options.format or (ending if ending in known else "csv"))
+    if chosen not in known:
+        raise BadInput(f"--format: expected one of {', '.join(known)}, found {chosen}")
+    if chosen in _IN_FILES_ONLY and options.output is None:
+        raise BadInput(f"-o: expected a file to write {_IN_FILES_ONLY[chosen]} to, found nothing")
     return chosen
 
 
@@ -110,12 +166,9 @@ def _rendered(motion: "Motion", kind: str, kind_of_file: str) -> bytes:
 
 
 def _write(data: bytes, name: str | None) -> None:
-    from problems import BadInput
+    from supernode.outputs import write_output
 
     if name is None:
         sys.stdout.write(data.decode())
-        return
-    try:
-        Path(name).write_bytes(data)
-    except OSError as error:
-        raise BadInput(f"-o: expected a file that can be written, found {name}: {error.strerror}") from error
+    else:
+        write_output(data, name)

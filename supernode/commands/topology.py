@@ -2,7 +2,6 @@
 
 import argparse
 import json
-import math
 from typing import TYPE_CHECKING
 
 from supernode import exits
@@ -62,50 +61,17 @@ def _words(topology: "Topology") -> str:
 
 
 def _draw(topology: "Topology", name: str) -> None:
-    """Cells as dots, numbered if there is room; rectangles as they are, others on a circle."""
-    from matplotlib.collections import LineCollection
+    """Cells are numbered if there is room."""
     from matplotlib.figure import Figure
 
     from supernode.picture import save
+    from supernode.topology_picture import draw_topology, spot, write_beside
 
-    places = [_spot(topology, cell) for cell in range(topology.cells)]
-    links = {(min(a, b), max(a, b)) for a, slots in enumerate(topology.table().tolist()) for b in slots if a != b}
     figure = Figure(figsize=(6, 6), layout="constrained")
-    axes = figure.add_subplot(aspect="equal")
-    lines = LineCollection([_line(places[a], places[b], len(topology.place(a)) == 2) for a, b in sorted(links)])
-    lines.set(color="0.6", linewidth=0.8)
-    axes.add_collection(lines)
-    size = 20.0 / math.sqrt(topology.cells)
-    axes.plot(*zip(*places, strict=True), "o", color="tab:blue", markersize=max(1.0, size))
+    axes = figure.add_subplot()
+    size = draw_topology(axes, topology)
     if topology.cells <= 128:
-        for cell, (x, y) in enumerate(places):
-            axes.annotate(
-                str(cell), (x, y), (0, max(3.0, size / 2)), textcoords="offset points", ha="center", fontsize=7
-            )
-    axes.set_axis_off()
+        for cell in range(topology.cells):
+            write_beside(axes, str(cell), spot(topology, cell), size)
     axes.set_title(_words(topology), fontsize=9)
     save(figure, name)
-
-
-def _spot(topology: "Topology", cell: int) -> tuple[float, float]:
-    place = topology.place(cell)
-    if len(place) == 2:
-        return float(place[1]), -float(place[0])
-    angle = 2.0 * math.pi * cell / topology.cells
-    return math.sin(angle), math.cos(angle)
-
-
-def _line(start: tuple[float, float], end: tuple[float, float], flat: bool) -> list[tuple[float, float]]:
-    """Straight; links round a torus are bent, or they would hide those between."""
-    (x0, y0), (x1, y1) = start, end
-    if not flat or math.hypot(x1 - x0, y1 - y0) < 2.0:
-        return [start, end]
-    bend = 0.12
-    steps = [step / 16 for step in range(17)]
-    return [
-        (
-            x0 + (x1 - x0) * step + (y1 - y0) * bend * math.sin(math.pi * step),
-            y0 + (y1 - y0) * step - (x1 - x0) * bend * math.sin(math.pi * step),
-        )
-        for step in steps
-    ]

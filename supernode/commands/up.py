@@ -30,6 +30,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--database", metavar="URL", help="of the jobs, instead of a file in the state folder")
     parser.add_argument("--max-queue", metavar="N", type=whole, help="refuse jobs when so many wait (any number)")
     parser.add_argument(
+        "--log-json", action="store_true", default=None, help="the log on stderr in JSON Lines, on a terminal too"
+    )
+    parser.add_argument(
         "--keep-days", metavar="D", type=float, default=30.0, help="forget ended jobs and records so old (30)"
     )
     parser.add_argument(

@@ -92,7 +92,7 @@ class View:
     def hear_log(self, payload: bytes) -> None:
         """A warning or an error of some process."""
         record = LogRecord.decode(payload)
-        self._say(record.level, f"node {record.node}: {record.text}")
+        self._say(record.level, f"{record.process}: {record.text}")
 
     def hear_life(self, key: str, is_there: bool) -> None:
         """A node's process has come or gone."""

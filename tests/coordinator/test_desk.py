@@ -14,6 +14,7 @@ import supernode
 from coordinator.checking import Checker
 from coordinator.database import StoreFailed, sqlite_url
 from coordinator.desk import Desk
+from coordinator.log_lines import LogLines
 from coordinator.record_book import Keep, RecordBook
 from coordinator.recorder import Recorder
 from coordinator.store import Store
@@ -36,7 +37,7 @@ class Office:
         self.published = []
         self.store = Store(sqlite_url(path / "jobs.sqlite"))
         self.book = RecordBook(self.store, Keep())
-        self.recorder = Recorder(self.store, self.book, self.published.append, self.forget)
+        self.recorder = Recorder(self.store, self.book, LogLines("c1"), self.published.append, self.forget)
         self.dispatcher = make(None, None, nodes, self.recorder)
         checker = checker or Checker()
         self.desk = Desk("c1", self.store, self.book, self.recorder, self.dispatcher, checker, self.published.append)

@@ -9,7 +9,7 @@ from coordinator.database import sqlite_url
 from coordinator.record_book import Keep, RecordBook
 from coordinator.store import Store, Submission, UnknownJob
 from problems import BadInput
-from wire.news import Improvement, Statistics
+from wire.news import Improvement, LogRecord, Statistics
 
 DAY = 86400.0
 
@@ -111,3 +111,32 @@ def test_it_looks_only_now_and_then(book):
         book.note_statistics(0.0, statistics(generation=generation))
     book.forget_the_old(0.0)
     assert len(rows(book, "statistics")) == 9
+
+
+def test_the_log_of_all_of_a_job_and_of_a_node(book):
+    book.note_log(LogRecord("warning", "node 3", "bad\0message", 100.0, 3, 4, 1, 7))
+    book.note_log(LogRecord("error", "coordinator", "job failed", 101.0, job=2))
+    book.note_log(LogRecord("warning", "coordinator", "a process has died", 102.0, node=3))
+    book.note_log(LogRecord("warning", "node 5", "of a job that nobody kept", 103.0, 5, 0, 77, 0))
+
+    def told(**of):
+        page = book.log(**({"job": None, "node": None, "after": 0} | of))
+        return [dict(zip(page["columns"], row, strict=True)) for row in page["rows"]]
+
+    first, second, *others = told()
+    assert (first["text"], first["job"], first["node"], first["cell"]) == ("bad\\0message", "a", 3, 4)
+    assert (first["generation"], first["at"], first["level"], first["process"]) == (7, 100.0, "warning", "node 3")
+    assert (second["job"], second["node"]) == ("b", None)
+    assert [each["job"] for each in others] == [None, None]
+    assert told(job="a") == [first]
+    assert [each["at"] for each in told(node=3)] == [100.0, 102.0]
+    assert told(after=second["id"]) == others
+    with pytest.raises(UnknownJob):
+        told(job="c")
+
+
+def test_the_log_is_forgotten_too(book):
+    for number in range(7):
+        book.note_log(LogRecord("info", "spy", str(number), DAY))
+    book.forget_the_old(DAY)
+    assert [row[4] for row in book.log(None, None, 0)["rows"]] == ["2", "3", "4", "5", "6"]

@@ -1,11 +1,13 @@
 """What the dispatcher tells is written, then published, in order, whatever happens to the database meanwhile."""
 
+import io
 import time
 
 import pytest
 
 from coordinator import recorder as module
 from coordinator.database import StoreFailed, sqlite_url
+from coordinator.log_lines import LogLines
 from coordinator.record_book import Keep, RecordBook
 from coordinator.recorder import Recorder
 from coordinator.store import Store, Submission
@@ -18,9 +20,16 @@ NEW = Submission("file", "digest", "arm-ik", "ring 4", 4)
 class Bench:
     def __init__(self, path):
         self.store = Store(sqlite_url(path / "jobs.sqlite"))
+        self.said = io.StringIO()
         self.published = []
         self.forgotten = []
-        self.recorder = Recorder(self.store, RecordBook(self.store, Keep()), self.publish, self.forgotten.append)
+        self.recorder = Recorder(
+            self.store,
+            RecordBook(self.store, Keep()),
+            LogLines("c1", file=self.said),
+            self.publish,
+            self.forgotten.append,
+        )
 
     def publish(self, state):
         assert self.store.at(state.number).status == state.status or state.status not in ("failed", "solved")
@@ -64,7 +73,7 @@ def test_states_are_published_in_their_order(bench):
     assert bench.store.show("b").nodes == (2,)
 
 
-def test_what_cannot_follow_is_dropped_and_told(bench, capfd):
+def test_what_cannot_follow_is_dropped_and_told(bench):
     bench.store.add(NEW, "a")
     bench.recorder.ended(1, KeyError("x"))
     bench.recorder.ended(1, BadInput("again"))
@@ -72,7 +81,7 @@ def test_what_cannot_follow_is_dropped_and_told(bench, capfd):
     bench.recorder.changed(7, "running", ())
     assert bench.settled() == [("a", "failed")]
     assert bench.store.show("a").message == "KeyError: 'x'"
-    said = capfd.readouterr().err
+    said = bench.said.getvalue()
     assert "after 'failed' comes nothing more" in said
     assert "there is no job of number 7" in said
 
@@ -100,7 +109,7 @@ def test_the_best_is_kept_and_not_every_one_on_the_way(bench, monkeypatch):
     assert len(written) <= 2  # one may have been taken before the rest came
 
 
-def test_it_waits_for_a_database_that_is_away(bench, monkeypatch, capfd):
+def test_it_waits_for_a_database_that_is_away(bench, monkeypatch):
     monkeypatch.setattr(module, "_TRY_AGAIN", 0.01)
     bench.store.add(NEW, "a")
     change, failures = bench.store.change, []
@@ -117,10 +126,10 @@ def test_it_waits_for_a_database_that_is_away(bench, monkeypatch, capfd):
     while not bench.published and time.monotonic() < until:
         time.sleep(0.01)
     assert bench.settled() == [("a", "preparing")]
-    assert capfd.readouterr().err.count("store: away") == 1
+    assert bench.said.getvalue().count("store: away") == 1
 
 
-def test_one_that_cannot_be_written_does_not_stop_the_others(bench, monkeypatch, capfd):
+def test_one_that_cannot_be_written_does_not_stop_the_others(bench, monkeypatch):
     for name in "abc":
         bench.store.add(NEW, name)
     change = bench.store.change
@@ -136,4 +145,4 @@ def test_one_that_cannot_be_written_does_not_stop_the_others(bench, monkeypatch,
             bench.recorder.changed(number, "preparing", ())
     assert bench.settled() == [("a", "preparing"), ("c", "preparing")]
     assert bench.store.counts() == {"preparing": 2, "queued": 1}
-    assert "no such thing" in capfd.readouterr().err
+    assert "no such thing" in bench.said.getvalue()

@@ -58,6 +58,8 @@ def test_submit_prints_the_id_and_jobs_lists_it(supernode, service, file):
     assert json.loads(service.jobs[job]["file"])[2] == {"seed": 7, "topology": "torus 2x2"}
     assert service.jobs[job]["priority"] == -3
     assert supernode("submit", file, "--id", "mine")[1] == "mine\n"
+    assert supernode("submit", file, "--id", "kept", "--keep-alive")[0] == 0
+    assert json.loads(service.jobs.pop("kept")["file"])[2] == {"keep_alive": True}
     assert json.loads(supernode("submit", file, "--id", "mine", "--json")[1]) == {"job": "mine", "status": "queued"}
     code, out, _ = supernode("jobs")
     title, first, second = out.splitlines()

@@ -248,3 +248,19 @@ def test_what_happened_is_kept(client):
     assert all(one["generation"] < other["generation"] for one, other in itertools.pairwise(each_second))
     assert all(each["best"] <= each["median"] <= each["worst"] for each in each_second)
     assert 0 < each_second[-1]["diversity"] <= 1
+
+
+def test_what_processes_had_to_say_is_gathered(service, client, capsys):
+    before = max((row[0] for row in client.logs()["rows"]), default=0)
+    service.kill("node 1")
+    until(lambda: client.logs(node=1, after=before)["rows"])
+    failing = client.submit(job(generations=3), id="in-the-log", topology="torus 1x2")
+    failing.result(30)
+    assert main(["logs", "--node", "1", "--json", "--state", str(service.state)]) == 0
+    told = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert told[-1]["text"] == "a process has died: another one lives on node 1"
+    assert (told[-1]["level"], told[-1]["process"], told[-1]["node"]) == ("warning", "coordinator", 1)
+    assert main(["logs", "--job", "in-the-log", "--state", str(service.state)]) == 0
+    assert capsys.readouterr().out == ""
+    assert main(["logs", "--job", "nobody", "--state", str(service.state)]) == 2
+    assert capsys.readouterr().err == "error: there is no job 'nobody'\n"

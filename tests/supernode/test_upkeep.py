@@ -18,7 +18,7 @@ from supernode.detached import detached
 from supernode.upkeep import Upkeep, Wish
 from supernode.whereabouts import read_card
 
-WISH = Wish("torus 2x2", ("tcp/127.0.0.1:0",), None, 5, 30.0, 1000, ("mine",))
+WISH = Wish("torus 2x2", ("tcp/127.0.0.1:0",), None, 5, None, 30.0, 1000, ("mine",))
 
 
 class FakeLauncher:
@@ -69,6 +69,7 @@ def test_it_is_up_until_ctrl_c_and_leaves_no_card(tmp_path):
         "database": None,
         "listen": WISH.listen,
         "max_queue": 5,
+        "log_json": None,
         "keep_days": 30.0,
         "keep_records": 1000,
         "allow_modules": ("mine",),

@@ -28,7 +28,7 @@ from wire.control import (
     Wiring,
 )
 from wire.exchange import VERSION, Champion
-from wire.news import Counters, Improvement, LogRecord, Statistics
+from wire.news import LEVELS, Counters, Improvement, LogRecord, Statistics
 from wire.report import Proposal, Reason, Report, Staleness
 from wire.strict import Rejected
 
@@ -161,7 +161,7 @@ READERS = {
     "improvement": (Improvement.decode, IMPROVEMENT.encode()),
     "counters": (Counters.decode, Counters(*range(1, 11), 0.5, 1.5, 2.5, 0.5, 3, 4).encode()),
     "statistics": (Statistics.decode, Statistics(1, 2, 3, 4, 5, 6, 7, 8.5, 0.5, 1.5, 2.5, 9, 0.25).encode()),
-    "log": (LogRecord.decode, LogRecord("warning", 3, "bad message").encode()),
+    "log": (LogRecord.decode, LogRecord("warning", "node 3", "bad message", 1.75e9, 3, 4, 5, None).encode()),
 }
 KNOWN_REASONS = {
     "not msgpack",
@@ -172,6 +172,7 @@ KNOWN_REASONS = {
     "not finite",
     "other version",
     "no such command",
+    "no such level",
     "no such answer",
     "no such reason",
     "not JSON",
@@ -244,7 +245,7 @@ def test_statistics_come_back_as_they_were(statistics):
     assert type(again) is Statistics
 
 
-@given(st.builds(LogRecord, st.text(), counts, st.text()))
+@given(st.builds(LogRecord, st.sampled_from(LEVELS), st.text(), st.text(), fitnesses, *[st.none() | counts] * 4))
 def test_a_log_record_comes_back_as_it_was(record):
     assert LogRecord.decode(record.encode()) == record
 
@@ -413,8 +414,10 @@ def test_the_number_of_a_commands_fields_is_exact(kind):
         ("statistics", 7, 8, "wrong type"),
         ("statistics", 7, math.nan, "not finite"),
         ("statistics", 0, 8.0, "wrong type"),
-        ("log", 0, 3, "wrong type"),
-        ("log", 1, "3", "wrong type"),
+        ("log", 0, 3, "no such level"),
+        ("log", 3, math.nan, "not finite"),
+        ("log", 4, -1, "out of bounds"),
+        ("log", 1, 3, "wrong type"),
         ("log", 2, b"bytes", "wrong type"),
     ],
 )

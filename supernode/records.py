@@ -1,0 +1,101 @@
+"""What happened in a job, as the cluster tells it page by page; and as a table in a file, for those who plot it."""
+
+import csv
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import chain
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TextIO
+
+from problems import BadInput
+from supernode.outputs import unwritable
+
+if TYPE_CHECKING:
+    import pyarrow
+
+    from supernode.client import Client
+
+_UNITS = {"at": "Unix s", "seconds": "s", "messages_per_second": "1/s", "age": "generations"}
+_FLOATS = ("at", "seconds", "fitness", "messages_per_second", "best", "median", "worst", "diversity")
+
+
+@dataclass(frozen=True)
+class Page:
+    """Some of the records of a job, one in a row."""
+
+    columns: list[str]
+    rows: list[list[Any]]
+
+
+def pages(client: "Client", kind: str, job: str) -> Iterator[Page]:
+    """All records of a job, oldest first, a page at a time; the first page may be empty.
+
+    Raises:
+        BadInput: if there is no such job, or no such records.
+    """
+    after, more = 0, True
+    while more:
+        told = client.records(kind, job, after)
+        yield Page(told["columns"], told["rows"])
+        more = told["more"]
+        if more:
+            after = told["rows"][-1][0]
+
+
+def write_csv(found: Iterator[Page], name: str | None) -> None:
+    """A line for each record, under names with units; on stdout if there is no ``name``.
+
+    Raises:
+        BadInput: if the file cannot be written.
+    """
+    first = next(found)  # what goes wrong there leaves no file
+    if name is None:
+        _write_lines(first, found, sys.stdout)
+        return
+    try:
+        with Path(name).open("w", encoding="utf-8", newline="") as file:
+            _write_lines(first, found, file)
+    except OSError as error:
+        raise unwritable(name, error) from error
+
+
+def write_parquet(found: Iterator[Page], name: str) -> None:
+    """The same table as Parquet.
+
+    Raises:
+        BadInput: if the file cannot be written, or pyarrow is not installed.
+    """
+    try:
+        import pyarrow
+        from pyarrow import parquet
+    except ImportError as error:
+        raise BadInput("--format: parquet needs pyarrow: pip install 'supernode[scale]'") from error
+    first = next(found)
+    schema = pyarrow.schema([(_titled(column), _type_of(column)) for column in first.columns])
+    try:
+        with parquet.ParquetWriter(name, schema) as file:
+            for page in chain((first,), found):
+                rows = [dict(zip(schema.names, row, strict=True)) for row in page.rows]
+                file.write_table(pyarrow.Table.from_pylist(rows, schema))
+    except OSError as error:
+        raise unwritable(name, error) from error
+
+
+def _write_lines(first: Page, others: Iterator[Page], file: TextIO) -> None:
+    writer = csv.writer(file, lineterminator="\n")
+    writer.writerow(map(_titled, first.columns))
+    for page in chain((first,), others):
+        writer.writerows(page.rows)
+
+
+def _titled(column: str) -> str:
+    return f"{column} [{_UNITS[column]}]" if column in _UNITS else column
+
+
+def _type_of(column: str) -> "pyarrow.DataType":
+    import pyarrow
+
+    if column in _FLOATS:
+        return pyarrow.float64()
+    return pyarrow.bool_() if column == "feasible" else pyarrow.int64()

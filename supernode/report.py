@@ -1,0 +1,305 @@
+"""The report of a job: one page that says what came of it, shows how, and holds all that is needed to repeat it."""
+
+import base64
+import io
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from importlib.metadata import version
+from typing import Any, NamedTuple
+
+from matplotlib.figure import Figure
+
+from coordinator.pages import rendered
+from problems import BadInput, Problem, ProblemFile, Run, Solution
+from problems.guard import described
+from problems.registry import is_built_in
+from spy.result import Result
+from supernode.client import Client
+from supernode.records import pages
+from supernode.report_figures import History, Record, pictures
+from supernode.results import result_in, topology_of
+from supernode.toml_text import as_toml
+from topologies import Topology
+
+
+class _Attachment(NamedTuple):
+    """A file that the page holds."""
+
+    name: str
+    url: str
+    text: str
+
+
+class _Setting(NamedTuple):
+    """One of the ``[run]`` table."""
+
+    name: str
+    value: str
+    meaning: str
+
+
+@dataclass(frozen=True)
+class _Best:
+    """The best answer, and where it was born."""
+
+    fitness: float
+    feasible: bool
+    world: int
+    generation: int
+    cell: str
+    solution: Solution
+
+
+@dataclass(frozen=True)
+class _Scene:
+    """The planner's world with the best solution: as a picture, and the solution in words; or why there is none."""
+
+    url: str | None = None
+    words: str | None = None
+    problem: Problem | None = None
+    absence: str | None = None
+
+
+def report(client: Client, job: str) -> str:
+    """The page about a job.
+
+    Raises:
+        BadInput: if there is no such job.
+    """
+    view = client.job(job).show()
+    submitted, now = (ProblemFile.from_json(view[name]) for name in ("file", "file_now"))
+    result = None if view["ended"] is None else result_in(view)
+    world = max((each["world"] for each in view["worlds"]), default=0)
+    best = _best(view, result)
+    current = best is not None and not _has_moved_since(view, best.world)
+    scene = _scene(now, best.solution if best is not None and current else None)
+    history = _history(client, view)
+    topology = topology_of(view, world)
+    return rendered(
+        "supernode",
+        view=view,
+        file=submitted,
+        outcome=_outcome(view, best, result),
+        scene=scene,
+        pictures=pictures(history, topology),
+        commands=_commands(job, result),
+        warning=_warning(submitted, result),
+        files=_files(view, submitted, result),
+        settings=_settings(submitted.run, scene.problem),
+        recipe=None if scene.problem is None else asdict(submitted.run.breeding(scene.problem)),
+        problem=_toml(submitted),
+        problem_now=None if view["file_now"] == view["file"] else _toml(now),
+        digests=_digests(submitted, now, result),
+        worlds=[(each["world"], _clock(each["at"]), _change(each)) for each in view["worlds"]],
+        directives=[json.dumps(each) for each in result.directives] if result is not None else None,
+        versions=result.versions if result is not None else {},
+        cluster=client.status()["version"],
+        made=(version("supernode"), _clock(datetime.now(UTC).timestamp())),
+        states=[(state, _clock(at), f"{at - view['submitted']:.3f}") for state, at in view["states"]],
+        improvements=_rows(history, view),
+    )
+
+
+def _history(client: Client, view: Mapping[str, Any]) -> History:
+    improvements = _records(client, "improvements", view["job"])
+    # Where a world begins, a sample may be of no node yet: nothing is diverse in it, and nobody has sent anything.
+    statistics = [each for each in _records(client, "statistics", view["job"]) if each["diversity"] > 0]
+    began = next((at for state, at in view["states"] if state == "running"), view["submitted"])
+    first = min((each["at"] for each in (*improvements, *statistics)), default=began)
+    return History(improvements, statistics, min(began, first))  # an answer may come before the job is said to run
+
+
+def _records(client: Client, kind: str, job: str) -> list[Record]:
+    return [dict(zip(page.columns, row, strict=True)) for page in pages(client, kind, job) for row in page.rows]
+
+
+# What came of it ------------------------------------------------------------------------------------------------------
+def _best(view: Mapping[str, Any], result: Result | None) -> _Best | None:
+    if result is not None and result.solution is not None and result.found_at is not None:
+        found = result.found_at
+        cell, born = _place(found["cell"]), found["generation"]
+        return _Best(result.fitness, result.feasible, found.get("world", 0), born, cell, result.solution)
+    best = view["best"]
+    if result is not None or best is None:
+        return None
+    cell = _place(topology_of(view, best["world"]).place(best["cell"]))
+    fitness = math.inf if best["fitness"] is None else best["fitness"]
+    return _Best(fitness, best["feasible"], best["world"], best["generation"], cell, best["solution"])
+
+
+def _has_moved_since(view: Mapping[str, Any], world: int) -> bool:
+    """Whether the problem is another than it was then."""
+    return any("patch" in each and each["world"] > world for each in view["worlds"])
+
+
+def _outcome(view: Mapping[str, Any], best: _Best | None, result: Result | None) -> dict[str, str]:
+    facts = {"status": view["status"]}
+    if view["message"]:
+        facts["message"] = view["message"]
+    if best is None:
+        facts["fitness"] = "nothing was found"
+    else:
+        world = f" of world {best.world}" if best.world else ""
+        facts |= {
+            "fitness": f"{best.fitness:.9g} (lower is better)",
+            "feasible": "yes, the independent check accepts it" if best.feasible else "no",
+            "born": f"in cell {best.cell}, generation {best.generation:,}{world}",
+        }
+    return facts | _totals(view, result)
+
+
+def _totals(view: Mapping[str, Any], result: Result | None) -> dict[str, str]:
+    if result is None:
+        return {"began": _clock(view["started"]) if view["started"] else "not yet"}
+    target = "none" if result.target is None else f"{result.target:.9g}"
+    return {
+        "target": f"{target}, {'reached' if result.solved else 'not reached'}",
+        "seconds": f"{result.seconds:.3f} (CPU {result.cpu_seconds:.3f})",
+        "generations": f"{result.generations:,}",
+        "evaluations": f"{result.evaluations:,}",
+        "messages": ", ".join(f"{count:,} {name}" for name, count in result.messages.items()),
+    }
+
+
+def _scene(file: ProblemFile, solution: Solution | None) -> _Scene:
+    """A user's own problem may not be here, or break: the report does without it."""
+    try:
+        problem = file.problem()
+    except BadInput as error:
+        return _Scene(absence=f"There is no picture of the solution, as the problem cannot be had here: {error}")
+    url = words = absence = None
+    try:
+        words = None if solution is None else described(problem, solution)
+        url = _drawn(problem, solution)
+    except (Exception, SystemExit) as error:
+        absence = f"There is no picture of the solution: {error}"
+    return _Scene(url, words, problem, absence)
+
+
+def _drawn(problem: Problem, solution: Solution | None) -> str:
+    figure = Figure(figsize=(8, 6), layout="constrained")
+    problem.draw(figure, solution, {})
+    picture = io.BytesIO()
+    figure.savefig(picture, format="png", dpi=120)
+    return _data_url("image/png", picture.getvalue())
+
+
+def _rows(history: History, view: Mapping[str, Any]) -> list[tuple[str, ...]]:
+    """The table of improvements."""
+    lived = {world: topology_of(view, world) for world in {each["world"] for each in history.improvements}}
+    return [
+        _row(number, each, lived[each["world"]], history.began) for number, each in enumerate(history.improvements, 1)
+    ]
+
+
+def _row(number: int, record: Record, topology: Topology, began: float) -> tuple[str, ...]:
+    return (
+        str(number),
+        f"{record['at'] - began:.3f}",
+        str(record["world"]),
+        f"{record['seconds']:.3f}",
+        f"{record['generation']:,}",
+        _place(topology.place(record["cell"])),
+        "–" if record["fitness"] is None else f"{record['fitness']:.9g}",
+        "yes" if record["feasible"] else "no",
+    )
+
+
+# To repeat it ---------------------------------------------------------------------------------------------------------
+def _commands(job: str, result: Result | None) -> list[tuple[str, str]]:
+    found = [(f"supernode solve {job}.toml", "runs it anew, on processes of its own, with the same settings")]
+    if result is not None and result.solution is not None:
+        found.insert(0, (f"supernode check {job}.toml {job}.json", "verifies the solution by independent code"))
+    if _repeatable(result):
+        what = "repeats the run in one process, bit for bit; an error tells if history_sha256 is another"
+        found.insert(0, (f"supernode simulate {job}.toml --replay {job}.json", what))
+    return found
+
+
+def _repeatable(result: Result | None) -> bool:
+    return result is not None and result.mode == "lockstep" and _lived(result) is not None
+
+
+def _lived(result: Result | None) -> str | None:
+    """The digest of all that the cells lived through; None if nobody knows, or they never lived."""
+    return result.history_sha256 if result is not None and result.evaluations > 0 else None
+
+
+def _warning(file: ProblemFile, result: Result | None) -> str | None:
+    """Why the run cannot be repeated bit for bit, if it cannot."""
+    if _repeatable(result):
+        return None
+    if file.run.mode != "lockstep":
+        return "It cannot be repeated bit for bit: an async run depends on when messages came."
+    if result is None:
+        return "It can be repeated bit for bit when it has ended: make this report again then."
+    return "It cannot be repeated bit for bit: nobody knows a history of it, as it failed or never ran to its end."
+
+
+def _files(view: Mapping[str, Any], file: ProblemFile, result: Result | None) -> list[_Attachment]:
+    found = [_attachment(f"{view['job']}.toml", "application/toml", _toml(file))]
+    if result is not None:
+        text = json.dumps(view["result"] or result.to_json(), indent=2)
+        found.append(_attachment(f"{view['job']}.json", "application/json", text))
+    return found
+
+
+def _attachment(name: str, kind: str, text: str) -> _Attachment:
+    return _Attachment(name, _data_url(kind, text.encode()), text)
+
+
+def _toml(file: ProblemFile) -> str:
+    """The whole problem file, each setting of the run spelt out that has a value."""
+    return as_toml(file.fields, file.run.model_dump())
+
+
+def _settings(run: Run, problem: Problem | None) -> list[_Setting]:
+    return [
+        _Setting(
+            name,
+            _in_force(name, run, problem) + ("" if name in run.model_fields_set else " (default)"),
+            field.description or "",
+        )
+        for name, field in Run.model_fields.items()
+    ]
+
+
+def _in_force(name: str, run: Run, problem: Problem | None) -> str:
+    """A setting's value; where there is none, what is done then."""
+    value = getattr(run, name)
+    if value is not None:
+        return json.dumps(value)
+    if name == "stall" and (stall := run.stall_limit()) is not None:
+        return f"none, hence {stall}"
+    if name in ("replacement", "mutation") and problem is not None:
+        return f"the recipe's {json.dumps(getattr(run.breeding(problem), name))}"
+    return "none"
+
+
+def _digests(file: ProblemFile, now: ProblemFile, result: Result | None) -> dict[str, str]:
+    found = {"seed": str(file.run.seed), "problem_sha256 as submitted": file.sha256}
+    if now.sha256 != file.sha256:
+        found["problem_sha256 as it is now"] = now.sha256
+    found["history_sha256"] = _lived(result) or "not known"
+    if not is_built_in(file.kind):
+        found["module"] = f"{file.kind}, looked for in {file.folder}; it must lie beside the problem file"
+    return found
+
+
+def _change(world: Mapping[str, Any]) -> str:
+    return json.dumps({name: value for name, value in world.items() if name not in ("world", "at")})
+
+
+def _place(place: Any) -> str:
+    return f"({', '.join(map(str, place))})"
+
+
+def _clock(at: float) -> str:
+    return datetime.fromtimestamp(at, UTC).isoformat(" ", "milliseconds").replace("+00:00", " UTC")
+
+
+def _data_url(kind: str, data: bytes) -> str:
+    return f"data:{kind};base64,{base64.b64encode(data).decode()}"

@@ -1,0 +1,37 @@
+"""Problem files as text again: the standard library reads TOML, but does not write it."""
+
+import json
+import re
+from collections.abc import Mapping
+from typing import Any
+
+_BARE = re.compile(r"[A-Za-z0-9_-]+")
+
+
+def as_toml(fields: Mapping[str, Any], run: Mapping[str, Any]) -> str:
+    """A problem file with these fields and this ``[run]`` table. What is None is left out: TOML has no word for it."""
+    return "\n".join([*_lines(fields), "", "[run]", *_lines(run), ""])
+
+
+def _lines(table: Mapping[str, Any]) -> list[str]:
+    return [f"{_key(name)} = {_long(value)}" for name, value in table.items() if value is not None]
+
+
+def _long(value: Any) -> str:
+    """An array of tables, or of arrays, has a line for each."""
+    if isinstance(value, list) and value and all(isinstance(each, dict | list) for each in value):
+        return "[\n" + "".join(f"    {_short(each)},\n" for each in value) + "]"
+    return _short(value)
+
+
+def _short(value: Any) -> str:
+    if isinstance(value, dict):
+        pairs = [f"{_key(name)} = {_short(each)}" for name, each in value.items() if each is not None]
+        return f"{{ {', '.join(pairs)} }}" if pairs else "{}"
+    if isinstance(value, list):
+        return f"[{', '.join(map(_short, value))}]"
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def _key(name: str) -> str:
+    return name if _BARE.fullmatch(name) else _short(name)
