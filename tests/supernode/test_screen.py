@@ -152,6 +152,6 @@ def test_without_a_terminal_there_are_lines(service):
             return select.select([watching.stdout], [], [], 0)[0]
 
         until(told)
-        assert re.fullmatch(r"info: job \w+ is \w+\n", watching.stdout.readline())
+        assert re.fullmatch(r"info: job \w+: \w+\n", watching.stdout.readline())
         watching.send_signal(signal.SIGINT)
         assert watching.wait(30) == 0
