@@ -69,7 +69,8 @@ function showHistory() {
     line("champion's age", statistics, x, "age", { yaxis: "y2", line: { color: "#c8321e", width: 1 } }),
   ], [along, "diversity"], {
     yaxis: { range: [0, 1.05] },
-    yaxis2: { title: { text: "age / generations" }, overlaying: "y", side: "right", rangemode: "tozero", showgrid: false },
+    yaxis2: { title: { text: "age / generations" }, overlaying: "y", side: "right", rangemode: "tozero", showgrid: false,
+      tickmode: "auto", nticks: 5, tickformat: ",d" },
   });
   const world = improvements.at(-1)?.world;
   const born = improvements.filter((each) => each.world === world).slice(-LINEAGE).map((each) => each.cell);
