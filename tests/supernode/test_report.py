@@ -254,7 +254,7 @@ def paged(client, kind, job):
 @pytest.mark.parametrize("kind", ["improvements", "statistics"])
 def test_exported_records_are_those_told(client, recorded, command, tmp_path, kind):
     columns, rows = paged(client, kind, recorded)
-    assert len(rows) > 1
+    assert rows
     code, out, err = command("export", recorded, "--records", kind)
     assert (code, err) == (0, "")
     titles, *lines = csv.reader(io.StringIO(out))

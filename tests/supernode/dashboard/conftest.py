@@ -73,7 +73,7 @@ def shown(show):
     return show()
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")  # while it lives, no other test of this process can have an asyncio loop
 def chromium():
     sync_api = pytest.importorskip("playwright.sync_api")
     path = shutil.which("chromium")
