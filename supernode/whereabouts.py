@@ -111,6 +111,15 @@ def remove_card(folder: Path) -> None:
         (folder / _CARD).unlink()
 
 
+def is_occupied(folder: Path) -> bool:
+    """Whether a cluster holds the lock of that folder; a card alone may be that of one that was killed long ago."""
+    try:
+        os.close(occupy(folder))
+    except ClusterFailed:
+        return True
+    return False
+
+
 def occupy(folder: Path) -> int:
     """Make ``folder``, private, and lock it for as long as the descriptor that is returned is open.
 

@@ -18,10 +18,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Ask, and wait until it has gone; on this machine also if it does not answer."""
+    from pathlib import Path
+
+    from supernode.whereabouts import is_occupied
+
     place = place_of(options)
     card = place.card()
     answered = _ask(options)
-    if card is not None:
+    if card is not None and (answered or is_occupied(Path(place.folder or ""))):
         _see_it_end(card.process, answered, place)
     tell(options, {"down": str(place)}, f"down: {place}")
     return exits.OK

@@ -208,8 +208,10 @@ def test_down_ends_a_lifeline_whose_cluster_is_silent(supernode, service, tmp_pa
     lifeline = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(60)"])
     threading.Thread(target=lifeline.wait).start()
     write_card(tmp_path, Card(service.endpoint, "fake", lifeline.pid, "0"))
+    lock = occupy(tmp_path)  # without it the card would be that of a cluster killed long ago
     assert supernode("down", "--state", tmp_path, connect=False)[0] == 0
     assert lifeline.poll() is not None
+    os.close(lock)
 
 
 @pytest.mark.parametrize(
