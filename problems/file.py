@@ -1,6 +1,5 @@
 """Problem files: TOML in, a checked problem and its run settings out."""
 
-import hashlib
 import json
 import tomllib
 from dataclasses import dataclass, replace
@@ -12,6 +11,7 @@ from pydantic import ValidationError
 
 from genetics.coding import Coding
 from problems import registry
+from problems.digests import digest
 from problems.errors import BadInput, first_line, shorten
 from problems.problem import CHECKED, Problem
 from problems.run import Run
@@ -41,7 +41,7 @@ class ProblemFile:
     @property
     def sha256(self) -> str:
         """A digest of the problem (not of how it is run), whatever the order and comments of the file."""
-        return hashlib.sha256(json.dumps(self.fields, sort_keys=True).encode()).hexdigest()
+        return digest(self.fields)
 
     def with_run(self, **settings: Any) -> "ProblemFile":
         """The same problem, run with other settings where one is given (not None).

@@ -16,6 +16,7 @@ from genetics.recipe import Recipe
 from problems.coordination import arms, checker
 from problems.coordination.arms import Robot
 from problems.coordination.diagram import Arrays, Diagram, Mask, RandomDiagram, move_times
+from problems.digests import digest
 from problems.errors import BadInput
 from problems.problem import Answer, Populations, Problem, RecipeName, Solution, Verdict, quantity
 
@@ -76,17 +77,17 @@ seed = 1
     diagram: Diagram | None = quantity("", "which cells collide, and how long moves take", default=None)
     random: RandomDiagram | None = quantity("", "instead of diagram, a random one", default=None)
     robots: list[Robot] | None = quantity(
-        "",
-        "instead of diagram, two arms; their diagram is put beside them when the file is read",
-        default=None,
-        min_length=2,
-        max_length=2,
+        "", "instead of diagram, two arms", default=None, min_length=2, max_length=2
     )
+    collisions: Diagram | None = quantity(
+        "", "the diagram of the robots, made once, where the file is read; not to be written", default=None
+    )
+    collisions_of: str | None = quantity("", "digest of what it was made of; not to be written", default=None)
 
     @model_validator(mode="after")
     def _one_source(self) -> Self:
         given = [name for name in ("diagram", "random", "robots") if getattr(self, name) is not None]
-        if given not in (["diagram"], ["random"], ["robots"], ["diagram", "robots"]):
+        if len(given) != 1:
             raise ValueError(f"expected one of diagram, random, robots, found {' and '.join(given) or 'none'}")
         return self
 
@@ -105,20 +106,22 @@ seed = 1
         robots = fields.get("robots")
         if not isinstance(robots, list):
             return fields
-        if "diagram" in fields:
-            raise BadInput("expected one of diagram, random, robots, found diagram and robots")
         fields = fields | {"robots": [_with_path(robot, folder, number) for number, robot in enumerate(robots)]}
+        made_of = digest(fields["robots"])
+        if fields.get("collisions_of") == made_of:
+            return fields
+        fields.pop("collisions", None)
         try:
             problem = cls.model_validate_json(json.dumps(fields), strict=True)
         except ValidationError:
             return fields  # who checks them will say what is wrong
-        return fields | {"diagram": problem.world.model_dump(mode="json")}
+        return fields | {"collisions": problem.world.model_dump(mode="json"), "collisions_of": made_of}
 
     @cached_property
     def world(self) -> Diagram:
         """The diagram, wherever it comes from."""
-        if self.diagram is not None:
-            return self.diagram
+        if (known := self.diagram or self.collisions) is not None:
+            return known
         if self.random is not None:
             return Diagram.of(self.random.mask(), self.random.times)
         assert self.robots is not None, "a diagram comes from somewhere"

@@ -13,6 +13,7 @@ from pydantic import Field, ValidationError, field_validator, model_validator
 
 from genetics.arrays import Fitness, Genomes, writable
 from genetics.recipe import Recipe, Replacement
+from problems.digests import digest
 from problems.plane import CONTACT, Obstacle
 from problems.problem import Answer, CodedProblem, Populations, RecipeName, Solution, Table, Verdict, quantity
 from problems.sphere_path import cells
@@ -34,6 +35,7 @@ Axes = Annotated[list[Place], Field(min_length=2, max_length=7)]
 
 _FULL_TURN = 2.0 * np.pi
 _ANGLES = {(2, 2): 0, (2, 3): 1, (3, 3): 0, (3, 4): 1, (3, 6): 3}  # of vehicles, by dimensions of the world and axes
+_SHAPING = ("vehicle", "mesh", "obstacles", "bounds", "periodic", "accuracy")  # fields that the spheres are made of
 _FLIPS = 8.0  # bits changed in an offspring, on average, by the tuned recipe
 
 
@@ -133,18 +135,26 @@ target = 0.03                   # nothing crossed, and a detour of at most 1.1; 
     hierarchy: str | None = quantity(
         "", "the spheres made of vehicle and world, once, where the file is read; not to be written", default=None
     )
+    hierarchy_of: str | None = quantity("", "digest of what they were made of; not to be written", default=None)
 
     @classmethod
     def gather(cls, fields: dict[str, Any], folder: Path) -> dict[str, Any]:
-        """With triangles in the place of mesh files, and with the spheres, which nodes then need not make again."""
+        """With triangles in the place of mesh files, and with the spheres, which nodes then need not make again.
+
+        Spheres that are there are made anew if the world has moved since.
+        """
         fields = gathered(fields, folder)
-        if "vehicle" not in fields or "hierarchy" in fields:
+        if "vehicle" not in fields:
             return fields
+        made_of = digest([fields.get(name) for name in _SHAPING])
+        if fields.get("hierarchy_of") == made_of:
+            return fields
+        fields = {name: value for name, value in fields.items() if name != "hierarchy"}
         try:
             problem = cls.model_validate_json(json.dumps(fields), strict=True)
         except ValidationError:
             return fields  # whoever makes the problem says what is wrong
-        return fields | {"hierarchy": problem.cells_code}
+        return fields | {"hierarchy": problem.cells_code, "hierarchy_of": made_of}
 
     @model_validator(mode="after")
     def _is_a_world(self) -> Self:

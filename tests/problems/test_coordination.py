@@ -384,8 +384,7 @@ def arms_problem():
     pytest.importorskip("fcl")
     fields = load(EXAMPLES / "coordination-arms.toml").fields
     robots = [robot | {"cells": 60, "path": robot["path"][:3]} for robot in fields["robots"]]
-    fields = {name: value for name, value in fields.items() if name != "diagram"} | {"robots": robots}
-    gathered = Coordination.gather(fields, Path())
+    gathered = Coordination.gather(fields | {"robots": robots}, Path())
     return ProblemFile("arms", gathered, Run(), Path()).problem()
 
 
@@ -393,15 +392,28 @@ def test_a_file_of_robots_is_read_with_their_diagram():
     pytest.importorskip("fcl")
     file = load(EXAMPLES / "coordination-arms.toml")
     problem = file.problem()
-    assert problem.diagram is not None
+    assert problem.collisions is not None
     assert problem.blocked.any()
-    again = Coordination.model_validate({name: value for name, value in file.fields.items() if name != "diagram"})
+    again = Coordination.model_validate({name: value for name, value in file.fields.items() if name != "collisions"})
     np.testing.assert_array_equal(again.blocked, problem.blocked)
 
 
+def test_when_a_robot_goes_the_other_way_the_diagram_is_made_anew():
+    before = ProblemFile("arms", arms_problem().model_dump(mode="json", exclude_unset=True, by_alias=True), Run(), Path())
+    first, second = before.fields["robots"]
+    robots = [first, second | {"path": second["path"][::-1]}]
+    after = before.changed({"robots": robots}, {})
+    fresh = Coordination.gather({"kind": "coordination", "robots": robots}, Path())
+    assert after.fields["collisions"] == fresh["collisions"] != before.fields["collisions"]
+    unmoved = before.changed({"bits": 9}, {})
+    assert unmoved.fields["collisions"] == before.fields["collisions"]
+
+
 def test_a_file_may_not_have_robots_and_a_diagram():
+    pytest.importorskip("fcl")
+    file = load(EXAMPLES / "coordination-arms.toml")
     with pytest.raises(BadInput, match="found diagram and robots"):
-        Coordination.gather({"kind": "coordination", "robots": [], "diagram": {"cells": [2, 2]}}, Path())
+        file.changed({"diagram": {"cells": [2, 2]}}, {})
 
 
 def test_a_robot_moves_evenly_and_as_fast_as_its_joints_allow():
@@ -457,7 +469,7 @@ def test_the_judge_moves_the_arms():
     solution = problem.oracle().solution
     assert problem.check(solution).feasible
     empty = Coordination.model_validate(
-        problem.model_dump() | {"diagram": problem.world.model_dump() | {"obstacles": []}}
+        problem.model_dump() | {"collisions": problem.world.model_dump() | {"obstacles": []}}
     )
     direct = {"time": float(max(times[-1] for times in empty.move_times)), "points": []}
     assert any("the arms overlap" in objection for objection in empty.check(direct).objections)

@@ -273,6 +273,22 @@ def test_the_cells_are_made_once_and_travel_as_a_text(monkeypatch):
     np.testing.assert_array_equal(again.obstacle_spheres, problem.obstacle_spheres)
 
 
+def test_when_the_world_moves_its_spheres_are_made_anew(monkeypatch):
+    before = ProblemFile("cart", SpherePath.gather(_written(cart()), Path()), Run(), Path())
+    obstacles = before.fields["obstacles"][:-1]
+    after = before.changed({"obstacles": obstacles}, {})
+    fresh = SpherePath.gather(_written(cart()) | {"obstacles": obstacles}, Path())
+    assert after.fields == fresh
+    assert len(after.problem().obstacle_spheres) < len(before.problem().obstacle_spheres)
+    monkeypatch.setattr(cells, "subdivide", None)  # not needed for an end that moves
+    goal = [*before.fields["goal"][:-1], before.fields["goal"][-1] + 0.01]
+    assert before.changed({"goal": goal}, {}).fields["hierarchy"] == before.fields["hierarchy"]
+
+
+def _written(problem):
+    return problem.model_dump(mode="json", exclude_unset=True)
+
+
 def test_a_recipe_keeps_the_spheres(monkeypatch):
     problem = cart()
     problem.cells_code  # noqa: B018 - makes it
