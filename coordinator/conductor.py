@@ -9,8 +9,8 @@ import contextlib
 import json
 import time
 from collections import deque
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable
+from dataclasses import replace
 from typing import Protocol
 
 import zenoh
@@ -19,9 +19,11 @@ import topologies
 from coordinator.calls import ASK_AGAIN, Calls, GivenUpError, ReplacedError, Reported
 from coordinator.errors import ClusterFailed
 from coordinator.job import Change, JobEntry, Placing, Replaced, Wish
+from coordinator.worlds import World, Worlds
 from problems import BadInput, ProblemFile
 from spy.judge import STATUS_OF, Judgement
-from spy.result import Clocks, Lived, Result, best_known, lived_for, result_of, states_of, stop_reasons, stopped_after
+from spy.past import Lived, Past, lived_for, stopped_after
+from spy.result import Clocks, Result, best_known, result_of, states_of, stop_reasons
 from topologies import ROOT
 from wire.control import Begin, Done, Drop, Finish, Halt, Judged, Look, Prepare, ProposeStop, Wiring
 from wire.keys import Keys
@@ -49,43 +51,6 @@ class Dispatch(Protocol):
         """There is a better answer."""
 
 
-@dataclass
-class _World:
-    """What a conductor knows of one world.
-
-    Attributes:
-        since: generations of the job before it, as far as is known.
-        reports: of the cells that have stopped.
-        why: how it followed the one before, for the result.
-        rescued: whether, in async mode, all cells have been told to stop.
-        dead: cells whose nodes have died in it.
-        asked: the latest question for its reports.
-    """
-
-    number: int
-    file: ProblemFile
-    wiring: Wiring
-    since: int = 0
-    reports: dict[int, Report] = field(default_factory=dict)
-    why: Mapping[str, object] = field(default_factory=dict)
-    rescued: bool = False
-    dead: set[int] = field(default_factory=set)
-    asked: int = -1
-
-    @property
-    def cells(self) -> int:
-        return len(self.wiring.nodes)
-
-    @property
-    def stopped(self) -> bool:
-        return len(self.reports) == self.cells
-
-    @property
-    def halted(self) -> bool:
-        """Whether it did not stop by itself: a node died in it."""
-        return bool(self.dead)
-
-
 class Conductor:
     """Conducts one job on ``nodes``; without any, it has only its mail to open, and ends by that.
 
@@ -111,7 +76,7 @@ class Conductor:
         self.nodes = nodes
         self.dispatch = dispatch
         self.calls = Calls(session, job.mail, replaces)
-        self.worlds: list[_World] = []
+        self.worlds = Worlds(Past.unknown(job.order.world) if adopted is None else adopted.past)
         self.versions: dict[str, str] = {}
         self.best = None if adopted is None else adopted.best
         self.seconds = 0.0
@@ -123,9 +88,9 @@ class Conductor:
         self._unheard: Wish | None = None  # what the cells have still to be told
 
     @property
-    def world(self) -> _World:
+    def world(self) -> World:
         """The latest."""
-        return self.worlds[-1]
+        return self.worlds.latest
 
     def conduct(self, seconds_to_ready: float, cpu_seconds: Callable[[], dict[str, float]]) -> Result:
         """Run the job to its end.
@@ -139,9 +104,10 @@ class Conductor:
             self.improve(judgement.best)
         spent = sum(after - used[name] for name, after in cpu_seconds().items() if name in used)
         clocks = Clocks(self.seconds, seconds_to_ready, spent)
-        lived = [Lived(each.file, list(each.reports.values()), each.why, each.number) for each in self.worlds]
-        name = self.job.order.job or str(self.number)
-        return result_of(name, lived or [Lived(self.job.order.file)], judgement, self.versions, clocks)
+        order = self.job.order
+        past, world = self.worlds.whole() if self.worlds else (Past(), Lived(order.file))
+        name = order.job or str(self.number)
+        return result_of(name, order.file.run, past, world, judgement, self.versions, clocks)
 
     def improve(self, better: Improvement) -> None:
         """Pass on an improvement, if it is one. Called by Zenoh's thread too."""
@@ -173,7 +139,7 @@ class Conductor:
         if not self.nodes:
             raise GivenUpError(self._wish_in_the_queue())
         if self._adopted is None:
-            self._set_out()
+            self._set_out(self.job.order.world, self.job.order.file)
         else:
             self._take_over(self._adopted)
         began = time.monotonic()
@@ -188,12 +154,12 @@ class Conductor:
             self.seconds = time.monotonic() - began
 
     # The beginning of a job -------------------------------------------------------------------------------------------
-    def _set_out(self) -> None:
+    def _set_out(self, number: int, file: ProblemFile) -> None:
         """Prepare and begin the first world; from the start again if a process dies meanwhile."""
         self.dispatch.changed(self.job, "preparing")
-        file, fresh = self.job.order.file, False
+        why, fresh = {"do": "restart"} if number > 0 else {}, False
         while True:
-            first = _World(0, file, self.dispatch.wire(self.nodes, file.run.topology, fresh))
+            first = World(number, file, self.dispatch.wire(self.nodes, file.run.topology, fresh), why=why)
             try:
                 if not self._checked:  # the spy first: it finds a wrong problem before a thousand nodes do
                     self._prepare_the_spy(first)
@@ -211,21 +177,18 @@ class Conductor:
 
     def _take_over(self, placing: Placing) -> None:
         """Go on with a job that runs already, unless all its nodes have died too."""
-        world = _World(placing.world, placing.file, Wiring(placing.wiring, placing.nodes))
-        self.worlds.append(world)
-        there = self._who_is_there(world)
-        if not there:
-            return self._start_over()
+        world = World(placing.world, placing.file, Wiring(placing.wiring, placing.nodes), why=placing.why)
+        self.worlds.take_over(world)
+        world.dead = set(range(world.cells)) - self._who_is_there(world)
         self._spy_is_new = True
-        world.dead = set(range(world.cells)) - there
         self._replace_the_dead()
         if self.world is world:
-            self._ask_for_reports(world)
+            for each in self.worlds.unsettled:
+                self._ask_for_reports(each)
             if world.number > 0:  # the coordinator before may not have come to this
-                self._stop(world.number - 1, "update")
-        return None
+                self._stop_everywhere(world.number - 1, "update")
 
-    def _who_is_there(self, world: _World) -> set[int]:
+    def _who_is_there(self, world: World) -> set[int]:
         """The cells whose nodes are at this job; a node that cannot hear yet has a second for it."""
         until = time.monotonic() + _FOUND_WITHIN
         while True:
@@ -239,12 +202,11 @@ class Conductor:
                 self.calls.wait(ASK_AGAIN)
 
     def _start_over(self) -> None:
-        """Nobody is left who knows anything of the job."""
-        self.worlds.clear()
+        """Nobody is left who knows anything of the job: it begins again, in the world as it is by now."""
         self.dispatch.changed(self.job, "queued")
-        self._set_out()
+        self._set_out(self.world.number + 1, self.world.file)
 
-    def _prepare(self, world: _World, demes: dict[int, bytes] | None = None, *, with_the_spy: bool = False) -> None:
+    def _prepare(self, world: World, demes: dict[int, bytes] | None = None, *, with_the_spy: bool = False) -> None:
         """Every node gets ready; with the ``demes`` of cells that have none of their own, each is told by itself."""
         wiring = world.wiring
         if demes is None:
@@ -262,30 +224,30 @@ class Conductor:
             raise ClusterFailed(f"nodes differ, lockstep would not repeat: {' / '.join(sorted(fingerprints))}")
         self.versions = json.loads(min(fingerprints))
 
-    def _preparation(self, world: _World, since: int | None = None, deme: bytes = b"") -> Prepare:
+    def _preparation(self, world: World, since: int | None = None, deme: bytes = b"") -> Prepare:
         log = self.job.order.log
         return Prepare(self.number, world.number, world.file.to_json(), world.wiring, since, deme, log)
 
-    def _show_to_the_spy(self, world: _World) -> None:
+    def _show_to_the_spy(self, world: World) -> None:
         """It forgets the world before, and listens to the root, whose links are those of this world by now."""
         self._prepare_the_spy(world)
         self._let_the_spy_listen(world)
 
-    def _prepare_the_spy(self, world: _World) -> None:
+    def _prepare_the_spy(self, world: World) -> None:
         self.calls.ask([(self.keys.spy_control, self._preparation(world))], give_up=not self.worlds)
 
-    def _let_the_spy_listen(self, world: _World) -> None:
+    def _let_the_spy_listen(self, world: World) -> None:
         self.calls.ask([(self.keys.spy_control, Begin(self.number, world.number))], give_up=not self.worlds)
 
-    def _begin(self, world: _World) -> None:
+    def _begin(self, world: World) -> None:
         """Go, as soon as the world before has stopped."""
-        self.worlds.append(world)
-        placing = Placing(world.number, world.file, self.nodes, world.wiring.number, world.why)
+        self.worlds.add(world)
+        placing = Placing(world.number, world.file, self.nodes, world.wiring.number, world.why, self.worlds.past)
         self.dispatch.placed(self.job, placing)
         self._ask_for_reports(world)
         self.dispatch.changed(self.job, "running")
 
-    def _ask_for_reports(self, world: _World) -> None:
+    def _ask_for_reports(self, world: World) -> None:
         """Also of cells that run, or have stopped: who asked before may have died, or the router on the way back."""
         world.asked = self.calls.ask_for_reports(self.keys.every_control, Begin(self.number, world.number))
 
@@ -303,17 +265,17 @@ class Conductor:
     def _gather(self) -> str | None:
         """Wait for the report of every cell. Returns why one failed, if it did; others are not waited for then."""
         again: float | None = None  # when to ask for reports again
-        while self._unsettled:
-            if self._settled:
+        while self.worlds.unsettled:
+            if self.worlds.settled:
                 self._do_what_was_put_off()
             mail = self.calls.next(again)
             if mail is None:
                 again = None
-                for world in self._unsettled:
+                for world in self.worlds.unsettled:
                     self._ask_for_reports(world)
             elif isinstance(mail, Reported):
                 if mail.report is None:  # a question ends early when the router dies
-                    is_latest = any(mail.question == world.asked for world in self._unsettled)
+                    is_latest = any(mail.question == world.asked for world in self.worlds.unsettled)
                     again = time.monotonic() + ASK_AGAIN if is_latest else again
                 elif (error := self._note(mail.world, mail.report)) is not None:
                     return error
@@ -329,26 +291,15 @@ class Conductor:
         if self._changes:
             self._change(self._changes.popleft())
 
-    @property
-    def _settled(self) -> bool:
-        """Whether all cells have come to the latest world; before that there cannot be another one."""
-        return len(self._unsettled) < 2
-
-    @property
-    def _unsettled(self) -> list[_World]:
-        """The worlds that cells are at."""
-        return [world for world in self.worlds[-2:] if not (world.stopped or world.halted)]
-
     def _note(self, number: int, report: Report) -> str | None:
         """A cell has stopped in one of the worlds; returns why, if it failed."""
-        for world in self.worlds:
-            if world.number == number:
-                world.reports[report.cell] = report
-                if world.file.run.mode == "async" and report.proposals and not world.rescued:
-                    # Without lockstep a lost message could leave a node that never hears of the stop.
-                    world.rescued = True
-                    command = ProposeStop(self.number, number, report.proposals[0].reason)
-                    self.calls.tell(self.keys.every_control, command)
+        world = self.worlds.of(number)
+        if world is not None:
+            world.reports[report.cell] = report
+            if world.file.run.mode == "async" and report.proposals and not world.rescued:
+                # Without lockstep a lost message could leave a node that never hears of the stop.
+                world.rescued = True
+                self._stop_everywhere(number, report.proposals[0].reason)
         return report.error if number == self.world.number else None
 
     def _attend_to(self, mail: object) -> None:
@@ -362,10 +313,14 @@ class Conductor:
 
     def _stop(self, number: int, reason: Reason) -> None:
         """Propose a stop in that world, to the root unless that has ended: in async mode it may have, before others."""
-        world = next((each for each in self.worlds if each.number == number), None)
-        root_ended = world is None or ROOT in world.reports
-        key = self.keys.every_control if root_ended else self.keys.control(self.nodes[ROOT])
-        self.calls.tell(key, ProposeStop(self.number, number, reason))
+        world = self.worlds.of(number)
+        if world is None or world.root_has_stopped:
+            self._stop_everywhere(number, reason)
+        else:
+            self.calls.tell(self.keys.control(self.nodes[ROOT]), ProposeStop(self.number, number, reason))
+
+    def _stop_everywhere(self, number: int, reason: Reason) -> None:
+        self.calls.tell(self.keys.every_control, ProposeStop(self.number, number, reason))
 
     def _finish(self, error: str | None) -> Judgement:
         world = self.world
@@ -378,16 +333,12 @@ class Conductor:
             stop_reasons(reports, world.file.run.mode),
             error,
             tuple(states_of(reports).items()),
-            self._since(),
+            self.worlds.since,
         )
         (answer,) = self.calls.ask([(self.keys.spy_control, command)], give_up=False)
         if not isinstance(answer, Judged):
             raise ClusterFailed("the spy did not judge the run")
         return Judgement.of(answer)
-
-    def _since(self) -> int:
-        """Generations of the job before the latest world."""
-        return sum(lived_for(list(each.reports.values()), each.halted) for each in self.worlds[:-1] if each.reports)
 
     # From one world to the next ---------------------------------------------------------------------------------------
     def _change(self, change: Change) -> None:
@@ -408,7 +359,7 @@ class Conductor:
             if not same_cells:
                 raise BadInput(f"topology: expected one of {before.cells} cells, found {file.run.topology!r}")
             wiring = self.dispatch.wire(self.nodes, file.run.topology)
-            world = _World(before.number + 1, file, wiring, why=_directive(change))
+            world = World(before.number + 1, file, wiring, why=_directive(change))
             self._prepare(world)
         except (BadInput, ClusterFailed) as error:
             change.answer.put(error)
@@ -478,7 +429,7 @@ class Conductor:
         before.reports = {cell: report for cell, report in before.reports.items() if cell in others}
         return self._begin_with_new_nodes(before)
 
-    def _wait_until_halted(self, world: _World, others: set[int]) -> None:
+    def _wait_until_halted(self, world: World, others: set[int]) -> None:
         until, again = time.monotonic() + _HALTED_WITHIN, 0.0  # when to tell them again
         aside = []
         try:
@@ -504,18 +455,18 @@ class Conductor:
 
     def _halt(self) -> None:
         """The cells, wherever they are; one that has not begun with the latest world, since it did not hear, does."""
-        for world in self.worlds[-2:]:
+        for world in self.worlds.known:
             self._ask_for_reports(world)
             self.calls.ask_for_reports(self.keys.every_control, Halt(self.number, world.number))
 
-    def _begin_with_new_nodes(self, before: _World) -> None:
+    def _begin_with_new_nodes(self, before: World) -> None:
         topology = topologies.parse(before.file.run.topology)
         heirs = {cell: _heir(topology.neighbours(cell), before) for cell in sorted(before.dead)}
         reached = {str(cell): report.generation for cell, report in sorted(before.reports.items())}
         why = {"do": "replace", "demes_of": {str(cell): heir for cell, heir in heirs.items()}, "generations": reached}
         wiring = self.dispatch.wire(self.nodes, topology.spec, fresh=True)
-        since = self._since() + lived_for(list(before.reports.values()), halted=True)
-        world = _World(before.number + 1, before.file, wiring, since, why=why)
+        since = self.worlds.since + lived_for(list(before.reports.values()), halted=True)
+        world = World(before.number + 1, before.file, wiring, since, why=why)
         self._prepare(world, {cell: before.reports[heir].deme for cell, heir in heirs.items()})
         self._show_to_the_spy(world)
         self._begin(world)
@@ -528,7 +479,7 @@ class Conductor:
             self.calls.tell(self.keys.spy_control, Drop(self.number))
 
 
-def _heir(slots: tuple[int, ...], world: _World) -> int:
+def _heir(slots: tuple[int, ...], world: World) -> int:
     """The first neighbour that lives; if none does, the first cell that does."""
     return next(cell for cell in (*slots, *sorted(world.reports)) if cell in world.reports)
 

@@ -2,7 +2,6 @@
 
 import contextlib
 import dataclasses
-import hashlib
 import json
 import math
 import threading
@@ -22,6 +21,7 @@ from coordinator.scheduler import QueueFull
 from coordinator.states import ENDS
 from coordinator.store import Store, Stored, Submission, Summary
 from problems import BadInput, ProblemFile
+from problems.digests import digest
 from problems.errors import one_line
 from wire.jobs import (
     MOST_LISTED,
@@ -160,10 +160,10 @@ class Desk:
         for status in ("submitted", "queued"):
             self._publish(dataclasses.replace(state_of(job, job.submitted), status=status))
 
-    def _hand_over(self, job: Summary, file: ProblemFile, accepted_before: bool = False) -> None:
+    def _hand_over(self, job: Summary, file: ProblemFile, accepted_before: bool = False, world: int = 0) -> None:
         self._handed_over.add(job.number)
         try:
-            self._dispatcher.submit(_order(job, file), accepted_before=accepted_before)
+            self._dispatcher.submit(_order(job, file, world), accepted_before=accepted_before)
         except BaseException:
             self._handed_over.discard(job.number)
             raise
@@ -172,15 +172,18 @@ class Desk:
         if job.status != "queued":
             self._recorder.changed(job.number, "queued", ())
         try:
-            self._hand_over(job, self._checker.read(job.file_now), accepted_before=True)
+            first_world = job.world + 1 if job.world > 0 else 0
+            self._hand_over(job, self._checker.read(job.file_now), accepted_before=True, world=first_world)
         except Exception as error:
             self._recorder.ended(job.number, error)
 
     def _adopted(self, job: Stored) -> bool:
         try:
-            file = self._checker.read(job.file_now)
+            first, file = self._checker.read(job.file), self._checker.read(job.file_now)
             best = None if job.best is None else _improvement(job.best)
-            self._dispatcher.adopt(_order(job, file), Placing(job.world, file, job.nodes, job.wiring, best=best))
+            past, why = self._store.past(job.number)
+            placing = Placing(job.world, file, job.nodes, job.wiring, why, past, best)
+            self._dispatcher.adopt(_order(job, first), placing)
         except Exception:
             return False
         self._handed_over.add(job.number)
@@ -195,7 +198,7 @@ class Desk:
             "file_now": stored.file_now,
             "best": stored.best,
             "result": stored.result,
-            "worlds": list(stored.worlds),
+            "worlds": self._store.worlds(stored.number),
             "nodes": list(stored.nodes),
             "states": transitions,
         }
@@ -210,9 +213,8 @@ class Desk:
         with self._change_of(job):
             now = self._running(job)
             before = self._checker.read(now.file_now)
-            file = before.changed(patch, {})
-            if is_own(file):
-                self._checker.check(file, before)
+            if is_own(before):  # any other is checked by whoever changes the world
+                self._checker.check(before.changed(patch, {}), before)
             world = self._dispatcher.update(now.number, patch)
         return {"job": job, "world": world}
 
@@ -257,13 +259,13 @@ class Desk:
 def digest_of(file: ProblemFile) -> str:
     """The same for the same problem and settings, whatever the name of the file."""
     settings = file.run.model_dump(exclude_unset=True)
-    return hashlib.sha256(json.dumps([file.fields, settings], sort_keys=True).encode()).hexdigest()
+    return digest([file.fields, settings])
 
 
-def _order(job: Summary, file: ProblemFile) -> Order:
+def _order(job: Summary, file: ProblemFile, world: int = 0) -> Order:
     """The job for the dispatcher, whose clock does not know of Unix time: its ``seconds`` run from acceptance."""
     submitted = time.monotonic() - max(0.0, time.time() - job.submitted)
-    return Order(job.number, file, None, job.job, job.priority, submitted)
+    return Order(job.number, file, None, job.job, job.priority, submitted, world)
 
 
 def _improvement(best: dict[str, Any]) -> Improvement:

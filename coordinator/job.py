@@ -9,6 +9,7 @@ from typing import Any, Literal
 
 from coordinator.errors import ClusterFailed
 from problems import ProblemFile
+from spy.past import Past
 from spy.result import Result
 from wire.news import Improvement, Statistics
 
@@ -63,6 +64,7 @@ class Order:
         log: a file for the run log.
         job: the job's name; its number if it was given none.
         submitted: on the monotonic clock.
+        world: the number of its first world; not 0 if it begins again, when nobody is left who knows of the others.
     """
 
     number: int
@@ -71,6 +73,7 @@ class Order:
     job: str = ""
     priority: int = 0
     submitted: float = field(default_factory=time.monotonic)
+    world: int = 0
 
 
 @dataclass(frozen=True)
@@ -80,6 +83,7 @@ class Placing:
     Attributes:
         wiring: the number of the links between the nodes.
         why: how that world followed the one before, as a directive.
+        past: the worlds before; that one's end may not be in it yet.
         best: the best verified answer so far, for a coordinator that takes over.
     """
 
@@ -88,6 +92,7 @@ class Placing:
     nodes: tuple[int, ...]
     wiring: int
     why: Mapping[str, Any] = field(default_factory=dict)
+    past: Past = field(default_factory=Past)
     best: Improvement | None = None
 
 

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, fields
 from typing import Any
 
-from sqlalchemy import Select, and_, delete, func, or_, select
+from sqlalchemy import Select, and_, delete, func, or_, select, update
 from sqlalchemy.orm import Session, undefer
 
 from coordinator.database import Database, StoreFailed
@@ -29,10 +29,12 @@ from coordinator.tables import (
     WorldRow,
 )
 from problems.errors import BadInput
+from spy.past import Past
 
-_SCHEMA = 1
+_SCHEMA = 2
 _NEW_ID_BYTES = 4
-_MOST_WORLDS = 1000  # of a job, the latest, that are told
+_MOST_WORLDS = 1000  # of a job, the latest, that are told,
+_MOST_TOLD = 4 << 20  # and bytes of what changed with them
 
 
 class IdTaken(BadInput):
@@ -99,8 +101,6 @@ class Stored(Summary):
         file_now: the same as its world is now.
         best: the best verified answer, decoded.
         result: as `spy.result.Result.to_json` makes it, once the job has ended.
-        worlds: what changed with each world after the first (the latest thousand), oldest first: "world", "at", and a
-            directive as results have them.
         world: the number of the one that it is in.
         wiring: of its nodes' links.
     """
@@ -109,7 +109,6 @@ class Stored(Summary):
     file_now: str = field(repr=False)
     best: dict[str, Any] | None
     result: dict[str, Any] | None
-    worlds: tuple[dict[str, Any], ...]
     world: int
     wiring: int
 
@@ -267,10 +266,13 @@ class Store:
             row.wiring = placing.wiring
             row.world = placing.world
             row.topology = placing.file.run.topology
+            row.past_json = placing.past.to_json()
             if placing.world > 0:
                 row.changed_file = placing.file.to_json()
                 change = json.dumps(dict(placing.why))
                 session.add(WorldRow(number=number, world=placing.world, at=time.time(), change_json=change))
+                session.flush()
+                _note_ends(session, number, placing.past)
 
     def forget_before(self, at: float) -> None:
         """Forget jobs that ended before then, Unix time, and all that was written of them."""
@@ -287,7 +289,7 @@ class Store:
             draining = and_(JobRow.status == "deadline", JobRow.ended.is_(None))
             found = _whole().where(or_(JobRow.status.not_in(ENDS), draining)).order_by(JobRow.number)
             rows = session.scalars(found)
-            return [_stored(session, row) for row in rows]
+            return [Stored(**_values(row, Stored)) for row in rows]
 
     def newest(self, limit: int | None = None) -> list[Summary]:
         """The newest jobs, newest last."""
@@ -302,7 +304,36 @@ class Store:
             UnknownJob: if there is none of that id.
         """
         with self.reading() as session:
-            return _stored(session, _known(_find(session, job, _whole()), job))
+            return Stored(**_values(_known(_find(session, job, _whole()), job), Stored))
+
+    def worlds(self, number: int) -> list[dict[str, Any]]:
+        """What changed with each world of a job after the first, oldest first: a directive as in results, and "at".
+
+        Of very many only the latest.
+        """
+        told: list[dict[str, Any]] = []
+        room = _MOST_TOLD
+        with self.reading() as session:
+            latest_first = select(WorldRow).where(WorldRow.number == number).order_by(WorldRow.id.desc())
+            for row in session.scalars(latest_first.limit(_MOST_WORLDS).execution_options(yield_per=50)):
+                room -= len(row.change_json)
+                if told and room < 0:
+                    break
+                told.append(row.plain)
+        return told[::-1]
+
+    def past(self, number: int) -> tuple[Past, dict[str, Any]]:
+        """What a job has lived through before its latest world, and how that one followed, as a directive."""
+        why: dict[str, Any] = {}
+        with self.reading() as session:
+            written = session.scalar(select(JobRow.past_json).where(JobRow.number == number))
+            past = Past() if written is None else Past.from_json(written)
+            of_job = select(WorldRow).where(WorldRow.number == number).order_by(WorldRow.id)
+            for world in session.scalars(of_job.execution_options(yield_per=50)):
+                why = json.loads(world.change_json)
+                if world.generation is not None:
+                    past = past.led_on(world.directive)
+        return past, why
 
     def summary(self, job: str) -> Summary:
         """A job in a line.
@@ -372,6 +403,15 @@ class Store:
                 raise StoreFailed(f"store {self._database.name}: expected a store of version {_SCHEMA}, found {found}")
 
 
+def _note_ends(session: Session, number: int, past: Past) -> None:
+    """When the latest worlds ended that have; of those before it is known."""
+    for directive in past.directives[-2:]:
+        if directive["do"] == "several":
+            continue
+        world = (WorldRow.number == number) & (WorldRow.world == directive["world"])
+        session.execute(update(WorldRow).where(world).values(generation=directive["generation"]))
+
+
 def _change(session: Session, row: JobRow, status: str, at: float) -> None:
     state = follow(state_of(row.status), status)
     row.status = state
@@ -417,14 +457,8 @@ def _summary(row: JobRow) -> Summary:
     return Summary(**_values(row, Summary))
 
 
-def _stored(session: Session, row: JobRow) -> Stored:
-    of_job = select(WorldRow).where(WorldRow.number == row.number).order_by(WorldRow.id.desc()).limit(_MOST_WORLDS)
-    worlds = tuple(world.plain for world in session.scalars(of_job))[::-1]
-    return Stored(**_values(row, Stored, "worlds"), worlds=worlds)
-
-
-def _values(row: JobRow, kind: type[Summary], *but: str) -> dict[str, Any]:
-    values = {each.name: getattr(row, each.name) for each in fields(kind) if each.name not in but}
+def _values(row: JobRow, kind: type[Summary]) -> dict[str, Any]:
+    values = {each.name: getattr(row, each.name) for each in fields(kind)}
     return values | {"status": state_of(row.status)}
 
 

@@ -45,6 +45,7 @@ class JobRow(Base):
     changed_file: Mapped[str | None] = mapped_column(Text, deferred=True)
     best_json: Mapped[str | None] = mapped_column("best", Text, deferred=True)
     result_json: Mapped[str | None] = mapped_column("result", Text, deferred=True)
+    past_json: Mapped[str | None] = mapped_column("past", Text, deferred=True)
 
     @property
     def nodes(self) -> tuple[int, ...]:
@@ -79,7 +80,12 @@ class TransitionRow(Base):
 
 
 class WorldRow(Base):
-    """A world of a job after its first."""
+    """A world of a job after its first.
+
+    Attributes:
+        generation: after which the world before ended, once that is known.
+        change_json: how it followed that one, as a directive.
+    """
 
     __tablename__ = "worlds"
 
@@ -87,12 +93,18 @@ class WorldRow(Base):
     number: Mapped[int] = mapped_column(ForeignKey("jobs.number"), index=True)
     world: Mapped[int]
     at: Mapped[float] = mapped_column(Double)
+    generation: Mapped[int | None] = mapped_column(BigInteger)
     change_json: Mapped[str] = mapped_column("change", Text)
 
     @property
+    def directive(self) -> dict[str, Any]:
+        """As results have it."""
+        return {"world": self.world, "generation": self.generation, **json.loads(self.change_json)}
+
+    @property
     def plain(self) -> dict[str, Any]:
-        """The world in a table."""
-        return {"world": self.world, "at": self.at, **json.loads(self.change_json)}
+        """The same, and when it began."""
+        return self.directive | {"at": self.at}
 
 
 class RecordRow(Base):

@@ -19,6 +19,12 @@ from problems import BadInput, ProblemFile
 from problems.errors import shorten
 from wire.report import Report
 
+_LOST = {
+    "several": "it has lived in so many worlds that what is known of the first ones is put together",
+    "restart": "all its nodes died, and it began again",
+}
+"""Directives that say too little."""
+
 
 @dataclass(frozen=True)
 class World:
@@ -153,6 +159,8 @@ def _sorted(directives: Sequence[Mapping[str, Any]]) -> tuple[list[Mapping[str, 
             stops.append(_count(directive, "generation"))
         elif kind in ("update", "rewire", "replace"):
             turns.append(directive)
+        elif kind in _LOST:
+            raise BadInput(f"directives: such a run cannot be repeated: {_LOST[kind]}")
         else:
             raise BadInput(f"directives: do: expected stop, update, rewire or replace, found {shorten(kind)}")
     return turns, min(stops, default=None)

@@ -1,20 +1,18 @@
 """The result of a run, as `--json` prints it and Python users get it."""
 
-import hashlib
-import itertools
 import math
-import statistics
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import topologies
-from problems import ProblemFile
+from problems import Run
 from spy.judge import Judgement, Status
+from spy.past import Lived, Past, stopped_after
 from topologies import ROOT, Topology
 from wire.exchange import Champion
 from wire.news import Improvement
-from wire.report import Proposal, Reason, Report
+from wire.report import Reason, Report, Staleness
 
 
 @dataclass(frozen=True)
@@ -37,7 +35,7 @@ class Result:
         directives: what came from outside, and after which generation.
         staleness: in async mode, how many generations the immigrants bred with were behind their cells (mean, max), and
             the share of them that had been bred with before (again); None in lockstep, where all are of one generation.
-        history_sha256: equal for equal lockstep runs; None if the run failed.
+        history_sha256: equal for equal lockstep runs; None if the run failed, or not all of it is known.
         message: why it failed, or what the check has against the solution.
         target: the fitness that counts as solved, if there is one.
     """
@@ -82,22 +80,6 @@ class Result:
 
 
 @dataclass(frozen=True)
-class Lived:
-    """What became of a job in one of its worlds.
-
-    Attributes:
-        number: of the world.
-        reports: of the cells that told of their end in it.
-        why: how it followed the world before, as a directive.
-    """
-
-    file: ProblemFile
-    reports: Sequence[Report] = ()
-    why: Mapping[str, Any] = field(default_factory=dict)
-    number: int = 0
-
-
-@dataclass(frozen=True)
 class Clocks:
     """Seconds that a run took, see `Result`."""
 
@@ -110,16 +92,6 @@ def best_known(reports: Sequence[Report], spy: str) -> Champion | None:
     """The best champion that the cells know at the end; under the paper's spy only what the root knows counts."""
     known = [report.champion for report in reports if spy == "champion" or report.cell == ROOT]
     return min((champion for champion in known if champion is not None), default=None)
-
-
-def stopped_after(reports: Sequence[Report]) -> int:
-    """The generation after which the cells stopped; in async mode the (lower) median."""
-    return statistics.median_low(report.generation for report in reports)
-
-
-def lived_for(reports: Sequence[Report], halted: bool) -> int:
-    """Generations of a world. Where cells halted since one had died, the next world counts from the furthest."""
-    return max(report.generation for report in reports) if halted else stopped_after(reports)
 
 
 def stop_reasons(reports: Sequence[Report], mode: str) -> tuple[Reason, ...]:
@@ -137,14 +109,15 @@ def states_of(reports: Sequence[Report]) -> dict[int, bytes]:
 
 
 def result_of(
-    job: str, worlds: Sequence[Lived], judgement: Judgement, versions: dict[str, str], clocks: Clocks
+    job: str, first: Run, past: Past, world: Lived, judgement: Judgement, versions: dict[str, str], clocks: Clocks
 ) -> Result:
-    """Put together what the cells report of all worlds that the job lived in and what the spy judges of the last."""
-    file, best = worlds[-1].file, judgement.best
+    """Put together what the cells of the last ``world`` report, what came before it, and what the spy judges.
+
+    ``first`` are the settings that the job began with.
+    """
+    file, best, whole = world.file, judgement.best, past.and_then(world)
     run = file.run
     topology = topologies.parse(run.topology)
-    reports = [report for world in worlds for report in world.reports]
-    last = sorted(worlds[-1].reports, key=lambda report: report.cell)
     return Result(
         job=job,
         kind=file.kind,
@@ -154,8 +127,8 @@ def result_of(
         fitness=math.inf if best is None else best.fitness,
         solution=None if best is None else best.solution,
         found_at=None if best is None else _found_at(best, topology),
-        generations=sum(_generations(worlds)),
-        evaluations=sum(report.evaluations for report in reports),
+        generations=whole.generations,
+        evaluations=whole.evaluations,
         seconds=round(clocks.seconds, 6),
         seconds_to_ready=round(clocks.seconds_to_ready, 6),
         cpu_seconds=round(clocks.cpu_seconds, 6),
@@ -164,50 +137,30 @@ def result_of(
         deme=run.deme,
         mode=run.mode,
         seed=run.seed,
-        run=worlds[0].file.run.model_dump(),
+        run=first.model_dump(),
         problem_sha256=file.sha256,
         versions=versions,
-        directives=_directives(worlds),
-        messages={
-            name: sum(getattr(report, name) for report in reports) for name in ("sent", "received", "lost", "rejected")
-        },
-        staleness=_staleness(reports) if run.mode == "async" else None,
-        history_sha256=_history(worlds) if judgement.status != "failed" else None,
+        directives=[*map(dict, whole.directives), *_stops(world.reports)],
+        messages=asdict(whole.messages),
+        staleness=_staleness(whole.staleness) if run.mode == "async" else None,
+        history_sha256=whole.history if judgement.status != "failed" else None,
         message=judgement.message,
         target=judgement.target,
         words=judgement.words,
-        demes=[report.deme for report in last],
+        demes=[report.deme for report in sorted(world.reports, key=lambda report: report.cell)],
     )
 
 
-def _generations(worlds: Sequence[Lived]) -> list[int]:
-    """Of each world, as far as anybody has told."""
-    halted = [after.why.get("do") == "replace" for after in worlds[1:]] + [False]
-    return [lived_for(each.reports, dead) if each.reports else 0 for each, dead in zip(worlds, halted, strict=True)]
-
-
-def _staleness(reports: Sequence[Report]) -> dict[str, float] | None:
+def _staleness(staleness: Staleness) -> dict[str, float] | None:
     """Over all cells; None if there were no immigrants at all."""
-    immigrants = sum(report.staleness.immigrants for report in reports)
+    immigrants = staleness.immigrants
     if immigrants == 0:
         return None
     return {
-        "mean": round(sum(report.staleness.behind for report in reports) / immigrants, 6),
-        "max": max(report.staleness.furthest for report in reports),
-        "again": round(sum(report.staleness.again for report in reports) / immigrants, 6),
+        "mean": round(staleness.behind / immigrants, 6),
+        "max": staleness.furthest,
+        "again": round(staleness.again / immigrants, 6),
     }
-
-
-def _history(worlds: Sequence[Lived]) -> str | None:
-    """Over the digests of all cells, world by world; None if nobody knows of the first ones any more."""
-    if worlds[0].number > 0:
-        return None
-    # What a node that died had lived through nobody knows: such a world is not counted.
-    whole = [
-        each for each, after in itertools.zip_longest(worlds, worlds[1:]) if not after or after.why["do"] != "replace"
-    ]
-    ordered = [sorted(world.reports, key=lambda report: report.cell) for world in whole]
-    return hashlib.sha256(b"".join(report.digest for reports in ordered for report in reports)).hexdigest()
 
 
 def _found_at(best: Improvement, topology: Topology) -> dict[str, Any]:
@@ -216,15 +169,7 @@ def _found_at(best: Improvement, topology: Topology) -> dict[str, Any]:
     return place | ({"world": best.world} if best.world else {})
 
 
-def _directives(worlds: Sequence[Lived]) -> list[dict[str, Any]]:
-    """What came from outside and when: how each world followed the one before, and who stopped the last one."""
-    directives: list[dict[str, Any]] = []
-    for generations, world in zip(_generations(worlds), worlds[1:], strict=False):
-        directives.append({"world": world.number, "generation": generations, **world.why})
-    for report in worlds[-1].reports:
-        directives += [_directive(each) for each in report.proposals if each.reason in ("deadline", "cancel")]
-    return directives
-
-
-def _directive(proposal: Proposal) -> dict[str, Any]:
-    return {"do": "stop", "generation": proposal.stop_at, "reason": proposal.reason}
+def _stops(reports: Sequence[Report]) -> list[dict[str, Any]]:
+    """Who stopped the last world from outside, and when."""
+    proposals = [each for report in reports for each in report.proposals if each.reason in ("deadline", "cancel")]
+    return [{"do": "stop", "generation": each.stop_at, "reason": each.reason} for each in proposals]

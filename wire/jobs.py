@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, TypeVar
 
 from wire.plain import plain
-from wire.strict import MOST_BYTES, MOST_ELEMENTS, Rejected, count, fields, of, pack, unpack
+from wire.strict import MOST_ELEMENTS, Rejected, count, fields, of, pack, unpack
 
 VERSION = 1  # of this protocol
 MOST_FILE_BYTES = 8 << 20  # of a problem file, in UTF-8
@@ -20,6 +20,7 @@ MOST_LISTED = 10_000  # jobs in one answer
 MOST_PRIORITY = 1_000_000  # in either direction
 
 _MOST_REQUEST_BYTES = MOST_FILE_BYTES + 4096
+_MOST_ANSWER_BYTES = 8 * MOST_FILE_BYTES  # a problem file before and after, what changed, and a result
 _MOST_ARGUMENTS = 16
 _MOST_NAME = 64
 _MOST_TOPOLOGY = 256
@@ -233,7 +234,7 @@ def decode_answer(payload: bytes) -> Answer:
     Raises:
         Rejected: whatever is wrong with it.
     """
-    match unpack(payload, MOST_BYTES, MOST_ELEMENTS, MOST_ELEMENTS):
+    match unpack(payload, _MOST_ANSWER_BYTES, MOST_ELEMENTS, MOST_ELEMENTS):
         case ["done", value]:
             return Done(value)
         case ["refused", str(message), "input" | "failure" as blame]:

@@ -17,7 +17,8 @@ from node.fingerprint import fingerprint
 from problems import ProblemFile
 from spy.collector import Collector
 from spy.judge import judge
-from spy.result import Clocks, Lived, Result, best_known, result_of, states_of, stop_reasons, stopped_after
+from spy.past import Lived, Past, stopped_after
+from spy.result import Clocks, Result, best_known, result_of, states_of, stop_reasons
 from wire.exchange import Champion
 from wire.news import Improvement
 
@@ -76,7 +77,8 @@ def run_in_process(file: ProblemFile, case: Case) -> Record:
     hear(best_known(reports, file.run.spy))
     reasons = stop_reasons(reports, file.run.mode)
     judgement = judge(collector, stopped_after(reports), reasons, states=states_of(reports))
-    result = result_of("1", [Lived(file, reports)], judgement, fingerprint(), Clocks(seconds, 0.0, cpu))
+    clocks = Clocks(seconds, 0.0, cpu)
+    result = result_of("1", file.run, Past(), Lived(file, reports), judgement, fingerprint(), clocks)
     return _record(case, result, _hit(told, result.target), dict.fromkeys(_CPU_IN_ONE_PROCESS, cpu))
 
 

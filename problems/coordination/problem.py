@@ -76,9 +76,7 @@ seed = 1
     bits: int = quantity("bit", "bits of each coordinate, if coded in bits", default=8, ge=1, le=16)
     diagram: Diagram | None = quantity("", "which cells collide, and how long moves take", default=None)
     random: RandomDiagram | None = quantity("", "instead of diagram, a random one", default=None)
-    robots: list[Robot] | None = quantity(
-        "", "instead of diagram, two arms", default=None, min_length=2, max_length=2
-    )
+    robots: list[Robot] | None = quantity("", "instead of diagram, two arms", default=None, min_length=2, max_length=2)
     collisions: Diagram | None = quantity(
         "", "the diagram of the robots, made once, where the file is read; not to be written", default=None
     )

@@ -2,6 +2,7 @@
 
 import argparse
 import contextlib
+import itertools
 import signal
 import sys
 import time
@@ -96,7 +97,8 @@ def _simulate(
     from problems import EvaluationFailed
     from spy.collector import Collector
     from spy.judge import judge
-    from spy.result import Clocks, Lived, best_known, result_of, states_of, stop_reasons, stopped_after
+    from spy.past import Lived, Past, stopped_after
+    from spy.result import Clocks, best_known, result_of, states_of, stop_reasons
 
     last = worlds[-1]
     plan, run = last.plan, last.file.run
@@ -112,14 +114,15 @@ def _simulate(
             terminal.improvement(better)
             log.improvement(plan.topology, better)
 
-    lived, error = [Lived(last.file)], None
+    past, reports, error = Past(), list["Report"](), None
     try:
-        replayed = live(worlds, lambda _, champion: hear(champion), outside.wish)
-        lived = [Lived(each.file, each.reports, each.why, each.plan.world) for each in replayed]
+        lived = live(worlds, lambda _, champion: hear(champion), outside.wish)
+        for each, then in itertools.pairwise(lived):
+            past = past.and_then(Lived(each.file, each.reports, each.plan.world), then.why)
+        reports = _with_stops(lived[-1].reports, stops)
     except EvaluationFailed as failure:
         error = str(failure)
     seconds = time.monotonic() - outside.began
-    reports = _with_stops(lived[-1].reports, stops)
     hear(best_known(reports, run.spy))
     generation = stopped_after(reports) if reports else 0
     reasons = stop_reasons(reports, run.mode)
@@ -127,7 +130,8 @@ def _simulate(
     log.end(judgement, generation)
     log.close()
     clocks = Clocks(seconds, 0.0, time.process_time())
-    return result_of("1", [*lived[:-1], replace(lived[-1], reports=reports)], judgement, fingerprint(), clocks)
+    world = Lived(last.file, reports, last.number)
+    return result_of("1", worlds[0].file.run, past, world, judgement, fingerprint(), clocks)
 
 
 def _with_stops(reports: Sequence["Report"], stops: Sequence["Proposal"]) -> list["Report"]:

@@ -263,7 +263,7 @@ def test_a_wrong_update_is_refused_and_the_job_goes_on(robot, patch, expected):
     assert message.startswith(f"{OFFICE.name}: {expected}")
     shown = robot.ask(Show("r"))
     assert (shown["status"], shown["worlds"]) == ("running", [])
-    assert robot.dispatcher.asked == [("submit", 1)]
+    assert robot.dispatcher.placings[1].world == 0
 
 
 def test_an_update_that_codes_individuals_otherwise_is_refused(office):
@@ -374,7 +374,10 @@ def test_a_restored_job_is_in_the_world_that_it_had_reached(offices):
     office = offices()
     office.desk.restore()
     assert office.dispatcher.asked == [("adopt", 1, (0, 1, 2, 3), 1)]
-    assert office.dispatcher.orders[1].file.fields["obstacles"] == []
+    order, placing = office.dispatcher.orders[1], office.dispatcher.placings[1]
+    assert order.file.fields["obstacles"], "as it was submitted"
+    assert placing.file.fields["obstacles"] == []
+    assert (placing.why["do"], placing.past.worlds) == ("update", 0)
 
 
 def test_a_job_that_cannot_run_any_more_ends_as_failed(offices):

@@ -1,7 +1,6 @@
 """Processes of a cluster that stays up are killed for real: it mends itself, and every job ends once."""
 
 import contextlib
-import hashlib
 import os
 import signal
 from dataclasses import replace
@@ -9,6 +8,7 @@ from pathlib import Path
 
 import postgres
 import pytest
+import worlds
 from live_service import children_of, live, until
 
 import topologies
@@ -50,10 +50,7 @@ def states(job):
 
 def history(file, result):
     """What `spy.result` makes of all worlds in which nobody died, replayed in this process."""
-    worlds = replay(replace(file, fields=file.fields | {"cost_us": 0.0}), result.directives)
-    afterwards = [each["do"] for each in result.directives if each["do"] != "stop"] + ["end"]
-    reports = [world.reports for world, after in zip(worlds, afterwards, strict=True) if after != "replace"]
-    return hashlib.sha256(b"".join(report.digest for world in reports for report in world)).hexdigest()
+    return worlds.history(replay(replace(file, fields=file.fields | {"cost_us": 0.0}), result.directives))
 
 
 @pytest.fixture(params=["sqlite"])
@@ -133,6 +130,27 @@ def test_a_node_dies_while_there_is_no_coordinator(service):
         result = running.result(120)
         assert (result.status, result.generations) == ("exhausted", 400)
         assert result.directives[0]["do"] == "replace"
+
+
+def test_who_takes_over_knows_what_a_job_has_lived_through(tmp_path):
+    file = job(None, 200, "torus 2x3", stall=10**6)
+    with live(tmp_path / "state", "torus 2x3") as service, service.connect() as client:
+        running = client.submit(file, id="a")
+        breeds(running)
+        for cost, topology in ((201, "ring 6"), (202, "complete 6"), (203, "torus 2x3")):
+            service.kill("coordinator")
+            running.update(cost_us=cost)
+            running.rewire(topology)
+        told = running.show()["worlds"]
+        assert [each["world"] for each in told] == [1, 2, 3, 4, 5, 6]
+        assert all(each["generation"] is not None for each in told[:-1])
+        service.kill("coordinator")
+        running.cancel()
+        result = running.result(120)
+        assert [each["do"] for each in result.directives] == ["update", "rewire"] * 3 + ["stop"]
+        assert result.generations == sum(each["generation"] for each in result.directives)
+        assert result.run == file.run.model_dump() | {"topology": "torus 2x3"}
+        assert result.history_sha256 == history(file, result)
 
 
 def test_a_database_that_is_away_is_waited_for(tmp_path):

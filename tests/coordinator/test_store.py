@@ -22,6 +22,7 @@ from coordinator.states import WrongTransition
 from coordinator.store import IdTaken, Store, Submission, UnknownJob
 from problems import ProblemFile
 from problems.run import Run
+from spy.past import Past
 
 FILE = Submission('["a.toml", {"kind": "arm-ik"}, {}, "/"]', "d1", "arm-ik", "torus 4x4", 16)
 OTHER = Submission('["b.toml", {"kind": "terrain"}, {}, "/"]', "d2", "terrain", "torus 2x2", 4, 5)
@@ -83,7 +84,7 @@ def test_a_job_is_kept_as_it_was_submitted(store, reopened):
     assert shown.file == shown.file_now == OTHER.file
     assert (shown.kind, shown.cells, shown.topology) == ("terrain", 4, "torus 2x2")
     assert shown.submitted == summary.submitted
-    assert (shown.best, shown.result, shown.worlds, shown.nodes, shown.world) == (None, None, (), (), 0)
+    assert (shown.best, shown.result, shown.nodes, shown.world) == (None, None, (), 0)
     assert (shown.fitness, shown.started, shown.ended, shown.message) == (None, None, None, None)
 
 
@@ -175,15 +176,32 @@ def test_worlds_are_numbered_and_the_file_is_that_of_the_latest(store, reopened)
     live(store, 1, "preparing", "running")
     file = ProblemFile("a.toml", {"kind": "arm-ik"}, Run(topology="ring 4"), Path("/"))
     store.note_placing(1, Placing(0, file, (0, 1, 2, 3), 7))
-    assert store.show("a").worlds == ()
-    store.note_placing(1, Placing(1, file, (0, 1, 2, 3), 7, {"do": "update", "fields": {"goal": [1, 2]}}))
+    assert (store.worlds(1), store.past(1)) == ([], (Past(), {}))
+    update, rewire = {"do": "update", "fields": {"goal": [1, 2]}}, {"do": "rewire", "topology": "complete 4"}
+    store.note_placing(1, Placing(1, file, (0, 1, 2, 3), 7, update))
     rewired = file.with_run(topology="complete 4")
-    store.note_placing(1, Placing(2, rewired, (4, 5, 6, 7), 8, {"do": "rewire", "topology": "complete 4"}))
-    shown = reopened(store).show("a")
+    past = Past(1, generations=9, history="abc").led_on({"world": 1, "generation": 9, **update})
+    store.note_placing(1, Placing(2, rewired, (4, 5, 6, 7), 8, rewire, past))
+    again = reopened(store)
+    assert again.past(1) == (past, rewire)
+    shown, worlds = again.show("a"), again.worlds(1)
     assert (shown.world, shown.file, shown.topology, shown.wiring) == (2, FILE.file, "complete 4", 8)
     assert (shown.file_now, shown.nodes) == (rewired.to_json(), (4, 5, 6, 7))
-    assert [world["world"] for world in shown.worlds] == [1, 2]
-    assert shown.worlds[0]["fields"] == {"goal": [1, 2]}
+    assert [(world["world"], world["generation"]) for world in worlds] == [(1, 9), (2, None)]
+    assert worlds[0]["fields"] == {"goal": [1, 2]}
+
+
+def test_of_many_worlds_the_latest_are_told(store, monkeypatch):
+    added(store, job="a")
+    live(store, 1, "preparing", "running")
+    file = ProblemFile("a.toml", {"kind": "arm-ik"}, Run(topology="ring 4"), Path("/"))
+    for world in range(1, 8):
+        store.note_placing(1, Placing(world, file, (0, 1, 2, 3), 7, {"do": "update", "fields": {"goal": "x" * 100}}))
+    assert [each["world"] for each in store.worlds(1)] == [1, 2, 3, 4, 5, 6, 7]
+    monkeypatch.setattr("coordinator.store._MOST_TOLD", 300)
+    assert [each["world"] for each in store.worlds(1)] == [6, 7]
+    monkeypatch.setattr("coordinator.store._MOST_TOLD", 10)
+    assert [each["world"] for each in store.worlds(1)] == [7]
 
 
 def test_a_job_may_get_other_nodes(store):
@@ -366,7 +384,7 @@ def test_a_store_of_another_version_is_refused(tmp_path):
     with sqlite3.connect(tmp_path / "jobs.sqlite") as connection:
         connection.execute("update meta set schema = 7")
     connection.close()
-    with pytest.raises(StoreFailed, match="expected a store of version 1, found 7"):
+    with pytest.raises(StoreFailed, match="expected a store of version 2, found 7"):
         Store(url)
 
 

@@ -45,7 +45,7 @@ class StubDispatcher:
             self.placings[order.number] = placing
             if self._lost:
                 raise BadInput("they know nothing of it")
-            self.scheduler.occupy(order.number, placing.nodes, order.file.run.topology)
+            self.scheduler.occupy(order.number, placing.nodes, placing.file.run.topology)
             self._time(order)
 
     def cancel(self, number):

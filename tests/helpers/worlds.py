@@ -47,12 +47,11 @@ class States:
 
 def history(lived):
     """The digest that a result has of the worlds that were lived through."""
-    digest = hashlib.sha256()
+    before = b""
     for world, after in itertools.zip_longest(lived, lived[1:]):
         if after is None or after.why["do"] != "replace":
-            for report in world.reports:
-                digest.update(report.digest)
-    return digest.hexdigest()
+            before = hashlib.sha256(before + b"".join(report.digest for report in world.reports)).digest()
+    return before.hex()
 
 
 def again(file, result):

@@ -399,7 +399,8 @@ def test_a_file_of_robots_is_read_with_their_diagram():
 
 
 def test_when_a_robot_goes_the_other_way_the_diagram_is_made_anew():
-    before = ProblemFile("arms", arms_problem().model_dump(mode="json", exclude_unset=True, by_alias=True), Run(), Path())
+    fields = arms_problem().model_dump(mode="json", exclude_unset=True, by_alias=True)
+    before = ProblemFile("arms", fields, Run(), Path())
     first, second = before.fields["robots"]
     robots = [first, second | {"path": second["path"][::-1]}]
     after = before.changed({"robots": robots}, {})

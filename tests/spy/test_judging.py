@@ -12,7 +12,8 @@ from node import Plan
 from problems import BadInput, ProblemFile, Run, Verdict
 from spy.collector import Collector
 from spy.judge import Judgement, judge
-from spy.result import Clocks, Lived, best_known, result_of, stop_reasons, stopped_after
+from spy.past import Lived, Past, stopped_after
+from spy.result import Clocks, best_known, result_of, stop_reasons
 from spy.run_log import RunLog
 from wire.control import decode_answer, encode_answer
 from wire.exchange import Champion
@@ -176,7 +177,8 @@ def test_reasons_are_those_of_the_stop():
 def test_infinity_is_null_in_json(tmp_path):
     file = ProblemFile("x", {"kind": "x:Y"}, Run(topology="torus 1x2"), tmp_path)
     judgement = Judgement("stalled", False, None, None)
-    result = result_of("1", [Lived(file, [report(0), report(1)])], judgement, {}, Clocks(1.0, 2.0, 3.0))
+    world = Lived(file, [report(0), report(1)])
+    result = result_of("1", file.run, Past(), world, judgement, {}, Clocks(1.0, 2.0, 3.0))
     assert math.isinf(result.fitness)
     plain = json.loads(json.dumps(result.to_json(), allow_nan=False))
     assert (plain["fitness"], plain["solution"], plain["found_at"]) == (None, None, None)

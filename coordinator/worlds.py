@@ -1,0 +1,126 @@
+"""The worlds that a job lives in: what the latest ones' cells have reported, and what all those before came to."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from problems import ProblemFile
+from spy.past import Lived, Past, lived_for
+from topologies import ROOT
+from wire.control import Wiring
+from wire.report import Report
+
+
+@dataclass
+class World:
+    """What a conductor knows of one world.
+
+    Attributes:
+        since: generations of the job before it, as far as is known.
+        reports: of the cells that have stopped.
+        why: how it followed the one before, as a directive.
+        rescued: whether, in async mode, all cells have been told to stop.
+        dead: cells whose nodes have died in it.
+        asked: the latest question for its reports.
+    """
+
+    number: int
+    file: ProblemFile
+    wiring: Wiring
+    since: int = 0
+    reports: dict[int, Report] = field(default_factory=dict)
+    why: Mapping[str, Any] = field(default_factory=dict)
+    rescued: bool = False
+    dead: set[int] = field(default_factory=set)
+    asked: int = -1
+
+    @property
+    def cells(self) -> int:
+        """How many it has."""
+        return len(self.wiring.nodes)
+
+    @property
+    def stopped(self) -> bool:
+        """Whether all cells have told of their end in it."""
+        return len(self.reports) == self.cells
+
+    @property
+    def halted(self) -> bool:
+        """Whether it did not stop by itself: a node died in it."""
+        return bool(self.dead)
+
+    @property
+    def settled(self) -> bool:
+        """Whether no cell is at it any more."""
+        return self.stopped or self.halted
+
+    @property
+    def root_has_stopped(self) -> bool:
+        """Whether the root has told of its end in it."""
+        return ROOT in self.reports
+
+    @property
+    def lived(self) -> Lived:
+        """What is kept of it."""
+        return Lived(self.file, list(self.reports.values()), self.number)
+
+
+class Worlds:
+    """The latest world of a job, and the one before it; what came before these is added up.
+
+    Attributes:
+        past: the worlds before.
+        known: the others, the latest last.
+    """
+
+    def __init__(self, past: Past) -> None:
+        self.past = past
+        self.known: list[World] = []
+
+    def __bool__(self) -> bool:
+        return bool(self.known)
+
+    @property
+    def latest(self) -> World:
+        """The one that the job is in, or goes to."""
+        return self.known[-1]
+
+    @property
+    def unsettled(self) -> list[World]:
+        """Those that cells are at, the older one first."""
+        return [world for world in self.known if not world.settled]
+
+    @property
+    def settled(self) -> bool:
+        """Whether all cells have come to the latest world; before that there cannot be another one."""
+        return all(world.settled for world in self.known[:-1])
+
+    @property
+    def since(self) -> int:
+        """Generations of the job before the latest world."""
+        known = [list(world.reports.values()) for world in self.known[:-1] if world.reports]
+        return self.past.generations + sum(lived_for(reports, halted=False) for reports in known)
+
+    def of(self, number: int) -> World | None:
+        """The one of that number, if it is one of the latest."""
+        return next((world for world in self.known if world.number == number), None)
+
+    def add(self, world: World) -> None:
+        """Another one follows; what those before came to is all that is kept of them, once nobody is at them."""
+        stays = [before for before in self.known[-1:] if not before.settled]
+        gone = self.known[: len(self.known) - len(stays)]
+        for before, after in zip(gone, [*self.known[1:], world], strict=False):
+            self.past = self.past.and_then(before.lived, after.why)
+        self.known = [*stays, world]
+
+    def take_over(self, world: World) -> None:
+        """It is known of a coordinator that died; how the one before it ended is still to be asked, perhaps."""
+        before = [World(world.number - 1, world.file, world.wiring)] if self.past.worlds < world.number else []
+        self.known = [*before, world]
+
+    def whole(self) -> tuple[Past, Lived]:
+        """All before the latest, and the latest."""
+        past = self.past
+        for before, after in zip(self.known, self.known[1:], strict=False):
+            past = past.and_then(before.lived, after.why)
+        return past, self.latest.lived

@@ -1,0 +1,106 @@
+"""What worlds that have ended come to: nothing is lost by adding them up, and it does not grow for ever."""
+
+import json
+
+import pytest
+
+from problems import ProblemFile, Run
+from spy import past as of_past
+from spy.judge import Judgement
+from spy.past import Lived, Past
+from spy.result import Clocks, result_of
+from wire.report import Report, Staleness
+
+
+def report(cell=0, generation=9, staleness=(0, 0, 0, 0)):
+    return Report(
+        cell=cell,
+        generation=generation,
+        digest=bytes([cell, generation]) * 16,
+        evaluations=73,
+        sent=9,
+        received=36,
+        lost=0,
+        rejected=1,
+        staleness=Staleness(*staleness),
+        champion=None,
+        proposals=(),
+        deme=b"",
+        state=b"",
+        error=None,
+    )
+
+
+def lived(number=0, reports=None, mode="lockstep"):
+    file = ProblemFile("x", {"kind": "x:Y"}, Run(topology="torus 1x2", mode=mode), "")
+    return Lived(file, [report(1), report(0)] if reports is None else reports, number)
+
+
+def update(number):
+    return {"do": "update", "fields": {"goal": number}}
+
+
+def result(world, past=None):
+    judgement = Judgement("stalled", False, None, None)
+    return result_of("1", world.file.run, past or Past(), world, judgement, {}, Clocks(1.0, 2.0, 3.0))
+
+
+def test_generations_evaluations_and_messages_are_added_up_and_directives_say_how_it_went_on():
+    past = Past().and_then(lived(0), update(1)).and_then(lived(1, [report(0, 4), report(1, 4)]), update(2))
+    assert (past.worlds, past.generations, past.evaluations) == (2, 13, 4 * 73)
+    assert (past.messages.sent, past.messages.received, past.messages.rejected) == (36, 144, 4)
+    assert [(each["world"], each["generation"]) for each in past.directives] == [(1, 9), (2, 4)]
+    last = result(lived(2), past)
+    assert (last.generations, last.evaluations, len(last.directives)) == (22, 6 * 73, 2)
+
+
+def test_the_history_is_that_of_all_worlds_whatever_the_order_of_reports():
+    one = Past().and_then(lived(0, [report(0), report(1)]), update(1))
+    other = Past().and_then(lived(0, [report(1), report(0)]), update(1))
+    assert one.history == other.history
+    assert one.and_then(lived(1)).history != one.history != Past().and_then(lived(0, [report(0), report(1, 8)])).history
+
+
+@pytest.mark.parametrize("world", [lived(0, [report(0)]), lived(0, []), lived(1)], ids=["a cell", "all", "a world"])
+def test_a_history_that_lacks_something_is_none(world):
+    past = Past().and_then(world, update(world.number + 1))
+    assert past.history is None
+    assert result(lived(past.worlds), past).history_sha256 is None
+
+
+def test_a_world_that_a_node_died_in_counts_from_the_furthest_and_is_no_part_of_the_history():
+    past = Past().and_then(lived(0, [report(0, 9), report(1, 11)]), {"do": "replace"})
+    assert (past.generations, past.history) == (11, "")
+
+
+def test_it_comes_back_from_json_whole_but_for_the_directives():
+    past = Past().and_then(lived(0, [report(0, 9, (3, 2, 1, 0)), report(1)]), update(1))
+    again = Past.from_json(past.to_json())
+    assert again != past
+    assert again.led_on(past.directives[0]) == past
+
+
+def test_many_directives_are_put_together_and_what_they_come_to_is_kept(monkeypatch):
+    monkeypatch.setattr(of_past, "MOST_BYTES", 2000)
+    past = Past()
+    for number in range(200):
+        past = past.and_then(lived(number), update(number + 1) | {"fields": {"goal": number, f"only {number % 3}": 1}})
+        assert past.directive_bytes <= 2000
+        assert past.directive_bytes == sum(len(json.dumps(each)) for each in past.directives)
+    assert past.generations == sum(each["generation"] for each in past.directives) == 200 * 9
+    assert past.directives[0]["do"] == "several"
+    merged = {}
+    for directive in past.directives:
+        merged |= directive["fields"]
+    assert merged == {"goal": 199, "only 0": 1, "only 1": 1, "only 2": 1}
+    assert [each["world"] for each in past.directives[1:]] == list(range(201 - len(past.directives) + 1, 201))
+
+
+def test_staleness_is_over_all_immigrants_of_all_cells():
+    reports = [report(0, 9, (30, 15, 7, 3)), report(1, 9, (10, 5, 4, 7))]
+    assert result(lived(0, reports, "async")).staleness == {"mean": 0.5, "max": 7, "again": 0.25}
+
+
+@pytest.mark.parametrize("reports", [[], [report()]])
+def test_without_immigrants_there_is_none(reports):
+    assert result(lived(0, reports, "async")).staleness is None
