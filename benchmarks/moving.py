@@ -2,16 +2,19 @@
 
 Usage: python -m benchmarks.moving [--updates 100] [--torus 4x4]
 
-A script moves obstacles, one update after another. For each the clock runs from the call of ``update`` to the first
-answer for the new world that is good enough and accepted by `check`: for mobile-robot one that reaches the goal, for
-terrain one within 5 % of the exact optimum. The same world is then planned from scratch, on a second cluster that is up
-as well: from the call of ``submit``.
+Two clusters are up (`supernode up`). On one a script moves obstacles of a job that is kept alive, one update after
+another. For each the clock runs from the call of ``update`` to the first answer that the client hears for the new
+world that is good enough and accepted by `check`: for mobile-robot one that reaches the goal, for terrain one within
+5 % of the exact optimum. The same world is then planned from scratch on the other cluster: from the call of ``submit``.
+Worlds that the planner's oracle cannot show to have an answer are not counted. Memory is the private part of the
+processes of the first cluster, before the first update and after the last one.
 """
 
 import argparse
 import queue
 import random
 import statistics
+import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -20,7 +23,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import supernode
-from supernode import Improvement, Job, LocalCluster, ProblemFile
+from benchmarks.service import held_by, up
+from supernode import Client, ClientJob, Improvement, ProblemFile
 
 EXAMPLES = Path(__file__).resolve().parent.parent / "examples"
 PROMPT = 0.2  # seconds
@@ -40,12 +44,20 @@ class Mover(NamedTuple):
 
     Attributes:
         moved: other fields of the problem, by chance.
-        good: what fitness is good enough in a world.
+        good: what fitness is good enough in a world, if its oracle knows.
     """
 
     file: ProblemFile
     moved: Callable[[ProblemFile, random.Random], dict[str, Any]]
-    good: Callable[[ProblemFile], float]
+    good: Callable[[ProblemFile], float | None]
+
+
+class Moved(NamedTuple):
+    """What came of the updates; memory, bytes, by process, before and after them."""
+
+    timed: list[Timed]
+    before: dict[str, int]
+    after: dict[str, int]
 
 
 def main() -> None:
@@ -54,22 +66,21 @@ def main() -> None:
     parser.add_argument("--updates", type=int, default=100)
     parser.add_argument("--torus", default="4x4")
     options = parser.parse_args()
-    print("| problem | updates | replanned within 200 ms | median, 90 % / ms | from scratch | ratio of medians |")
-    print("|---|---|---|---|---|---|")
+    print(
+        "| problem | worlds | replanned within 200 ms | median, 90 % / ms | from scratch | ratio of medians "
+        "| memory of coordinator, nodes / MB |"
+    )
+    print("|---|---|---|---|---|---|---|")
     for name, mover in (("mobile-robot", _robot()), ("terrain", _terrain())):
         print(_row(name, measure(mover, options.updates, f"torus {options.torus}")), flush=True)
 
 
-def measure(mover: Mover, updates: int, topology: str) -> list[Timed]:
-    """Move the world so many times; only worlds are counted that one of the two ways found a good answer for."""
+def measure(mover: Mover, updates: int, topology: str) -> Moved:
+    """Move the world until so many worlds are counted."""
     source = random.Random(1992)
     timed: list[Timed] = []
-    with (
-        LocalCluster(topology=topology) as living,
-        LocalCluster(topology=topology) as fresh,
-        _kept_alive(living, mover) as (job, news),
-    ):
-        file = mover.file
+    with _service(topology) as (living, process), _service(topology) as (fresh, _), _kept_alive(living, mover) as job:
+        file, news, before = mover.file, _News(job), _memory(process)
         while len(timed) < updates:
             fields = mover.moved(file, source)
             began = time.perf_counter()
@@ -79,51 +90,68 @@ def measure(mover: Mover, updates: int, topology: str) -> list[Timed]:
                 continue
             file = file.changed(fields, {})
             good = mover.good(file)
-            replanned = _until_good(news, began, world, good)
-            timed.append(Timed(replanned, _from_scratch(fresh, file, good, len(timed))))
-    return [each for each in timed if each != Timed(None, None)]
+            if good is not None:
+                replanned = _until_good(news, began, world, good)
+                timed.append(Timed(replanned, _from_scratch(fresh, file, good, len(timed))))
+        return Moved(timed, before, _memory(process))
 
 
 @contextmanager
-def _kept_alive(cluster: LocalCluster, mover: Mover) -> Iterator[tuple[Job, "_News"]]:
-    job = cluster.submit(mover.file, keep_alive=True, stall=200, seed=1)
-    news = _News(job)
+def _service(topology: str) -> Iterator[tuple[Client, int]]:
+    """A client of a cluster that is up, and the process of that."""
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        up(Path(folder), topology, None) as process,
+        supernode.connect(folder) as client,
+    ):
+        yield client, process
+
+
+@contextmanager
+def _kept_alive(client: Client, mover: Mover) -> Iterator[ClientJob]:
+    job = client.submit(mover.file, keep_alive=True, stall=200, seed=1)
     try:
-        _until_good(news, time.perf_counter(), 0, mover.good(mover.file))
-        yield job, news
+        job.answer(PATIENCE)
+        yield job
     finally:
         job.cancel()
+        job.end(PATIENCE)
+
+
+def _memory(process: int) -> dict[str, int]:
+    return {name: held.memory for name, held in held_by(process).items()}
 
 
 class _News:
-    """Improvements of a job, with a patience."""
+    """Improvements of a job, each with the time at which it was heard."""
 
-    def __init__(self, job: Job) -> None:
-        self._queue: queue.SimpleQueue[Improvement] = queue.SimpleQueue()
+    def __init__(self, job: ClientJob) -> None:
+        self._queue: queue.SimpleQueue[tuple[float, Improvement]] = queue.SimpleQueue()
         threading.Thread(target=self._read, args=(job,), daemon=True).start()
 
-    def _read(self, job: Job) -> None:
+    def _read(self, job: ClientJob) -> None:
         for better in job.improvements():
-            self._queue.put(better)
+            self._queue.put((time.perf_counter(), better))
 
-    def next(self, seconds: float) -> Improvement | None:
-        """The next one; None if there is none so soon."""
+    def next(self, until: float) -> tuple[float, Improvement] | None:
+        """The next one; None if there is none by then."""
         try:
-            return self._queue.get(timeout=max(0.0, seconds))
+            return self._queue.get(timeout=max(0.0, until - time.perf_counter()))
         except queue.Empty:
             return None
 
 
 def _until_good(news: _News, began: float, world: int, good: float) -> float | None:
-    while (better := news.next(began + PATIENCE - time.perf_counter())) is not None:
+    while (heard := news.next(began + PATIENCE)) is not None:
+        at, better = heard
         if better.world == world and better.feasible and better.fitness <= good:
-            return time.perf_counter() - began
+            return at - began
     return None
 
 
-def _from_scratch(cluster: LocalCluster, file: ProblemFile, good: float, number: int) -> float | None:
+def _from_scratch(client: Client, file: ProblemFile, good: float, number: int) -> float | None:
     began = time.perf_counter()
-    job = cluster.submit(file, seed=2 + number, stall=200, seconds=PATIENCE, target=good)
+    job = client.submit(file, seed=2 + number, stall=200, seconds=PATIENCE, target=good)
     seconds = None
     for better in job.improvements():
         if seconds is None and better.feasible and better.fitness <= good:
@@ -141,7 +169,7 @@ def _robot() -> Mover:
         box["center"] = [at + source.uniform(-0.5, 0.5) for at in box["center"]]
         return {"obstacles": obstacles}
 
-    return Mover(supernode.load(EXAMPLES / "mobile-robot.toml"), moved, lambda _: 0.0)
+    return Mover(supernode.load(EXAMPLES / "mobile-robot.toml"), moved, _optimum)
 
 
 def _terrain() -> Mover:
@@ -159,23 +187,30 @@ def _terrain() -> Mover:
             rows[row][column] = "."
         return {"map": ["".join(row) for row in rows]}
 
-    return Mover(supernode.load(EXAMPLES / "terrain.toml"), moved, lambda file: NEAR * _optimum(file))
+    def near(file: ProblemFile) -> float | None:
+        optimum = _optimum(file)
+        return None if optimum is None else NEAR * optimum
+
+    return Mover(supernode.load(EXAMPLES / "terrain.toml"), moved, near)
 
 
-def _optimum(file: ProblemFile) -> float:
+def _optimum(file: ProblemFile) -> float | None:
     answer = file.problem().oracle()
-    return float("inf") if answer.fitness is None else answer.fitness
+    return answer.fitness if answer.meaning == "optimum" else None
 
 
-def _row(name: str, timed: list[Timed]) -> str:
-    updates = [PATIENCE if each.update is None else each.update for each in timed]
-    scratch = [PATIENCE if each.scratch is None else each.scratch for each in timed]
+def _row(name: str, moved: Moved) -> str:
+    updates = [PATIENCE if each.update is None else each.update for each in moved.timed]
+    scratch = [PATIENCE if each.scratch is None else each.scratch for each in moved.timed]
     prompt = sum(seconds <= PROMPT for seconds in updates) / len(updates)
     late = statistics.quantiles(updates, n=10)[-1]
     middle, other = statistics.median(updates), statistics.median(scratch)
+    memory = ", ".join(
+        f"{moved.before[each] / 1e6:.1f} → {moved.after[each] / 1e6:.1f}" for each in ("coordinator", "nodes")
+    )
     return (
-        f"| {name} | {len(timed)} | {prompt:.0%} | {1e3 * middle:.0f}, {1e3 * late:.0f} | {1e3 * other:.0f} "
-        f"| {other / middle:.1f} |"
+        f"| {name} | {len(updates)} | {prompt:.0%} | {1e3 * middle:.0f}, {1e3 * late:.0f} | {1e3 * other:.0f} "
+        f"| {other / middle:.1f} | {memory} |"
     )
 
 

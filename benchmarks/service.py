@@ -90,13 +90,13 @@ def show(measured: Measured) -> None:
 
 def measure(jobs: int, settled: int, topology: str, database: str | None = None) -> Measured:
     """Start a cluster, give it so many jobs, and look at it after the first ``settled`` ones and at the end."""
-    with tempfile.TemporaryDirectory() as folder, _up(Path(folder), topology, database) as up:
+    with tempfile.TemporaryDirectory() as folder, up(Path(folder), topology, database) as process:
         with supernode.connect(folder) as client:
             row = _Row(client, Path(folder), topology)
             row.submit(0, settled)
-            before = held_by(up)
+            before = held_by(process)
             row.submit(settled, jobs)
-            after = held_by(up)
+            after = held_by(process)
             row.close()
         return Measured(row.running, row.answers, row.ends, before, after)
 
@@ -147,7 +147,7 @@ class _Row:
 
 
 @contextmanager
-def _up(folder: Path, topology: str, database: str | None) -> Iterator[int]:
+def up(folder: Path, topology: str, database: str | None) -> Iterator[int]:
     """The process of `supernode up`."""
     command = [sys.executable, "-m", "supernode", "up", "--topology", topology, "--state", str(folder)]
     command += [] if database is None else ["--database", database]
@@ -161,14 +161,15 @@ def _up(folder: Path, topology: str, database: str | None) -> Iterator[int]:
         process.wait()
 
 
-def held_by(up: int) -> dict[str, Held]:
-    """What the processes of a cluster hold, by name, nodes together."""
+def held_by(process: int) -> dict[str, Held]:
+    """What the processes of a cluster hold, by name, nodes together; ``process`` is that of `supernode up`."""
+    zygotes = _children(process)
     found: dict[str, Held] = {}
-    for process in [up, *_children(up), *(each for zygote in _children(up) for each in _children(zygote))]:
-        name = Path(f"/proc/{process}/comm").read_text(encoding="ascii").strip().removeprefix("sn ")
-        name = "nodes" if name.startswith("node ") else "up" if process == up else name
-        name = "zygote" if process in _children(up) else name
-        held = _held(process)
+    for each in [process, *zygotes, *(child for zygote in zygotes for child in _children(zygote))]:
+        name = Path(f"/proc/{each}/comm").read_text(encoding="ascii").strip().removeprefix("sn ")
+        name = "nodes" if name.startswith("node ") else "up" if each == process else name
+        name = "zygote" if each in zygotes else name
+        held = _held(each)
         found[name] = held if name not in found else _sum([found[name], held])
     return found
 

@@ -274,22 +274,21 @@ class AsyncClientJob:
     async def improvements(self) -> AsyncIterator[Improvement]:
         """Each verified improvement as it comes, those known before first; ends with the job.
 
+        Whoever falls more than a thousand behind misses those before.
+
         Raises:
             ClusterFailed: if the cluster has not answered for a while.
         """
-        place = 0
-        while (better := await self.improvement(place)) is not None:
-            place += 1
+        better = None
+        while (better := await self.improvement(better)) is not None:
             yield better
 
-    async def improvement(self, place: int) -> Improvement | None:
-        """The improvement of that number, from 0 on, when it has come; None if the job ends before."""
+    async def improvement(self, after: Improvement | None) -> Improvement | None:
+        """The first improvement, or the next one, when it has come; None if the job ends before."""
         trail = self._trail
-        while len(trail.improvements) <= place:
-            if trail.end is not None:
-                return None
+        while (better := trail.after(after)) is None and trail.end is None:
             await self._client.more(trail)
-        return trail.improvements[place]
+        return better
 
     async def answer(self, timeout: float | None = None) -> Improvement | None:
         """The best when the job has ended, waits for its world to move, or so many seconds have gone by.
@@ -450,9 +449,8 @@ class ClientJob:
 
     def improvements(self) -> Iterator[Improvement]:
         """Each verified improvement as it comes, those known before first; ends with the job."""
-        place = 0
-        while (better := self._thread.run(self._job.improvement(place))) is not None:
-            place += 1
+        better = None
+        while (better := self._thread.run(self._job.improvement(better))) is not None:
             yield better
 
     def answer(self, timeout: float | None = None) -> Improvement | None:

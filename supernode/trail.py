@@ -8,6 +8,8 @@ be missing while a router or a coordinator is restarted; the third is asked for 
 import asyncio
 import dataclasses
 import math
+from bisect import bisect_right
+from collections import deque
 from collections.abc import Mapping
 from typing import Any
 
@@ -24,6 +26,9 @@ WAITING = "waiting"
 """The state of a job that has its answer and is kept alive for the next world."""
 
 LOOK_EVERY = 1.0  # seconds without news
+MOST_KEPT = 1000
+"""Improvements of one job: it may be kept alive for days, and somebody may not read them."""
+
 _RESULT_AFTER = 0.1  # seconds: nodes stop only after a deadline, and then there is a result
 
 
@@ -31,7 +36,7 @@ class Trail:
     """One job's news so far.
 
     Attributes:
-        improvements: in order, each better than the one before or of a later world.
+        improvements: in order, each better than the one before or of a later world; of very many the latest.
         status: the last one heard of.
         begun: how often a world was heard to begin.
         answered: whether there will be no better answer.
@@ -42,7 +47,7 @@ class Trail:
     def __init__(self, job: str, now: float) -> None:
         self.job = job
         self.number: int | None = None
-        self.improvements: list[Improvement] = []
+        self.improvements: deque[Improvement] = deque(maxlen=MOST_KEPT)
         self.status: str | None = None
         self.begun = 0
         self.answered = False
@@ -106,6 +111,11 @@ class Trail:
             self.end = view
         self.look_at = now + (LOOK_EVERY if self.status not in ENDED else _RESULT_AFTER)
         self.wake()
+
+    def after(self, last: Improvement | None) -> Improvement | None:
+        """The first that is kept of those after ``last``; of all, without one."""
+        place = 0 if last is None else bisect_right(self.improvements, _order(last), key=_order)
+        return self.improvements[place] if place < len(self.improvements) else None
 
     def best(self, world: int) -> Improvement | None:
         """The best so far of that world or a later one."""

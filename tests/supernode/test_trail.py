@@ -2,7 +2,7 @@
 
 import pytest
 
-from supernode.trail import LOOK_EVERY, Trail, improvement_in
+from supernode.trail import LOOK_EVERY, MOST_KEPT, Trail, improvement_in
 from wire.jobs import JobState
 from wire.news import Improvement
 
@@ -49,6 +49,16 @@ def test_repeated_and_late_ones_are_dropped(trail):
     for fitness in (7, 5, 6, 5, 4):
         trail.hear_best(better(fitness), 0.0)
     assert fitnesses(trail) == [7.0, 5.0, 4.0]
+
+
+def test_of_very_many_the_latest_are_kept_and_read_on_from_any(trail):
+    trail.hear_state(state("running"), 0.0)
+    for world in range(3 * MOST_KEPT):
+        trail.hear_best(better(5, world=world), 0.0)
+    assert [each.world for each in trail.improvements] == list(range(2 * MOST_KEPT, 3 * MOST_KEPT))
+    assert trail.after(None).world == trail.after(better(1, world=7)).world == 2 * MOST_KEPT
+    assert trail.after(better(5, world=2 * MOST_KEPT)).world == 2 * MOST_KEPT + 1
+    assert trail.after(trail.improvements[-1]) is None
 
 
 def test_a_later_world_begins_anew(trail):
