@@ -198,6 +198,7 @@ class Desk:
             "file_now": stored.file_now,
             "best": stored.best,
             "result": stored.result,
+            "world": stored.world,
             "worlds": self._store.worlds(stored.number),
             "nodes": list(stored.nodes),
             "states": transitions,

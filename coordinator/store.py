@@ -34,7 +34,7 @@ from spy.past import Past
 _SCHEMA = 2
 _NEW_ID_BYTES = 4
 _MOST_WORLDS = 1000  # of a job, the latest, that are told,
-_MOST_TOLD = 4 << 20  # and bytes of what changed with them
+_MOST_TOLD = 1 << 19  # and bytes of what changed with them
 
 
 class IdTaken(BadInput):
@@ -405,7 +405,7 @@ class Store:
 
 def _note_ends(session: Session, number: int, past: Past) -> None:
     """When the latest worlds ended that have; of those before it is known."""
-    for directive in past.directives[-2:]:
+    for directive in map(json.loads, past.texts[-2:]):
         if directive["do"] == "several":
             continue
         world = (WorldRow.number == number) & (WorldRow.world == directive["world"])

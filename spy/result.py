@@ -140,7 +140,7 @@ def result_of(
         run=first.model_dump(),
         problem_sha256=file.sha256,
         versions=versions,
-        directives=[*map(dict, whole.directives), *_stops(world.reports)],
+        directives=[*whole.directives, *_stops(world.reports)],
         messages=asdict(whole.messages),
         staleness=_staleness(whole.staleness) if run.mode == "async" else None,
         history_sha256=whole.history if judgement.status != "failed" else None,

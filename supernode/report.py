@@ -72,12 +72,11 @@ def report(client: Client, job: str) -> str:
     view = client.job(job).show()
     submitted, now = (ProblemFile.from_json(view[name]) for name in ("file", "file_now"))
     result = None if view["ended"] is None else result_in(view)
-    world = max((each["world"] for each in view["worlds"]), default=0)
     best = _best(view, result)
     current = best is not None and not _has_moved_since(view, best.world)
     scene = _scene(now, best.solution if best is not None and current else None)
     history = _history(client, view)
-    topology = topology_of(view, world)
+    topology = topology_of(view, view["world"])
     return rendered(
         "supernode",
         view=view,
@@ -132,7 +131,7 @@ def _best(view: Mapping[str, Any], result: Result | None) -> _Best | None:
 
 def _has_moved_since(view: Mapping[str, Any], world: int) -> bool:
     """Whether the problem is another than it was then."""
-    return any("patch" in each and each["world"] > world for each in view["worlds"])
+    return any("fields" in each and each["world"] > world for each in view["worlds"])
 
 
 def _outcome(view: Mapping[str, Any], best: _Best | None, result: Result | None) -> dict[str, str]:

@@ -55,6 +55,8 @@ def result_in(view: Mapping[str, Any]) -> Result:
 def topology_of(view: Mapping[str, Any], world: int) -> Topology:
     """The topology of a world that the job has been in; ``view`` is what `show` tells of the job."""
     spec = ProblemFile.from_json(view["file"]).run.topology
+    if view["worlds"] and view["worlds"][0]["world"] > 1:  # not all are told of
+        spec = view["topology"]
     for change in view["worlds"]:
         if change["world"] <= world:
             spec = change.get("topology", spec)

@@ -126,6 +126,7 @@ class FakeService:
                 "file": request.file,
                 "best": None,
                 "result": None,
+                "world": 0,
                 "worlds": [],
             }
         return {"job": request.id, "status": self.jobs[request.id]["status"]}
@@ -140,7 +141,7 @@ class FakeService:
         return {"job": request.job, "world": len(entry["worlds"])}
 
     def brief(self, job):
-        long = ("file", "best", "result", "worlds", "number")
+        long = ("file", "best", "result", "world", "worlds", "number")
         return {name: value for name, value in self.jobs[job].items() if name not in long}
 
 

@@ -16,6 +16,7 @@ from pages import Page
 from pyarrow import parquet
 
 import supernode
+import supernode.report
 from problems import Run
 from problems.file import parse
 from supernode.__main__ import main
@@ -169,6 +170,13 @@ def test_a_run_through_several_worlds(client, report, command, tmp_path):
         "simulate", tmp_path / "moved.toml", "--replay", tmp_path / "moved.json", "--json", place=[]
     )
     assert json.loads(out)["history_sha256"] == result.history_sha256, (code, err)
+
+
+@pytest.mark.parametrize(("change", "moved"), [({"fields": {"goal": 1}}, True), ({"topology": "ring 4"}, False)])
+def test_an_answer_is_shown_only_in_a_world_that_it_is_an_answer_for(change, moved):
+    view = {"worlds": [{"world": 1, **change}]}
+    assert supernode.report._has_moved_since(view, 0) is moved
+    assert supernode.report._has_moved_since(view, 1) is False
 
 
 def test_a_running_job(client, report):
