@@ -86,6 +86,8 @@ class Zygote:
         """Fork all, then wait for a death, of the caller or of a child."""
         import topologies
 
+        topology = topologies.parse(self.topology)
+        topology.neighbours(topologies.ROOT)  # a random graph is built here, not in each child
         self._warm_up()
         signal.pthread_sigmask(signal.SIG_BLOCK, _WAKING)
         if not self._fork_router():
@@ -93,7 +95,7 @@ class Zygote:
             self._one_died()
             return self._kill_all()
         self._fork("spy", partial(self._spy, self.topology))
-        for node in range(topologies.parse(self.topology).cells):
+        for node in range(topology.cells):
             self._fork(f"node {node}", partial(self._node, node, self.topology))
         if self.service is not None:
             self._fork("coordinator", partial(self._coordinate, first=True))
