@@ -1,13 +1,11 @@
 """Where clients' requests are answered: a job is checked, kept and handed to the dispatcher, then acknowledged."""
 
-import contextlib
 import dataclasses
 import hashlib
 import json
 import math
-import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 import topologies
@@ -48,7 +46,7 @@ _FAILURES = (ClusterFailed, QueueFull, StoreFailed)  # not the client's fault
 
 
 class Desk:
-    """Answers requests, on any thread.
+    """Answers requests, on any thread; the changes of one job's world must come one after another.
 
     Args:
         cluster: its name.
@@ -79,7 +77,6 @@ class Desk:
         self._publish = publish
         self._began = time.time()
         self._handed_over: set[int] = set()  # jobs that the dispatcher knows
-        self._changing: dict[int, threading.Lock] = {}
 
     def answer(self, request: Request) -> Answer:
         """Do what is asked; whatever goes wrong becomes a refusal."""
@@ -108,7 +105,6 @@ class Desk:
     def forget(self, number: int) -> None:
         """A job has ended."""
         self._handed_over.discard(number)
-        self._changing.pop(number, None)
 
     def _do(self, request: Request) -> Any:
         value: Any = {}
@@ -207,24 +203,22 @@ class Desk:
         return {"job": job, "status": found.status}
 
     def _update(self, job: str, patch: dict[str, Any]) -> dict[str, Any]:
-        with self._change_of(job):
-            now = self._running(job)
-            before = self._checker.read(now.file_now)
-            file = before.changed(patch, {})
-            if is_own(file):
-                self._checker.check(file, before)
-            world = self._dispatcher.update(now.number, patch)
+        now = self._running(job)
+        before = self._checker.read(now.file_now)
+        file = before.changed(patch, {})
+        if is_own(file):
+            self._checker.check(file, before)
+        world = self._dispatcher.update(now.number, patch)
         return {"job": job, "world": world}
 
     def _rewire(self, job: str, topology: str) -> dict[str, Any]:
-        with self._change_of(job):
-            now = self._running(job)
-            before = self._checker.read(now.file_now)
-            file = before.with_run(topology=topology)
-            cells = topologies.parse(file.run.topology).cells
-            if cells != now.cells:
-                raise BadInput(f"topology: expected one of {now.cells} cells, as the job has, found {cells}")
-            world = self._dispatcher.rewire(now.number, file.run.topology)
+        now = self._running(job)
+        before = self._checker.read(now.file_now)
+        file = before.with_run(topology=topology)
+        cells = topologies.parse(file.run.topology).cells
+        if cells != now.cells:
+            raise BadInput(f"topology: expected one of {now.cells} cells, as the job has, found {cells}")
+        world = self._dispatcher.rewire(now.number, file.run.topology)
         return {"job": job, "world": world}
 
     def _running(self, job: str) -> Stored:
@@ -233,15 +227,6 @@ class Desk:
             has = "has ended: it is" if stored.status in ENDS else "does not run yet: it is"
             raise BadInput(f"job {job!r} {has} {stored.status}")
         return stored
-
-    @contextlib.contextmanager
-    def _change_of(self, job: str) -> Iterator[None]:
-        """One change of a job's world at a time: the next begins where it ends."""
-        number = self._store.summary(job).number
-        with self._changing.setdefault(number, threading.Lock()):
-            yield
-        if number not in self._handed_over:
-            self.forget(number)
 
     def _status(self) -> dict[str, Any]:
         return {

@@ -1,7 +1,9 @@
 """The coordinator as a process, with its router and its clients: on the wire, and when it is killed in the middle."""
 
 import contextlib
+import dataclasses
 import os
+import queue
 import signal
 import subprocess
 import sys
@@ -129,6 +131,18 @@ def test_the_wire(cluster):
 def test_a_client_that_writes_its_messages_by_hand(cluster):
     payload = msgpack.packb([1, "submit", {"file": file(), "id": "by-hand"}])
     assert cluster.raw(payload) == Done({"job": "by-hand", "status": "queued"})
+
+
+def test_a_large_problem_holds_nobody_else(cluster):
+    obstacles = [{"shape": "circle", "center": [9.0 + number, 9.0], "radius": 0.25} for number in range(20_000)]
+    large = dataclasses.replace(FILE.with_run(topology="ring 4"), fields=FILE.fields | {"obstacles": obstacles})
+    cluster.ask(Status())
+    answered = queue.SimpleQueue()
+    for name, request in [("submit", Submit(large.to_json(), "a")), ("status", Status())]:  # they come in this order
+        note = direct(lambda _, name=name: answered.put(name))
+        cluster.session.get(KEYS.jobs, note, payload=jobs.encode(request), timeout=PATIENCE)
+    assert [answered.get(timeout=PATIENCE) for _ in range(2)] == ["status", "submit"]
+    assert cluster.until_ended(["a"]) == {"a": "solved"}
 
 
 @pytest.mark.parametrize("cluster", ["sqlite", "postgres"], indirect=True)
