@@ -19,6 +19,7 @@ import numpy as np
 import pytest
 
 from coordinator.checking import Checker
+from coordinator.states import TRANSITIONS
 from problems import BadInput, ProblemFile, load, registry
 from wire import jobs
 from wire.news import Improvement
@@ -141,6 +142,12 @@ def test_a_robots_path_is_sent_as_the_page_says():
 def test_the_page_says_how_what_files_hold_is_sent_for_each_kind_that_names_some():
     for kind in (name for name in registry.kinds() if "gather" in vars(registry.find(name))):
         assert f"\n| {kind} |" in PROTOCOL
+
+
+def test_the_pages_table_of_states_is_that_of_the_code():
+    rows = re.findall(r"^\| ([a-z]+) \| ([a-z, ]+) \|$", PROTOCOL.partition("what it may become")[2], re.MULTILINE)
+    table = {state: frozenset(then.split(", ")) for state, then in rows if state in TRANSITIONS}
+    assert table == {state: then for state, then in TRANSITIONS.items() if then}
 
 
 def test_the_page_names_every_request_and_argument():
