@@ -26,6 +26,7 @@ from typing import TYPE_CHECKING, Any, Self, TypeVar
 from coordinator.errors import ClusterFailed
 from problems import ProblemFile, load
 from problems.errors import BadInput
+from problems.file import filled_in, load_patch
 from supernode.link import PATIENCE, Link
 from supernode.trail import WAITING, Trail, improvement_in
 from supernode.whereabouts import Place
@@ -340,8 +341,13 @@ class AsyncClientJob:
         told = await self._client.ask(wire.Cancel(self.id))
         return str(told["status"])
 
-    async def update(self, patch: Mapping[str, Any] | None = None, /, **keys: Any) -> int:
+    async def update(self, patch: Mapping[str, Any] | str | Path | None = None, /, **keys: Any) -> int:
         """The world has moved: each top-level key replaces the problem's own, and the job goes on from what it has.
+
+        Args:
+            patch: keys and values, or the path of a file that holds them. What that file names is read beside it, as
+                with a problem file.
+            keys: likewise.
 
         Returns:
             the number of the new world.
@@ -349,11 +355,18 @@ class AsyncClientJob:
         Raises:
             BadInput: if the problem is wrong with it; the job goes on with the old world.
         """
+        if isinstance(patch, str | Path):
+            patch = await self._read(patch)
         try:
             text = json.dumps({**(patch or {}), **keys}, default=str, allow_nan=False)
         except ValueError as error:
             raise BadInput(f"update: expected plain values, found {error}") from error
         return await self._new_world(wire.Update(self.id, text))
+
+    async def _read(self, path: str | Path) -> dict[str, Any]:
+        """A patch in a file. It does not say of which kind its problem is: the job does."""
+        patch = await asyncio.to_thread(load_patch, path)
+        return await asyncio.to_thread(filled_in, patch, (await self.show())["kind"], path)
 
     async def rewire(self, topology: str) -> int:
         """Give the running job another topology.
@@ -479,7 +492,7 @@ class ClientJob:
         """End the job; its result is the best so far. Its state when it was told so."""
         return self._thread.run(self._job.cancel())
 
-    def update(self, patch: Mapping[str, Any] | None = None, /, **keys: Any) -> int:
+    def update(self, patch: Mapping[str, Any] | str | Path | None = None, /, **keys: Any) -> int:
         """The world has moved, see `AsyncClientJob.update`."""
         return self._thread.run(self._job.update(patch, **keys))
 

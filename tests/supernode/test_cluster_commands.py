@@ -141,6 +141,11 @@ def test_cancel_update_and_rewire(supernode, service, file, tmp_path):
     patch.write_text("goal = [1.0, 2.0]\n[robot]\nradius = 0.5\n")
     assert supernode("update", "a", patch)[:2] == (0, "a: world 1\n")
     assert json.loads(service.jobs["a"]["worlds"][0]) == {"goal": [1.0, 2.0], "robot": {"radius": 0.5}}
+    for text, said in (("", "expected keys of a problem file, found nothing"), ("goal = [", "expected TOML, found ")):
+        patch.write_text(text)
+        assert supernode("update", "a", patch)[2].startswith(f"error: {patch}: {said}")
+    no_such = f"error: {tmp_path}/none.toml: expected a patch of a problem file, found no such file\n"
+    assert supernode("update", "a", tmp_path / "none.toml") == (2, "", no_such)
     assert json.loads(supernode("rewire", "a", "--topology", "ring 16", "--json")[1]) == {"job": "a", "world": 2}
     assert service.jobs["a"]["worlds"][1] == "ring 16"
     assert supernode("cancel", "a")[:2] == (0, "a: queued\n")
@@ -171,7 +176,7 @@ def test_status_is_a_table_of_nodes(supernode, service):
         (["jobs", "no job"], "expected a job's id", 2),
         (["rewire", "a", "--topology", "cube"], "--topology: expected a topology", 2),
         (["rewire", "a"], "--topology", 2),
-        (["update", "a", "none.toml"], "none.toml: expected a patch of a problem file, found No such file", 2),
+        (["update", "none", "none.toml"], "there is no job 'none'", 2),
         (["submit", "none.toml"], "none.toml: expected a problem file", 2),
     ],
 )
