@@ -90,9 +90,9 @@ class Zygote:
         topology.neighbours(topologies.ROOT)  # a random graph is built here, not in each child
         self._warm_up()
         signal.pthread_sigmask(signal.SIG_BLOCK, _WAKING)
-        if not self._fork_router():
-            signal.sigwait({signal.SIGCHLD})
-            self._one_died()
+        complaint = self._fork_router()
+        if complaint is not None:
+            _tell({"died": "router", "how": complaint})
             return self._kill_all()
         self._fork("spy", partial(self._spy, self.topology))
         for node in range(topology.cells):
@@ -116,22 +116,28 @@ class Zygote:
         gc.freeze()
         huge_pages.collapse()
 
-    def _fork_router(self) -> bool:
-        """The router first: when it listens, the others need not try twice. Whether it does."""
+    def _fork_router(self) -> str | None:
+        """The router first: when it listens, the others need not try twice. Why it does not, if so."""
         ready, tell = os.pipe()
         listen = [self._berth(0).router, *(self.service["listen"] if self.service is not None else ())]
 
         def route() -> None:
+            from coordinator.errors import ClusterFailed
             from coordinator.router import route
 
             os.close(ready)
-            route(listen, tell)
+            try:
+                route(listen, tell)
+            except ClusterFailed as error:
+                os.write(tell, str(error).encode())
 
         self._fork("router", route)
         os.close(tell)
-        listens = os.read(ready, 1) != b""  # else it has died
-        os.close(ready)
-        return listens
+        with os.fdopen(ready, "rb") as pipe:
+            said = pipe.read(1)
+            if said == b"!":
+                return None
+            return (said + pipe.read()).decode() or "ended before it listened"
 
     def _spy(self, topology: str) -> None:
         self._spy_watch(self._berth(0, topology))
@@ -199,7 +205,9 @@ class Zygote:
         if kind == "router":
             with contextlib.suppress(FileNotFoundError):
                 (self.folder / "router.sock").unlink()
-            self._fork_router()
+            complaint = self._fork_router()
+            if complaint is not None:  # it is tried again
+                sys.stderr.write(f"router: {complaint}\n")
         elif kind == "coordinator":
             self._fork(name, self._coordinate)
         elif kind == "spy":

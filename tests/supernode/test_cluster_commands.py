@@ -2,6 +2,7 @@
 
 import json
 import os
+import socket
 import subprocess
 import sys
 import threading
@@ -239,6 +240,22 @@ def test_bad_options_of_up(supernode, tmp_path, arguments, said):
         (line,) = done.stderr.splitlines()
         assert line.startswith("error: ")
         assert said in line
+
+
+@pytest.mark.parametrize("command", [["up", "--torus", "1x1"], ["up", "--torus", "1x1", "--detach"], ["router"]])
+def test_a_port_that_is_taken_is_one_line_that_names_it(tmp_path, command):
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        endpoint = f"tcp/127.0.0.1:{taken.getsockname()[1]}"
+        state = ["--state", str(tmp_path)] if command[0] == "up" else []
+        done = subprocess.run(
+            [sys.executable, "-m", "supernode", *command, "--listen", endpoint, *state],
+            capture_output=True, text=True, timeout=120, check=False,
+        )  # fmt: skip
+    assert (done.returncode, done.stdout) == (1, "")
+    assert done.stderr in (
+        f"error: router cannot listen at {endpoint}: Address already in use\n",
+        f"error: cannot listen at {endpoint}: Address already in use\n",
+    )
 
 
 def test_a_second_up_in_one_folder_is_refused(supernode, tmp_path):
