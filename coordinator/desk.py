@@ -6,7 +6,7 @@ import json
 import math
 import time
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Literal
 
 import topologies
 from coordinator.checking import Checker, is_own
@@ -56,6 +56,7 @@ class Desk:
         dispatcher: who runs jobs.
         checker: who knows which problems may be run.
         publish: called with each new job's first states.
+        ends: what does, when a client asks for the end.
     """
 
     def __init__(
@@ -67,6 +68,7 @@ class Desk:
         dispatcher: Dispatcher,
         checker: Checker,
         publish: Callable[[JobState], None],
+        ends: Literal["cluster", "coordinator"] = "cluster",
     ) -> None:
         self._cluster = cluster
         self._store = store
@@ -75,6 +77,7 @@ class Desk:
         self._dispatcher = dispatcher
         self._checker = checker
         self._publish = publish
+        self._ends = ends
         self._began = time.time()
         self._handed_over: set[int] = set()  # jobs that the dispatcher knows
 
@@ -107,7 +110,7 @@ class Desk:
         self._handed_over.discard(number)
 
     def _do(self, request: Request) -> Any:
-        value: Any = {}
+        value: Any
         match request:
             case Submit():
                 value = self._submit(request)
@@ -128,7 +131,7 @@ class Desk:
             case Status():
                 value = self._status()
             case Down():
-                pass  # whoever hangs up the telephone ends the cluster
+                value = {"ends": self._ends}  # it is whoever hangs up the telephone that does it
         return value
 
     # Submitting -------------------------------------------------------------------------------------------------------

@@ -1,5 +1,6 @@
 """The coordinator of a cluster whose processes live in several places: it launches nobody, nodes join it."""
 
+from dataclasses import replace
 from functools import partial
 
 import zenoh
@@ -17,7 +18,7 @@ from wire.keys import Keys
 
 def preside(berth: Berth, options: Options, max_queue: int | None) -> None:
     """Be the coordinator until a client, or SIGTERM, ends it; ``options.nodes`` are expected at least."""
-    run(berth, options, partial(JoinedStaff, max_queue=max_queue))
+    run(berth, replace(options, joined=True), partial(JoinedStaff, max_queue=max_queue))
 
 
 class JoinedStaff(Staff):

@@ -50,6 +50,7 @@ class Options:
         log_json: whether the log is written in JSON; if None, it is where stderr is no terminal.
         allow_modules: names of users' modules that jobs may name.
         modules: the folder where these lie, if not on ``sys.path``.
+        joined: whether router, spy and nodes were started by others, and so live on when the coordinator ends.
     """
 
     nodes: int
@@ -58,6 +59,7 @@ class Options:
     log_json: bool | None = None
     allow_modules: tuple[str, ...] = ()
     modules: Path | None = None
+    joined: bool = False
 
 
 def run(berth: Berth, options: Options, make_dispatcher: MakeDispatcher) -> None:
@@ -96,7 +98,16 @@ class Service:
         self._recorder = Recorder(self._store, book, lines, self._publish, self._forget)
         self._dispatcher = make_dispatcher(session, keys, options.nodes, self._recorder)
         checker = Checker(options.allow_modules, options.modules)
-        self._desk = Desk(keys.cluster, self._store, book, self._recorder, self._dispatcher, checker, self._publish)
+        self._desk = Desk(
+            keys.cluster,
+            self._store,
+            book,
+            self._recorder,
+            self._dispatcher,
+            checker,
+            self._publish,
+            ends="coordinator" if options.joined else "cluster",
+        )
 
     def serve(self) -> None:
         """Go on with the jobs of the last coordinator, then answer requests until `stop`."""

@@ -216,11 +216,14 @@ class Zygote:
             self._fork(name, partial(self._node, int(number), ""))
 
     def _kill_all(self) -> None:
+        """The router last: who cannot reach it any more knows that all others have gone."""
         shutil.rmtree(self.folder, ignore_errors=True)
-        for process in self.children:
-            os.kill(process, signal.SIGKILL)
-        for process in self.children:
-            os.waitpid(process, 0)
+        routers = [process for process, name in self.children.items() if name == "router"]
+        for processes in (self.children.keys() - set(routers), routers):
+            for process in processes:
+                os.kill(process, signal.SIGKILL)
+            for process in processes:
+                os.waitpid(process, 0)
         shutil.rmtree(self.folder, ignore_errors=True)
 
 

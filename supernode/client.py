@@ -157,9 +157,14 @@ class AsyncClient:
         """Have the loop call ``hear`` with each process's token under ``key`` as it comes (True) and goes (False)."""
         self._link.watch(key, hear)
 
-    async def down(self) -> None:
-        """End the whole cluster."""
-        await self.ask(wire.Down(), _GONE_WITHIN)
+    async def down(self) -> str:
+        """End the whole "cluster", or only the "coordinator" if router, spy and nodes were started each by itself.
+
+        Returns:
+            which of the two.
+        """
+        told = await self.ask(wire.Down(), _GONE_WITHIN)
+        return str(told["ends"])
 
     async def close(self) -> None:
         """Leave the cluster; jobs go on. Idempotent."""
@@ -438,9 +443,9 @@ class Client:
         """The cluster: its nodes, and how many jobs there are in each state."""
         return self._thread.run(self._client.status())
 
-    def down(self) -> None:
-        """End the whole cluster."""
-        self._thread.run(self._client.down())
+    def down(self) -> str:
+        """End the cluster, see `AsyncClient.down`."""
+        return self._thread.run(self._client.down())
 
     def close(self) -> None:
         """Leave the cluster; jobs go on. Idempotent."""

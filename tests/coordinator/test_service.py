@@ -183,7 +183,7 @@ def test_a_router_that_comes_back_is_used_again(cluster):
 
 def test_down_ends_the_coordinator_and_keeps_what_has_not_ended(cluster):
     cluster.ask(Submit(file(seconds=60.0), "a"))
-    assert cluster.ask(Down()) == {}
+    assert cluster.ask(Down()) == {"ends": "cluster"}
     assert cluster.processes["coordinator"].wait(PATIENCE) == 0
     cluster.start_coordinator()
     assert [job["status"] for job in cluster.ask(ListJobs())] == ["running"]

@@ -209,6 +209,13 @@ def test_down_waits_until_the_lifeline_has_ended(supernode, service, tmp_path):
     assert lifeline.poll() is not None
 
 
+def test_down_from_afar_waits_until_the_coordinator_has_ended_and_says_what_lives_on(supernode, service):
+    service.ends = "coordinator"
+    code, out, _ = supernode("down")
+    assert (code, out) == (0, f"down: {service.endpoint}; router, spy and nodes end where they were started\n")
+    assert service.session is None
+
+
 def test_down_ends_a_lifeline_whose_cluster_is_silent(supernode, service, tmp_path):
     service.stop()
     lifeline = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(60)"])
