@@ -12,6 +12,9 @@ from pathlib import Path
 
 import pytest
 
+from coordinator.database import url_in
+from coordinator.store import Store
+from problems import BadInput
 from supernode.__main__ import main
 from supernode.whereabouts import Card, occupy, read_card, remove_card, write_card
 
@@ -283,6 +286,27 @@ def test_the_state_folder_is_private_and_its_card_comes_and_goes(tmp_path):
     remove_card(folder)
     assert [path.name for path in folder.iterdir()] == ["up.lock"]
     os.close(lock)
+
+
+def test_a_folder_that_is_there_keeps_its_mode(tmp_path):
+    home = tmp_path / "home"
+    home.mkdir()
+    for mode in (0o755, 0o775, 0o500 | 0o200):
+        home.chmod(mode)
+        os.close(occupy(home))
+        assert home.stat().st_mode & 0o777 == mode
+    home.chmod(0o1777)
+    with pytest.raises(BadInput, match=f"^--state: expected a folder into which not everybody may write, found {home}"):
+        occupy(home)
+
+
+def test_what_tells_of_jobs_is_private_in_a_folder_that_is_not(tmp_path):
+    tmp_path.chmod(0o755)
+    Store(url_in(tmp_path)).close()
+    assert {path.name: path.stat().st_mode & 0o077 for path in tmp_path.iterdir()} == {
+        "jobs.sqlite": 0,
+        "jobs.sqlite.lock": 0,
+    }
 
 
 def test_listing_jobs_and_status_load_no_compiled_kernels():
