@@ -237,6 +237,7 @@ class Desk:
             "version": _version(),
             "protocol": VERSION,
             "seconds": time.time() - self._began,
+            "spy": self._dispatcher.spy(),
             "nodes": self._dispatcher.nodes(),
             "jobs": self._store.counts(),
         }

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import zenoh
 
@@ -30,6 +31,10 @@ class JoinedStaff(Staff):
         self._book = HostBook(session, keys, self._came, self._leave)
         self._roster = Roster(session, keys, self.replaced, self.joined)  # after the book: a node is at home on a host
         self._roster.look()
+
+    def nodes(self) -> list[dict[str, Any]]:
+        """Each node, as `status` shows it, with the name of its host."""
+        return [node | {"host": self._book.host_of(node["node"])} for node in super().nodes()]
 
     def _came(self, host: Host) -> None:
         with self._lock:
