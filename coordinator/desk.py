@@ -1,13 +1,11 @@
 """Where clients' requests are answered: a job is checked, kept and handed to the dispatcher, then acknowledged."""
 
-import contextlib
 import dataclasses
 import json
 import math
-import threading
 import time
-from collections.abc import Callable, Iterator
-from typing import Any
+from collections.abc import Callable
+from typing import Any, Literal
 
 import topologies
 from coordinator.checking import Checker, is_own
@@ -48,7 +46,7 @@ _FAILURES = (ClusterFailed, QueueFull, StoreFailed)  # not the client's fault
 
 
 class Desk:
-    """Answers requests, on any thread.
+    """Answers requests, on any thread; the changes of one job's world must come one after another.
 
     Args:
         cluster: its name.
@@ -58,6 +56,7 @@ class Desk:
         dispatcher: who runs jobs.
         checker: who knows which problems may be run.
         publish: called with each new job's first states.
+        ends: what does, when a client asks for the end.
     """
 
     def __init__(
@@ -69,6 +68,7 @@ class Desk:
         dispatcher: Dispatcher,
         checker: Checker,
         publish: Callable[[JobState], None],
+        ends: Literal["cluster", "coordinator"] = "cluster",
     ) -> None:
         self._cluster = cluster
         self._store = store
@@ -77,9 +77,9 @@ class Desk:
         self._dispatcher = dispatcher
         self._checker = checker
         self._publish = publish
+        self._ends = ends
         self._began = time.time()
         self._handed_over: set[int] = set()  # jobs that the dispatcher knows
-        self._changing: dict[int, threading.Lock] = {}
 
     def answer(self, request: Request) -> Answer:
         """Do what is asked; whatever goes wrong becomes a refusal."""
@@ -108,10 +108,9 @@ class Desk:
     def forget(self, number: int) -> None:
         """A job has ended."""
         self._handed_over.discard(number)
-        self._changing.pop(number, None)
 
     def _do(self, request: Request) -> Any:
-        value: Any = {}
+        value: Any
         match request:
             case Submit():
                 value = self._submit(request)
@@ -132,7 +131,7 @@ class Desk:
             case Status():
                 value = self._status()
             case Down():
-                pass  # whoever hangs up the telephone ends the cluster
+                value = {"ends": self._ends}  # it is whoever hangs up the telephone that does it
         return value
 
     # Submitting -------------------------------------------------------------------------------------------------------
@@ -211,23 +210,21 @@ class Desk:
         return {"job": job, "status": found.status}
 
     def _update(self, job: str, patch: dict[str, Any]) -> dict[str, Any]:
-        with self._change_of(job):
-            now = self._running(job)
-            before = self._checker.read(now.file_now)
-            if is_own(before):  # any other is checked by whoever changes the world
-                self._checker.check(before.changed(patch, {}), before)
-            world = self._dispatcher.update(now.number, patch)
+        now = self._running(job)
+        before = self._checker.read(now.file_now)
+        if is_own(before):  # any other is checked by whoever changes the world
+            self._checker.check(before.changed(patch, {}), before)
+        world = self._dispatcher.update(now.number, patch)
         return {"job": job, "world": world}
 
     def _rewire(self, job: str, topology: str) -> dict[str, Any]:
-        with self._change_of(job):
-            now = self._running(job)
-            before = self._checker.read(now.file_now)
-            file = before.with_run(topology=topology)
-            cells = topologies.parse(file.run.topology).cells
-            if cells != now.cells:
-                raise BadInput(f"topology: expected one of {now.cells} cells, as the job has, found {cells}")
-            world = self._dispatcher.rewire(now.number, file.run.topology)
+        now = self._running(job)
+        before = self._checker.read(now.file_now)
+        file = before.with_run(topology=topology)
+        cells = topologies.parse(file.run.topology).cells
+        if cells != now.cells:
+            raise BadInput(f"topology: expected one of {now.cells} cells, as the job has, found {cells}")
+        world = self._dispatcher.rewire(now.number, file.run.topology)
         return {"job": job, "world": world}
 
     def _running(self, job: str) -> Stored:
@@ -237,21 +234,13 @@ class Desk:
             raise BadInput(f"job {job!r} {has} {stored.status}")
         return stored
 
-    @contextlib.contextmanager
-    def _change_of(self, job: str) -> Iterator[None]:
-        """One change of a job's world at a time: the next begins where it ends."""
-        number = self._store.summary(job).number
-        with self._changing.setdefault(number, threading.Lock()):
-            yield
-        if number not in self._handed_over:
-            self.forget(number)
-
     def _status(self) -> dict[str, Any]:
         return {
             "cluster": self._cluster,
             "version": _version(),
             "protocol": VERSION,
             "seconds": time.time() - self._began,
+            "spy": self._dispatcher.spy(),
             "nodes": self._dispatcher.nodes(),
             "jobs": self._store.counts(),
         }

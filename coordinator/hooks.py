@@ -63,6 +63,10 @@ class Dispatcher(Protocol):
         """Each node, as `status` shows it."""
         ...
 
+    def spy(self) -> int | None:
+        """The process of the spy, if there is one."""
+        ...
+
     def close(self) -> None:
         """Stop, without a word to the hooks."""
 

@@ -62,6 +62,10 @@ class HostBook:
         ]
         threading.Thread(target=self._work, name="hosts", daemon=True).start()
 
+    def host_of(self, node: int) -> str | None:
+        """The name of the host that has this node."""
+        return next((host.name for host in list(self._hosts.values()) if node in host.nodes), None)
+
     def _ask_all(self) -> None:
         """Those who had joined before this coordinator came."""
         replies = self._session.get(

@@ -1,6 +1,8 @@
 """The coordinator of a cluster whose processes live in several places: it launches nobody, nodes join it."""
 
+from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import zenoh
 
@@ -17,7 +19,7 @@ from wire.keys import Keys
 
 def preside(berth: Berth, options: Options, max_queue: int | None) -> None:
     """Be the coordinator until a client, or SIGTERM, ends it; ``options.nodes`` are expected at least."""
-    run(berth, options, partial(JoinedStaff, max_queue=max_queue))
+    run(berth, replace(options, joined=True), partial(JoinedStaff, max_queue=max_queue))
 
 
 class JoinedStaff(Staff):
@@ -29,6 +31,10 @@ class JoinedStaff(Staff):
         self._book = HostBook(session, keys, self._came, self._leave)
         self._roster = Roster(session, keys, self.replaced, self.joined)  # after the book: a node is at home on a host
         self._roster.look()
+
+    def nodes(self) -> list[dict[str, Any]]:
+        """Each node, as `status` shows it, with the name of its host."""
+        return [node | {"host": self._book.host_of(node["node"])} for node in super().nodes()]
 
     def _came(self, host: Host) -> None:
         with self._lock:

@@ -45,6 +45,7 @@ class Roster:
         self._processes: dict[str, tuple[int, str]] = {}  # by name, each with its host: "" for this one
         self._seen: dict[int, float] = {}  # when a node's process was first seen, on the monotonic clock
         self._counters: dict[int, Counters] = {}
+        self._spy: int | None = None  # its process, as long as its token is there
         liveliness = self._liveliness = session.liveliness()
         self._declared = [
             liveliness.declare_subscriber(keys.any_life, direct(self._see), history=True),
@@ -72,6 +73,11 @@ class Roster:
             processes = {name: process for name, (process, host) in self._processes.items() if not host}
         return cpu_seconds_of(processes) | {"coordinator": time.process_time()}
 
+    @property
+    def spy(self) -> int | None:
+        """The spy's process, if there is one."""
+        return self._spy
+
     def nodes(self, nodes: Iterable[int], job_on: Callable[[int], str | None]) -> list[dict[str, Any]]:
         """Each of the nodes, as `status` shows it; ``job_on`` tells the job that a node is at."""
         with self._lock:
@@ -94,10 +100,13 @@ class Roster:
         }
 
     def _see(self, sample: zenoh.Sample) -> None:
-        if sample.kind != zenoh.SampleKind.PUT:
-            return
         key = str(sample.key_expr)
         (node, process), host = self._keys.life_of(key), self._keys.home_of(key)
+        is_here = sample.kind == zenoh.SampleKind.PUT
+        if node is None and (is_here or process == self._spy):
+            self._spy = process if is_here else None
+        if not is_here:
+            return
         name = "spy" if node is None else f"node {node}"
         with self._lock:
             before = self._processes.get(name)

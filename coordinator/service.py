@@ -1,11 +1,11 @@
 """The coordinator's process: takes jobs from clients, keeps them, has them run, and tells what becomes of them.
 
-Its memory is the store: killed at any moment, the next one goes on where it stopped. Requests are answered in the order
-of their coming on one thread; those that take a while (another world for a job, a user's own problem) on others.
+Its memory is the store: killed at any moment, the next one goes on where it stopped. Nobody waits for another's slow
+request: questions are answered in the order of their coming on one thread; submits, whose problems may be large, on a
+few others; and the changes of a job's world one after another, beside those of other jobs.
 """
 
 import contextlib
-import json
 import queue
 import signal
 import sys
@@ -13,6 +13,7 @@ import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import zenoh
@@ -21,6 +22,7 @@ from coordinator.checking import Checker
 from coordinator.database import StoreFailed
 from coordinator.desk import Desk
 from coordinator.hooks import MakeDispatcher
+from coordinator.lanes import Lanes
 from coordinator.log_lines import LogLines
 from coordinator.record_book import Keep, RecordBook
 from coordinator.recorder import Recorder
@@ -32,8 +34,8 @@ from wire.jobs import Answer, Done, Down, JobState, Refused, Request, Rewire, Su
 from wire.keys import Keys
 from wire.strict import Rejected
 
-_SLOW_AT_ONCE = 8
-_MOST_WAITING = 1000  # requests
+_SUBMITS_AT_ONCE = 8  # each may take a hundred times its size in memory while it is checked
+_MOST_WAITING = 1000  # submits and changes
 _TRY_AGAIN = 0.5  # seconds
 
 
@@ -48,6 +50,7 @@ class Options:
         log_json: whether the log is written in JSON; if None, it is where stderr is no terminal.
         allow_modules: names of users' modules that jobs may name.
         modules: the folder where these lie, if not on ``sys.path``.
+        joined: whether router, spy and nodes were started by others, and so live on when the coordinator ends.
     """
 
     nodes: int
@@ -56,6 +59,7 @@ class Options:
     log_json: bool | None = None
     allow_modules: tuple[str, ...] = ()
     modules: Path | None = None
+    joined: bool = False
 
 
 def run(berth: Berth, options: Options, make_dispatcher: MakeDispatcher) -> None:
@@ -85,7 +89,8 @@ class Service:
         self._waiting = 0
         self._counting = threading.Lock()
         self._down = threading.Event()
-        self._slow = ThreadPoolExecutor(_SLOW_AT_ONCE, "slow requests")
+        self._submits = ThreadPoolExecutor(_SUBMITS_AT_ONCE, "submits")
+        self._changes = Lanes()  # by job
         self._store = _store_at(options.store)
         self._states = session.declare_publisher(keys.state)
         book = RecordBook(self._store, options.keep)
@@ -93,7 +98,16 @@ class Service:
         self._recorder = Recorder(self._store, book, lines, self._publish, self._forget)
         self._dispatcher = make_dispatcher(session, keys, options.nodes, self._recorder)
         checker = Checker(options.allow_modules, options.modules)
-        self._desk = Desk(keys.cluster, self._store, book, self._recorder, self._dispatcher, checker, self._publish)
+        self._desk = Desk(
+            keys.cluster,
+            self._store,
+            book,
+            self._recorder,
+            self._dispatcher,
+            checker,
+            self._publish,
+            ends="coordinator" if options.joined else "cluster",
+        )
 
     def serve(self) -> None:
         """Go on with the jobs of the last coordinator, then answer requests until `stop`."""
@@ -115,7 +129,7 @@ class Service:
 
     def close(self) -> None:
         """Let go of everything but the session."""
-        self._slow.shutdown(wait=False, cancel_futures=True)
+        self._submits.shutdown(wait=False, cancel_futures=True)
         self._recorder.close()  # first: what the end of the dispatcher does to jobs is none of theirs
         self._dispatcher.close()
         self._store.close()
@@ -125,31 +139,45 @@ class Service:
             try:
                 self._handle(query)
             except Exception as error:
-                _reply(query, self._keys.jobs, Refused(f"{type(error).__name__}: {error}", "failure"))
+                self._fail(query, error)
 
     def _handle(self, query: zenoh.Query) -> None:
         try:
             request = jobs.decode(b"" if query.payload is None else query.payload.to_bytes())
         except Rejected as error:
             return _reply(query, self._keys.jobs, Refused(error.reason))
-        if not _is_slow(request):
-            return self._answer(query, request)
+        if isinstance(request, Submit | Update | Rewire):
+            self._put_off(query, request)
+        else:
+            self._answer(query, request)
+        return None
+
+    def _put_off(self, query: zenoh.Query, request: Submit | Update | Rewire) -> None:
+        """Answer on another thread, unless too many wait for that already."""
         with self._counting:
             full = self._waiting >= _MOST_WAITING
             self._waiting += not full
         if full:
-            return _reply(
-                query, self._keys.jobs, Refused(f"too many requests wait already: {_MOST_WAITING}", "failure")
-            )
-        self._slow.submit(self._answer_slowly, query, request)
+            refused = Refused(f"too many requests wait already: {_MOST_WAITING}", "failure")
+            return _reply(query, self._keys.jobs, refused)
+        answer = partial(self._answer_later, query, request)
+        if isinstance(request, Submit):
+            self._submits.submit(answer)
+        else:
+            self._changes.put(request.job, answer)
         return None
 
-    def _answer_slowly(self, query: zenoh.Query, request: Request) -> None:
+    def _answer_later(self, query: zenoh.Query, request: Request) -> None:
         try:
             self._answer(query, request)
+        except Exception as error:
+            self._fail(query, error)
         finally:
             with self._counting:
                 self._waiting -= 1
+
+    def _fail(self, query: zenoh.Query, error: Exception) -> None:
+        _reply(query, self._keys.jobs, Refused(f"{type(error).__name__}: {error}", "failure"))
 
     def _answer(self, query: zenoh.Query, request: Request) -> None:
         answer = self._desk.answer(request)
@@ -183,16 +211,3 @@ def _store_at(url: str) -> Store:
 def _reply(query: zenoh.Query, key: str, answer: Answer) -> None:
     with contextlib.suppress(zenoh.ZError), query:  # else the client is gone
         query.reply(key, jobs.encode_answer(answer))
-
-
-def _is_slow(request: Request) -> bool:
-    """Whether others should not wait for it."""
-    return isinstance(request, Update | Rewire) or (isinstance(request, Submit) and ":" in _kind(request.file))
-
-
-def _kind(file: str) -> str:
-    """The kind of problem in a file, as far as it can be read."""
-    try:
-        return str(json.loads(file)[1]["kind"])
-    except (ValueError, TypeError, LookupError, RecursionError):
-        return ""

@@ -59,6 +59,10 @@ class Staff(Dispatcher):
             here = self._scheduler.here
         return self._roster.nodes(here, self.job_on)
 
+    def spy(self) -> int | None:
+        """The process of the spy, if there is one."""
+        return self._roster.spy
+
     def replaced(self, node: int | None) -> None:
         """Another process lives in the place of a dead node, or of the dead spy."""
         whose = "as the spy" if node is None else f"on node {node}"

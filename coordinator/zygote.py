@@ -86,14 +86,16 @@ class Zygote:
         """Fork all, then wait for a death, of the caller or of a child."""
         import topologies
 
+        topology = topologies.parse(self.topology)
+        topology.neighbours(topologies.ROOT)  # a random graph is built here, not in each child
         self._warm_up()
         signal.pthread_sigmask(signal.SIG_BLOCK, _WAKING)
-        if not self._fork_router():
-            signal.sigwait({signal.SIGCHLD})
-            self._one_died()
+        complaint = self._fork_router()
+        if complaint is not None:
+            _tell({"died": "router", "how": complaint})
             return self._kill_all()
         self._fork("spy", partial(self._spy, self.topology))
-        for node in range(topologies.parse(self.topology).cells):
+        for node in range(topology.cells):
             self._fork(f"node {node}", partial(self._node, node, self.topology))
         if self.service is not None:
             self._fork("coordinator", partial(self._coordinate, first=True))
@@ -114,22 +116,28 @@ class Zygote:
         gc.freeze()
         huge_pages.collapse()
 
-    def _fork_router(self) -> bool:
-        """The router first: when it listens, the others need not try twice. Whether it does."""
+    def _fork_router(self) -> str | None:
+        """The router first: when it listens, the others need not try twice. Why it does not, if so."""
         ready, tell = os.pipe()
         listen = [self._berth(0).router, *(self.service["listen"] if self.service is not None else ())]
 
         def route() -> None:
+            from coordinator.errors import ClusterFailed
             from coordinator.router import route
 
             os.close(ready)
-            route(listen, tell)
+            try:
+                route(listen, tell)
+            except ClusterFailed as error:
+                os.write(tell, str(error).encode())
 
         self._fork("router", route)
         os.close(tell)
-        listens = os.read(ready, 1) != b""  # else it has died
-        os.close(ready)
-        return listens
+        with os.fdopen(ready, "rb") as pipe:
+            said = pipe.read(1)
+            if said == b"!":
+                return None
+            return (said + pipe.read()).decode() or "ended before it listened"
 
     def _spy(self, topology: str) -> None:
         self._spy_watch(self._berth(0, topology))
@@ -197,7 +205,9 @@ class Zygote:
         if kind == "router":
             with contextlib.suppress(FileNotFoundError):
                 (self.folder / "router.sock").unlink()
-            self._fork_router()
+            complaint = self._fork_router()
+            if complaint is not None:  # it is tried again
+                sys.stderr.write(f"router: {complaint}\n")
         elif kind == "coordinator":
             self._fork(name, self._coordinate)
         elif kind == "spy":
@@ -206,11 +216,14 @@ class Zygote:
             self._fork(name, partial(self._node, int(number), ""))
 
     def _kill_all(self) -> None:
+        """The router last: who cannot reach it any more knows that all others have gone."""
         shutil.rmtree(self.folder, ignore_errors=True)
-        for process in self.children:
-            os.kill(process, signal.SIGKILL)
-        for process in self.children:
-            os.waitpid(process, 0)
+        routers = [process for process, name in self.children.items() if name == "router"]
+        for processes in (self.children.keys() - set(routers), routers):
+            for process in processes:
+                os.kill(process, signal.SIGKILL)
+            for process in processes:
+                os.waitpid(process, 0)
         shutil.rmtree(self.folder, ignore_errors=True)
 
 

@@ -54,7 +54,10 @@ def ask(session: zenoh.Session, name: str, **arguments: Any) -> Any:
 
 
 def problem_file(path: Path) -> str:
-    """A problem as it travels: JSON of its name, its own fields, how to run it, and its folder."""
+    """A problem as it travels: JSON of its name, its own fields, how to run it, and its folder.
+
+    The cluster reads no files: a problem that names some needs what they hold in its fields (docs/protocol.md).
+    """
     fields = tomllib.loads(path.read_text())
     run = fields.pop("run", {})
     return json.dumps([path.name, fields, run, str(path.parent.resolve())])

@@ -165,13 +165,36 @@ def load(path: str | Path) -> ProblemFile:
     return loaded
 
 
+def load_patch(path: str | Path) -> dict[str, Any]:
+    """Read the keys that an update gives a problem; see `filled_in`.
+
+    Raises:
+        BadInput: one line that names the file.
+    """
+    path = Path(path)
+    patch = _plain(_text(path, "patch of a problem file"), str(path))
+    if not patch:
+        raise BadInput(f"{path}: expected keys of a problem file, found nothing")
+    return patch
+
+
+def filled_in(patch: dict[str, Any], kind: str, path: str | Path) -> dict[str, Any]:
+    """The patch in the file ``path``, of a problem of that kind, with what other files hold in place of their names.
+
+    Raises:
+        BadInput: names the patch, the field, and the file that cannot be read.
+    """
+    if not registry.is_built_in(kind):
+        return patch
+    try:
+        return registry.find(kind).gather(patch, Path(path).resolve().parent)
+    except BadInput as error:
+        raise BadInput(f"{path}: {error}") from error
+
+
 def parse(text: str, name: str, folder: Path) -> ProblemFile:
     """A problem file's text; see `load`."""
-    try:
-        fields = tomllib.loads(text)
-        plain: dict[str, Any] = json.loads(json.dumps(fields, default=str))
-    except (ValueError, RecursionError) as error:  # also for numbers too long, or tables too deep, to read at all
-        raise BadInput(f"{name}: expected TOML, found {error}") from error
+    plain = _plain(text, name)
     run = plain.pop("run", {})
     if not isinstance(run, dict):
         raise BadInput(f"{name}: run: expected a table [run], found {shorten(run)}")
@@ -181,15 +204,24 @@ def parse(text: str, name: str, folder: Path) -> ProblemFile:
     return ProblemFile(name, plain, _run(run, name), folder)
 
 
-def _text(path: Path) -> str:
+def _text(path: Path, what: str = "problem file") -> str:
     try:
         return path.read_text(encoding="utf-8")
     except FileNotFoundError as error:
-        raise BadInput(f"{path}: expected a problem file, found no such file") from error
+        raise BadInput(f"{path}: expected a {what}, found no such file") from error
     except UnicodeDecodeError as error:
         raise BadInput(f"{path}: expected TOML in UTF-8, found {error}") from error
     except OSError as error:
-        raise BadInput(f"{path}: expected a readable problem file, found {error.strerror}") from error
+        raise BadInput(f"{path}: expected a readable {what}, found {error.strerror}") from error
+
+
+def _plain(text: str, name: str) -> dict[str, Any]:
+    """What TOML says, in plain values."""
+    try:
+        plain: dict[str, Any] = json.loads(json.dumps(tomllib.loads(text), default=str))
+    except (ValueError, RecursionError) as error:  # also for numbers too long, or tables too deep, to read at all
+        raise BadInput(f"{name}: expected TOML, found {error}") from error
+    return plain
 
 
 def _said(error: Exception) -> str:

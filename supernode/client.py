@@ -26,6 +26,7 @@ from typing import TYPE_CHECKING, Any, Self, TypeVar
 from coordinator.errors import ClusterFailed
 from problems import ProblemFile, load
 from problems.errors import BadInput
+from problems.file import filled_in, load_patch
 from supernode.link import PATIENCE, Link
 from supernode.trail import WAITING, Trail, improvement_in
 from supernode.whereabouts import Place
@@ -156,9 +157,14 @@ class AsyncClient:
         """Have the loop call ``hear`` with each process's token under ``key`` as it comes (True) and goes (False)."""
         self._link.watch(key, hear)
 
-    async def down(self) -> None:
-        """End the whole cluster."""
-        await self.ask(wire.Down(), _GONE_WITHIN)
+    async def down(self) -> str:
+        """End the whole "cluster", or only the "coordinator" if router, spy and nodes were started each by itself.
+
+        Returns:
+            which of the two.
+        """
+        told = await self.ask(wire.Down(), _GONE_WITHIN)
+        return str(told["ends"])
 
     async def close(self) -> None:
         """Leave the cluster; jobs go on. Idempotent."""
@@ -339,8 +345,13 @@ class AsyncClientJob:
         told = await self._client.ask(wire.Cancel(self.id))
         return str(told["status"])
 
-    async def update(self, patch: Mapping[str, Any] | None = None, /, **keys: Any) -> int:
+    async def update(self, patch: Mapping[str, Any] | str | Path | None = None, /, **keys: Any) -> int:
         """The world has moved: each top-level key replaces the problem's own, and the job goes on from what it has.
+
+        Args:
+            patch: keys and values, or the path of a file that holds them. What that file names is read beside it, as
+                with a problem file.
+            keys: likewise.
 
         Returns:
             the number of the new world.
@@ -348,11 +359,18 @@ class AsyncClientJob:
         Raises:
             BadInput: if the problem is wrong with it; the job goes on with the old world.
         """
+        if isinstance(patch, str | Path):
+            patch = await self._read(patch)
         try:
             text = json.dumps({**(patch or {}), **keys}, default=str, allow_nan=False)
         except ValueError as error:
             raise BadInput(f"update: expected plain values, found {error}") from error
         return await self._new_world(wire.Update(self.id, text))
+
+    async def _read(self, path: str | Path) -> dict[str, Any]:
+        """A patch in a file. It does not say of which kind its problem is: the job does."""
+        patch = await asyncio.to_thread(load_patch, path)
+        return await asyncio.to_thread(filled_in, patch, (await self.show())["kind"], path)
 
     async def rewire(self, topology: str) -> int:
         """Give the running job another topology.
@@ -424,9 +442,9 @@ class Client:
         """The cluster: its nodes, and how many jobs there are in each state."""
         return self._thread.run(self._client.status())
 
-    def down(self) -> None:
-        """End the whole cluster."""
-        self._thread.run(self._client.down())
+    def down(self) -> str:
+        """End the cluster, see `AsyncClient.down`."""
+        return self._thread.run(self._client.down())
 
     def close(self) -> None:
         """Leave the cluster; jobs go on. Idempotent."""
@@ -477,7 +495,7 @@ class ClientJob:
         """End the job; its result is the best so far. Its state when it was told so."""
         return self._thread.run(self._job.cancel())
 
-    def update(self, patch: Mapping[str, Any] | None = None, /, **keys: Any) -> int:
+    def update(self, patch: Mapping[str, Any] | str | Path | None = None, /, **keys: Any) -> int:
         """The world has moved, see `AsyncClientJob.update`."""
         return self._thread.run(self._job.update(patch, **keys))
 

@@ -5,6 +5,7 @@ import fcntl
 import json
 import os
 import re
+import stat
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -123,13 +124,16 @@ def is_occupied(folder: Path) -> bool:
 def occupy(folder: Path) -> int:
     """Make ``folder``, private, and lock it for as long as the descriptor that is returned is open.
 
+    One that is there keeps its mode: it may be for other things too, and whatever tells of jobs is private by itself.
+
     Raises:
         BadInput: if there can be no such folder.
         ClusterFailed: if a cluster is up in it.
     """
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        folder.chmod(0o700)
+        if folder.stat().st_mode & stat.S_IWOTH:
+            raise BadInput(f"--state: expected a folder into which not everybody may write, found {folder}")
         descriptor = os.open(folder / _LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
     except OSError as error:
         raise BadInput(f"--state: expected a folder of one's own, found {folder}: {error.strerror}") from error

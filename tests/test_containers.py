@@ -80,6 +80,22 @@ def test_the_services_as_plain_processes_solve_a_job():
     assert (result.status, result.nodes) == ("solved", 16)
 
 
+def test_spy_and_nodes_are_not_healthy_before_the_cluster_has_them():
+    with places(1) as cluster, cluster.client() as client:
+        until(lambda: client.status()["spy"] is not None)
+        cluster.kill("spy")
+        until(lambda: client.status()["spy"] is None)
+        variables = {"SUPERNODE_CONNECT": cluster.endpoint}
+        healthy = [name for name in SERVICES if is_healthy(SERVICES[name], variables, cluster.endpoint)]
+        assert healthy == ["router", "coordinator"]
+        cluster.start("spy")
+        cluster.host("lower", 1)
+        until(lambda: is_healthy(SERVICES["spy"], variables, cluster.endpoint))
+        until(lambda: client.status()["nodes"])
+        assert not is_healthy(SERVICES["node"], variables, cluster.endpoint), "it is another host's"
+        assert is_healthy(SERVICES["node"], variables | {"SUPERNODE_HOST": "lower"}, cluster.endpoint)
+
+
 def is_healthy(described, variables, endpoint):
     """What the engine would find out; the image has `supernode` and `python` on its path."""
     kind, *words = described["healthcheck"]["test"]

@@ -158,7 +158,7 @@ class Hypercube(_Graph):
 
 @dataclass(frozen=True)
 class _Random(_Graph):
-    """A graph that networkx builds from a seed, and measures.
+    """A graph that networkx builds from a seed, not before somebody asks who neighbours whom: that may take seconds.
 
     Raises:
         ValueError: if there is no such graph.
@@ -174,7 +174,6 @@ class _Random(_Graph):
                 f"found {self.size} of degree {self.degree}"
             )
         self._check()
-        _ = self._graph
 
     def _check(self) -> None:
         """Refuse whatever else makes no graph.
@@ -245,10 +244,18 @@ class RandomRegular(_Random):
 
         seed = self.seed
         while True:
-            graph = networkx.random_regular_graph(self.degree, self.size, seed)
+            graph = self._drawn(seed)
             if networkx.is_connected(graph):
                 return graph
             seed += 1
+
+    def _drawn(self, seed: int) -> Any:
+        """Of many links those are drawn that are missing: networkx would look for the last ones for ever."""
+        import networkx
+
+        if 2 * self.degree < self.size:
+            return networkx.random_regular_graph(self.degree, self.size, seed)
+        return networkx.complement(networkx.random_regular_graph(self.size - 1 - self.degree, self.size, seed))
 
 
 @dataclass(frozen=True)

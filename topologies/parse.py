@@ -2,13 +2,14 @@
 
 import re
 from collections.abc import Callable
-from functools import cache
+from functools import lru_cache
 
 from topologies.graphs import Complete, Hypercube, RandomRegular, Ring, SmallWorld
 from topologies.grids import Grid, Moore, Torus
 from topologies.topology import Topology
 
 MOST_CELLS = 1 << 20
+_KEPT = 8  # random graphs, once they are built, may take a gigabyte each
 EXAMPLES = (
     "torus 4x4",
     "moore 4x4",
@@ -51,7 +52,7 @@ _KINDS: tuple[tuple[str, Callable[[re.Match[str]], Topology]], ...] = (
 )
 
 
-@cache
+@lru_cache(_KEPT)
 def parse(spec: str) -> Topology:
     """The topology named by ``spec``, such as ``"torus 8x8"``: see `EXAMPLES`.
 

@@ -114,11 +114,11 @@ seed = 1
 
     start: Place = quantity("cell", "where the robot stands: [row, column]")
     goal: Place = quantity("cell", "where it shall go: [row, column]")
-    map: Annotated[list[str], Field(min_length=1, max_length=MOST_SIDE)] = quantity(
-        "", "the rows of the map, one character a cell, the first row at the top; or give 'file'"
-    )
     file: str | None = quantity(
         "", "a MovingAI map beside the problem file, instead of 'map', where its rows are put", default=None
+    )
+    map: Annotated[list[str], Field(min_length=1, max_length=MOST_SIDE)] = quantity(
+        "", "the rows of the map, one character a cell, the first row at the top; or give 'file'"
     )
     terrain: dict[str, str] = quantity(
         "",
@@ -163,6 +163,13 @@ seed = 1
             raise BadInput("map: expected either map or file, found both")
         others = {field: value for field, value in fields.items() if field != "file"}
         return others | {"map": movingai.read(folder / name)}
+
+    @field_validator("file")
+    @classmethod
+    def _was_read(cls, file: str | None) -> str | None:
+        if file is not None:
+            raise ValueError(f"expected map, the rows themselves, as `supernode.load` puts them here, found {file!r}")
+        return file
 
     @field_validator("map")
     @classmethod

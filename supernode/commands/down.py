@@ -1,4 +1,7 @@
-"""End a running cluster, with all its processes; jobs that have not ended are kept in its state folder."""
+"""End a running cluster, with all its processes; jobs that have not ended are kept in its state folder.
+
+Of a cluster whose processes were started each by itself (`router`, `coordinator`, `spy`, `node`) the coordinator ends.
+"""
 
 import argparse
 import time
@@ -9,6 +12,7 @@ from supernode.commands.cluster_options import add_cluster_options, place_of, te
 EXAMPLE = "supernode down"
 
 _END_WITHIN = 60.0  # seconds: a thousand processes are gone in three, but machines may be busy
+_ANSWER_WITHIN = 1.0
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -24,24 +28,55 @@ def run(options: argparse.Namespace) -> int:
 
     place = place_of(options)
     card = place.card()
-    answered = _ask(options)
-    if card is not None and (answered or is_occupied(Path(place.folder or ""))):
-        _see_it_end(card.process, answered, place)
-    tell(options, {"down": str(place)}, f"down: {place}")
+    ends = _ask(options)
+    if card is None:
+        _see_it_go(options, ends)
+    elif ends is not None or is_occupied(Path(place.folder or "")):
+        _see_it_end(card.process, ends is not None, place)
+    rest = "; router, spy and nodes end where they were started" if ends == "coordinator" else ""
+    tell(options, {"down": str(place), "ended": ends or "cluster"}, f"down: {place}{rest}")
     return exits.OK
 
 
-def _ask(options: argparse.Namespace) -> bool:
-    """Whether the cluster says that it will."""
+def _ask(options: argparse.Namespace) -> str | None:
+    """What ends, as the cluster says; None if it says nothing."""
     from coordinator.errors import ClusterFailed
     from supernode.commands.cluster_options import connected
 
     try:
         with connected(options) as client:
-            client.down()
+            return client.down()
     except ClusterFailed:
         if options.connect is not None:
             raise
+        return None
+
+
+def _see_it_go(options: argparse.Namespace, ends: str | None) -> None:
+    """Wait until nobody answers at the endpoint any more."""
+    from coordinator.errors import ClusterFailed
+
+    until = time.monotonic() + _END_WITHIN
+    while _is_there(options, ends):
+        if time.monotonic() > until:
+            raise ClusterFailed(f"the {ends} at {options.connect} has not ended within {_END_WITHIN:.0f} s")
+        time.sleep(0.02)
+
+
+def _is_there(options: argparse.Namespace, ends: str | None) -> bool:
+    """Whether the coordinator answers; or the router, which is the last process of a cluster that ends as a whole."""
+    import zenoh
+
+    from coordinator.errors import ClusterFailed
+    from supernode.commands.cluster_options import connected
+    from wire import sessions
+
+    try:
+        if ends == "coordinator":
+            connected(options).close()
+        else:
+            sessions.visitor(options.connect, _ANSWER_WITHIN).close()  # type: ignore[no-untyped-call]
+    except (ClusterFailed, zenoh.ZError):
         return False
     return True
 

@@ -13,6 +13,8 @@ from supernode.commands.role_options import (
     prepare_process,
 )
 
+_FAR_AWAY, _ANY_PORT = "198.51.100.1", 9  # of a network that is for documentation only (RFC 5737)
+
 EXAMPLE = "supernode node --connect tcp/192.168.1.7:7447 --nodes 4"
 
 
@@ -37,7 +39,7 @@ def run(options: argparse.Namespace) -> int:
     import socket
 
     router, cluster, nodes = endpoint_of(options), cluster_of(options), number_of(options, "nodes")
-    listen = own_endpoint(endpoint(options.listen, "listen")) if options.listen else ""
+    listen = own_endpoint(endpoint(options.listen, "listen"), router) if options.listen else ""
     prepare_process()
     from coordinator.host import HostZygote
     from wire.hosts import Host
@@ -47,14 +49,17 @@ def run(options: argparse.Namespace) -> int:
     return exits.OK
 
 
-def own_endpoint(listen: str) -> str:
+def own_endpoint(listen: str, router: str) -> str:
     """An endpoint that others can connect to; a container does not know its address when it is configured.
+
+    Args:
+        listen: what was asked for; 0.0.0.0 stands for an own address.
+        router: the endpoint of the router, which others reach too.
 
     Raises:
         BadInput: if it has no address and port.
     """
     import re
-    import socket
 
     from problems.errors import BadInput
 
@@ -62,9 +67,23 @@ def own_endpoint(listen: str) -> str:
     if found is None:
         raise BadInput(f"--listen: expected tcp/ADDRESS:PORT, found {listen}")
     address, port = found.groups()
-    if address == "0.0.0.0":
-        try:
-            address = socket.gethostbyname(socket.gethostname())
-        except OSError as error:
-            raise BadInput(f"--listen: this machine does not know its own address: {error.strerror}") from error
-    return f"tcp/{address}:{port}"
+    return f"tcp/{own_address(router) if address == '0.0.0.0' else address}:{port}"
+
+
+def own_address(router: str) -> str:
+    """The address from which this machine speaks to the router; if that is on this machine, to anybody far away.
+
+    A machine's name is of no use: on many it stands for a loopback address. Nothing is sent.
+    """
+    import contextlib
+    import re
+    import socket
+
+    found = re.fullmatch(r"\w+/(.+):\d+", router)
+    for host in ([] if found is None else [found[1]]) + [_FAR_AWAY]:
+        with contextlib.suppress(OSError), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            probe.connect((host, _ANY_PORT))
+            address = str(probe.getsockname()[0])
+            if not address.startswith("127."):
+                return address
+    return "127.0.0.1"  # it is alone

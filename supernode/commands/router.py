@@ -15,21 +15,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Route until a signal."""
+    import contextlib
     import os
-
-    import zenoh
-
-    from coordinator.errors import ClusterFailed
 
     endpoint_of(options, "listen")
     endpoints = [endpoint(each, "listen") for each in options.listen.split()]
     prepare_process()
     from coordinator.router import route
 
-    try:
+    with contextlib.suppress(KeyboardInterrupt):
         route(endpoints, os.open(os.devnull, os.O_WRONLY))
-    except zenoh.ZError as error:
-        raise ClusterFailed(f"cannot listen at {options.listen}: {error}") from error
-    except KeyboardInterrupt:
-        pass
     return exits.OK

@@ -1,6 +1,9 @@
 """A running cluster: what each of its nodes does, and how many jobs there are."""
 
 import argparse
+import os
+import re
+import socket
 from collections.abc import Mapping
 from typing import Any
 
@@ -15,14 +18,37 @@ _COLUMNS = ("node", "process", "job", "cell", "world", "generation", "age", "mem
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Which cluster."""
     add_cluster_options(parser, "all that is known")
+    parser.add_argument(
+        "--expect",
+        choices=("spy", "host"),
+        help="fail unless the cluster has a spy, or nodes of this host [SUPERNODE_HOST]",
+    )
 
 
 def run(options: argparse.Namespace) -> int:
     """Print a table of nodes."""
     with connected(options) as client:
         status = client.status()
+    _check(status, options.expect)
     tell(options, status, _words(status))
     return exits.OK
+
+
+def _check(status: Mapping[str, Any], expected: str | None) -> None:
+    """Whether what is expected is there.
+
+    Raises:
+        ClusterFailed: if not.
+    """
+    from coordinator.errors import ClusterFailed
+
+    if expected == "spy" and status["spy"] is None:
+        raise ClusterFailed("the cluster has no spy")
+    if expected == "host":
+        name, machine = os.environ.get("SUPERNODE_HOST"), socket.gethostname()
+        mine = re.compile(re.escape(name) if name else rf"{re.escape(machine)}-\d+")  # what `node` calls itself
+        if not any(mine.fullmatch(node.get("host") or "") for node in status["nodes"]):
+            raise ClusterFailed(f"the cluster has no nodes of host {name or machine}")
 
 
 def _words(status: Mapping[str, Any]) -> str:

@@ -1,10 +1,7 @@
 """Tell a job that its world has moved: it goes on, from what it has, in the new one."""
 
 import argparse
-import json
-import tomllib
 from pathlib import Path
-from typing import Any
 
 from supernode import exits
 from supernode.commands.cluster_options import add_cluster_options, add_job, connected, tell
@@ -21,22 +18,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Print the number of the new world."""
-    patch = _read(options.patch)
     with connected(options) as client:
-        world = client.job(options.job).update(patch)
+        world = client.job(options.job).update(Path(options.patch))
     tell(options, {"job": options.job, "world": world}, f"{options.job}: world {world}")
     return exits.OK
-
-
-def _read(name: str) -> dict[str, Any]:
-    from problems.errors import BadInput
-
-    try:
-        patch: dict[str, Any] = json.loads(json.dumps(tomllib.loads(Path(name).read_text("utf-8")), default=str))
-    except OSError as error:
-        raise BadInput(f"{name}: expected a patch of a problem file, found {error.strerror}") from error
-    except (ValueError, RecursionError) as error:
-        raise BadInput(f"{name}: expected TOML, found {error}") from error
-    if not patch:
-        raise BadInput(f"{name}: expected keys of a problem file, found nothing")
-    return patch

@@ -194,6 +194,16 @@ def test_a_job_larger_than_the_cluster_leaves_no_trace(office):
     assert office.ask(Submit(file(), "a"))["job"] == "a"
 
 
+def test_a_graph_that_the_cluster_cannot_have_is_refused_before_it_is_built(robot, monkeypatch):
+    monkeypatch.setitem(sys.modules, "networkx", None)  # whoever imports it fails
+    name, fields, run, folder = json.loads(file())
+    huge = json.dumps([name, fields, run | {"topology": "random-regular 16000 254 seed 5"}, folder])
+    asks = "the job asks for 16000 cells (random-regular 16000 254 seed 5), the cluster has 16 nodes"
+    assert robot.refusal(Submit(huge)) == asks
+    expected = "topology: expected one of 4 cells, as the job has, found 16000"
+    assert robot.refusal(Rewire("r", "random-regular 16000 254 seed 6")) == expected
+
+
 def test_a_full_queue(offices):
     office = offices(make=partial(StubDispatcher, manual=True, max_queue=1), nodes=4)
     for number in range(2):

@@ -7,10 +7,11 @@ import signal
 from pathlib import Path
 
 import pytest
-from places import ROOT, free_port, places, until
+from places import PATIENCE, ROOT, free_port, places, until
 
 import supernode
 from node import Plan, simulate
+from supernode.__main__ import main
 from wire import sessions
 from wire.keys import Keys
 
@@ -111,6 +112,17 @@ def test_nodes_and_hosts_come_and_go():
             check(client.submit(problem("ring 5")).result(60), problem("ring 5"))
         for name in ("one", "three", "coordinator"):
             assert cluster.kill(name, signal.SIGTERM) == 0
+
+
+def test_down_ends_the_coordinator_and_says_that_the_others_live_on(capsys):
+    with places(1) as cluster:
+        cluster.host("only", 1)
+        with cluster.client() as client:
+            until(lambda: nodes(client))
+        assert main(["down", "--connect", cluster.endpoint]) == 0
+        assert cluster.processes["coordinator"].wait(PATIENCE) == 0
+        assert all(cluster.processes[name].poll() is None for name in ("router", "spy", "only"))
+    assert capsys.readouterr().out.endswith("; router, spy and nodes end where they were started\n")
 
 
 def test_a_second_host_of_the_same_name_is_not_let_in(capfd):

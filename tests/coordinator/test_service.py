@@ -1,7 +1,9 @@
 """The coordinator as a process, with its router and its clients: on the wire, and when it is killed in the middle."""
 
 import contextlib
+import dataclasses
 import os
+import queue
 import signal
 import subprocess
 import sys
@@ -131,6 +133,18 @@ def test_a_client_that_writes_its_messages_by_hand(cluster):
     assert cluster.raw(payload) == Done({"job": "by-hand", "status": "queued"})
 
 
+def test_a_large_problem_holds_nobody_else(cluster):
+    obstacles = [{"shape": "circle", "center": [9.0 + number, 9.0], "radius": 0.25} for number in range(20_000)]
+    large = dataclasses.replace(FILE.with_run(topology="ring 4"), fields=FILE.fields | {"obstacles": obstacles})
+    cluster.ask(Status())
+    answered = queue.SimpleQueue()
+    for name, request in [("submit", Submit(large.to_json(), "a")), ("status", Status())]:  # they come in this order
+        note = direct(lambda _, name=name: answered.put(name))
+        cluster.session.get(KEYS.jobs, note, payload=jobs.encode(request), timeout=PATIENCE)
+    assert [answered.get(timeout=PATIENCE) for _ in range(2)] == ["status", "submit"]
+    assert cluster.until_ended(["a"]) == {"a": "solved"}
+
+
 @pytest.mark.parametrize("cluster", ["sqlite", "postgres"], indirect=True)
 def test_kill_9_of_the_coordinator_loses_and_doubles_nothing(cluster):
     names = [f"j{number}" for number in range(22)]  # two run, the others wait
@@ -169,7 +183,7 @@ def test_a_router_that_comes_back_is_used_again(cluster):
 
 def test_down_ends_the_coordinator_and_keeps_what_has_not_ended(cluster):
     cluster.ask(Submit(file(seconds=60.0), "a"))
-    assert cluster.ask(Down()) == {}
+    assert cluster.ask(Down()) == {"ends": "cluster"}
     assert cluster.processes["coordinator"].wait(PATIENCE) == 0
     cluster.start_coordinator()
     assert [job["status"] for job in cluster.ask(ListJobs())] == ["running"]

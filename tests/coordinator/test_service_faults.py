@@ -9,13 +9,15 @@ from pathlib import Path
 import postgres
 import pytest
 import worlds
-from live_service import children_of, live, until
+from live_service import children_of, command_of, live, until
+from places import free_port
 
 import topologies
 from coordinator.states import ENDS
 from node.replay import replay
 from problems import ProblemFile
 from problems.file import parse
+from supernode.__main__ import main
 
 ENDS_WITHIN = 5.0  # seconds
 pytestmark = pytest.mark.timeout(300)
@@ -194,6 +196,17 @@ def test_when_the_supervisor_is_killed_all_end_and_the_next_goes_on(tmp_path, vi
             assert again.id == before.id
             assert again.result(120).status == "exhausted"
         assert states(client.job("a")).count("exhausted") == 1
+
+
+def test_down_from_afar_returns_when_no_process_is_left(tmp_path, capsys):
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    with live(tmp_path / "state", "torus 4x4", "--listen", endpoint) as service:
+        processes = service.processes().values()
+        assert len(processes) == 19
+        assert main(["down", "--connect", endpoint]) == 0
+        assert capsys.readouterr().out == f"down: {endpoint}\n"
+        assert not any(map(command_of, processes))
+        assert service.process.wait(ENDS_WITHIN) == 0
 
 
 def test_nobody_is_left_behind(service):

@@ -25,6 +25,7 @@ class FakeService:
         self.endpoint = sessions.unix_socket(self.folder, "router")
         self.jobs = {}
         self.asked = []
+        self.ends = "cluster"  # by `down`
         self.quiet = False  # publish nothing: only `show` tells
         self.router = self.session = None
         self.start_router()
@@ -101,7 +102,7 @@ class FakeService:
             return self.submitted(request)
         if isinstance(request, jobs.Down):
             threading.Timer(0.05, self.stop).start()
-            return {}
+            return {"ends": self.ends}
         if request.job not in self.jobs:
             raise LookupError(f"there is no job {request.job!r}")
         return self.of_a_job(request, self.jobs[request.job])

@@ -129,6 +129,22 @@ def test_the_answer_comes_at_the_deadline_or_when_the_job_waits(service, client,
     assert job.rewire("ring 16") == 2
 
 
+def test_an_update_from_a_file_takes_what_that_names_from_beside_it(service, client, file, tmp_path):
+    job = client.submit(file, id="a")
+    service.jobs["a"]["kind"] = "terrain"
+    (tmp_path / "moved.map").write_text("type octile\nheight 2\nwidth 3\nmap\n.@.\n..T\n")
+    path = tmp_path / "patch.toml"
+    path.write_text('file = "moved.map"\ngoal = [0, 2]\n')
+    assert job.update(path, start=[1, 0]) == 1
+    assert json.loads(service.jobs["a"]["worlds"][0]) == {"goal": [0, 2], "map": [".@.", "..T"], "start": [1, 0]}
+    path.write_text('file = "none.map"\n')
+    with pytest.raises(supernode.BadInput, match=r"^\S+patch.toml: file: expected a map, found no such file as "):
+        job.update(str(path))
+    service.jobs["a"]["kind"] = "my_module:Mine"
+    assert job.update(path) == 2
+    assert json.loads(service.jobs["a"]["worlds"][1]) == {"file": "none.map"}
+
+
 def test_cancel_and_timeouts(service, client, file):
     job = client.submit(file, id="a")
     with pytest.raises(TimeoutError, match=r"job a has not ended within 0\.1 s"):

@@ -2,6 +2,7 @@
 
 import json
 import os
+import socket
 import subprocess
 import sys
 import threading
@@ -11,6 +12,9 @@ from pathlib import Path
 
 import pytest
 
+from coordinator.database import url_in
+from coordinator.store import Store
+from problems import BadInput
 from supernode.__main__ import main
 from supernode.whereabouts import Card, occupy, read_card, remove_card, write_card
 
@@ -141,6 +145,11 @@ def test_cancel_update_and_rewire(supernode, service, file, tmp_path):
     patch.write_text("goal = [1.0, 2.0]\n[robot]\nradius = 0.5\n")
     assert supernode("update", "a", patch)[:2] == (0, "a: world 1\n")
     assert json.loads(service.jobs["a"]["worlds"][0]) == {"goal": [1.0, 2.0], "robot": {"radius": 0.5}}
+    for text, said in (("", "expected keys of a problem file, found nothing"), ("goal = [", "expected TOML, found ")):
+        patch.write_text(text)
+        assert supernode("update", "a", patch)[2].startswith(f"error: {patch}: {said}")
+    no_such = f"error: {tmp_path}/none.toml: expected a patch of a problem file, found no such file\n"
+    assert supernode("update", "a", tmp_path / "none.toml") == (2, "", no_such)
     assert json.loads(supernode("rewire", "a", "--topology", "ring 16", "--json")[1]) == {"job": "a", "world": 2}
     assert service.jobs["a"]["worlds"][1] == "ring 16"
     assert supernode("cancel", "a")[:2] == (0, "a: queued\n")
@@ -171,7 +180,7 @@ def test_status_is_a_table_of_nodes(supernode, service):
         (["jobs", "no job"], "expected a job's id", 2),
         (["rewire", "a", "--topology", "cube"], "--topology: expected a topology", 2),
         (["rewire", "a"], "--topology", 2),
-        (["update", "a", "none.toml"], "none.toml: expected a patch of a problem file, found No such file", 2),
+        (["update", "none", "none.toml"], "there is no job 'none'", 2),
         (["submit", "none.toml"], "none.toml: expected a problem file", 2),
     ],
 )
@@ -201,6 +210,13 @@ def test_down_waits_until_the_lifeline_has_ended(supernode, service, tmp_path):
     code, out, _ = supernode("down", "--state", tmp_path, connect=False)
     assert (code, out) == (0, f"down: {tmp_path}\n")
     assert lifeline.poll() is not None
+
+
+def test_down_from_afar_waits_until_the_coordinator_has_ended_and_says_what_lives_on(supernode, service):
+    service.ends = "coordinator"
+    code, out, _ = supernode("down")
+    assert (code, out) == (0, f"down: {service.endpoint}; router, spy and nodes end where they were started\n")
+    assert service.session is None
 
 
 def test_down_ends_a_lifeline_whose_cluster_is_silent(supernode, service, tmp_path):
@@ -236,6 +252,22 @@ def test_bad_options_of_up(supernode, tmp_path, arguments, said):
         assert said in line
 
 
+@pytest.mark.parametrize("command", [["up", "--torus", "1x1"], ["up", "--torus", "1x1", "--detach"], ["router"]])
+def test_a_port_that_is_taken_is_one_line_that_names_it(tmp_path, command):
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        endpoint = f"tcp/127.0.0.1:{taken.getsockname()[1]}"
+        state = ["--state", str(tmp_path)] if command[0] == "up" else []
+        done = subprocess.run(
+            [sys.executable, "-m", "supernode", *command, "--listen", endpoint, *state],
+            capture_output=True, text=True, timeout=120, check=False,
+        )  # fmt: skip
+    assert (done.returncode, done.stdout) == (1, "")
+    assert done.stderr in (
+        f"error: router cannot listen at {endpoint}: Address already in use\n",
+        f"error: cannot listen at {endpoint}: Address already in use\n",
+    )
+
+
 def test_a_second_up_in_one_folder_is_refused(supernode, tmp_path):
     lock = occupy(tmp_path)
     code, _, err = supernode("up", "--state", tmp_path, connect=False)
@@ -254,6 +286,27 @@ def test_the_state_folder_is_private_and_its_card_comes_and_goes(tmp_path):
     remove_card(folder)
     assert [path.name for path in folder.iterdir()] == ["up.lock"]
     os.close(lock)
+
+
+def test_a_folder_that_is_there_keeps_its_mode(tmp_path):
+    home = tmp_path / "home"
+    home.mkdir()
+    for mode in (0o755, 0o775, 0o500 | 0o200):
+        home.chmod(mode)
+        os.close(occupy(home))
+        assert home.stat().st_mode & 0o777 == mode
+    home.chmod(0o1777)
+    with pytest.raises(BadInput, match=f"^--state: expected a folder into which not everybody may write, found {home}"):
+        occupy(home)
+
+
+def test_what_tells_of_jobs_is_private_in_a_folder_that_is_not(tmp_path):
+    tmp_path.chmod(0o755)
+    Store(url_in(tmp_path)).close()
+    assert {path.name: path.stat().st_mode & 0o077 for path in tmp_path.iterdir()} == {
+        "jobs.sqlite": 0,
+        "jobs.sqlite.lock": 0,
+    }
 
 
 def test_listing_jobs_and_status_load_no_compiled_kernels():

@@ -214,6 +214,21 @@ def test_an_update_that_is_refused_leaves_the_old_world(client, command, tmp_pat
     assert [each["do"] for each in running.result(30).directives][:1] == ["update"]
 
 
+def test_a_map_in_a_file_moves_the_world_of_a_job(client, tmp_path):
+    file = supernode.load(ROOT / "examples" / "terrain-map.toml").with_run(topology="torus 2x2", target=-1.0)
+    running = client.submit(file, id="map", stall=100_000, seconds=60)
+    next(running.improvements())
+    flooded = [row.replace("T", "@") for row in file.fields["map"]]
+    head = f"type octile\nheight {len(flooded)}\nwidth {len(flooded[0])}\nmap\n"
+    (tmp_path / "flooded.map").write_text(head + "\n".join(flooded))
+    patch = tmp_path / "patch.toml"
+    patch.write_text('file = "flooded.map"\n')
+    assert running.update(patch) == 1
+    (world,) = running.show()["worlds"]
+    assert world["fields"] == {"map": flooded}
+    running.cancel()
+
+
 def test_a_client_of_another_version(service):
     card = service.card()
     session = sessions.client(card.endpoint)

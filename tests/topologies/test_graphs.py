@@ -1,5 +1,6 @@
 """Every kind of topology: what it says of itself is so."""
 
+import sys
 from collections import Counter, deque
 
 import numpy as np
@@ -24,6 +25,8 @@ SPECS = [
     "hypercube 7",
     "random-regular 40 3 seed 9",
     "random-regular 4 3",
+    "random-regular 64 60",
+    "random-regular 16 8",
     "small-world 30 4 1.0 seed 2",
     "small-world 60 6 0.01",
     "small-world 20 4 1e-05",
@@ -122,3 +125,19 @@ def test_what_is_no_topology_is_refused(spec, said):
     with pytest.raises(ValueError, match=said) as error:
         topologies.parse(spec)
     assert len(str(error.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize("spec", ["random-regular 16000 254 seed 3", "small-world 16000 254 0.1 seed 3"])
+def test_a_graph_is_named_and_counted_without_being_built(spec, monkeypatch):
+    monkeypatch.setitem(sys.modules, "networkx", None)  # whoever imports it fails
+    topologies.parse.cache_clear()
+    graph = topologies.parse(spec)
+    assert (graph.spec, graph.cells) == (spec, 16000)
+    with pytest.raises(ImportError):
+        graph.neighbours(0)
+
+
+def test_no_more_than_a_few_graphs_are_kept():
+    for seed in range(1000):
+        topologies.parse(f"random-regular 12 3 seed {seed}")
+    assert topologies.parse.cache_info().currsize < 20
