@@ -56,7 +56,7 @@ class ProblemFile:
     def changed(self, fields: dict[str, Any], run: dict[str, Any]) -> "ProblemFile":
         """Another world: each of the problem's fields, and of the run's settings, that is given replaces the old one.
 
-        A user's own problem is not checked here.
+        A user's own problem is not checked here. No file is read: what others hold is in the fields already.
 
         Raises:
             BadInput: if a field is unknown or wrong, or the individuals of the old world could not live in the new one.
@@ -68,7 +68,7 @@ class ProblemFile:
         merged = self.fields | fields
         built_in = registry.is_built_in(self.kind)
         if built_in:
-            merged = registry.find(self.kind).gather(merged, self.folder)
+            merged = registry.find(self.kind).work_out(merged)
         other = replace(self, fields=merged).with_run(**run)
         if built_in:
             other.go_on_from(self, other.problem())
@@ -156,7 +156,8 @@ def load(path: str | Path) -> ProblemFile:
     loaded = parse(_text(path), str(path), path.resolve().parent)
     if registry.is_built_in(loaded.kind):
         try:
-            loaded = replace(loaded, fields=registry.find(loaded.kind).gather(loaded.fields, loaded.folder))
+            kind = registry.find(loaded.kind)
+            loaded = replace(loaded, fields=kind.work_out(kind.gather(loaded.fields, loaded.folder)))
         except BadInput as error:
             raise BadInput(f"{path}: {error}") from error
         loaded.problem()

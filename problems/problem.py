@@ -147,6 +147,15 @@ class Problem(Table):
         """
         return fields
 
+    @classmethod
+    def work_out(cls, fields: dict[str, Any]) -> dict[str, Any]:
+        """With what takes long to be worked out of them, so that nodes need not do it again; no file is read.
+
+        Called where a problem file is read, after `gather`, and where its world has moved. Fields that are wrong are
+        left to whoever makes the problem of them.
+        """
+        return fields
+
     @property
     @abstractmethod
     def coding(self) -> Coding:

@@ -100,15 +100,21 @@ seed = 1
 
     @classmethod
     def gather(cls, fields: dict[str, Any], folder: Path) -> dict[str, Any]:
-        """With the paths that results hold, and with the diagram of robots, so that nodes need not compute it."""
+        """With the paths that results hold."""
         robots = fields.get("robots")
         if not isinstance(robots, list):
             return fields
-        fields = fields | {"robots": [_with_path(robot, folder, number) for number, robot in enumerate(robots)]}
+        return fields | {"robots": [_with_path(robot, folder, number) for number, robot in enumerate(robots)]}
+
+    @classmethod
+    def work_out(cls, fields: dict[str, Any]) -> dict[str, Any]:
+        """With the diagram of robots; one that is there is made anew if a robot is another."""
+        if "robots" not in fields:
+            return fields
         made_of = digest(fields["robots"])
         if fields.get("collisions_of") == made_of:
             return fields
-        fields.pop("collisions", None)
+        fields = {name: value for name, value in fields.items() if name != "collisions"}
         try:
             problem = cls.model_validate_json(json.dumps(fields), strict=True)
         except ValidationError:

@@ -139,11 +139,12 @@ target = 0.03                   # nothing crossed, and a detour of at most 1.1; 
 
     @classmethod
     def gather(cls, fields: dict[str, Any], folder: Path) -> dict[str, Any]:
-        """With triangles in the place of mesh files, and with the spheres, which nodes then need not make again.
+        """With triangles in the place of mesh files."""
+        return gathered(fields, folder)
 
-        Spheres that are there are made anew if the world has moved since.
-        """
-        fields = gathered(fields, folder)
+    @classmethod
+    def work_out(cls, fields: dict[str, Any]) -> dict[str, Any]:
+        """With the spheres; those that are there are made anew if the world has moved since."""
         if "vehicle" not in fields:
             return fields
         made_of = digest([fields.get(name) for name in _SHAPING])

@@ -384,8 +384,7 @@ def arms_problem():
     pytest.importorskip("fcl")
     fields = load(EXAMPLES / "coordination-arms.toml").fields
     robots = [robot | {"cells": 60, "path": robot["path"][:3]} for robot in fields["robots"]]
-    gathered = Coordination.gather(fields | {"robots": robots}, Path())
-    return ProblemFile("arms", gathered, Run(), Path()).problem()
+    return ProblemFile("arms", Coordination.work_out(fields | {"robots": robots}), Run(), Path()).problem()
 
 
 def test_a_file_of_robots_is_read_with_their_diagram():
@@ -404,7 +403,7 @@ def test_when_a_robot_goes_the_other_way_the_diagram_is_made_anew():
     first, second = before.fields["robots"]
     robots = [first, second | {"path": second["path"][::-1]}]
     after = before.changed({"robots": robots}, {})
-    fresh = Coordination.gather({"kind": "coordination", "robots": robots}, Path())
+    fresh = Coordination.work_out({"kind": "coordination", "robots": robots})
     assert after.fields["collisions"] == fresh["collisions"] != before.fields["collisions"]
     unmoved = before.changed({"bits": 9}, {})
     assert unmoved.fields["collisions"] == before.fields["collisions"]

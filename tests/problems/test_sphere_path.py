@@ -274,10 +274,10 @@ def test_the_cells_are_made_once_and_travel_as_a_text(monkeypatch):
 
 
 def test_when_the_world_moves_its_spheres_are_made_anew(monkeypatch):
-    before = ProblemFile("cart", SpherePath.gather(_written(cart()), Path()), Run(), Path())
+    before = ProblemFile("cart", SpherePath.work_out(_written(cart())), Run(), Path())
     obstacles = before.fields["obstacles"][:-1]
     after = before.changed({"obstacles": obstacles}, {})
-    fresh = SpherePath.gather(_written(cart()) | {"obstacles": obstacles}, Path())
+    fresh = SpherePath.work_out(_written(cart()) | {"obstacles": obstacles})
     assert after.fields == fresh
     assert len(after.problem().obstacle_spheres) < len(before.problem().obstacle_spheres)
     monkeypatch.setattr(cells, "subdivide", None)  # not needed for an end that moves
