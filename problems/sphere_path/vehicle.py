@@ -44,7 +44,7 @@ class Mesh(Table):
             ValueError: if only the name of a file is known, or that is no text of triangles.
         """
         if self.packed is None:
-            raise ValueError(f"expected the triangles of mesh {self.file!r}, as `supernode.load` puts them in, found its name")
+            raise ValueError(f"expected the triangles of a mesh, as `supernode.load` reads them, found {self.file!r}")
         return unpacked(self.packed)
 
 

@@ -107,7 +107,7 @@ def test_a_map_is_sent_as_the_page_says():
 
 def test_a_mesh_is_sent_as_the_page_says():
     fields = fields_of("sphere-path-mesh.toml")
-    with pytest.raises(BadInput, match=r"expected what the file holds"):
+    with pytest.raises(BadInput, match=r"expected the triangles of a mesh"):
         checked(fields)
     solids = {"mesh": packed(fields["mesh"]), "vehicle": {"mesh": packed(fields["vehicle"]["mesh"])}}
     loaded = load(ROOT / "examples" / "sphere-path-mesh.toml").problem()
