@@ -1,11 +1,14 @@
-"""How soon a cluster that is up runs a job and finds a first answer, and what it keeps of a long row of jobs.
+"""How soon a cluster that is up runs a job and finds a first answer, how late its deadlines are, and what it keeps.
 
-Usage: python -m benchmarks.service [--jobs 1000] [--torus 4x4] [--settled 200] [--database URL]
+Usage: python -m benchmarks.service [--jobs 1000] [--torus 4x4] [--settled 200] [--deadlines 100] [--database URL]
 
 The cluster is a real one, `supernode up`, in a state folder of its own. Jobs come one after another from one client;
 each is `examples/arm-ik.toml` with a seed of its own. *Running* is when its first world has begun, *first answer* when
 the first verified improvement has come, both as the client hears of them, from the call of `submit` on. Memory is the
 private part of each process, which nothing else accounts for.
+
+Deadlines are those of jobs that find nothing, on all nodes: how long after its time was over, counted from when it was
+accepted, the client hears that a job has ended.
 """
 
 import argparse
@@ -28,6 +31,8 @@ from wire.news import Improvement
 
 _FILE = Path(__file__).resolve().parents[1] / "examples" / "arm-ik.toml"
 _WITHIN = 60.0  # seconds
+_DEADLINE = 0.3  # seconds
+_PROMPT = 0.05  # seconds
 _KILOBYTE = 1024
 _COLUMNS = ("descriptors", "threads", "sockets", "private memory, MB")
 
@@ -47,6 +52,7 @@ class Measured(NamedTuple):
     Attributes:
         running: seconds of each job from `submit` until it ran.
         answers: until its first answer came.
+        late: seconds after its deadline that each job that has one ended.
         ends: how often each job's end was published, by its id.
         settled: what each process held after the first jobs.
         held: at the end.
@@ -54,6 +60,7 @@ class Measured(NamedTuple):
 
     running: list[float]
     answers: list[float]
+    late: list[float]
     ends: dict[str, int]
     settled: dict[str, Held]
     held: dict[str, Held]
@@ -65,9 +72,11 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=1000)
     parser.add_argument("--torus", default="4x4", help="RxC")
     parser.add_argument("--settled", type=int, default=200, help="jobs after which nothing should grow any more")
+    parser.add_argument("--deadlines", type=int, default=100, help="jobs that end by one")
     parser.add_argument("--database", help="URL, instead of a file")
     options = parser.parse_args()
-    show(measure(options.jobs, options.settled, f"torus {options.torus}", options.database))
+    sizes = options.jobs, options.settled, options.deadlines
+    show(measure(*sizes, f"torus {options.torus}", options.database))
 
 
 def show(measured: Measured) -> None:
@@ -77,6 +86,11 @@ def show(measured: Measured) -> None:
     for name, seconds in (("running", measured.running), ("first answer", measured.answers)):
         worst = statistics.quantiles(seconds, n=20)[-1]
         print(f"submit to {name}: median {_ms(statistics.median(seconds))} ms, 95 % within {_ms(worst)} ms")
+    prompt = sum(seconds <= _PROMPT for seconds in measured.late) / max(1, len(measured.late))
+    print(
+        f"{len(measured.late)} deadlines: {prompt:.0%} within {_ms(_PROMPT)} ms, "
+        f"median {_ms(statistics.median(measured.late))} ms, worst {_ms(max(measured.late))} ms late"
+    )
     print("| process | " + " | ".join(_COLUMNS) + " |")
     print("|---" * (len(_COLUMNS) + 1) + "|")
     for name in [*measured.held, "all"]:
@@ -88,7 +102,7 @@ def show(measured: Measured) -> None:
         )
 
 
-def measure(jobs: int, settled: int, topology: str, database: str | None = None) -> Measured:
+def measure(jobs: int, settled: int, deadlines: int, topology: str, database: str | None = None) -> Measured:
     """Start a cluster, give it so many jobs, and look at it after the first ``settled`` ones and at the end."""
     with tempfile.TemporaryDirectory() as folder, up(Path(folder), topology, database) as process:
         with supernode.connect(folder) as client:
@@ -97,8 +111,9 @@ def measure(jobs: int, settled: int, topology: str, database: str | None = None)
             before = held_by(process)
             row.submit(settled, jobs)
             after = held_by(process)
+            late = [row.late(number) for number in range(deadlines)]
             row.close()
-        return Measured(row.running, row.answers, row.ends, before, after)
+        return Measured(row.running, row.answers, late, row.ends, before, after)
 
 
 class _Row:
@@ -114,6 +129,7 @@ class _Row:
         self.ends: dict[str, int] = {}
         self._client = client
         self._file = supernode.load(_FILE).with_run(topology=topology)
+        self._ended: dict[str, float] = {}
         self._heard: dict[str | int, float] = {}
         self._numbers: dict[str, int] = {}
         self._session = sessions.client(card.endpoint)
@@ -130,6 +146,14 @@ class _Row:
             self.running.append(self._heard.get(name, began + _WITHIN) - began)
             self.answers.append(self._heard.get(self._numbers.get(name, -1), began + _WITHIN) - began)
 
+    def late(self, number: int) -> float:
+        """How many seconds after its deadline a job that finds nothing has ended."""
+        name = f"deadline-{number}"
+        job = self._client.submit(self._file, id=name, seed=number, target=-1.0, stall=10**9, seconds=_DEADLINE)
+        accepted = time.monotonic() - (time.time() - job.show()["submitted"])
+        job.end(_WITHIN)
+        return self._ended[name] - accepted - _DEADLINE
+
     def close(self) -> None:
         self._session.close()  # type: ignore[no-untyped-call]
 
@@ -139,7 +163,8 @@ class _Row:
         if state.status == "running":
             self._heard.setdefault(state.job, time.monotonic())
         elif state.status in ("solved", "stalled", "exhausted", "deadline", "cancelled", "failed"):
-            self.ends[state.job] += 1
+            self._ended[state.job] = time.monotonic()
+            self.ends[state.job] = self.ends.get(state.job, 0) + 1
 
     def _hear_best(self, sample: object) -> None:
         better = Improvement.decode(sample.payload.to_bytes())  # type: ignore[attr-defined]
