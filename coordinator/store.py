@@ -30,7 +30,7 @@ from coordinator.tables import (
 )
 from problems.errors import BadInput
 
-_SCHEMA = 1
+_SCHEMA = 2
 _NEW_ID_BYTES = 4
 _MOST_WORLDS = 1000  # of a job, the latest, that are told
 

@@ -290,7 +290,7 @@ class SpyProcess:
 
     def _tell_statistics(self, assignment: _Assignment) -> None:
         counters, root = list(assignment.counters.values()), assignment.root
-        statistics = added_up(counters, assignment.job, root.generation)._replace(
+        statistics = added_up(counters, assignment.job, assignment.plan.world, root.generation)._replace(
             rejected=root.rejected + sum(each.rejected for each in counters),
             nodes_alive=len(self.alive),
             messages_per_second=sum(assignment.rates.values()),

@@ -83,6 +83,12 @@ def watcher(service, job):
     return subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=os.environ | {"PYTHONPATH": str(ROOT)})
 
 
+def told(client, kind, job):
+    """Records by the names of their columns."""
+    page = client.records(kind, job)
+    return [dict(zip(page["columns"], row, strict=True)) for row in page["rows"]]
+
+
 class Ear:
     """Hears what is published, and when."""
 
@@ -210,6 +216,7 @@ def test_an_update_that_is_refused_leaves_the_old_world(client, command, tmp_pat
     assert running.state() == "running"
     assert running.show()["worlds"] == []
     assert running.update(obstacles=[]) == 1
+    until(lambda: 1 in {row["world"] for row in told(client, "statistics", "moved")})
     running.cancel()
     assert [each["do"] for each in running.result(30).directives][:1] == ["update"]
 
@@ -237,17 +244,18 @@ def test_many_jobs_lose_and_leave_nothing():
 def test_what_happened_is_kept(client):
     running = client.submit(job(cost=100, seconds=3), id="recorded")
     result = running.result(30)
-    improvements, each_second = (
-        [dict(zip(page["columns"], row, strict=True)) for row in page["rows"]]
-        for page in (client.records(kind, "recorded") for kind in ("improvements", "statistics"))
-    )
-    told = [better.fitness for better in running.improvements()]
-    assert [each["fitness"] for each in improvements] == told
-    assert told[-1] == result.fitness
+    improvements, each_second = (told(client, kind, "recorded") for kind in ("improvements", "statistics"))
+    heard = [better.fitness for better in running.improvements()]
+    assert [each["fitness"] for each in improvements] == heard
+    assert heard[-1] == result.fitness
     assert 2 <= len(each_second) <= 5, "one a second"
     assert all(one["generation"] < other["generation"] for one, other in itertools.pairwise(each_second))
     assert all(each["best"] <= each["median"] <= each["worst"] for each in each_second)
     assert 0 < each_second[-1]["diversity"] <= 1
+    first, last = each_second[0], each_second[-1]
+    pace = (last["at"] - first["at"]) / (last["generation"] - first["generation"])
+    assert pace / 3 < last["exchange_seconds"] < 3 * pace
+    assert 0 < last["received"] <= 2 * last["messages"], "a cell of a torus of 2x2 has two neighbours"
 
 
 def test_what_processes_had_to_say_is_gathered(service, client, capsys):

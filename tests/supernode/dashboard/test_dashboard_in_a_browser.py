@@ -209,6 +209,6 @@ def test_its_metrics_count_what_the_nodes_do(cluster, home, endless):
         with urllib.request.urlopen(home + "metrics") as answer:
             return answer.read().decode()
 
-    line = f'supernode_evaluations_total{{job="{endless.id}"}}'
-    until(lambda: line in text())
+    for name in ("generations_total", "evaluations_total", "messages_received_total", "exchange_seconds", "job_world"):
+        until(lambda line=f'supernode_{name}{{job="{endless.id}"}} ': line in text())
     assert "supernode_nodes_alive 16.0" in text()
