@@ -26,6 +26,14 @@ def until(condition, patience=PATIENCE):
     return found
 
 
+def end_all_jobs(client):
+    """Cancel what has not ended, and wait until it has."""
+    for each in client.jobs():
+        if each["ended"] is None:
+            client.job(each["job"]).cancel()
+    until(lambda: all(each["ended"] is not None for each in client.jobs()))
+
+
 def children_of(process):
     """Process ids."""
     try:

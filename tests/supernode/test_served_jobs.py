@@ -13,7 +13,7 @@ from pathlib import Path
 
 import msgpack
 import pytest
-from live_service import ROOT, live, until
+from live_service import ROOT, end_all_jobs, live, until
 
 import supernode
 from benchmarks import service as benchmark
@@ -55,10 +55,7 @@ def service(tmp_path_factory):
 def client(service):
     with service.connect() as client:
         yield client
-        for each in client.jobs():
-            if each["ended"] is None:
-                client.job(each["job"]).cancel()
-        until(lambda: all(each["ended"] is not None for each in client.jobs()))
+        end_all_jobs(client)
 
 
 @pytest.fixture
