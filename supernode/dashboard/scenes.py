@@ -1,7 +1,6 @@
 """Pictures of jobs' best solutions so far, drawn while somebody looks, one after the other in a thread."""
 
 import asyncio
-import io
 import time
 from collections import OrderedDict
 from collections.abc import Mapping
@@ -10,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from problems import BadInput, ProblemFile, registry
+from supernode.picture import as_png, drawn
 
 _KEPT = 32  # pictures
 _AT_MOST_EVERY = 1.0  # seconds
@@ -60,13 +60,7 @@ class Scenes:
 
 
 def _draw(text: str, solution: dict[str, Any] | None) -> bytes:
-    from matplotlib.figure import Figure
-
     file = ProblemFile.from_json(text)
     if not registry.is_built_in(file.kind):
         raise BadInput(f"{file.kind}: a problem of one's own is not drawn here, where its code is not run")
-    figure = Figure(figsize=(8, 6), layout="constrained")
-    file.problem().draw(figure, solution, {})
-    png = io.BytesIO()
-    figure.savefig(png, format="png", dpi=_DOTS_PER_INCH)
-    return png.getvalue()
+    return as_png(drawn(file.problem(), solution), _DOTS_PER_INCH)
