@@ -27,7 +27,8 @@ def coordinate(berth: Berth, told: Mapping[str, Any], first: bool) -> None:
     cells = topologies.parse(berth.topology).cells
     staff = partial(LaunchedStaff, topology=berth.topology, wired=first, max_queue=told["max_queue"])
     keep = Keep(told["keep_days"], told["keep_records"])
-    run(berth, Options(cells, url, keep, told["log_json"], tuple(told["allow_modules"])), staff)
+    modules = told["modules"] and Path(told["modules"])
+    run(berth, Options(cells, url, keep, told["log_json"], tuple(told["allow_modules"]), modules), staff)
 
 
 class LaunchedStaff(Staff):

@@ -67,8 +67,8 @@ class Dashboard:
         return await asyncio.shield(answer)
 
 
-def application(place: Place, door: Door) -> Starlette:
-    """The whole of it as an ASGI application."""
+def application(place: Place, door: Door, single: bool = False) -> Starlette:
+    """The whole of it as an ASGI application; ``single``: of a cluster that has one run and ends with it."""
 
     @contextlib.asynccontextmanager
     async def lifespan(app: Starlette) -> AsyncIterator[None]:
@@ -81,17 +81,23 @@ def application(place: Place, door: Door) -> Starlette:
         dashboard.scenes.close()
 
     return Starlette(
-        routes=_routes(),
+        routes=_routes(single),
         middleware=[Middleware(Guard, door=door)],
         exception_handlers={BadInput: _bad_input, ClusterFailed: _cluster_failed, HTTPException: _http},
         lifespan=lifespan,
     )
 
 
-def serve(place: Place, door: Door, sock: socket.socket, end: Callable[[uvicorn.Server], None] | None = None) -> None:
+def serve(
+    place: Place,
+    door: Door,
+    sock: socket.socket,
+    end: Callable[[uvicorn.Server], None] | None = None,
+    single: bool = False,
+) -> None:
     """Serve on ``sock`` until a signal; ``end`` gets the server before it runs, for whoever else may end it."""
     config = uvicorn.Config(
-        application(place, door),
+        application(place, door, single),
         log_level="error",
         access_log=False,
         server_header=False,
@@ -106,12 +112,12 @@ def serve(place: Place, door: Door, sock: socket.socket, end: Callable[[uvicorn.
     server.run(sockets=[sock])
 
 
-def _routes() -> list[Route | Mount]:
+def _routes(single: bool) -> list[Route | Mount]:
     return [
-        Route("/", _page("cluster.html")),
-        Route("/jobs", _page("jobs.html")),
-        Route("/jobs/{job}", _page("job.html")),
-        Route("/compare", _page("compare.html")),
+        Route("/", _page("cluster.html", single)),
+        Route("/jobs", _page("jobs.html", single)),
+        Route("/jobs/{job}", _page("job.html", single)),
+        Route("/compare", _page("compare.html", single)),
         Route("/events", _Events()),
         Route("/metrics", _metrics),
         Route("/healthz", _healthz),
@@ -136,9 +142,9 @@ def _of(request: Request) -> Dashboard:
 _templates = Jinja2Templates(_HERE / "templates")
 
 
-def _page(name: str) -> Callable[[Request], Awaitable[Response]]:
+def _page(name: str, single: bool) -> Callable[[Request], Awaitable[Response]]:
     async def page(request: Request) -> Response:
-        told = {"job": request.path_params.get("job"), "kinds": kinds()}
+        told = {"job": request.path_params.get("job"), "kinds": kinds(), "single": single}
         return _templates.TemplateResponse(request, name, told)
 
     return page
