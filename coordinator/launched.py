@@ -48,3 +48,5 @@ class LaunchedStaff(Staff):
         assert nodes == topologies.parse(topology).cells
         super().__init__(session, keys, hooks, topology=topology, wired=wired, max_queue=max_queue)
         self._roster = Roster(session, keys, self.replaced)
+        if not wired:
+            self._log("warning", "the coordinator has died: another one goes on in its place")

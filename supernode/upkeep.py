@@ -63,7 +63,7 @@ def wish_of(options: argparse.Namespace, folder: Path) -> Wish:
     Raises:
         BadInput: if one is wrong.
     """
-    check_libraries("up")
+    check_library("up")
     for endpoint in options.listen:
         Place.at(endpoint, "--listen")
     if options.max_queue is not None and options.max_queue < 0:
@@ -82,15 +82,14 @@ def wish_of(options: argparse.Namespace, folder: Path) -> Wish:
     return Wish(_topology(options), service, wished_door(options))
 
 
-def check_libraries(command: str) -> None:
+def check_library(command: str) -> None:
     """What a cluster that takes jobs needs beside the rest.
 
     Raises:
-        BadInput: if something is missing.
+        BadInput: if it is missing.
     """
-    for needed in ("sqlalchemy", "structlog"):
-        if importlib.util.find_spec(needed) is None:
-            raise BadInput(f"{command}: expected {needed} to be installed: pip install 'supernode[service]'")
+    if importlib.util.find_spec("sqlalchemy") is None:
+        raise BadInput(f"{command}: expected sqlalchemy to be installed: pip install 'supernode[service]'")
 
 
 def wished_door(options: argparse.Namespace) -> "Door | None":

@@ -63,10 +63,10 @@ def _on_a_shown_one(file: "ProblemFile", options: argparse.Namespace, door: "Doo
     from coordinator.launcher import ServiceOptions
     from supernode.client import Client
     from supernode.present import present
-    from supernode.upkeep import Upkeep, Wish, check_libraries
+    from supernode.upkeep import Upkeep, Wish, check_library
     from supernode.whereabouts import Place
 
-    check_libraries("solve --dashboard")
+    check_library("solve --dashboard")
     module, own, _ = file.kind.partition(":")
     service = ServiceOptions(max_queue=0, allow_modules=(module,) if own else (), modules=file.folder)
     with Upkeep(Wish(file.run.topology, service, door)).up() as up, Client(Place.at(up.endpoint)) as client:

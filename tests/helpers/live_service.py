@@ -53,11 +53,11 @@ def command_of(process):
 class LiveService:
     """A cluster that stays up, until `close`."""
 
-    def __init__(self, state, topology="torus 4x4", *options):
+    def __init__(self, state, topology="torus 4x4", *options, stderr=None):
         self.state = state
         command = [sys.executable, "-m", "supernode", "up", "--topology", topology, "--state", str(state), *options]
         environment = os.environ | {"PYTHONPATH": str(ROOT)}
-        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=None, env=environment, text=True)
+        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=stderr, env=environment, text=True)
         line = self.process.stdout.readline()
         assert line.startswith("up: "), line
         self.line = line
@@ -110,8 +110,8 @@ class LiveService:
 
 
 @contextlib.contextmanager
-def live(state, topology="torus 4x4", *options):
-    service = LiveService(state, topology, *options)
+def live(state, topology="torus 4x4", *options, stderr=None):
+    service = LiveService(state, topology, *options, stderr=stderr)
     try:
         yield service
     finally:
