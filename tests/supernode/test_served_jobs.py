@@ -1,9 +1,11 @@
 """Clients of a real cluster: what they see of one job together, what they are refused, and when answers come."""
 
+import contextlib
 import itertools
 import json
 import os
 import signal
+import sqlite3
 import statistics
 import subprocess
 import sys
@@ -23,9 +25,10 @@ from wire import jobs, sessions
 from wire.callbacks import direct
 from wire.jobs import JobState, Refused
 from wire.keys import Keys
-from wire.news import Improvement
+from wire.news import Improvement, Statistics
 
 LATE = 0.05  # seconds, at most
+SPY_AGAIN = 3.0  # seconds, at most
 ARM = supernode.load(ROOT / "examples" / "arm-ik.toml")
 WATCHER = """
 import sys, supernode
@@ -91,9 +94,10 @@ class Ear:
 
     def __init__(self, service):
         card = service.card()
-        self.states, self.answers = {}, []
+        self.states, self.answers, self.statistics = {}, [], []
         self.session = sessions.client(card.endpoint)
         self.session.declare_subscriber(Keys(card.cluster).state, direct(self.hear_state))
+        self.session.declare_subscriber(Keys(card.cluster).spy_stats, direct(self.hear_statistics))
         self.session.declare_subscriber(Keys(card.cluster).best, direct(self.hear_best))
 
     def hear_state(self, sample):
@@ -102,6 +106,9 @@ class Ear:
 
     def hear_best(self, sample):
         self.answers.append(Improvement.decode(sample.payload.to_bytes()))
+
+    def hear_statistics(self, sample):
+        self.statistics.append(Statistics.decode(sample.payload.to_bytes()))
 
     def __enter__(self):
         return self
@@ -269,3 +276,46 @@ def test_what_processes_had_to_say_is_gathered(service, client, capsys):
     assert capsys.readouterr().out == ""
     assert main(["logs", "--job", "nobody", "--state", str(service.state)]) == 2
     assert capsys.readouterr().err == "error: there is no job 'nobody'\n"
+
+
+def test_a_spy_that_is_killed_has_a_successor_that_knows_all(tmp_path):
+    with live(tmp_path, "torus 2x2") as service, service.connect() as client:
+        running = client.submit(job(cost=100, seconds=60), id="watched")
+        until(lambda: running.show()["best"] and running.show()["best"]["fitness"] == 0)
+        until(lambda: len(told(client, "statistics", "watched")) > 1)
+        nodes = {name: process for name, process in service.processes().items() if name.startswith("node")}
+        before = {kind: told(client, kind, "watched") for kind in ("improvements", "statistics")}
+        with Ear(service) as ear:
+            killed = time.time()
+            service.kill("spy")
+            until(lambda: any(better.fitness == 0 for better in ear.answers), SPY_AGAIN)
+            until(lambda: any(each.evaluations > before["statistics"][-1]["evaluations"] for each in ear.statistics))
+            until(lambda: told(client, "statistics", "watched")[-1]["at"] > killed)
+            assert time.time() - killed < SPY_AGAIN
+        after = {kind: told(client, kind, "watched") for kind in ("improvements", "statistics")}
+        assert after["improvements"] == before["improvements"], "nothing better came, and nothing comes twice"
+        assert after["statistics"][: len(before["statistics"])] == before["statistics"]
+        assert after["statistics"][-1]["generation"] > before["statistics"][-1]["generation"]
+        assert nodes.items() <= service.processes().items()
+        running.cancel()
+        assert running.result(30).fitness == 0
+    with contextlib.closing(sqlite3.connect(tmp_path / "jobs.sqlite")) as store:
+        assert store.execute("pragma integrity_check").fetchall() == [("ok",)]
+
+
+def test_where_nobody_reads_every_line_of_every_process_is_json(tmp_path):
+    path = tmp_path / "log"
+    with path.open("w") as log, live(tmp_path / "state", "torus 1x2", stderr=log) as service:
+        for name in ("router", "spy", "node 1", "coordinator"):
+            service.kill(name)
+        with service.connect() as client:
+            client.submit(job(generations=3, topology="torus 1x2")).result(30)
+        cluster = service.card().cluster
+    lines = [json.loads(line) for line in path.read_text().splitlines()]
+    for line in lines:
+        assert line["cluster"] == cluster
+        assert {"process", "level", "timestamp", "event"} <= line.keys()
+    told = {(line["process"], line["event"], line.get("node")) for line in lines}
+    for name, node in (("router", None), ("spy", None), ("node 1", 1), ("coordinator", None)):
+        assert ("zygote", f"{name} killed by SIGKILL: another one takes its place", node) in told
+    assert ("coordinator", "the coordinator has died: another one goes on in its place", None) in told
