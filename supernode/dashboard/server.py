@@ -28,7 +28,7 @@ from supernode.client import AsyncClientJob
 from supernode.dashboard.door import Door
 from supernode.dashboard.guard import Guard
 from supernode.dashboard.metrics import Metrics
-from supernode.dashboard.scenes import Scenes
+from supernode.dashboard.scenes import Form, Scenes
 from supernode.dashboard.streams import Streams
 from supernode.dashboard.view import View, shape_of
 from supernode.dashboard.watcher import PATIENCE, Watcher
@@ -121,12 +121,13 @@ def _routes(single: bool) -> list[Route | Mount]:
         Route("/events", _Events()),
         Route("/metrics", _metrics),
         Route("/healthz", _healthz),
-        Route("/jobs/{job}/scene.png", _scene),
+        Route("/jobs/{job}/scene.png", _scene("png", "image/png")),
         Route("/api/nodes/{node:int}", _node),
         Route("/api/templates/{kind}", _template),
         Route("/api/jobs", _submit, methods=["POST"]),
         Route("/api/jobs/{job}", _job),
         Route("/api/jobs/{job}/history", _history),
+        Route("/api/jobs/{job}/spaces", _scene("spaces", "application/json")),
         Route("/api/jobs/{job}/cancel", _cancel, methods=["POST"]),
         Route("/static/plotly.min.js", _plotly),
         Mount("/static", StaticFiles(directory=_HERE / "static")),
@@ -193,10 +194,13 @@ async def _history(request: Request) -> Response:
     return JSONResponse(pages)
 
 
-async def _scene(request: Request) -> Response:
-    dashboard = _of(request)
-    view = await dashboard.ask(wire.Show(request.path_params["job"]))
-    return Response(await dashboard.scenes.png(view), media_type="image/png")
+def _scene(form: Form, media_type: str) -> Callable[[Request], Awaitable[Response]]:
+    async def scene(request: Request) -> Response:
+        dashboard = _of(request)
+        view = await dashboard.ask(wire.Show(request.path_params["job"]))
+        return Response(await dashboard.scenes.drawn(view, form), media_type=media_type)
+
+    return scene
 
 
 async def _submit(request: Request) -> Response:

@@ -160,6 +160,37 @@ def test_a_form_leads_to_a_solved_job_with_its_scene(page, home):
     assert page.query_selector("#facts img") is None
 
 
+def test_what_is_in_space_can_be_turned(page, home, cluster):
+    page.goto(home + f"jobs/{solved_in_space(cluster)}")
+    see(page, "#spaces canvas")
+    until(lambda: page.is_hidden("#scene"))
+    assert "in space" in page.get_attribute(".space", "aria-label")
+    eye = "document.querySelector('.space').layout.scene.camera.eye.x"
+    before = page.evaluate(eye)
+    page.focus(".space")
+    page.keyboard.press("ArrowLeft")
+    until(lambda: page.evaluate(eye) != before)
+
+
+def test_where_nothing_can_be_turned_there_is_a_picture(page, home, cluster):
+    page.add_init_script(
+        "const before = HTMLCanvasElement.prototype.getContext;"
+        "HTMLCanvasElement.prototype.getContext = function (kind, ...more) {"
+        "  return kind.startsWith('webgl') ? null : before.call(this, kind, ...more); };"
+    )
+    page.goto(home + f"jobs/{solved_in_space(cluster)}")
+    until(lambda: page.evaluate("document.getElementById('scene').naturalWidth") > 0)
+    page.wait_for_selector("#scene[alt^='The best solution of job']")
+    assert page.query_selector("#spaces canvas") is None
+
+
+def solved_in_space(cluster):
+    with cluster.connect() as client:
+        job = client.submit(ROOT / "examples" / "sphere-path.toml", seconds=20)
+        job.answer(60)
+        return job.id
+
+
 def test_the_form_says_what_is_wrong(chromium, home):
     page = chromium.new_page()
     page.goto(home + "jobs")
