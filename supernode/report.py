@@ -105,8 +105,7 @@ def report(client: Client, job: str) -> str:
 
 def _history(client: Client, view: Mapping[str, Any]) -> History:
     improvements = _records(client, "improvements", view["job"])
-    # Where a world begins, a sample may be of no node yet: nothing is diverse in it, and nobody has sent anything.
-    statistics = [each for each in _records(client, "statistics", view["job"]) if each["diversity"] > 0]
+    statistics = _records(client, "statistics", view["job"])
     began = next((at for state, at in view["states"] if state == "running"), view["submitted"])
     first = min((each["at"] for each in (*improvements, *statistics)), default=began)
     return History(improvements, statistics, min(began, first))  # an answer may come before the job is said to run

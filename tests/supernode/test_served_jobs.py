@@ -245,9 +245,12 @@ def test_many_jobs_lose_and_leave_nothing():
         assert held.sockets <= before.sockets
 
 
-def test_what_happened_is_kept(client):
-    running = client.submit(job(cost=100, seconds=3), id="recorded")
-    result = running.result(30)
+def test_what_happened_is_kept(service, client):
+    with Ear(service) as ear:
+        running = client.submit(job(cost=100, seconds=3), id="recorded")
+        result = running.result(30)
+    first = ear.statistics[0]
+    assert (first.messages_per_second, first.evaluations > 0) == (0.0, True), "told as soon as nodes have told once"
     improvements, each_second = (told(client, kind, "recorded") for kind in ("improvements", "statistics"))
     heard = [better.fitness for better in running.improvements()]
     assert [each["fitness"] for each in improvements] == heard
