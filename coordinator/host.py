@@ -8,7 +8,6 @@ anew under its number. When the host's own process ends, however it ends, all of
 import json
 import os
 import signal
-import sys
 import threading
 from collections.abc import Callable
 from functools import partial
@@ -47,6 +46,7 @@ class HostZygote(Zygote):
         super().__init__(cluster, "", folder)
         self._router = router
         self._host = host
+        self.name = f"host {host.name}"
         self._numbers, self._tell_numbers = os.pipe()
 
     def run(self) -> None:
@@ -74,7 +74,8 @@ class HostZygote(Zygote):
         self._host = self._host.with_nodes(tuple(json.loads(os.read(self._numbers, 1 << 16))))
         for node in self._host.nodes:
             self._fork_again(f"node {node}")
-        _say(f"{self._host.name}: {len(self._host.nodes)} nodes: {', '.join(map(str, self._host.nodes))}")
+        numbers = ", ".join(map(str, self._host.nodes))
+        self._log("info", f"{len(self._host.nodes)} nodes: {numbers}", self.name)
 
     def _is_the_end(self, name: str, status: int) -> bool:
         refused = name == _AGENT and os.WIFEXITED(status) and os.WEXITSTATUS(status) == _REFUSED
@@ -91,7 +92,11 @@ class HostZygote(Zygote):
         return Berth(self.cluster, node, topology, self.folder, self._router, self._host.id)
 
     def _be_the_agent(self) -> None:
-        _as_usual(lambda: attend(self._host, Keys(self.cluster), self._router, self._tell))
+        try:
+            _as_usual(lambda: attend(self._host, Keys(self.cluster), self._router, self._tell))
+        except ClusterFailed as error:
+            self._log("error", str(error), self.name)
+            os._exit(_REFUSED)
 
     def _tell(self, nodes: tuple[int, ...]) -> None:
         os.write(self._tell_numbers, json.dumps(nodes).encode())
@@ -106,7 +111,11 @@ def _as_usual(live: Callable[[], None]) -> None:
 
 
 def attend(host: Host, keys: Keys, router: str, tell: Callable[[tuple[int, ...]], None]) -> None:
-    """Be the agent of a host until the process is ended; ``tell`` is called with the nodes' numbers."""
+    """Be the agent of a host until the process is ended; ``tell`` is called with the nodes' numbers.
+
+    Raises:
+        ClusterFailed: if the cluster does not let the host in.
+    """
     sessions.use_runtime(sessions.NODE_RUNTIME)
     session = sessions.client(router)
     here = [host]
@@ -120,11 +129,7 @@ def attend(host: Host, keys: Keys, router: str, tell: Callable[[tuple[int, ...]]
         session.declare_queryable(keys.host(host.id), direct(present)),
     ]
     if not host.nodes:
-        try:
-            here[0] = host.with_nodes(_numbers(session, keys, host))
-        except ClusterFailed as error:
-            _say(f"{host.name}: {error}")
-            os._exit(_REFUSED)
+        here[0] = host.with_nodes(_numbers(session, keys, host))
         tell(here[0].nodes)
     while declared:
         signal.pause()
@@ -159,9 +164,3 @@ def _read(payload: bytes) -> tuple[int, ...]:
     if isinstance(answer, jobs.Refused):
         raise ClusterFailed(answer.message)
     return tuple(int(node) for node in answer.value)
-
-
-def _say(line: str) -> None:
-    """One line for people."""
-    sys.stderr.write(f"{line}\n")
-    sys.stderr.flush()

@@ -27,7 +27,8 @@ def coordinate(berth: Berth, told: Mapping[str, Any], first: bool) -> None:
     cells = topologies.parse(berth.topology).cells
     staff = partial(LaunchedStaff, topology=berth.topology, wired=first, max_queue=told["max_queue"])
     keep = Keep(told["keep_days"], told["keep_records"])
-    run(berth, Options(cells, url, keep, told["log_json"], tuple(told["allow_modules"])), staff)
+    modules = told["modules"] and Path(told["modules"])
+    run(berth, Options(cells, url, keep, told["log_json"], tuple(told["allow_modules"]), modules), staff)
 
 
 class LaunchedStaff(Staff):
@@ -47,3 +48,5 @@ class LaunchedStaff(Staff):
         assert nodes == topologies.parse(topology).cells
         super().__init__(session, keys, hooks, topology=topology, wired=wired, max_queue=max_queue)
         self._roster = Roster(session, keys, self.replaced)
+        if not wired:
+            self._log("warning", "the coordinator has died: another one goes on in its place")

@@ -29,16 +29,17 @@ class ServiceOptions:
     """How a cluster that stays up is run: with a coordinator process, and new processes for those that die.
 
     Attributes:
-        state: the folder where it keeps what it must not forget.
+        state: the folder where it keeps what it must not forget; None: beside its sockets, and gone when it ends.
         database: the URL of its jobs' database, instead of a file in ``state``.
         listen: further endpoints of the router.
         max_queue: how many jobs may wait.
         log_json: see `coordinator.service.Options`.
         keep_days, keep_records: see `coordinator.record_book.Keep`.
         allow_modules: of users, whose problems may be run.
+        modules: the folder where these lie, if not the one that it was started in.
     """
 
-    state: Path
+    state: Path | None = None
     database: str | None = None
     listen: tuple[str, ...] = ()
     max_queue: int | None = None
@@ -46,6 +47,7 @@ class ServiceOptions:
     keep_days: float = 30.0
     keep_records: int = 1_000_000
     allow_modules: tuple[str, ...] = ()
+    modules: Path | None = None
 
 
 class Launcher:
@@ -75,10 +77,10 @@ class Launcher:
         self.started = threading.Event()
         self._on_death = on_death
         self._closing = False
-        told = None if service is None else asdict(service) | {"state": str(service.state.absolute())}
-        config = {"cluster": cluster, "topology": topology, "folder": str(self.folder), "service": told}
+        told = None if service is None else asdict(service) | {"state": (service.state or self.folder).absolute()}
+        config = {"cluster": cluster, "topology": topology, "folder": self.folder, "service": told}
         self._zygote = subprocess.Popen(
-            [sys.executable, "-P", "-m", "coordinator.zygote", json.dumps(config)],
+            [sys.executable, "-P", "-m", "coordinator.zygote", json.dumps(config, default=str)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             env=os.environ | ONE_THREAD,

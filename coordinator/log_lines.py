@@ -1,4 +1,7 @@
-"""The log of the whole cluster as lines on stderr: for people on a terminal, as JSON for all other readers."""
+"""The log as lines on stderr: for people on a terminal, as JSON for all other readers.
+
+The coordinator writes what all processes have to say, the zygote what they can say to nobody any more.
+"""
 
 import sys
 from datetime import UTC, datetime
@@ -26,9 +29,9 @@ class LogLines:
             structlog.PrintLogger(file), processors=[structlog.processors.add_log_level, renderer], cluster=cluster
         )
 
-    def write(self, record: LogRecord) -> None:
-        """One line; what the record is not about is left out."""
-        about = {name: getattr(record, name) for name in ("node", "cell", "job", "generation")}
+    def write(self, record: LogRecord, job: str | None = None) -> None:
+        """One line; what the record is not about is left out. ``job`` is the id of the one that it is about."""
+        about = {name: getattr(record, name) for name in ("node", "cell", "generation")} | {"job": job}
         told = {name: value for name, value in about.items() if value is not None}
         at = datetime.fromtimestamp(record.at, UTC).isoformat(timespec="milliseconds")
         getattr(self._logger, record.level)(record.text, timestamp=at, process=record.process, **told)

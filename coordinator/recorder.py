@@ -219,8 +219,13 @@ class Recorder:
 
     def _log(self, record: LogRecord) -> None:
         """Show it, and write it down; shown again if that has to be done again."""
-        self._lines.write(record)
+        self._lines.write(record, None if record.job is None else self._name_of(record.job))
         self._book.note_log(record)
+
+    def _name_of(self, number: int) -> str | None:
+        with contextlib.suppress(UnknownJob):
+            return self._store.at(number).job
+        return None
 
     def _write(self, event: _Event) -> JobState | None:
         """Write one down; what there is to publish."""

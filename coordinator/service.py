@@ -8,7 +8,6 @@ few others; and the changes of a job's world one after another, beside those of 
 import contextlib
 import queue
 import signal
-import sys
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -32,6 +31,7 @@ from wire import jobs, sessions
 from wire.callbacks import direct
 from wire.jobs import Answer, Done, Down, JobState, Refused, Request, Rewire, Submit, Update
 from wire.keys import Keys
+from wire.news import LogRecord
 from wire.strict import Rejected
 
 _SUBMITS_AT_ONCE = 8  # each may take a hundred times its size in memory while it is checked
@@ -91,10 +91,10 @@ class Service:
         self._down = threading.Event()
         self._submits = ThreadPoolExecutor(_SUBMITS_AT_ONCE, "submits")
         self._changes = Lanes()  # by job
-        self._store = _store_at(options.store)
+        lines = LogLines(keys.cluster, options.log_json)
+        self._store = _store_at(options.store, lines)
         self._states = session.declare_publisher(keys.state)
         book = RecordBook(self._store, options.keep)
-        lines = LogLines(keys.cluster, options.log_json)
         self._recorder = Recorder(self._store, book, lines, self._publish, self._forget)
         self._dispatcher = make_dispatcher(session, keys, options.nodes, self._recorder)
         checker = Checker(options.allow_modules, options.modules)
@@ -193,7 +193,7 @@ class Service:
         self._desk.forget(number)
 
 
-def _store_at(url: str) -> Store:
+def _store_at(url: str, lines: LogLines) -> Store:
     """The store; a database that is away for a while is waited for."""
     waiting = False
     while True:
@@ -203,7 +203,7 @@ def _store_at(url: str) -> Store:
             if not error.passing:
                 raise
             if not waiting:
-                sys.stderr.write(f"coordinator: {error}; waiting for it\n")
+                lines.write(LogRecord("warning", "coordinator", f"{error}; waiting for it", time.time()))
         waiting = True
         time.sleep(_TRY_AGAIN)
 

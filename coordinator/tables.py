@@ -150,9 +150,11 @@ class StatisticsRow(RecordRow):
     __tablename__ = "statistics"
 
     number: Mapped[int] = mapped_column(ForeignKey("jobs.number"), index=True)
+    world: Mapped[int]
     generation: Mapped[int] = mapped_column(BigInteger)
     evaluations: Mapped[int] = mapped_column(BigInteger)
     messages: Mapped[int] = mapped_column(BigInteger)
+    received: Mapped[int] = mapped_column(BigInteger)
     lost: Mapped[int] = mapped_column(BigInteger)
     rejected: Mapped[int] = mapped_column(BigInteger)
     nodes_alive: Mapped[int]
@@ -162,6 +164,7 @@ class StatisticsRow(RecordRow):
     worst: Mapped[float | None] = mapped_column(Double)
     age: Mapped[int] = mapped_column(BigInteger)
     diversity: Mapped[float] = mapped_column(Double)
+    exchange_seconds: Mapped[float | None] = mapped_column(Double)
 
 
 def _maybe_json(written: str | None) -> dict[str, Any] | None:

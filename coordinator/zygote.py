@@ -28,6 +28,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from coordinator.log_lines import LogLines
     from node.berth import Berth
 
 _PR_SET_PDEATHSIG = 1
@@ -74,6 +75,9 @@ def _at_end(descriptor: int) -> bool:
 class Zygote:
     """The forks of one cluster."""
 
+    name = "zygote"  # in the log
+    lines: "LogLines"
+
     def __init__(self, cluster: str, topology: str, folder: Path, service: dict[str, Any] | None = None) -> None:
         self.cluster = cluster
         self.topology = topology
@@ -110,7 +114,9 @@ class Zygote:
         import node.process
         import spy.process
         from coordinator import huge_pages
+        from coordinator.log_lines import LogLines
 
+        self.lines = LogLines(self.cluster, None if self.service is None else self.service["log_json"])
         self._spy_watch, self._node_live = spy.process.watch, node.process.live
         gc.collect()
         gc.freeze()
@@ -168,7 +174,7 @@ class Zygote:
             _be_a_child(parent, name)
             live()
         except BaseException as error:
-            sys.stderr.write(f"{name}: {type(error).__name__}: {error}\n")
+            self._log("error", f"{type(error).__name__}: {error}", name, name)
         finally:
             os._exit(1)  # a child's life has no other end
 
@@ -182,7 +188,16 @@ class Zygote:
             if name is not None and self._is_the_end(name, status):
                 return True
             if name is not None:
+                self._log("warning", f"{name} {_how(status)}: another one takes its place", self.name, name)
                 self._fork_again(name)
+
+    def _log(self, level: str, text: str, process: str, about: str = "") -> None:
+        """A line about a child, perhaps."""
+        from wire.news import LogRecord
+
+        kind, _, number = about.partition(" ")
+        node = int(number) if kind == "node" else None
+        self.lines.write(LogRecord(level, process, text, time.time(), node))
 
     def _is_the_end(self, name: str, status: int) -> bool:
         """Whether nothing is to go on after this death; if so, that is told."""

@@ -30,6 +30,7 @@ class Assignment:
         bred_at: when the latest generations were bred, on the monotonic clock,
         gap: and how long after those before, in seconds.
         most: generations that may be bred at once: as many as take little time.
+        told: when counters were told last, on the same clock, and how many messages had been sent by then.
     """
 
     def __init__(self, cell: Cell, links: Links, news: list[Message] | None = None) -> None:
@@ -44,6 +45,7 @@ class Assignment:
         self.bred_at = time.monotonic()
         self.gap = 0.0
         self.most = 1
+        self.told = (self.bred_at, 0)
         plan = cell.plan
         self._unmeasured = 0
         self._interval = plan.run.interval
@@ -64,6 +66,12 @@ class Assignment:
     def busy(self) -> bool:
         """Whether there is something to do for the cell right now."""
         return bool(self.news or self.events) or self.cell.ready
+
+    def exchange_seconds(self) -> float:
+        """From one message to the next, on average since this was asked last."""
+        (before, had_sent), self.told = self.told, (time.monotonic(), self.cell.sent)
+        now, sent = self.told
+        return (now - before) / max(1, sent - had_sent)
 
     def step(self) -> list[Action]:
         """Let the cell take what is here now, but not what comes meanwhile; within ``turn`` only."""

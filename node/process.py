@@ -208,7 +208,7 @@ class NodeProcess:
             self._questions_due = now + max(patience - waited, waited, PATIENCE / 2)  # less and less often
         if now >= self._stats_due:
             self._stats_due = now + self._stats_period
-            self._tell_counters(assignment.cell)
+            self._tell_counters(assignment)
 
     def _open_command(self, query: zenoh.Query, command: Command | Rejected) -> None:
         if isinstance(command, Rejected):
@@ -314,6 +314,7 @@ class NodeProcess:
 
     def _start(self, assignment: Assignment, start: Start) -> None:
         assignment.bred_at = time.monotonic()
+        assignment.told = (assignment.bred_at, 0)
         self._questions_due = assignment.bred_at + PATIENCE
         assignment.events.append(start)
 
@@ -395,7 +396,8 @@ class NodeProcess:
         record = LogRecord(level, f"node {node}", text, time.time(), node, cell.cell, cell.job, generation)
         self.control.put(self.keys.log, record.encode())
 
-    def _tell_counters(self, cell: Cell) -> None:
+    def _tell_counters(self, assignment: Assignment) -> None:
+        cell = assignment.cell
         counters = Counters(
             self.berth.node,
             cell.cell,
@@ -408,6 +410,7 @@ class NodeProcess:
             cell.lost,
             cell.inbox.refused,
             *cell.rows.vitals(),
+            assignment.exchange_seconds(),
         )
         self.stats.put(counters.encode())
 

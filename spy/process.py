@@ -192,7 +192,7 @@ class SpyProcess:
     def run(self) -> None:
         """Handle mail for ever; the coordinator ends the process."""
         while True:
-            watched = [each for each in self.assignments.values() if each.began is not None]
+            watched = [each for each in self.assignments.values() if each.began is not None and each.counters]
             with contextlib.suppress(queue.Empty):
                 self._open(self.mail.get(timeout=STATISTICS_PERIOD if watched else None))
             now = time.monotonic()
@@ -290,10 +290,10 @@ class SpyProcess:
 
     def _tell_statistics(self, assignment: _Assignment) -> None:
         counters, root = list(assignment.counters.values()), assignment.root
-        statistics = added_up(counters, assignment.job, root.generation)._replace(
+        statistics = added_up(counters, assignment.job, assignment.plan.world, root.generation)._replace(
             rejected=root.rejected + sum(each.rejected for each in counters),
             nodes_alive=len(self.alive),
-            messages_per_second=sum(assignment.rates.values()),
+            messages_per_second=sum(assignment.rates.values(), 0.0),
         )
         self.control.put(self.keys.spy_stats, statistics.encode())
         assignment.log.write("statistics", **statistics._asdict())

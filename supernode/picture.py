@@ -1,17 +1,17 @@
 """Pictures of results, in the manner of the papers' figures."""
 
+import io
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from node.plan import Plan
-from problems import BadInput, ProblemFile
-from problems.problem import Populations
-from spy.result import Result
+from problems import BadInput, Problem, ProblemFile, Solution
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from node.plan import Plan
+    from problems.problem import Populations
+    from spy.result import Result
 
 _FORMATS = ("png", "svg", "pdf")
 
@@ -26,18 +26,32 @@ def check_picture_name(name: str) -> None:
         raise BadInput(f"--plot: expected a name that ends in .png, .svg or .pdf, found {name}")
 
 
-def save_picture(result: Result, file: ProblemFile, name: str) -> None:
+def drawn(problem: Problem, solution: Solution | None, populations: "Populations | None" = None) -> "Figure":
+    """The problem's own drawing of a solution, and of individuals by generation."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(8, 6), layout="constrained")
+    problem.draw(figure, solution, populations or {})
+    return figure
+
+
+def as_png(figure: "Figure", dots_per_inch: int) -> bytes:
+    """The bytes of a picture file."""
+    png = io.BytesIO()
+    figure.savefig(png, format="png", dpi=dots_per_inch)
+    return png.getvalue()
+
+
+def save_picture(result: "Result", file: ProblemFile, name: str) -> None:
     """Draw ``result`` into the file ``name``.
 
     Raises:
         BadInput: if the kind of problem has no picture, or the file cannot be written.
     """
-    from matplotlib.figure import Figure
+    from node.plan import Plan
 
     plan = Plan.of(file)
-    figure = Figure(figsize=(8, 6), layout="constrained")
-    plan.problem.draw(figure, result.solution, _populations(result, plan))
-    save(figure, name)
+    save(drawn(plan.problem, result.solution, _populations(result, plan)), name)
 
 
 def save(figure: "Figure", name: str) -> None:
@@ -52,8 +66,10 @@ def save(figure: "Figure", name: str) -> None:
         raise BadInput(f"--plot: expected a file that can be written, found {name}: {error.strerror}") from error
 
 
-def _populations(result: Result, plan: Plan) -> Populations:
+def _populations(result: "Result", plan: "Plan") -> "Populations":
     """All individuals of the first generation (drawn again from the seed) and of the last."""
+    import numpy as np
+
     cells = np.arange(plan.topology.cells)
     size = plan.coding.genome_bytes
     first = plan.coding.random(plan.keys(cells, 0), plan.run.deme)

@@ -16,8 +16,18 @@ if TYPE_CHECKING:
 
     from supernode.client import Client
 
-_UNITS = {"at": "Unix s", "seconds": "s", "messages_per_second": "1/s", "age": "generations"}
-_FLOATS = ("at", "seconds", "fitness", "messages_per_second", "best", "median", "worst", "diversity")
+_UNITS = {"at": "Unix s", "seconds": "s", "messages_per_second": "1/s", "age": "generations", "exchange_seconds": "s"}
+_FLOATS = (
+    "at",
+    "seconds",
+    "exchange_seconds",
+    "messages_per_second",
+    "diversity",
+    "fitness",
+    "best",
+    "median",
+    "worst",
+)
 
 
 @dataclass(frozen=True)

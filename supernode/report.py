@@ -1,7 +1,6 @@
 """The report of a job: one page that says what came of it, shows how, and holds all that is needed to repeat it."""
 
 import base64
-import io
 import json
 import math
 from collections.abc import Mapping
@@ -10,19 +9,20 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 from typing import Any, NamedTuple
 
-from matplotlib.figure import Figure
-
 from coordinator.pages import rendered
 from problems import BadInput, Problem, ProblemFile, Run, Solution
 from problems.guard import described
 from problems.registry import is_built_in
 from spy.result import Result
 from supernode.client import Client
+from supernode.picture import as_png, drawn
 from supernode.records import pages
 from supernode.report_figures import History, Record, pictures
 from supernode.results import result_in, topology_of
 from supernode.toml_text import as_toml
 from topologies import Topology
+
+_DOTS_PER_INCH = 120
 
 
 class _Attachment(NamedTuple):
@@ -104,8 +104,7 @@ def report(client: Client, job: str) -> str:
 
 def _history(client: Client, view: Mapping[str, Any]) -> History:
     improvements = _records(client, "improvements", view["job"])
-    # Where a world begins, a sample may be of no node yet: nothing is diverse in it, and nobody has sent anything.
-    statistics = [each for each in _records(client, "statistics", view["job"]) if each["diversity"] > 0]
+    statistics = _records(client, "statistics", view["job"])
     began = next((at for state, at in view["states"] if state == "running"), view["submitted"])
     first = min((each["at"] for each in (*improvements, *statistics)), default=began)
     return History(improvements, statistics, min(began, first))  # an answer may come before the job is said to run
@@ -172,18 +171,10 @@ def _scene(file: ProblemFile, solution: Solution | None) -> _Scene:
     url = words = absence = None
     try:
         words = None if solution is None else described(problem, solution)
-        url = _drawn(problem, solution)
+        url = _data_url("image/png", as_png(drawn(problem, solution), _DOTS_PER_INCH))
     except (Exception, SystemExit) as error:
         absence = f"There is no picture of the solution: {error}"
     return _Scene(url, words, problem, absence)
-
-
-def _drawn(problem: Problem, solution: Solution | None) -> str:
-    figure = Figure(figsize=(8, 6), layout="constrained")
-    problem.draw(figure, solution, {})
-    picture = io.BytesIO()
-    figure.savefig(picture, format="png", dpi=120)
-    return _data_url("image/png", picture.getvalue())
 
 
 def _rows(history: History, view: Mapping[str, Any]) -> list[tuple[str, ...]]:

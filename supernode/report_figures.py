@@ -156,10 +156,11 @@ def _worlds(improvements: Sequence[Record]) -> list[list[Record]]:
 
 
 def _lives(statistics: Sequence[Record]) -> list[list[Record]]:
-    """Samples of which each is of a later generation than the one before: another world begins again."""
+    """The samples of each world; a job that has lost what it had reached begins its world again."""
     lives: list[list[Record]] = []
     for each in statistics:
-        if not lives or each["generation"] < lives[-1][-1]["generation"]:
+        before = lives[-1][-1] if lives else each
+        if not lives or each["world"] != before["world"] or each["generation"] < before["generation"]:
             lives.append([])
         lives[-1].append(each)
     return lives

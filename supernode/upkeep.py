@@ -1,4 +1,4 @@
-"""The life of `supernode up`: one cluster in one state folder, from its start until somebody ends it.
+"""The life of a cluster that takes jobs: that of `supernode up`, until somebody ends it, or for one run that is shown.
 
 This process is the cluster's lifeline: when it ends, however it ends, every process of the cluster does.
 """
@@ -11,11 +11,11 @@ import secrets
 import signal
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn
 
 from coordinator.errors import ClusterFailed
 from coordinator.launcher import Launcher, ServiceOptions
@@ -33,38 +33,63 @@ _READY_WITHIN = 120.0  # seconds; a thousand nodes on two cores take less than t
 
 @dataclass(frozen=True)
 class Wish:
-    """What `up` was asked for; see its options."""
+    """What `up` was asked for; see its options, and `coordinator.launcher.ServiceOptions`."""
 
     topology: str
-    listen: tuple[str, ...]
-    database: str | None
-    max_queue: int | None
-    log_json: bool | None
-    keep_days: float
-    keep_records: int
-    allow_modules: tuple[str, ...]
+    service: ServiceOptions
     dashboard: "Door | None" = None
 
 
-def wish_of(options: argparse.Namespace) -> Wish:
-    """The options, checked.
+@dataclass(frozen=True)
+class Up:
+    """A cluster that answers.
+
+    Attributes:
+        cluster: its name.
+        endpoint: of its router.
+        nodes: how many it has.
+        dashboard: the address of its dashboard, if it has one.
+    """
+
+    cluster: str
+    endpoint: str
+    nodes: int
+    dashboard: str | None
+
+
+def wish_of(options: argparse.Namespace, folder: Path) -> Wish:
+    """The options, checked, for a cluster in that state folder.
 
     Raises:
         BadInput: if one is wrong.
     """
-    for needed in ("sqlalchemy", "structlog"):
-        if importlib.util.find_spec(needed) is None:
-            raise BadInput(f"up: expected {needed} to be installed: pip install 'supernode[service]'")
+    check_library("up")
     for endpoint in options.listen:
         Place.at(endpoint, "--listen")
     if options.max_queue is not None and options.max_queue < 0:
         raise BadInput(f"--max-queue: expected at least 0, found {options.max_queue}")
-    spec = _topology(options)
-    modules = tuple(options.allow_module)
-    keep = check_keep(options.keep_days, options.keep_records)
-    door = wished_door(options)
-    listens, log_json = tuple(options.listen), options.log_json
-    return Wish(spec, listens, options.database, options.max_queue, log_json, *keep, modules, door)
+    keep_days, keep_records = check_keep(options.keep_days, options.keep_records)
+    service = ServiceOptions(
+        state=folder.absolute(),
+        database=options.database,
+        listen=tuple(options.listen),
+        max_queue=options.max_queue,
+        log_json=options.log_json,
+        keep_days=keep_days,
+        keep_records=keep_records,
+        allow_modules=tuple(options.allow_module),
+    )
+    return Wish(_topology(options), service, wished_door(options))
+
+
+def check_library(command: str) -> None:
+    """What a cluster that takes jobs needs beside the rest.
+
+    Raises:
+        BadInput: if it is missing.
+    """
+    if importlib.util.find_spec("sqlalchemy") is None:
+        raise BadInput(f"{command}: expected sqlalchemy to be installed: pip install 'supernode[service]'")
 
 
 def wished_door(options: argparse.Namespace) -> "Door | None":
@@ -108,34 +133,62 @@ def _topology(options: argparse.Namespace) -> str:
         raise BadInput(f"--topology: {error}") from error
 
 
-class Upkeep:
-    """One cluster in one state folder."""
+class _AskedToEndError(Exception):
+    """Somebody wants the cluster to end."""
 
-    def __init__(self, folder: Path, wish: Wish) -> None:
-        self.folder = folder.absolute()
+
+class Upkeep:
+    """One cluster."""
+
+    def __init__(self, wish: Wish) -> None:
         self._wish = wish
         self._ends: queue.SimpleQueue[str | None] = queue.SimpleQueue()  # why it ends; None if it was asked to
 
-    def run(self, say: Callable[[str], None]) -> None:
+    def run(self, folder: Path, say: Callable[[str], None]) -> None:
         """Start, ``say`` one line when the cluster answers, and keep it up until Ctrl-C, a signal or `down`.
+
+        Args:
+            folder: its state folder, where others find it.
+            say: is told how many nodes there are, and where.
 
         Raises:
             BadInput: if the state folder cannot be used.
             StoreFailed: if the database cannot be used.
             ClusterFailed: if a cluster is up there already, or this one does not come up or breaks.
         """
-        lock = occupy(self.folder)
+        lock = occupy(folder)
         try:
-            with self._ending_by_signals():
-                self._keep_up(say)
+            with self._ending_by_signals(), suppress(_AskedToEndError):
+                self._try_the_database(folder)
+                with self.up() as up:
+                    write_card(folder, Card(up.endpoint, up.cluster, os.getpid(), version("supernode")))
+                    say(self._line(folder, up))
+                    self._wait_for_the_end()
         finally:
-            remove_card(self.folder)
+            remove_card(folder)
             os.close(lock)
 
-    def _keep_up(self, say: Callable[[str], None]) -> None:
-        self._try_the_database()
+    @contextmanager
+    def up(self) -> Iterator[Up]:
+        """The cluster, from when it answers on.
+
+        Raises:
+            BadInput: if its dashboard cannot be where it should.
+            ClusterFailed: if it does not come up.
+        """
+        cluster = secrets.token_hex(4)
         with self._dashboard() as dashboard:
-            self._keep_cluster_up(say, dashboard)
+            launcher = Launcher(cluster, self._wish.topology, self._ends.put, service=self._wish.service)
+            try:
+                if not launcher.started.wait(_READY_WITHIN):
+                    raise ClusterFailed(f"not ready within {_READY_WITHIN:.0f} s")
+                endpoint = sessions.unix_socket(launcher.folder, "router")
+                nodes = self._wait_until_ready(endpoint)
+                if dashboard is not None:
+                    dashboard.start(endpoint)
+                yield Up(cluster, endpoint, nodes, None if dashboard is None else dashboard.address)
+            finally:
+                launcher.close()
 
     @contextmanager
     def _dashboard(self) -> "Iterator[Keeper | None]":
@@ -145,55 +198,26 @@ class Upkeep:
             return
         from supernode.dashboard.keeper import Keeper
 
-        keeper = Keeper(self.folder, self._wish.dashboard)
+        keeper = Keeper(self._wish.dashboard, single=self._wish.service.state is None)
         try:
             yield keeper
         finally:
             keeper.close()
 
-    def _keep_cluster_up(self, say: Callable[[str], None], dashboard: "Keeper | None") -> None:
-        cluster = secrets.token_hex(4)
-        launcher = self._launch(cluster)
-        try:
-            if not launcher.started.wait(_READY_WITHIN):
-                raise ClusterFailed(f"not ready within {_READY_WITHIN:.0f} s")
-            endpoint = sessions.unix_socket(launcher.folder, "router")
-            nodes = self._wait_until_ready(endpoint)
-            if nodes is None:
-                return
-            write_card(self.folder, Card(endpoint, cluster, os.getpid(), version("supernode")))
-            listens = "".join(f", {each}" for each in self._wish.listen)
-            if dashboard is not None:
-                dashboard.start()
-                listens += f", dashboard {dashboard.address}"
-            say(f"up: {nodes} nodes ({self._wish.topology}) in {self.folder}{listens}")
-            self._raise_unless_asked(self._ends.get())
-        finally:
-            remove_card(self.folder)
-            launcher.close()
+    def _line(self, folder: Path, up: Up) -> str:
+        listens = "".join(f", {each}" for each in self._wish.service.listen)
+        dashboard = "" if up.dashboard is None else f", dashboard {up.dashboard}"
+        return f"up: {up.nodes} nodes ({self._wish.topology}) in {folder}{listens}{dashboard}"
 
-    def _try_the_database(self) -> None:
+    def _try_the_database(self, folder: Path) -> None:
         """Before anything is launched: from then on one that is away is waited for."""
         from coordinator.database import url_in
         from coordinator.store import Store
 
-        Store(self._wish.database or url_in(self.folder)).close()
+        Store(self._wish.service.database or url_in(folder)).close()
 
-    def _launch(self, cluster: str) -> Launcher:
-        service = ServiceOptions(
-            state=self.folder,
-            database=self._wish.database,
-            listen=self._wish.listen,
-            max_queue=self._wish.max_queue,
-            log_json=self._wish.log_json,
-            keep_days=self._wish.keep_days,
-            keep_records=self._wish.keep_records,
-            allow_modules=self._wish.allow_modules,
-        )
-        return Launcher(cluster, self._wish.topology, self._ends.put, service=service)
-
-    def _wait_until_ready(self, endpoint: str) -> int | None:
-        """Until the coordinator says how many nodes there are; None if it is to end before."""
+    def _wait_until_ready(self, endpoint: str) -> int:
+        """Until the coordinator says how many nodes there are."""
         until = time.monotonic() + _READY_WITHIN
         while True:
             try:
@@ -203,12 +227,13 @@ class Upkeep:
                 if time.monotonic() > until:
                     raise
             if not self._ends.empty():
-                self._raise_unless_asked(self._ends.get())
-                return None
+                self._wait_for_the_end()
 
-    def _raise_unless_asked(self, reason: str | None) -> None:
-        if reason is not None:
-            raise ClusterFailed(reason)
+    def _wait_for_the_end(self) -> NoReturn:
+        reason = self._ends.get()
+        if reason is None:
+            raise _AskedToEndError
+        raise ClusterFailed(reason)
 
     @contextmanager
     def _ending_by_signals(self) -> Iterator[None]:

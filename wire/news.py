@@ -68,6 +68,9 @@ class Counters(NamedTuple):
         champion: fitness of the best individual that it has seen or heard of,
         age: and generations since that was born.
         digest: of the best genome on it, so that alike ones can be told from others; 32 bits.
+        exchange_seconds: from one message of its own to the next, on average since it last told: in lockstep that is
+            the wait for the messages of all neighbours and the breeding, in async mode the breeding. At least that, if
+            none has gone out since.
     """
 
     node: int
@@ -86,6 +89,7 @@ class Counters(NamedTuple):
     champion: float
     age: int
     digest: int
+    exchange_seconds: float
 
     def encode(self) -> bytes:
         """As msgpack."""
@@ -98,25 +102,31 @@ class Counters(NamedTuple):
         Raises:
             Rejected: whatever is wrong with it.
         """
-        given = fields(unpack(payload), 16)
+        given = fields(unpack(payload), 17)
         of_deme = (fitness(each) for each in given[10:14])
-        return Counters._make((*map(count, given[:10]), *of_deme, *map(count, given[14:])))
+        return Counters._make((*map(count, given[:10]), *of_deme, *map(count, given[14:16]), fitness(given[16])))
 
 
 class Statistics(NamedTuple):
     """The counters of all nodes of a job, as the spy adds them up: sums over nodes, the root's generation.
 
     Attributes:
+        world: of the job, that they are of.
+        messages: that were sent,
+        received: and that were received and used.
         best, worst: fitness of the best and of the worst individual of all.
         median: of the nodes' medians.
         age: generations since the birth of the root's champion.
         diversity: how many different genomes the nodes' best ones are, as a share of the nodes: 1 if no two are alike.
+        exchange_seconds: the median of the nodes'; see `Counters`.
     """
 
     job: int
+    world: int
     generation: int
     evaluations: int
     messages: int
+    received: int
     lost: int
     rejected: int
     nodes_alive: int
@@ -126,6 +136,7 @@ class Statistics(NamedTuple):
     worst: float
     age: int
     diversity: float
+    exchange_seconds: float
 
     def encode(self) -> bytes:
         """As msgpack."""
@@ -138,9 +149,9 @@ class Statistics(NamedTuple):
         Raises:
             Rejected: whatever is wrong with it.
         """
-        given = fields(unpack(payload), 13)
-        of_demes = (fitness(each) for each in given[7:11])
-        return Statistics._make((*map(count, given[:7]), *of_demes, count(given[11]), fitness(given[12])))
+        given = fields(unpack(payload), 16)
+        of_demes = (fitness(each) for each in given[9:13])
+        return Statistics._make((*map(count, given[:9]), *of_demes, count(given[13]), *map(fitness, given[14:])))
 
 
 class LogRecord(NamedTuple):

@@ -1,4 +1,8 @@
-"""Solve a problem on a cluster started for it, one process for each cell; or on one that is up already."""
+"""Solve a problem on a cluster started for it, one process for each cell; or on one that is up already.
+
+With --dashboard the cluster that is started for it is one that takes questions, as `supernode up` starts it: a browser
+shows the run for as long as it lasts.
+"""
 
 import argparse
 import os
@@ -7,6 +11,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from supernode.commands.cluster_options import add_place, connected
+from supernode.commands.dashboard_options import add_dashboard
 from supernode.commands.run_options import add_run_options, chosen_file
 
 if TYPE_CHECKING:
@@ -14,6 +19,8 @@ if TYPE_CHECKING:
     from problems import ProblemFile
     from spy.result import Result
     from spy.terminal import Terminal
+    from supernode.client import Client
+    from supernode.dashboard.door import Door
 
 EXAMPLE = "supernode solve examples/mobile-robot.toml --seed 1 --plot office.png"
 
@@ -24,32 +31,63 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of a run, and where."""
     add_run_options(parser)
     add_place(parser.add_argument_group("where (by default on a cluster of its own)"))
+    add_dashboard(parser)
 
 
 def run(options: argparse.Namespace) -> int:
     """Follow the job on stderr, and print its result on stdout."""
-    file = chosen_file(options)
-    if options.connect is None and options.state is None:
-        return _on_its_own(file, options)
-    return _on_a_running_one(file, options)
+    from supernode.upkeep import wished_door
+
+    file, door = chosen_file(options), wished_door(options)
+    if options.connect is not None or options.state is not None:
+        return _on_a_running_one(file, options, door)
+    return _on_its_own(file, options) if door is None else _on_a_shown_one(file, options, door)
 
 
-def _on_a_running_one(file: "ProblemFile", options: argparse.Namespace) -> int:
-    """Ctrl-C cancels the job; the best so far is the result."""
-    from supernode.following import Follower
+def _on_a_running_one(file: "ProblemFile", options: argparse.Namespace, door: "Door | None") -> int:
+    """The cluster has a dashboard of its own, or none."""
+    from problems import BadInput
     from supernode.present import present
 
+    if door is not None:
+        raise BadInput("--dashboard: expected none with --connect or --state: `supernode spy --dashboard` shows those")
     with connected(options) as client:
-        job = client.submit(file)
-        follower = Follower(job, file, options.quiet, options.log)
-        interrupted = False
-        try:
-            follower.show()
-        except KeyboardInterrupt:
-            interrupted = True
-            job.cancel()
-        result = follower.result(_DRAIN_SECONDS if interrupted else None)
+        result, interrupted = _followed(client, file, options)
     return present(result, file, options, interrupted)
+
+
+def _on_a_shown_one(file: "ProblemFile", options: argparse.Namespace, door: "Door") -> int:
+    """Launch a cluster for this job alone with all that a dashboard asks for, and end it."""
+    import sys
+
+    from coordinator.launcher import ServiceOptions
+    from supernode.client import Client
+    from supernode.present import present
+    from supernode.upkeep import Upkeep, Wish, check_library
+    from supernode.whereabouts import Place
+
+    check_library("solve --dashboard")
+    module, own, _ = file.kind.partition(":")
+    service = ServiceOptions(max_queue=0, allow_modules=(module,) if own else (), modules=file.folder)
+    with Upkeep(Wish(file.run.topology, service, door)).up() as up, Client(Place.at(up.endpoint)) as client:
+        if not options.quiet:
+            print(f"dashboard of this run: {up.dashboard}", file=sys.stderr)
+        result, interrupted = _followed(client, file, options)
+    return present(result, file, options, interrupted)
+
+
+def _followed(client: "Client", file: "ProblemFile", options: argparse.Namespace) -> tuple["Result", bool]:
+    """The result of a job on a running cluster; Ctrl-C cancels it, and the best so far is the result."""
+    from supernode.following import Follower
+
+    job = client.submit(file)
+    follower = Follower(job, file, options.quiet, options.log)
+    try:
+        follower.show()
+        return follower.result(), False
+    except KeyboardInterrupt:
+        job.cancel()
+    return follower.result(_DRAIN_SECONDS), True
 
 
 def _on_its_own(file: "ProblemFile", options: argparse.Namespace) -> int:

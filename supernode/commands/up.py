@@ -66,5 +66,5 @@ def _keep_up(options: argparse.Namespace, ready: "Ready") -> None:
 
     folder = Place.of_folder(options.state).folder
     assert folder is not None
-    upkeep = Upkeep(folder, wish_of(options))
-    upkeep.run(lambda line: ready(line, upkeep.folder / "up.log"))
+    folder = folder.absolute()
+    Upkeep(wish_of(options, folder)).run(folder, lambda line: ready(line, folder / "up.log"))

@@ -1,4 +1,4 @@
-"""The dashboard's process beside `supernode up`; see `keeper`. It ends when its standard input does."""
+"""The dashboard's process beside a cluster; see `keeper`. It ends when its standard input does."""
 
 import json
 import os
@@ -6,7 +6,6 @@ import socket
 import sys
 import threading
 import time
-from pathlib import Path
 
 import uvicorn
 
@@ -23,7 +22,8 @@ def main() -> None:
     config = json.loads(sys.stdin.buffer.readline())
     os.nice(_NICENESS)
     sock = socket.socket(fileno=config["socket"])
-    serve(Place.of_folder(Path(config["folder"])), Door(**config["door"]), sock, _tie_to_parent)
+    place, door = Place.at(config["endpoint"]), Door(**config["door"])
+    serve(place, door, sock, _tie_to_parent, single=config["single"])
 
 
 def _tie_to_parent(server: uvicorn.Server) -> None:

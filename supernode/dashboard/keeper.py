@@ -1,7 +1,7 @@
-"""Keeps the dashboard's process beside `supernode up`.
+"""Keeps the dashboard's process beside `supernode up` or `supernode solve`.
 
-`up` opens the socket and hands it over, so that the address stays while a process that died is replaced. The pipe to
-its standard input is the process's lifeline: it ends when `up` does, however that ends.
+They open the socket and hand it over, so that the address stays while a process that died is replaced. The pipe to its
+standard input is the process's lifeline: it ends when they do, however that is.
 """
 
 import contextlib
@@ -11,7 +11,6 @@ import subprocess
 import sys
 import threading
 from dataclasses import asdict
-from pathlib import Path
 
 from coordinator.launcher import ONE_THREAD
 from supernode.dashboard.door import Door
@@ -21,23 +20,29 @@ _END_WITHIN = 5.0  # seconds
 
 
 class Keeper:
-    """The dashboard of the cluster in one state folder, from now until `close`.
+    """The dashboard of one cluster, from now until `close`.
+
+    Args:
+        door: where it listens.
+        single: whether the cluster has one run and ends with it.
 
     Raises:
         BadInput: if it cannot listen there.
     """
 
-    def __init__(self, folder: Path, door: Door) -> None:
-        self._folder = folder
+    def __init__(self, door: Door, single: bool) -> None:
         self._door = door
+        self._single = single
+        self._endpoint = ""
         self._socket = door.listen()
         self.address = door.address(self._socket)
         self._ending = threading.Event()
         self._process: subprocess.Popen[bytes] | None = None
         self._thread = threading.Thread(target=self._keep, name="dashboard keeper", daemon=True)
 
-    def start(self) -> None:
-        """The cluster answers: let the dashboard look at it."""
+    def start(self, endpoint: str) -> None:
+        """The cluster answers there: let the dashboard look at it."""
+        self._endpoint = endpoint
         self._process = self._start()
         self._thread.start()
 
@@ -58,7 +63,7 @@ class Keeper:
             pass_fds=[number],
             start_new_session=True,  # Ctrl-C is the caller's business
         )
-        config = {"folder": str(self._folder), "door": asdict(self._door), "socket": number}
+        config = {"endpoint": self._endpoint, "door": asdict(self._door), "socket": number, "single": self._single}
         assert process.stdin is not None
         with contextlib.suppress(BrokenPipeError):  # it is dead already, and will be replaced
             process.stdin.write(json.dumps(config).encode() + b"\n")  # not among its arguments, which all users see

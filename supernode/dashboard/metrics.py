@@ -8,15 +8,16 @@ from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metri
 from supernode.dashboard.view import View
 
 _COUNTERS = {
+    "generation": ("supernode_generations", "Generations of a running job's world, at the root."),
     "evaluations": ("supernode_evaluations", "Evaluations of a running job."),
-    "sent": ("supernode_messages_sent", "Messages that the nodes of a running job have sent."),
+    "messages": ("supernode_messages_sent", "Messages that the nodes of a running job have sent."),
     "received": ("supernode_messages_received", "Messages that they have received and used."),
     "lost": ("supernode_messages_lost", "Messages that they have missed."),
     "rejected": ("supernode_messages_rejected", "Messages that they have refused."),
 }
 _GAUGES = {
-    "nodes": ("supernode_job_nodes", "Nodes that have told of a running job."),
-    "generation": ("supernode_job_generation", "The furthest generation of a running job."),
+    "world": ("supernode_job_world", "The world that a running job is in."),
+    "exchange_seconds": ("supernode_exchange_seconds", "From one exchange of a node to its next; median of the nodes."),
     "age": ("supernode_champion_age_generations", "Generations since the birth of the champion known at the root."),
     "best": ("supernode_best_fitness", "Fitness of the best individual of a running job; lower is better."),
 }
@@ -36,7 +37,7 @@ class Metrics:
 
     def collect(self) -> Iterable[Metric]:
         """What Prometheus' library calls."""
-        view, sums = self._view, self._view.sums()
+        view, running = self._view, self._view.running()
         yield GaugeMetricFamily("supernode_up", "Whether the cluster answers.", float(view.answers))
         yield GaugeMetricFamily("supernode_nodes_alive", "Nodes that are alive.", view.alive())
         jobs = GaugeMetricFamily("supernode_jobs", "Jobs by state.", labels=["state"])
@@ -46,6 +47,6 @@ class Metrics:
         for names, family in ((_COUNTERS, CounterMetricFamily), (_GAUGES, GaugeMetricFamily)):
             for name, (metric, words) in names.items():
                 of_jobs = family(metric, words, labels=["job"])
-                for job, added in sums.items():
-                    of_jobs.add_metric([job], getattr(added, name))
+                for job, statistics in running.items():
+                    of_jobs.add_metric([job], getattr(statistics, name))
                 yield of_jobs

@@ -1,15 +1,20 @@
 """Pictures of jobs' best solutions so far, drawn while somebody looks, one after the other in a thread."""
 
 import asyncio
-import io
+import json
 import time
 from collections import OrderedDict
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 from problems import BadInput, ProblemFile, registry
+from supernode.dashboard.spaces import spaces_of
+from supernode.picture import as_png, drawn
+
+Form = Literal["png", "spaces"]
+"""A picture; or JSON of what is drawn in three dimensions, see `spaces`."""
 
 _KEPT = 32  # pictures
 _AT_MOST_EVERY = 1.0  # seconds
@@ -20,53 +25,49 @@ _DOTS_PER_INCH = 96
 class _Picture:
     of: tuple[Any, ...]
     drawn: float
-    png: bytes
+    data: bytes
 
 
 class Scenes:
     """The planners' own drawings."""
 
     def __init__(self) -> None:
-        self._pictures: OrderedDict[str, _Picture] = OrderedDict()
+        self._pictures: OrderedDict[tuple[str, Form], _Picture] = OrderedDict()
         self._thread = ThreadPoolExecutor(1, "scenes")
         self._drawing = asyncio.Lock()
 
-    async def png(self, view: Mapping[str, Any]) -> bytes:
+    async def drawn(self, view: Mapping[str, Any], form: Form) -> bytes:
         """The picture of a job, at most a second old if there is a better solution.
 
         Args:
             view: what `show` tells of the job.
+            form: of the picture.
 
         Raises:
             BadInput: if it cannot be drawn here.
         """
-        best, job = view["best"], view["job"]
-        of = (view["number"], len(view["worlds"]), None if best is None else (best["world"], best["fitness"]))
+        best, name = view["best"], (view["job"], form)
+        of = (view["number"], view["world"], None if best is None else (best["world"], best["fitness"]))
         async with self._drawing:
-            known = self._pictures.get(job)
+            known = self._pictures.get(name)
             if known is None or (known.of != of and time.monotonic() - known.drawn >= _AT_MOST_EVERY):
                 solution = None if best is None else best["solution"]
                 loop = asyncio.get_running_loop()
-                png = await loop.run_in_executor(self._thread, _draw, view["file_now"], solution)
-                known = self._pictures[job] = _Picture(of, time.monotonic(), png)
-            self._pictures.move_to_end(job)
+                data = await loop.run_in_executor(self._thread, _draw, view["file_now"], solution, form)
+                known = self._pictures[name] = _Picture(of, time.monotonic(), data)
+            self._pictures.move_to_end(name)
             while len(self._pictures) > _KEPT:
                 self._pictures.popitem(last=False)
-            return known.png
+            return known.data
 
     def close(self) -> None:
         """Draw no more."""
         self._thread.shutdown(wait=False, cancel_futures=True)
 
 
-def _draw(text: str, solution: dict[str, Any] | None) -> bytes:
-    from matplotlib.figure import Figure
-
+def _draw(text: str, solution: dict[str, Any] | None, form: Form) -> bytes:
     file = ProblemFile.from_json(text)
     if not registry.is_built_in(file.kind):
         raise BadInput(f"{file.kind}: a problem of one's own is not drawn here, where its code is not run")
-    figure = Figure(figsize=(8, 6), layout="constrained")
-    file.problem().draw(figure, solution, {})
-    png = io.BytesIO()
-    figure.savefig(png, format="png", dpi=_DOTS_PER_INCH)
-    return png.getvalue()
+    figure = drawn(file.problem(), solution)
+    return as_png(figure, _DOTS_PER_INCH) if form == "png" else json.dumps(spaces_of(figure), allow_nan=False).encode()

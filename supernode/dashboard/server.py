@@ -28,7 +28,7 @@ from supernode.client import AsyncClientJob
 from supernode.dashboard.door import Door
 from supernode.dashboard.guard import Guard
 from supernode.dashboard.metrics import Metrics
-from supernode.dashboard.scenes import Scenes
+from supernode.dashboard.scenes import Form, Scenes
 from supernode.dashboard.streams import Streams
 from supernode.dashboard.view import View, shape_of
 from supernode.dashboard.watcher import PATIENCE, Watcher
@@ -67,8 +67,8 @@ class Dashboard:
         return await asyncio.shield(answer)
 
 
-def application(place: Place, door: Door) -> Starlette:
-    """The whole of it as an ASGI application."""
+def application(place: Place, door: Door, single: bool = False) -> Starlette:
+    """The whole of it as an ASGI application; ``single``: of a cluster that has one run and ends with it."""
 
     @contextlib.asynccontextmanager
     async def lifespan(app: Starlette) -> AsyncIterator[None]:
@@ -81,17 +81,23 @@ def application(place: Place, door: Door) -> Starlette:
         dashboard.scenes.close()
 
     return Starlette(
-        routes=_routes(),
+        routes=_routes(single),
         middleware=[Middleware(Guard, door=door)],
         exception_handlers={BadInput: _bad_input, ClusterFailed: _cluster_failed, HTTPException: _http},
         lifespan=lifespan,
     )
 
 
-def serve(place: Place, door: Door, sock: socket.socket, end: Callable[[uvicorn.Server], None] | None = None) -> None:
+def serve(
+    place: Place,
+    door: Door,
+    sock: socket.socket,
+    end: Callable[[uvicorn.Server], None] | None = None,
+    single: bool = False,
+) -> None:
     """Serve on ``sock`` until a signal; ``end`` gets the server before it runs, for whoever else may end it."""
     config = uvicorn.Config(
-        application(place, door),
+        application(place, door, single),
         log_level="error",
         access_log=False,
         server_header=False,
@@ -106,21 +112,22 @@ def serve(place: Place, door: Door, sock: socket.socket, end: Callable[[uvicorn.
     server.run(sockets=[sock])
 
 
-def _routes() -> list[Route | Mount]:
+def _routes(single: bool) -> list[Route | Mount]:
     return [
-        Route("/", _page("cluster.html")),
-        Route("/jobs", _page("jobs.html")),
-        Route("/jobs/{job}", _page("job.html")),
-        Route("/compare", _page("compare.html")),
+        Route("/", _page("cluster.html", single)),
+        Route("/jobs", _page("jobs.html", single)),
+        Route("/jobs/{job}", _page("job.html", single)),
+        Route("/compare", _page("compare.html", single)),
         Route("/events", _Events()),
         Route("/metrics", _metrics),
         Route("/healthz", _healthz),
-        Route("/jobs/{job}/scene.png", _scene),
+        Route("/jobs/{job}/scene.png", _scene("png", "image/png")),
         Route("/api/nodes/{node:int}", _node),
         Route("/api/templates/{kind}", _template),
         Route("/api/jobs", _submit, methods=["POST"]),
         Route("/api/jobs/{job}", _job),
         Route("/api/jobs/{job}/history", _history),
+        Route("/api/jobs/{job}/spaces", _scene("spaces", "application/json")),
         Route("/api/jobs/{job}/cancel", _cancel, methods=["POST"]),
         Route("/static/plotly.min.js", _plotly),
         Mount("/static", StaticFiles(directory=_HERE / "static")),
@@ -136,9 +143,9 @@ def _of(request: Request) -> Dashboard:
 _templates = Jinja2Templates(_HERE / "templates")
 
 
-def _page(name: str) -> Callable[[Request], Awaitable[Response]]:
+def _page(name: str, single: bool) -> Callable[[Request], Awaitable[Response]]:
     async def page(request: Request) -> Response:
-        told = {"job": request.path_params.get("job"), "kinds": kinds()}
+        told = {"job": request.path_params.get("job"), "kinds": kinds(), "single": single}
         return _templates.TemplateResponse(request, name, told)
 
     return page
@@ -175,7 +182,7 @@ async def _job(request: Request) -> Response:
     rows, columns = shape_of(view["topology"])
     told = {key: value for key, value in view.items() if key not in ("file", "file_now", "worlds")}
     told |= {"name": name, "problem": _short(fields), "run": run, "rows": rows, "columns": columns}
-    return JSONResponse(told | {"worlds": len(view["worlds"])})
+    return JSONResponse(told)
 
 
 async def _history(request: Request) -> Response:
@@ -187,10 +194,13 @@ async def _history(request: Request) -> Response:
     return JSONResponse(pages)
 
 
-async def _scene(request: Request) -> Response:
-    dashboard = _of(request)
-    view = await dashboard.ask(wire.Show(request.path_params["job"]))
-    return Response(await dashboard.scenes.png(view), media_type="image/png")
+def _scene(form: Form, media_type: str) -> Callable[[Request], Awaitable[Response]]:
+    async def scene(request: Request) -> Response:
+        dashboard = _of(request)
+        view = await dashboard.ask(wire.Show(request.path_params["job"]))
+        return Response(await dashboard.scenes.drawn(view, form), media_type=media_type)
+
+    return scene
 
 
 async def _submit(request: Request) -> Response:

@@ -10,11 +10,12 @@ from typing import Any
 import topologies
 from wire.keys import Keys
 from wire.news import Counters, Improvement, LogRecord, Statistics
+from wire.plain import plain
 
 SHOWN_FOR = 2.0  # seconds that a death, and then an arrival, is shown at least: a node is often replaced sooner
 _LINES = 50  # of log and events
 _FOLLOWED = 64  # jobs whose statistics are kept
-_SIGNIFICANT = 6  # digits: what a heat map and a table can show
+_SIGNIFICANT = 6  # digits: what a heat map can show
 
 
 @dataclass
@@ -35,21 +36,6 @@ class _Node:
         if self.process is None or now - max(self.came, self.died + SHOWN_FOR) < SHOWN_FOR:
             return "joining"
         return "alive"
-
-
-@dataclass(frozen=True)
-class Sums:
-    """The counters of the nodes that are at a job, added up; the furthest generation, and the root's champion's age."""
-
-    nodes: int
-    generation: int
-    evaluations: int
-    sent: int
-    received: int
-    lost: int
-    rejected: int
-    age: int
-    best: float
 
 
 class View:
@@ -162,7 +148,7 @@ class View:
             "nodes": self._table(),
             "jobs": list(self.jobs),
             "counts": dict(self.counts),
-            "statistics": {number: _plain(each._asdict()) for number, each in self.statistics.items()},
+            "statistics": {number: plain(each._asdict()) for number, each in self.statistics.items()},
             "bests": {number: [each.world, each.seconds, each.generation] for number, each in self._best.items()},
             "lines": list(self._lines),
         }
@@ -172,21 +158,17 @@ class View:
         now = time.monotonic()
         return sum(node.state(now) == "alive" for node in self._nodes.values())
 
-    def sums(self) -> dict[str, Sums]:
-        """Of the jobs that run, by id."""
-        running = {job["number"]: job["job"] for job in self.jobs if job["status"] == "running"}
-        told: dict[int, list[Counters]] = {number: [] for number in running}
-        for node in self._nodes.values():
-            if node.told is not None and node.told.job in told:
-                told[node.told.job].append(node.told)
-        return {running[number]: _sums(counters) for number, counters in told.items() if counters}
+    def running(self) -> dict[str, Statistics]:
+        """How the jobs are that run, by id."""
+        running = [job for job in self.jobs if job["status"] == "running" and job["number"] in self.statistics]
+        return {job["job"]: self.statistics[job["number"]] for job in running}
 
     def node(self, number: int) -> dict[str, Any] | None:
         """All about one node."""
         node = self._nodes.get(number)
         if node is None:
             return None
-        told = {} if node.told is None else _plain(node.told._asdict())
+        told = {} if node.told is None else plain(node.told._asdict())
         status = {} if node.status is None else dict(node.status)
         names = {job["number"]: job["job"] for job in self.jobs}
         known = {"node": number, "state": node.state(time.monotonic()), "deaths": node.deaths, "process": node.process}
@@ -198,7 +180,7 @@ class View:
         nodes = [self._nodes[number] for number in numbers]
         table: dict[str, list[Any]] = {"node": numbers, "state": [node.state(now) for node in nodes]}
         for name in ("cell", "job", "generation", "champion", "best", "age", "sent"):
-            table[name] = [None if node.told is None else _number(getattr(node.told, name)) for node in nodes]
+            table[name] = plain([None if node.told is None else _short(getattr(node.told, name)) for node in nodes])
         return table
 
     def _shape(self) -> tuple[int, int]:
@@ -220,21 +202,6 @@ def shape_of(spec: str) -> tuple[int, int]:
     return getattr(topology, "rows"), getattr(topology, "columns")  # noqa: B009 - of grids only
 
 
-def _sums(counters: Sequence[Counters]) -> Sums:
-    root = min(counters, key=lambda each: each.cell)
-    return Sums(
-        nodes=len(counters),
-        generation=max(each.generation for each in counters),
-        evaluations=sum(each.evaluations for each in counters),
-        sent=sum(each.sent for each in counters),
-        received=sum(each.received for each in counters),
-        lost=sum(each.lost for each in counters),
-        rejected=sum(each.rejected for each in counters),
-        age=root.age,
-        best=min(each.champion for each in counters),
-    )
-
-
 def _keep(table: dict[int, Any], job: int, value: Any) -> None:
     """The latest of a job, and of no more than so many jobs."""
     table.pop(job, None)
@@ -243,12 +210,5 @@ def _keep(table: dict[int, Any], job: int, value: Any) -> None:
         del table[next(iter(table))]
 
 
-def _plain(values: Mapping[str, Any]) -> dict[str, Any]:
-    return {name: _number(value) for name, value in values.items()}
-
-
-def _number(value: float) -> float | None:
-    """JSON has no infinity."""
-    if isinstance(value, int):
-        return value
-    return float(f"{value:.{_SIGNIFICANT}g}") if math.isfinite(value) else None
+def _short(value: float) -> float:
+    return value if isinstance(value, int) else float(f"{value:.{_SIGNIFICANT}g}")

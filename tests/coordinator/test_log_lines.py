@@ -21,7 +21,7 @@ def test_json_lines_tell_all_that_a_record_is_about(file, as_json):
     file = file()
     lines = LogLines("c1", as_json, file)
     for level in LEVELS:
-        lines.write(RECORD._replace(level=level))
+        lines.write(RECORD._replace(level=level), "office")
     lines.write(LogRecord("info", "spy", 'a "quote" and\na line', 1.75e9))
     *told, last = [json.loads(line) for line in file.getvalue().splitlines()]
     assert [each.pop("level") for each in told] == list(LEVELS)
@@ -33,7 +33,7 @@ def test_json_lines_tell_all_that_a_record_is_about(file, as_json):
             "timestamp": "2025-06-15T15:06:40.000+00:00",
             "node": 7,
             "cell": 4,
-            "job": 1,
+            "job": "office",
             "generation": 120,
         }
     assert last["event"] == 'a "quote" and\na line'

@@ -33,7 +33,7 @@ def improvement(job=1, fitness=2.0, generation=3):
 
 
 def statistics(job=1, generation=3, best=1.0):
-    return Statistics(job, generation, 40, 16, 0, 1, 4, 8.0, best, 2.0, math.inf, 2, 0.75)
+    return Statistics(job, 1, generation, 40, 16, 64, 0, 1, 4, 8.0, best, 2.0, math.inf, 2, 0.75, 0.01)
 
 
 def rows(book, kind, job="a", after=0):

@@ -1,6 +1,7 @@
 """What the dispatcher tells is written, then published, in order, whatever happens to the database meanwhile."""
 
 import io
+import json
 import time
 
 import pytest
@@ -81,9 +82,13 @@ def test_what_cannot_follow_is_dropped_and_told(bench):
     bench.recorder.changed(7, "running", ())
     assert bench.settled() == [("a", "failed")]
     assert bench.store.show("a").message == "KeyError: 'x'"
-    said = bench.said.getvalue()
-    assert "after 'failed' comes nothing more" in said
-    assert "there is no job of number 7" in said
+    said = [json.loads(line) for line in bench.said.getvalue().splitlines()]
+
+    def about(words):
+        return [line.get("job") for line in said if words in line["event"]]
+
+    assert set(about("job failed")) == set(about("after 'failed' comes nothing more")) == {"a"}
+    assert set(about("there is no job of number 7")) == {None}
 
 
 def test_the_same_state_again_is_no_news_but_other_nodes_are_kept(bench):

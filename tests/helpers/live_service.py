@@ -26,6 +26,14 @@ def until(condition, patience=PATIENCE):
     return found
 
 
+def end_all_jobs(client):
+    """Cancel what has not ended, and wait until it has."""
+    for each in client.jobs():
+        if each["ended"] is None:
+            client.job(each["job"]).cancel()
+    until(lambda: all(each["ended"] is not None for each in client.jobs()))
+
+
 def children_of(process):
     """Process ids."""
     try:
@@ -45,11 +53,11 @@ def command_of(process):
 class LiveService:
     """A cluster that stays up, until `close`."""
 
-    def __init__(self, state, topology="torus 4x4", *options):
+    def __init__(self, state, topology="torus 4x4", *options, stderr=None):
         self.state = state
         command = [sys.executable, "-m", "supernode", "up", "--topology", topology, "--state", str(state), *options]
         environment = os.environ | {"PYTHONPATH": str(ROOT)}
-        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=None, env=environment, text=True)
+        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=stderr, env=environment, text=True)
         line = self.process.stdout.readline()
         assert line.startswith("up: "), line
         self.line = line
@@ -102,8 +110,8 @@ class LiveService:
 
 
 @contextlib.contextmanager
-def live(state, topology="torus 4x4", *options):
-    service = LiveService(state, topology, *options)
+def live(state, topology="torus 4x4", *options, stderr=None):
+    service = LiveService(state, topology, *options, stderr=stderr)
     try:
         yield service
     finally:

@@ -120,6 +120,23 @@ def test_a_deadline_ends_a_simulation_and_can_be_replayed(own_problem, capsys):
     assert json.loads(out)["history_sha256"] == result["history_sha256"]
 
 
+def test_a_run_that_is_shown_is_the_same_run(own_problem):
+    path = own_problem("size = 30")
+    shown, alone = (run("solve", path, "--torus", "2x2", "--json", *more) for more in (["--dashboard", "[::1]:0"], []))
+    assert shown.returncode == 0
+    assert "dashboard of this run: http://[::1]:" in shown.stderr
+    same = ("status", "fitness", "history_sha256", "evaluations", "run")
+    shown, alone = json.loads(shown.stdout), json.loads(alone.stdout)
+    assert {name: shown[name] for name in same} == {name: alone[name] for name in same}
+
+
+def test_a_cluster_that_is_up_is_not_shown_by_solve(own_problem, capsys):
+    place = ["--connect", "tcp/127.0.0.1:1", "--dashboard", "127.0.0.1:0"]
+    code, out, err = in_process(capsys, "solve", own_problem(), *place)
+    assert (code, out, len(err.splitlines())) == (2, "", 1)
+    assert err.startswith("error: --dashboard: expected none with --connect")
+
+
 @pytest.mark.parametrize("command", ["solve", "simulate"])
 def test_ctrl_c_prints_the_best_so_far(own_problem, command):
     path = own_problem("size = 4000")

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from live_service import ROOT, live, until
+from live_service import ROOT, end_all_jobs, live, until
 from pages import Page
 from pyarrow import parquet
 
@@ -67,10 +67,7 @@ def connection(service):
 @pytest.fixture
 def client(connection):
     yield connection
-    for each in connection.jobs():
-        if each["ended"] is None:
-            connection.job(each["job"]).cancel()
-    until(lambda: all(each["ended"] is not None for each in connection.jobs()))
+    end_all_jobs(connection)
 
 
 @pytest.fixture

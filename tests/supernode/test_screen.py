@@ -35,9 +35,9 @@ def seen(job=None, answers=True):
         view.hear_jobs([JOB])
         for node in range(4):
             view.hear_counters(
-                Counters(node, 3 - node, 3, 0, 9, 80, 9, 36, 0, 0, 1.0 + node, 5.0, 6.0, 0.25, 2, node).encode()
+                Counters(node, 3 - node, 3, 0, 9, 80, 9, 36, 0, 0, 1.0 + node, 5.0, 6.0, 0.25, 2, node, 0.01).encode()
             )
-        view.hear_statistics(Statistics(3, 9, 320, 36, 0, 0, 4, 88.0, 0.5, 2.5, 7.0, 4, 0.75).encode())
+        view.hear_statistics(Statistics(3, 0, 9, 320, 36, 144, 0, 0, 4, 88.0, 0.5, 2.5, 7.0, 4, 0.75, 0.01).encode())
         view.found()
     else:
         view.lost("no cluster answers at tcp/nowhere")

@@ -1,9 +1,11 @@
 """Clients of a real cluster: what they see of one job together, what they are refused, and when answers come."""
 
+import contextlib
 import itertools
 import json
 import os
 import signal
+import sqlite3
 import statistics
 import subprocess
 import sys
@@ -13,7 +15,7 @@ from pathlib import Path
 
 import msgpack
 import pytest
-from live_service import ROOT, live, until
+from live_service import ROOT, end_all_jobs, live, until
 
 import supernode
 from benchmarks import service as benchmark
@@ -23,9 +25,10 @@ from wire import jobs, sessions
 from wire.callbacks import direct
 from wire.jobs import JobState, Refused
 from wire.keys import Keys
-from wire.news import Improvement
+from wire.news import Improvement, Statistics
 
 LATE = 0.05  # seconds, at most
+SPY_AGAIN = 3.0  # seconds, at most
 ARM = supernode.load(ROOT / "examples" / "arm-ik.toml")
 WATCHER = """
 import sys, supernode
@@ -55,10 +58,7 @@ def service(tmp_path_factory):
 def client(service):
     with service.connect() as client:
         yield client
-        for each in client.jobs():
-            if each["ended"] is None:
-                client.job(each["job"]).cancel()
-        until(lambda: all(each["ended"] is not None for each in client.jobs()))
+        end_all_jobs(client)
 
 
 @pytest.fixture
@@ -83,14 +83,21 @@ def watcher(service, job):
     return subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=os.environ | {"PYTHONPATH": str(ROOT)})
 
 
+def told(client, kind, job):
+    """Records by the names of their columns."""
+    page = client.records(kind, job)
+    return [dict(zip(page["columns"], row, strict=True)) for row in page["rows"]]
+
+
 class Ear:
     """Hears what is published, and when."""
 
     def __init__(self, service):
         card = service.card()
-        self.states, self.answers = {}, []
+        self.states, self.answers, self.statistics = {}, [], []
         self.session = sessions.client(card.endpoint)
         self.session.declare_subscriber(Keys(card.cluster).state, direct(self.hear_state))
+        self.session.declare_subscriber(Keys(card.cluster).spy_stats, direct(self.hear_statistics))
         self.session.declare_subscriber(Keys(card.cluster).best, direct(self.hear_best))
 
     def hear_state(self, sample):
@@ -99,6 +106,9 @@ class Ear:
 
     def hear_best(self, sample):
         self.answers.append(Improvement.decode(sample.payload.to_bytes()))
+
+    def hear_statistics(self, sample):
+        self.statistics.append(Statistics.decode(sample.payload.to_bytes()))
 
     def __enter__(self):
         return self
@@ -210,6 +220,7 @@ def test_an_update_that_is_refused_leaves_the_old_world(client, command, tmp_pat
     assert running.state() == "running"
     assert running.show()["worlds"] == []
     assert running.update(obstacles=[]) == 1
+    until(lambda: 1 in {row["world"] for row in told(client, "statistics", "moved")})
     running.cancel()
     assert [each["do"] for each in running.result(30).directives][:1] == ["update"]
 
@@ -249,20 +260,24 @@ def test_many_jobs_lose_and_leave_nothing():
         assert held.sockets <= before.sockets
 
 
-def test_what_happened_is_kept(client):
-    running = client.submit(job(cost=100, seconds=3), id="recorded")
-    result = running.result(30)
-    improvements, each_second = (
-        [dict(zip(page["columns"], row, strict=True)) for row in page["rows"]]
-        for page in (client.records(kind, "recorded") for kind in ("improvements", "statistics"))
-    )
-    told = [better.fitness for better in running.improvements()]
-    assert [each["fitness"] for each in improvements] == told
-    assert told[-1] == result.fitness
+def test_what_happened_is_kept(service, client):
+    with Ear(service) as ear:
+        running = client.submit(job(cost=100, seconds=3), id="recorded")
+        result = running.result(30)
+    first = ear.statistics[0]
+    assert (first.messages_per_second, first.evaluations > 0) == (0.0, True), "told as soon as nodes have told once"
+    improvements, each_second = (told(client, kind, "recorded") for kind in ("improvements", "statistics"))
+    heard = [better.fitness for better in running.improvements()]
+    assert [each["fitness"] for each in improvements] == heard
+    assert heard[-1] == result.fitness
     assert 2 <= len(each_second) <= 5, "one a second"
     assert all(one["generation"] < other["generation"] for one, other in itertools.pairwise(each_second))
     assert all(each["best"] <= each["median"] <= each["worst"] for each in each_second)
     assert 0 < each_second[-1]["diversity"] <= 1
+    first, last = each_second[0], each_second[-1]
+    pace = (last["at"] - first["at"]) / (last["generation"] - first["generation"])
+    assert pace / 3 < last["exchange_seconds"] < 3 * pace
+    assert 0 < last["received"] <= 2 * last["messages"], "a cell of a torus of 2x2 has two neighbours"
 
 
 def test_what_processes_had_to_say_is_gathered(service, client, capsys):
@@ -279,3 +294,46 @@ def test_what_processes_had_to_say_is_gathered(service, client, capsys):
     assert capsys.readouterr().out == ""
     assert main(["logs", "--job", "nobody", "--state", str(service.state)]) == 2
     assert capsys.readouterr().err == "error: there is no job 'nobody'\n"
+
+
+def test_a_spy_that_is_killed_has_a_successor_that_knows_all(tmp_path):
+    with live(tmp_path, "torus 2x2") as service, service.connect() as client:
+        running = client.submit(job(cost=100, seconds=60), id="watched")
+        until(lambda: running.show()["best"] and running.show()["best"]["fitness"] == 0)
+        until(lambda: len(told(client, "statistics", "watched")) > 1)
+        nodes = {name: process for name, process in service.processes().items() if name.startswith("node")}
+        before = {kind: told(client, kind, "watched") for kind in ("improvements", "statistics")}
+        with Ear(service) as ear:
+            killed = time.time()
+            service.kill("spy")
+            until(lambda: any(better.fitness == 0 for better in ear.answers), SPY_AGAIN)
+            until(lambda: any(each.evaluations > before["statistics"][-1]["evaluations"] for each in ear.statistics))
+            until(lambda: told(client, "statistics", "watched")[-1]["at"] > killed)
+            assert time.time() - killed < SPY_AGAIN
+        after = {kind: told(client, kind, "watched") for kind in ("improvements", "statistics")}
+        assert after["improvements"] == before["improvements"], "nothing better came, and nothing comes twice"
+        assert after["statistics"][: len(before["statistics"])] == before["statistics"]
+        assert after["statistics"][-1]["generation"] > before["statistics"][-1]["generation"]
+        assert nodes.items() <= service.processes().items()
+        running.cancel()
+        assert running.result(30).fitness == 0
+    with contextlib.closing(sqlite3.connect(tmp_path / "jobs.sqlite")) as store:
+        assert store.execute("pragma integrity_check").fetchall() == [("ok",)]
+
+
+def test_where_nobody_reads_every_line_of_every_process_is_json(tmp_path):
+    path = tmp_path / "log"
+    with path.open("w") as log, live(tmp_path / "state", "torus 1x2", stderr=log) as service:
+        for name in ("router", "spy", "node 1", "coordinator"):
+            service.kill(name)
+        with service.connect() as client:
+            client.submit(job(generations=3, topology="torus 1x2")).result(30)
+        cluster = service.card().cluster
+    lines = [json.loads(line) for line in path.read_text().splitlines()]
+    for line in lines:
+        assert line["cluster"] == cluster
+        assert {"process", "level", "timestamp", "event"} <= line.keys()
+    told = {(line["process"], line["event"], line.get("node")) for line in lines}
+    for name, node in (("router", None), ("spy", None), ("node 1", 1), ("coordinator", None)):
+        assert ("zygote", f"{name} killed by SIGKILL: another one takes its place", node) in told
+    assert ("coordinator", "the coordinator has died: another one goes on in its place", None) in told

@@ -12,13 +12,14 @@ import pytest
 from fake_service import FakeService
 
 import supernode
+from coordinator.launcher import ServiceOptions
 from supernode import upkeep
 from supernode.__main__ import main
 from supernode.detached import detached
 from supernode.upkeep import Upkeep, Wish
 from supernode.whereabouts import read_card
 
-WISH = Wish("torus 2x2", ("tcp/127.0.0.1:0",), None, 5, None, 30.0, 1000, ("mine",))
+LISTEN = "tcp/127.0.0.1:0"
 
 
 class FakeLauncher:
@@ -41,6 +42,11 @@ class FakeLauncher:
         self.service.close()
 
 
+def upkeep_in(folder):
+    keep = {"max_queue": 5, "keep_records": 1000, "allow_modules": ("mine",)}
+    return Upkeep(Wish("torus 2x2", ServiceOptions(state=folder, listen=(LISTEN,), **keep)))
+
+
 @pytest.fixture(autouse=True)
 def _played(monkeypatch):
     monkeypatch.setattr(upkeep, "Launcher", FakeLauncher)
@@ -55,24 +61,25 @@ def test_it_is_up_until_ctrl_c_and_leaves_no_card(tmp_path):
             seen.append(client.status()["cluster"])
         seen.append(read_card(tmp_path))
         with pytest.raises(supernode.ClusterFailed, match=r"is up in .* already"):
-            Upkeep(tmp_path, WISH).run(print)
+            upkeep_in(tmp_path).run(tmp_path, print)
         os.kill(os.getpid(), signal.SIGINT)
 
-    Upkeep(tmp_path, WISH).run(look)
+    upkeep_in(tmp_path).run(tmp_path, look)
     line, cluster, card = seen
-    assert line == f"up: 0 nodes (torus 2x2) in {tmp_path}, tcp/127.0.0.1:0"
+    assert line == f"up: 0 nodes (torus 2x2) in {tmp_path}, {LISTEN}"
     assert (card.cluster, card.process) == (cluster, os.getpid())
     topology, options = FakeLauncher.latest.asked
     assert topology == "torus 2x2"
     assert vars(options) == {
         "state": tmp_path,
         "database": None,
-        "listen": WISH.listen,
+        "listen": (LISTEN,),
         "max_queue": 5,
         "log_json": None,
         "keep_days": 30.0,
         "keep_records": 1000,
         "allow_modules": ("mine",),
+        "modules": None,
     }
     assert FakeLauncher.latest.closed
     assert not (tmp_path / "cluster.json").exists()
@@ -81,13 +88,13 @@ def test_it_is_up_until_ctrl_c_and_leaves_no_card(tmp_path):
 
 def test_what_breaks_is_said(tmp_path):
     def run():
-        Upkeep(tmp_path, WISH).run(lambda _: FakeLauncher.latest.on_death("the zygote ended"))
+        upkeep_in(tmp_path).run(tmp_path, lambda _: FakeLauncher.latest.on_death("the zygote ended"))
 
     with pytest.raises(supernode.ClusterFailed, match="the zygote ended"):
         run()
     assert FakeLauncher.latest.closed
     assert not (tmp_path / "cluster.json").exists()
-    Upkeep(tmp_path, WISH).run(lambda _: os.kill(os.getpid(), signal.SIGTERM))
+    upkeep_in(tmp_path).run(tmp_path, lambda _: os.kill(os.getpid(), signal.SIGTERM))
 
 
 def in_a_process(script):

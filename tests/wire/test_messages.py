@@ -159,8 +159,8 @@ READERS = {
     "judgement": (control.decode_answer, control.encode_answer(Judged("solved", True, None, b"\x12", "in words", 0.5))),
     "report": (Report.decode, REPORT.encode()),
     "improvement": (Improvement.decode, IMPROVEMENT.encode()),
-    "counters": (Counters.decode, Counters(*range(1, 11), 0.5, 1.5, 2.5, 0.5, 3, 4).encode()),
-    "statistics": (Statistics.decode, Statistics(1, 2, 3, 4, 5, 6, 7, 8.5, 0.5, 1.5, 2.5, 9, 0.25).encode()),
+    "counters": (Counters.decode, Counters(*range(1, 11), 0.5, 1.5, 2.5, 0.5, 3, 4, 0.25).encode()),
+    "statistics": (Statistics.decode, Statistics(*range(1, 10), 8.5, 0.5, 1.5, 2.5, 9, 0.25, 0.125).encode()),
     "log": (LogRecord.decode, LogRecord("warning", "node 3", "bad message", 1.75e9, 3, 4, 5, None).encode()),
 }
 KNOWN_REASONS = {
@@ -231,14 +231,14 @@ def test_an_improvement_comes_back_as_it_was(improvement):
     assert Improvement.decode(improvement.encode()) == improvement
 
 
-@given(st.builds(Counters, *[counts] * 10, *[fitnesses] * 4, counts, counts))
+@given(st.builds(Counters, *[counts] * 10, *[fitnesses] * 4, counts, counts, fitnesses))
 def test_counters_come_back_as_they_were(counters):
     again = Counters.decode(counters.encode())
     assert again == counters
     assert type(again) is Counters
 
 
-@given(st.builds(Statistics, *[counts] * 7, *[fitnesses] * 4, counts, fitnesses))
+@given(st.builds(Statistics, *[counts] * 9, *[fitnesses] * 4, counts, fitnesses, fitnesses))
 def test_statistics_come_back_as_they_were(statistics):
     again = Statistics.decode(statistics.encode())
     assert again == statistics
@@ -411,9 +411,11 @@ def test_the_number_of_a_commands_fields_is_exact(kind):
         ("improvement", 7, '"text"', "wrong type"),
         ("counters", 3, True, "wrong type"),
         ("counters", 9, -1, "out of bounds"),
-        ("statistics", 7, 8, "wrong type"),
-        ("statistics", 7, math.nan, "not finite"),
+        ("statistics", 9, 8, "wrong type"),
+        ("statistics", 9, math.nan, "not finite"),
         ("statistics", 0, 8.0, "wrong type"),
+        ("statistics", 15, 1, "wrong type"),
+        ("counters", 16, 1, "wrong type"),
         ("log", 0, 3, "no such level"),
         ("log", 3, math.nan, "not finite"),
         ("log", 4, -1, "out of bounds"),

@@ -68,6 +68,6 @@ async function showNode() {
   }
 }
 
-byId("what").addEventListener("change", showTorus);
+byId("what").addEventListener("change", () => nodes && showTorus());
 byId("all").addEventListener("toggle", () => nodes && showTable());
 follow(show);

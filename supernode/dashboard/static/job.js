@@ -4,6 +4,7 @@ import {
   TROUBLED, announce, byId, fillRow, follow, getJson, hasEnded, make, number, postJson, setText, showFacts,
 } from "./common.js";
 import { History, generation, line, plot, since } from "./history.js";
+import { canTurn, showSpaces } from "./spaces.js";
 import { Torus } from "./torus.js";
 
 const LINEAGE = 40; // births that are drawn
@@ -48,8 +49,8 @@ function showJob() {
   if (byId("cancel").dataset.status !== status) announce(`job ${id} is ${status}`);
   byId("cancel").dataset.status = status;
   byId("cancel").hidden = hasEnded(status);
-  const best = job.best && [job.best.world, job.best.fitness, job.worlds];
-  scene.show(JSON.stringify(best ?? [job.worlds]));
+  const best = job.best && [job.best.world, job.best.fitness, job.world];
+  scene.show(JSON.stringify(best ?? [job.world]));
 }
 
 function showHistory() {
@@ -98,31 +99,43 @@ function showCells(snapshot) {
   torus.show(job.rows, job.columns, cells);
 }
 
-// The picture: fetched again when there is a better solution, at most every second.
+// The planner's drawing: fetched again when there is a better solution, at most every second. What it has in three
+// dimensions can be turned, if this browser can do so; the rest is a picture.
 const scene = {
-  shown: null, wanted: null, due: 0, timer: null,
+  shown: null, wanted: null, due: 0, timer: null, flat: !canTurn(),
   show(of) {
     this.wanted = of;
     if (this.wanted === this.shown || this.timer !== null) return;
     this.timer = setTimeout(() => this.fetch(), Math.max(0, this.due - Date.now()));
   },
-  fetch() {
-    const image = new Image(), of = this.wanted;
-    const done = (trouble) => {
-      this.timer = null;
-      this.due = Date.now() + SCENE_EVERY;
-      this.shown = of;
-      setText(byId("no-scene"), trouble);
-      this.show(this.wanted);
-    };
-    image.onload = () => {
-      byId("scene").src = image.src;
-      byId("scene").hidden = false;
-      byId("scene").alt = `The best solution of job ${id} so far, fitness ${number(job.best?.fitness)}`;
-      done("");
-    };
-    image.onerror = () => done("There is no picture of this problem.");
+  async fetch() {
+    const of = this.wanted;
+    const words = `The best solution of job ${id} so far, fitness ${number(job.best?.fitness)}`;
+    try {
+      const whole = !this.flat && await this.fetchSpaces(of, words);
+      if (!whole) await this.fetchPicture(of, words);
+      byId("scene").hidden = whole;
+      setText(byId("no-scene"), "");
+    } catch {
+      setText(byId("no-scene"), "There is no picture of this problem.");
+    }
+    this.timer = null;
+    this.due = Date.now() + SCENE_EVERY;
+    this.shown = of;
+    this.show(this.wanted);
+  },
+  async fetchSpaces(of, words) {
+    const { spaces, whole } = await getJson(`${address}/spaces?of=${encodeURIComponent(of)}`);
+    this.flat = spaces.length === 0;
+    showSpaces(byId("spaces"), spaces, words);
+    return whole;
+  },
+  async fetchPicture(of, words) {
+    const image = new Image();
     image.src = `/jobs/${encodeURIComponent(id)}/scene.png?of=${encodeURIComponent(of)}`;
+    await image.decode();
+    byId("scene").src = image.src;
+    byId("scene").alt = words;
   },
 };
 

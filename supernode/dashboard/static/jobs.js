@@ -51,27 +51,28 @@ byId("compare").addEventListener("click", () => {
   location.assign(`/compare?jobs=${chosen.join()}`);
 });
 
-byId("kind").addEventListener("change", (event) => attempt(async () => {
-  const kind = event.target.value;
-  const form = byId("submit").elements;
-  form.file.value = kind ? await (await fetch(`/api/templates/${kind}`)).text() : "";
-  form.name.value = kind ? `${kind}.toml` : "form.toml";
-}));
-
-byId("upload").addEventListener("change", (event) => attempt(async () => {
-  const [file] = event.target.files;
-  if (!file) return;
-  byId("submit").elements.file.value = await file.text();
-  byId("submit").elements.name.value = file.name;
-}));
-
-byId("submit").addEventListener("submit", (event) => {
-  event.preventDefault();
-  attempt(async () => {
-    const { job } = await postJson("/api/jobs", Object.fromEntries(new FormData(event.target)));
-    announce(`job ${job} is submitted`);
-    location.assign(`/jobs/${encodeURIComponent(job)}`);
+function prepareForm(form) {
+  const fields = form.elements;
+  fields.kind.addEventListener("change", () => attempt(async () => {
+    const kind = fields.kind.value;
+    fields.file.value = kind ? await (await fetch(`/api/templates/${kind}`)).text() : "";
+    fields.name.value = kind ? `${kind}.toml` : "form.toml";
+  }));
+  fields.upload.addEventListener("change", () => attempt(async () => {
+    const [file] = fields.upload.files;
+    if (!file) return;
+    fields.file.value = await file.text();
+    fields.name.value = file.name;
+  }));
+  form.addEventListener("submit", (event) => {
+    event.preventDefault();
+    attempt(async () => {
+      const { job } = await postJson("/api/jobs", Object.fromEntries(new FormData(form)));
+      announce(`job ${job} is submitted`);
+      location.assign(`/jobs/${encodeURIComponent(job)}`);
+    });
   });
-});
+}
 
+if (byId("submit")) prepareForm(byId("submit")); // a single run takes no other jobs
 follow(show);

@@ -8,7 +8,6 @@ import shutil
 import threading
 
 import pytest
-from fake_service import FakeService
 
 from supernode.dashboard.door import Door
 from supernode.dashboard.server import serve
@@ -49,19 +48,12 @@ class Shown:
 
 
 @pytest.fixture
-def played():
-    service = FakeService()
-    yield service
-    service.close()
-
-
-@pytest.fixture
-def show(played):
+def show(service):
     """Starts a dashboard of the played cluster; call it with a token, or without."""
     with contextlib.ExitStack() as stack:
 
         def start(token=None):
-            shown = Shown(played.endpoint, token)
+            shown = Shown(service.endpoint, token)
             stack.callback(shown.close)
             return shown
 

@@ -1,11 +1,14 @@
 """The dashboard of a real cluster, in a real browser."""
 
 import contextlib
+import json
 import os
 import select
 import signal
 import subprocess
 import sys
+import urllib.error
+import urllib.parse
 import urllib.request
 from pathlib import Path
 
@@ -50,21 +53,31 @@ def endless(cluster, tmp_path):
 
 
 @pytest.fixture
-def page(chromium, home):
-    """A page that may neither complain nor ask anybody but the dashboard."""
-    page, complaints = chromium.new_page(viewport={"width": 1280, "height": 800}), []
-    page.on("console", lambda message: complaints.append(message.text) if message.type == "error" else None)
-    page.on("pageerror", lambda error: complaints.append(str(error)))
-    page.on(
-        "request", lambda request: None if request.url.startswith((home, "data:")) else complaints.append(request.url)
-    )
-    yield page
-    page.close()
+def page_of(chromium):
+    """Opens pages of a dashboard that may neither complain nor ask anybody but that one."""
+    pages, complaints = [], []
+
+    def complain_of_foreign(request, home):
+        if not request.url.startswith((home, "data:")):
+            complaints.append(request.url)
+
+    def opened(home):
+        page = chromium.new_page(viewport={"width": 1280, "height": 800})
+        page.on("console", lambda message: complaints.append(message.text) if message.type == "error" else None)
+        page.on("pageerror", lambda error: complaints.append(str(error)))
+        page.on("request", lambda request: complain_of_foreign(request, home))
+        pages.append(page)
+        return page
+
+    yield opened
+    for page in pages:
+        page.close()
     assert complaints == []
 
 
-def is_foreign(request, home):
-    return not request.url.startswith((home, "data:"))
+@pytest.fixture
+def page(page_of, home):
+    return page_of(home)
 
 
 def see(page, selector, seconds=30):
@@ -147,6 +160,37 @@ def test_a_form_leads_to_a_solved_job_with_its_scene(page, home):
     assert page.query_selector("#facts img") is None
 
 
+def test_what_is_in_space_can_be_turned(page, home, cluster):
+    page.goto(home + f"jobs/{solved_in_space(cluster)}")
+    see(page, "#spaces canvas")
+    until(lambda: page.is_hidden("#scene"))
+    assert "in space" in page.get_attribute(".space", "aria-label")
+    eye = "document.querySelector('.space').layout.scene.camera.eye.x"
+    before = page.evaluate(eye)
+    page.focus(".space")
+    page.keyboard.press("ArrowLeft")
+    until(lambda: page.evaluate(eye) != before)
+
+
+def test_where_nothing_can_be_turned_there_is_a_picture(page, home, cluster):
+    page.add_init_script(
+        "const before = HTMLCanvasElement.prototype.getContext;"
+        "HTMLCanvasElement.prototype.getContext = function (kind, ...more) {"
+        "  return kind.startsWith('webgl') ? null : before.call(this, kind, ...more); };"
+    )
+    page.goto(home + f"jobs/{solved_in_space(cluster)}")
+    until(lambda: page.evaluate("document.getElementById('scene').naturalWidth") > 0)
+    page.wait_for_selector("#scene[alt^='The best solution of job']")
+    assert page.query_selector("#spaces canvas") is None
+
+
+def solved_in_space(cluster):
+    with cluster.connect() as client:
+        job = client.submit(ROOT / "examples" / "sphere-path.toml", seconds=20)
+        job.answer(60)
+        return job.id
+
+
 def test_the_form_says_what_is_wrong(chromium, home):
     page = chromium.new_page()
     page.goto(home + "jobs")
@@ -204,11 +248,41 @@ def test_an_onlooker_shows_a_running_cluster(cluster):
             process.kill()
 
 
+def test_a_single_run_is_shown_as_long_as_it_lasts(page_of, tmp_path):
+    path = tmp_path / "<b>endless.toml"
+    path.write_text(ENDLESS)
+    command = [sys.executable, "-m", "supernode", "solve", str(path), "--dashboard", "127.0.0.1:0", "--json"]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    with subprocess.Popen(command, env=os.environ | {"PYTHONPATH": str(ROOT)}, **pipes) as process:
+        try:
+            home = address_in(process.stderr.readline())
+            page = page_of(home)
+            page.goto(home + "jobs")
+            page.wait_for_selector("main >> text=It takes no other jobs")
+            assert page.query_selector("form#submit") is None
+            page.click("#rows a")
+            page.wait_for_selector("text=A single run")
+            page.wait_for_selector("#facts >> text=running")
+            see(page, "#convergence .main-svg .scatterlayer .trace")
+            form = urllib.parse.urlencode({"file": ENDLESS}).encode()
+            with pytest.raises(urllib.error.HTTPError) as refused:
+                urllib.request.urlopen(home + "api/jobs", form)
+            assert "the queue is full" in refused.value.read().decode()
+            page.close()
+            process.send_signal(signal.SIGINT)
+            out, _ = process.communicate(timeout=30)
+            assert process.returncode == 130
+            assert json.loads(out)["status"] == "cancelled"
+            assert not answers(home)
+        finally:
+            process.kill()
+
+
 def test_its_metrics_count_what_the_nodes_do(cluster, home, endless):
     def text():
         with urllib.request.urlopen(home + "metrics") as answer:
             return answer.read().decode()
 
-    line = f'supernode_evaluations_total{{job="{endless.id}"}}'
-    until(lambda: line in text())
+    for name in ("generations_total", "evaluations_total", "messages_received_total", "exchange_seconds", "job_world"):
+        until(lambda line=f'supernode_{name}{{job="{endless.id}"}} ': line in text())
     assert "supernode_nodes_alive 16.0" in text()

@@ -12,7 +12,7 @@ def own(shown):
     return f"http://127.0.0.1:{shown.port}"
 
 
-def test_what_changes_anything_must_come_from_its_own_pages(shown, played):
+def test_what_changes_anything_must_come_from_its_own_pages(shown, service):
     for headers in (
         {"Origin": "http://evil.example"},
         {"Origin": "null"},
@@ -21,7 +21,7 @@ def test_what_changes_anything_must_come_from_its_own_pages(shown, played):
     ):
         status, _, text = shown.post("/api/jobs", PROBLEM, **headers)
         assert (status, "another site" in text) == (403, True)
-    assert played.jobs == {}
+    assert service.jobs == {}
     assert shown.post("/api/jobs", PROBLEM, Origin=own(shown))[0] in (201, 503)  # it may not have met the cluster yet
 
 

@@ -27,7 +27,7 @@ def first_event(sock):
         return json.loads(next(line for line in lines if line.startswith(b"data: "))[6:])
 
 
-def test_fifty_browsers_hear_the_same(shown, played):
+def test_fifty_browsers_hear_the_same(shown, service):
     with contextlib.ExitStack() as stack:
         socks = [stack.enter_context(listen(shown)) for _ in range(50)]
         events = [first_event(sock) for sock in socks]

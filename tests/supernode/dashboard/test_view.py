@@ -7,7 +7,7 @@ import pytest
 from supernode.dashboard import view as module
 from supernode.dashboard.view import View, shape_of
 from wire.keys import Keys
-from wire.news import Counters
+from wire.news import Counters, Statistics
 
 KEYS = Keys("c")
 
@@ -47,7 +47,7 @@ def words(view):
 
 
 def counters(node, best=0.5):
-    return Counters(node, node, 7, 0, 3, 40, 5, 6, 0, 1, best, 0.7, float("inf"), 0.25, 2, 99)
+    return Counters(node, node, 7, 0, 3, 40, 5, 6, 0, 1, best, 0.7, float("inf"), 0.25, 2, 99, 0.01)
 
 
 def test_who_is_there_at_the_beginning_is_alive(view):
@@ -104,21 +104,24 @@ def test_a_snapshot_of_a_thousand_nodes_is_small_and_plain_json(view):
     assert (view.snapshot()["rows"], view.snapshot()["columns"]) == (32, 32)
 
 
-def test_sums_are_of_jobs_that_run(view):
+def statistics(job):
+    return Statistics(job, *[0] * 8, 0.0, 0.0, 0.0, 0.0, 0, 0.0, 0.01)
+
+
+def test_how_jobs_are_is_told_of_those_that_run(view):
     view.hear_jobs([{"number": 7, "job": "a", "status": "running", "cells": 4, "topology": "torus 1x4"}])
-    for node in range(3):
-        view.hear_counters(counters(node).encode())
-    (added,) = view.sums().values()
-    assert (added.nodes, added.evaluations, added.sent, added.rejected, added.best) == (3, 120, 15, 3, 0.25)
+    assert view.running() == {}
+    view.hear_statistics(statistics(7).encode())
+    assert view.running() == {"a": statistics(7)}
     assert (view.snapshot()["rows"], view.snapshot()["columns"]) == (1, 4)
     view.hear_jobs([{"number": 7, "job": "a", "status": "solved", "cells": 4, "topology": "torus 1x4"}])
-    assert view.sums() == {}
+    assert view.running() == {}
     assert words(view) == ["job a: solved"]
 
 
 def test_what_is_kept_of_jobs_is_bounded(view):
     for job in range(1000):
-        view.hear_statistics(module.Statistics(job, *[0] * 6, 0.0, 0.0, 0.0, 0.0, 0, 0.0).encode())
+        view.hear_statistics(statistics(job).encode())
     assert len(view.statistics) < 100
 
 
