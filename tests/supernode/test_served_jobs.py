@@ -251,9 +251,10 @@ def test_a_client_of_another_version(service):
 
 
 def test_many_jobs_lose_and_leave_nothing():
-    measured = benchmark.measure(40, 20, "torus 2x2")
+    measured = benchmark.measure(40, 20, 2, "torus 2x2")
     assert set(measured.ends.values()) == {1}
-    assert len(measured.running) == 40
+    assert (len(measured.running), len(measured.late)) == (40, 2)
+    assert min(measured.late) >= 0
     for name, held in measured.held.items():
         before = measured.settled[name]
         assert held.descriptors <= before.descriptors + 1
