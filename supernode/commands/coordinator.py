@@ -4,6 +4,7 @@ import argparse
 
 from supernode import exits
 from supernode.commands.role_options import (
+    add_log_json,
     add_membership,
     add_option,
     cluster_of,
@@ -22,9 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_option(parser, "state", "the folder that keeps the jobs (the user's own)", metavar="DIR")
     add_option(parser, "database", "of the jobs, instead of a file in the state folder", metavar="URL")
     add_option(parser, "max-queue", "refuse jobs when so many wait (any number)", metavar="N")
-    parser.add_argument(
-        "--log-json", action="store_true", default=None, help="the log on stderr in JSON Lines, on a terminal too"
-    )
+    add_log_json(parser)
     add_option(parser, "keep-days", "forget ended jobs and records so old (30)", metavar="D", default="30")
     add_option(parser, "keep-records", "of each kind, the newest (1000000)", metavar="N", default="1000000")
     add_option(parser, "allow-module", "let jobs name problems of this module of yours (none)", metavar="M")

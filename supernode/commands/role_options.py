@@ -18,6 +18,13 @@ def add_option(parser: argparse.ArgumentParser, name: str, words: str, **more: A
     parser.add_argument(f"--{name}", default=default, help=f"{words} [{variable}]", **more)
 
 
+def add_log_json(parser: argparse.ArgumentParser) -> None:
+    """How the log is written."""
+    parser.add_argument(
+        "--log-json", action="store_true", default=None, help="the log on stderr in JSON Lines, on a terminal too"
+    )
+
+
 def variable_of(name: str) -> str:
     """The environment variable of an option."""
     return f"SUPERNODE_{name.upper().replace('-', '_')}"

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 from supernode import exits
 from supernode.commands.dashboard_options import add_dashboard
+from supernode.commands.role_options import add_log_json
 from supernode.commands.run_options import torus, whole
 
 if TYPE_CHECKING:
@@ -29,9 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--state", metavar="DIR", help="the state folder (the user's own)")
     parser.add_argument("--database", metavar="URL", help="of the jobs, instead of a file in the state folder")
     parser.add_argument("--max-queue", metavar="N", type=whole, help="refuse jobs when so many wait (any number)")
-    parser.add_argument(
-        "--log-json", action="store_true", default=None, help="the log on stderr in JSON Lines, on a terminal too"
-    )
+    add_log_json(parser)
     parser.add_argument(
         "--keep-days", metavar="D", type=float, default=30.0, help="forget ended jobs and records so old (30)"
     )
