@@ -62,7 +62,7 @@ export const announce = (text) => setText(byId("live"), text);
 
 // Calls `show` with each snapshot of the cluster.
 export function follow(show) {
-  let last = null;
+  let last = null, unseen = null;
   const pill = byId("link");
   const say = (state, text) => { pill.dataset.state = state; setText(pill, text); };
   const source = new EventSource("/events");
@@ -73,8 +73,13 @@ export function follow(show) {
     const newest = snapshot.lines.at(-1);
     if (last !== null && newest && newest.number > last) announce(newest.text);
     last = newest ? newest.number : 0;
-    show(snapshot);
+    if (document.hidden) unseen = snapshot; // nobody looks
+    else show(snapshot);
   };
+  document.addEventListener("visibilitychange", () => {
+    if (unseen && !document.hidden) show(unseen);
+    unseen = null;
+  });
   source.onerror = () => say("lost", "dashboard away");
   addEventListener("pagehide", () => source.close());
 }

@@ -9,9 +9,10 @@ import { Torus } from "./torus.js";
 
 const LINEAGE = 40; // births that are drawn
 const SCENE_EVERY = 1100; // ms
+const DRAW_EVERY = 2000; // ms: long curves take a while
 const id = byId("job").dataset.job, address = `/api/jobs/${encodeURIComponent(id)}`;
 const history = new History(id);
-let job = null, busy = false, patient = 0, heard = "", bests = [];
+let job = null, busy = false, patient = 0, heard = "", drawn = 0, stale = true, bests = [];
 
 const torus = new Torus(byId("torus"), byId("legend"), {
   describe: (cell) => `cell ${cell}, best ${number(bests[cell])}`,
@@ -26,9 +27,9 @@ async function show(snapshot) {
   try {
     job = await getJson(address);
     showJob();
-    await history.load();
-    showHistory();
-    heard = now;
+    stale = (await history.load()) || stale;
+    if (stale && (hasEnded(job.status) || Date.now() >= drawn + DRAW_EVERY)) showHistory();
+    if (!stale) heard = now;
     setText(byId("trouble"), "");
   } catch (error) {
     setText(byId("trouble"), error.message);
@@ -54,6 +55,7 @@ function showJob() {
 }
 
 function showHistory() {
+  [drawn, stale] = [Date.now(), false];
   const seconds = byId("against").value === "seconds";
   const x = seconds ? since(job.started ?? job.submitted) : generation;
   const along = seconds ? "seconds" : "generation", { statistics, improvements } = history;
