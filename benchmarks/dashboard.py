@@ -22,8 +22,6 @@ import http.client
 import os
 import shutil
 import statistics
-import subprocess
-import sys
 import tempfile
 import threading
 import time
@@ -34,6 +32,7 @@ from pathlib import Path
 from typing import Any
 
 import supernode
+from benchmarks.service import up
 from coordinator.launcher import cpu_seconds_of
 from problems.file import parse
 from supernode.dashboard.door import Door
@@ -148,7 +147,7 @@ class _Bench:
     def __enter__(self) -> "_Bench":
         with ExitStack() as stack:
             folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
-            self._up = stack.enter_context(_up(folder, self._topology))
+            self._up = stack.enter_context(up(folder, self._topology, None))
             self._card = read_card(folder)
             self._job = _submitted(folder, self._topology)
             self._listen(self._card, stack)
@@ -269,20 +268,6 @@ def _submitted(folder: Path, topology: str) -> str:
         job = client.submit(parse(_PROBLEM, "benchmark", Path()).with_run(topology=topology, **_ENDLESS))
         next(job.improvements())
         return job.id
-
-
-@contextmanager
-def _up(folder: Path, topology: str) -> Iterator[int]:
-    """The process of `supernode up`."""
-    command = [sys.executable, "-m", "supernode", "up", "--topology", topology, "--state", str(folder)]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-    try:
-        assert process.stdout is not None
-        process.stdout.readline()
-        yield process.pid
-    finally:
-        process.terminate()
-        process.wait()
 
 
 def _descendants(process: int) -> list[int]:
