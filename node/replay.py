@@ -159,7 +159,7 @@ def _sorted(directives: Sequence[Mapping[str, Any]]) -> tuple[list[Mapping[str, 
             stops.append(_count(directive, "generation"))
         elif kind in ("update", "rewire", "replace"):
             turns.append(directive)
-        elif kind in _LOST:
+        elif isinstance(kind, str) and kind in _LOST:
             raise BadInput(f"directives: such a run cannot be repeated: {_LOST[kind]}")
         else:
             raise BadInput(f"directives: do: expected stop, update, rewire or replace, found {shorten(kind)}")

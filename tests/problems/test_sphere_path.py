@@ -615,7 +615,7 @@ def test_bad_files_give_one_clear_line(text, complaint, tmp_path):
 
 
 def test_a_named_mesh_is_asked_for_by_load():
-    with pytest.raises(ValueError, match=r"as `supernode\.load` puts it in"):
+    with pytest.raises(ValueError, match=r"as `supernode\.load` reads them"):
         made(start=[1.0] * 3, goal=[9.0] * 3, vehicle={"radius": 0.1}, mesh={"file": "wall.stl"})
 
 
