@@ -18,6 +18,7 @@ from wire.news import Counters
 from wire.strict import Rejected
 
 _KILOBYTE = 1024
+_LOOK_FOR = 0.1  # seconds, at the memory of nodes, whenever their status is asked for
 
 
 class Roster:
@@ -45,6 +46,7 @@ class Roster:
         self._processes: dict[str, tuple[int, str]] = {}  # by name, each with its host: "" for this one
         self._seen: dict[int, float] = {}  # when a node's process was first seen, on the monotonic clock
         self._counters: dict[int, Counters] = {}
+        self._memory = _Memory()
         self._spy: int | None = None  # its process, as long as its token is there
         liveliness = self._liveliness = session.liveliness()
         self._declared = [
@@ -80,11 +82,20 @@ class Roster:
 
     def nodes(self, nodes: Iterable[int], job_on: Callable[[int], str | None]) -> list[dict[str, Any]]:
         """Each of the nodes, as `status` shows it; ``job_on`` tells the job that a node is at."""
+        jobs = {node: job_on(node) for node in nodes}
         with self._lock:
-            return [self._node(node, job_on(node)) for node in nodes]
+            here = {each: process for each in jobs if (process := self._here(each)) is not None}
+            told = [self._node(node, job) for node, job in jobs.items()]
+        self._memory.look(here.values())
+        return [each | {"memory": self._memory.known.get(here.get(each["node"], -1))} for each in told]
+
+    def _here(self, node: int) -> int | None:
+        """Its process, if that is on this host."""
+        process, host = self._processes.get(f"node {node}", (None, ""))
+        return None if host else process
 
     def _node(self, node: int, job: str | None) -> dict[str, Any]:
-        (process, host), told = self._processes.get(f"node {node}", (None, "")), self._counters.get(node)
+        (process, _), told = self._processes.get(f"node {node}", (None, "")), self._counters.get(node)
         busy = job is not None and told is not None
         return {
             "node": node,
@@ -94,7 +105,6 @@ class Roster:
             "world": told.world if busy and told is not None else None,
             "generation": told.generation if busy and told is not None else None,
             "seconds": round(time.monotonic() - self._seen[node], 3) if node in self._seen else None,
-            "memory": None if process is None or host else _memory(process),
             "sent": 0 if told is None else told.sent,
             "received": 0 if told is None else told.received,
         }
@@ -128,8 +138,30 @@ class Roster:
             self._counters[counters.node] = counters
 
 
-def _memory(process: int) -> int | None:
-    """The proportional set size of a process, bytes: what it shares with others counts in shares."""
+class _Memory:
+    """How much memory processes have: the kernel takes milliseconds to add it up, so of many only some are looked at.
+
+    Attributes:
+        known: bytes, by process, as they were when it was looked at last.
+    """
+
+    def __init__(self) -> None:
+        self.known: dict[int, int | None] = {}
+
+    def look(self, processes: Iterable[int]) -> None:
+        """See how it is now, those first that have not been looked at for the longest time."""
+        there = set(processes)
+        self.known = {process: memory for process, memory in self.known.items() if process in there}
+        until = time.monotonic() + _LOOK_FOR
+        for process in [*(there - self.known.keys()), *self.known]:
+            self.known.pop(process, None)  # so that the latest is the last
+            self.known[process] = _proportional_set_size(process)
+            if time.monotonic() >= until:
+                return
+
+
+def _proportional_set_size(process: int) -> int | None:
+    """Bytes: what a process shares with others counts in shares. None if it is gone."""
     try:
         rollup = Path(f"/proc/{process}/smaps_rollup").read_text(encoding="ascii")
     except OSError:
