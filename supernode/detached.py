@@ -8,8 +8,8 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-Ready = Callable[[str, Path], None]
-"""What the work calls when it is ready: with a line for people, and the file that takes its complaints from then on."""
+Ready = Callable[[str], None]
+"""What the work calls when it is ready, with a line for people."""
 
 
 def detached(work: Callable[[Ready], None]) -> str:
@@ -49,13 +49,9 @@ def _live(work: Callable[[Ready], None], tell: int) -> None:
         os.write(tell, f"{kind} {text}".encode())
         os.close(tell)
 
-    def ready(line: str, log: Path) -> None:
-        _leave_terminal(log)
-        say("ready", line)
-
     try:
         os.setsid()
-        work(ready)
+        work(lambda line: say("ready", line))
         code = 0
     except BaseException as error:
         if said:
@@ -72,8 +68,11 @@ def _blame(error: BaseException) -> str:
     return "input" if isinstance(error, BadInput) else "failure"
 
 
-def _leave_terminal(log: Path) -> None:
-    """Standard input from nowhere, all output to the log: the terminal belongs to others now."""
+def leave_terminal(log: Path) -> None:
+    """Standard input from nowhere, all output to the log: the terminal, or the pipe, belongs to others.
+
+    To be called before other processes are started, which would keep it open.
+    """
     nothing = os.open(os.devnull, os.O_RDONLY)
     file = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600)
     for number, descriptor in ((0, nothing), (1, file), (2, file)):

@@ -144,12 +144,13 @@ class Upkeep:
         self._wish = wish
         self._ends: queue.SimpleQueue[str | None] = queue.SimpleQueue()  # why it ends; None if it was asked to
 
-    def run(self, folder: Path, say: Callable[[str], None]) -> None:
+    def run(self, folder: Path, say: Callable[[str], None], occupied: Callable[[], None] = lambda: None) -> None:
         """Start, ``say`` one line when the cluster answers, and keep it up until Ctrl-C, a signal or `down`.
 
         Args:
             folder: its state folder, where others find it.
             say: is told how many nodes there are, and where.
+            occupied: called when the folder is this cluster's, before any process is started.
 
         Raises:
             BadInput: if the state folder cannot be used.
@@ -158,6 +159,7 @@ class Upkeep:
         """
         lock = occupy(folder)
         try:
+            occupied()
             with self._ending_by_signals(), suppress(_AskedToEndError):
                 self._try_the_database(folder)
                 with self.up() as up:

@@ -9,6 +9,9 @@ from supernode.commands.role_options import add_log_json
 from supernode.commands.run_options import torus, whole
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
     from supernode.detached import Ready
 
 EXAMPLE = "supernode up --torus 4x4 --detach"
@@ -50,20 +53,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Run until the end; or, with ``--detach``, until the cluster is ready."""
-    from supernode.detached import detached
+    from supernode.detached import detached, leave_terminal
 
     if options.detach:
-        print(detached(lambda ready: _keep_up(options, ready)))
+        print(detached(lambda ready: _keep_up(options, ready, leave_terminal)))
     else:
-        _keep_up(options, lambda line, _: print(line, flush=True))
+        _keep_up(options, lambda line: print(line, flush=True), lambda _: None)
     return exits.OK
 
 
-def _keep_up(options: argparse.Namespace, ready: "Ready") -> None:
+def _keep_up(options: argparse.Namespace, ready: "Ready", log_to: "Callable[[Path], None]") -> None:
     from supernode.upkeep import Upkeep, wish_of
     from supernode.whereabouts import Place
 
     folder = Place.of_folder(options.state).folder
     assert folder is not None
     folder = folder.absolute()
-    Upkeep(wish_of(options, folder)).run(folder, lambda line: ready(line, folder / "up.log"))
+    Upkeep(wish_of(options, folder)).run(folder, ready, lambda: log_to(folder / "up.log"))

@@ -99,7 +99,7 @@ def test_what_breaks_is_said(tmp_path):
 
 def in_a_process(script):
     """Standard output of a script that imports `detached`."""
-    header = "import os, sys, time\nfrom pathlib import Path\nfrom supernode.detached import detached\n"
+    header = "import os, sys, time\nfrom pathlib import Path\nfrom supernode.detached import detached, leave_terminal\n"
     root = Path(__file__).resolve().parents[2]
     began = time.monotonic()
     done = subprocess.run(
@@ -113,7 +113,8 @@ def test_detached_work_goes_on_and_has_no_terminal(tmp_path):
     log = tmp_path / "up.log"
     done = in_a_process(
         "def work(ready):\n"
-        f"    ready('it is up', Path({str(log)!r}))\n"
+        f"    leave_terminal(Path({str(log)!r}))\n"
+        "    ready('it is up')\n"
         "    time.sleep(0.5)\n"
         "    print(os.getsid(0) == os.getpid(), flush=True)\n"
         "    raise RuntimeError('later')\n"
