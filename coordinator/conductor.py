@@ -271,8 +271,7 @@ class Conductor:
             mail = self.calls.next(again)
             if mail is None:
                 again = None
-                for world in self.worlds.unsettled:
-                    self._ask_for_reports(world)
+                self._ask_again()
             elif isinstance(mail, Reported):
                 if mail.report is None:  # a question ends early when the router dies
                     is_latest = any(mail.question == world.asked for world in self.worlds.unsettled)
@@ -282,6 +281,14 @@ class Conductor:
             else:
                 self._attend_to(mail)
         return None
+
+    def _ask_again(self) -> None:
+        """And tell again what may never have been heard, while there was no router: to stop twice is to stop once."""
+        for world in self.worlds.unsettled:
+            self._ask_for_reports(world)
+            if world is not self.world:
+                self._stop_everywhere(world.number, "update")
+        self._unheard = self._wish
 
     def _do_what_was_put_off(self) -> None:
         """While cells were on their way to the latest world none could be told to leave it."""
@@ -300,7 +307,7 @@ class Conductor:
                 # Without lockstep a lost message could leave a node that never hears of the stop.
                 world.rescued = True
                 self._stop_everywhere(number, report.proposals[0].reason)
-        return report.error if number == self.world.number else None
+        return report.error
 
     def _attend_to(self, mail: object) -> None:
         if isinstance(mail, Wish):
@@ -329,7 +336,7 @@ class Conductor:
             self.number,
             world.number,
             best_known(reports, world.file.run.spy),
-            stopped_after(reports),
+            stopped_after(reports) if reports else 0,
             stop_reasons(reports, world.file.run.mode),
             error,
             tuple(states_of(reports).items()),
@@ -361,7 +368,9 @@ class Conductor:
             wiring = self.dispatch.wire(self.nodes, file.run.topology)
             world = World(before.number + 1, file, wiring, why=_directive(change))
             self._prepare(world)
-        except (BadInput, ClusterFailed) as error:
+        except (GivenUpError, ReplacedError):
+            raise
+        except Exception as error:  # whatever is wrong with the new world, the old one is as good as before
             change.answer.put(error)
             return
         self._show_to_the_spy(world)
@@ -486,6 +495,6 @@ def _heir(slots: tuple[int, ...], world: World) -> int:
 
 def _directive(change: Change) -> dict[str, object]:
     """What a result says of it, so that a simulation can do the same."""
-    if change.fields:
-        return {"do": "update", "fields": change.fields}
-    return {"do": "rewire", **change.run}
+    if change.run:
+        return {"do": "rewire", **change.run}
+    return {"do": "update", "fields": change.fields}

@@ -3,6 +3,7 @@
 The coordinator writes what all processes have to say, the zygote what they can say to nobody any more.
 """
 
+import contextlib
 import sys
 from datetime import UTC, datetime
 from typing import Any, TextIO
@@ -34,7 +35,8 @@ class LogLines:
         about = {name: getattr(record, name) for name in ("node", "cell", "generation")} | {"job": job}
         told = {name: value for name, value in about.items() if value is not None}
         at = datetime.fromtimestamp(record.at, UTC).isoformat(timespec="milliseconds")
-        getattr(self._logger, record.level)(record.text, timestamp=at, process=record.process, **told)
+        with contextlib.suppress(OSError, ValueError):  # nobody reads them any more, or the disk is full: life goes on
+            getattr(self._logger, record.level)(record.text, timestamp=at, process=record.process, **told)
 
 
 def _json() -> Any:

@@ -33,6 +33,7 @@ from spy.past import Past
 
 _SCHEMA = 2
 _NEW_ID_BYTES = 4
+_FIRST_STATES, _LATEST_STATES = 10, 1000  # of a job, that are told
 _MOST_WORLDS = 1000  # of a job, the latest, that are told,
 _MOST_TOLD = 1 << 19  # and bytes of what changed with them
 
@@ -329,11 +330,12 @@ class Store:
             written = session.scalar(select(JobRow.past_json).where(JobRow.number == number))
             past = Past() if written is None else Past.from_json(written)
             of_job = select(WorldRow).where(WorldRow.number == number).order_by(WorldRow.id)
+            directives = []
             for world in session.scalars(of_job.execution_options(yield_per=50)):
                 why = json.loads(world.change_json)
                 if world.generation is not None:
-                    past = past.led_on(world.directive)
-        return past, why
+                    directives.append(world.directive)
+        return past.led_on(*directives), why
 
     def summary(self, job: str) -> Summary:
         """A job in a line.
@@ -360,10 +362,14 @@ class Store:
             return {row[0]: row[1] for row in rows}
 
     def transitions(self, number: int) -> list[tuple[str, float]]:
-        """The states of a job so far, and when each began (Unix time)."""
+        """The states of a job so far, and when each began (Unix time); of very many the first and the latest."""
         with self.reading() as session:
-            found = select(TransitionRow).where(TransitionRow.number == number).order_by(TransitionRow.id)
-            return [(row.status, row.at) for row in session.scalars(found)]
+            columns = TransitionRow.id, TransitionRow.status, TransitionRow.at
+            found = select(*columns).where(TransitionRow.number == number)
+            first = session.execute(found.order_by(TransitionRow.id).limit(_FIRST_STATES))
+            latest = session.execute(found.order_by(TransitionRow.id.desc()).limit(_LATEST_STATES))
+            rows = {row.id: (row.status, row.at) for row in (*first, *latest)}
+        return [rows[number] for number in sorted(rows)]
 
     # The database -----------------------------------------------------------------------------------------------------
     @contextlib.contextmanager

@@ -3,7 +3,7 @@
 import json
 from typing import Any
 
-from sqlalchemy import BigInteger, Double, ForeignKey, String, Text
+from sqlalchemy import BigInteger, Double, ForeignKey, Index, String, Text
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 
 
@@ -88,9 +88,10 @@ class WorldRow(Base):
     """
 
     __tablename__ = "worlds"
+    __table_args__ = (Index("world_of_job", "number", "world"),)
 
     id: Mapped[int] = mapped_column(primary_key=True)
-    number: Mapped[int] = mapped_column(ForeignKey("jobs.number"), index=True)
+    number: Mapped[int] = mapped_column(ForeignKey("jobs.number"))
     world: Mapped[int]
     at: Mapped[float] = mapped_column(Double)
     generation: Mapped[int | None] = mapped_column(BigInteger)

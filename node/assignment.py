@@ -12,6 +12,7 @@ from node.links import Links
 from node.plan import Plan
 
 BRISK_SECONDS = 2e-3  # of processor time: what is bred between two exchanges in less may be on the network thread
+_MOST_EARLY = 1000  # messages: of the next world each neighbour sends one or two before this node comes there
 _MEASURED_EVERY = 16  # steps: to ask for the time used costs as much as a message
 BRISK_BYTES = 1 << 14  # longer messages may have to wait for room to leave; on the network thread nothing may wait
 
@@ -113,3 +114,9 @@ class Coming:
     deme: bytes
     news: list[Message] = field(default_factory=list)
     begun: zenoh.Query | None = None
+
+    def hear(self, sender: int, payload: bytes) -> None:
+        """Of what neighbours say keep the latest: most of it is for the world before, however long that lasts."""
+        self.news.append((sender, payload))
+        if len(self.news) > 2 * _MOST_EARLY:
+            del self.news[:-_MOST_EARLY]

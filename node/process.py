@@ -118,8 +118,8 @@ class NodeProcess:
 
     def _hear(self, sender: int, sample: zenoh.Sample) -> None:
         assignment = self.assignment
-        if self.coming is not None:  # each cell takes what is meant for its world
-            self.coming.news.append((sender, sample.payload.to_bytes()))
+        if (coming := self.coming) is not None:  # each cell takes what is meant for its world
+            coming.hear(sender, sample.payload.to_bytes())
         if assignment is None or assignment.cell.ended:
             return
         news = assignment.news
@@ -263,7 +263,6 @@ class NodeProcess:
         if not goes_on and self.assignment is not None:
             self._forget(self.assignment.job)
         self.coming = None
-        self._leave_the_past()  # nobody is at it any more, when another world is prepared
         try:
             file = ProblemFile.from_json(command.file)
             plan = Plan.of(file, command.world, checked=True)
@@ -340,6 +339,7 @@ class NodeProcess:
         plan = replace(coming.plan, since=bred if coming.since is None else coming.since)
         genomes = before.cell.rows.genomes[0] if before is not None else plan.deme_of(coming.deme)
         assignment = Assignment(Cell(plan, coming.links.cell, coming.job), coming.links, coming.news)
+        self._leave_the_past()  # not before: somebody may still ask how it ended
         self.past, self.assignment, self.coming = before, assignment, None
         assignment.begun = coming.begun
         self._start(assignment, Start(genomes))

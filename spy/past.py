@@ -19,6 +19,9 @@ MOST_BYTES = 4 << 20
 """Of the directives of one job, as JSON; when there are more, the older ones are put together."""
 
 
+_FEWEST = 2  # directives that are never put together
+
+
 @dataclass(frozen=True)
 class Lived:
     """What became of a job in one of its worlds.
@@ -99,11 +102,11 @@ class Past:
         digests = b"".join(report.digest for report in sorted(world.reports, key=lambda report: report.cell))
         return hashlib.sha256(bytes.fromhex(self.history) + digests).hexdigest()
 
-    def led_on(self, directive: Mapping[str, Any]) -> "Past":
-        """With another directive, the last."""
-        text = json.dumps(directive)
-        texts, size = (*self.texts, text), self.text_bytes + len(text)
-        if size > MOST_BYTES:
+    def led_on(self, *directives: Mapping[str, Any]) -> "Past":
+        """With more directives, the latest."""
+        texts = (*self.texts, *map(json.dumps, directives))
+        size = self.text_bytes + sum(map(len, texts[len(self.texts) :]))
+        while size > MOST_BYTES and len(texts) > _FEWEST:
             texts = _shortened(texts)
             size = sum(map(len, texts))
         return replace(self, texts=texts, text_bytes=size)
@@ -151,8 +154,6 @@ def _added(before: Staleness, reports: Sequence[Report]) -> Staleness:
 
 def _shortened(texts: tuple[str, ...]) -> tuple[str, ...]:
     """The older half put together: what they come to is known, but not how to repeat them."""
-    if len(texts) < 2:
-        return texts
     half = (len(texts) + 1) // 2
     older = [json.loads(text) for text in texts[:half]]
     together = {

@@ -306,8 +306,8 @@ def _patch(value: object) -> str:
         table = json.loads(patch)
     except (ValueError, RecursionError) as error:
         raise Rejected(f"expected a JSON object, found {_short(patch)}") from error
-    if not isinstance(table, dict):
-        raise Rejected(f"expected a JSON object, found {_short(patch)}")
+    if not isinstance(table, dict) or not table:
+        raise Rejected(f"expected a JSON object with keys, found {_short(patch)}")
     return patch
 
 

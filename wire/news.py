@@ -7,6 +7,8 @@ from typing import Any, NamedTuple
 from wire.plain import plain
 from wire.strict import Rejected, count, fields, fitness, of, pack, unpack
 
+_LATEST = 1e11  # Unix time, seconds
+
 LEVELS = ("info", "warning", "error")
 """Of log records, the less important first."""
 
@@ -187,6 +189,8 @@ class LogRecord(NamedTuple):
         level, process, text, at, *about = fields(unpack(payload), 8)
         if level not in LEVELS:
             raise Rejected("no such level")
+        if not 0.0 <= fitness(at) < _LATEST:
+            raise Rejected("no time of ours")
         places = (None if each is None else count(each) for each in about)
         return LogRecord(level, of(str, process), of(str, text), fitness(at), *places)
 

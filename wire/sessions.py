@@ -18,7 +18,7 @@ ROUTER_RUNTIME = "(rx:(worker_threads:1),acc:(handover:net),tx:(handover:net),ap
 
 _MOST_SESSIONS = 10_000
 _SLOW_MS = 60_000
-_MOST_MESSAGE_BYTES = 16 << 20
+_MOST_MESSAGE_BYTES = 64 << 20  # the longest answer to a client
 _ALWAYS: dict[str, Any] = {
     "scouting/multicast/enabled": False,
     "scouting/gossip/enabled": False,

@@ -109,8 +109,8 @@ seed = 1
     @classmethod
     def work_out(cls, fields: dict[str, Any]) -> dict[str, Any]:
         """With the diagram of robots; one that is there is made anew if a robot is another."""
-        if "robots" not in fields:
-            return fields
+        if fields.get("robots") is None:
+            return {name: value for name, value in fields.items() if name not in ("collisions", "collisions_of")}
         made_of = digest(fields["robots"])
         if fields.get("collisions_of") == made_of:
             return fields

@@ -145,8 +145,8 @@ target = 0.03                   # nothing crossed, and a detour of at most 1.1; 
     @classmethod
     def work_out(cls, fields: dict[str, Any]) -> dict[str, Any]:
         """With the spheres; those that are there are made anew if the world has moved since."""
-        if "vehicle" not in fields:
-            return fields
+        if fields.get("vehicle") is None:
+            return {name: value for name, value in fields.items() if name not in ("hierarchy", "hierarchy_of")}
         made_of = digest([fields.get(name) for name in _SHAPING])
         if fields.get("hierarchy_of") == made_of:
             return fields

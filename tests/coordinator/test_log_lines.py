@@ -2,6 +2,7 @@
 
 import io
 import json
+from pathlib import Path
 
 import pytest
 
@@ -14,6 +15,14 @@ RECORD = LogRecord("warning", "node 7", "rejects messages of node 3: wrong type"
 class Terminal(io.StringIO):
     def isatty(self):
         return True
+
+
+def test_lines_that_nobody_takes_any_more_harm_nobody():
+    file = io.StringIO()
+    file.close()
+    LogLines("c1", True, file).write(RECORD)
+    with Path("/dev/full").open("w", buffering=1) as full:
+        LogLines("c1", True, full).write(RECORD)
 
 
 @pytest.mark.parametrize(("file", "as_json"), [(io.StringIO, None), (io.StringIO, True), (Terminal, True)])

@@ -409,6 +409,12 @@ def test_when_a_robot_goes_the_other_way_the_diagram_is_made_anew():
     assert unmoved.fields["collisions"] == before.fields["collisions"]
 
 
+def test_without_robots_there_is_no_diagram_of_theirs():
+    robots = arms_problem().model_dump(mode="json", exclude_unset=True, by_alias=True)
+    fields = Coordination.work_out(robots | {"robots": None, "random": {"seed": 1}})
+    assert not {"collisions", "collisions_of"} & fields.keys()
+
+
 def test_a_file_may_not_have_robots_and_a_diagram():
     pytest.importorskip("fcl")
     file = load(EXAMPLES / "coordination-arms.toml")

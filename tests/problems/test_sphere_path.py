@@ -285,6 +285,12 @@ def test_when_the_world_moves_its_spheres_are_made_anew(monkeypatch):
     assert before.changed({"goal": goal}, {}).fields["hierarchy"] == before.fields["hierarchy"]
 
 
+def test_without_a_vehicle_there_are_no_spheres_of_its():
+    moved = ProblemFile("cart", SpherePath.work_out(_written(cart())), Run(), Path())
+    spheres = {"vehicle": None, "obstacles": [], "spheres": [[2.0, 2.0, 0.0, 0.1]]}
+    assert moved.changed(spheres, {}).problem().obstacle_spheres.shape == (1, 4)
+
+
 def _written(problem):
     return problem.model_dump(mode="json", exclude_unset=True)
 
