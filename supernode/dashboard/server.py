@@ -108,6 +108,7 @@ class Dashboard:
         if known is None or not known.is_good(heard, now):
             due = now if known is None else max(now, known.asked + _SHOW_EVERY)
             known = self._shown[job] = _Shown(heard, due, asyncio.create_task(self._show(job, due - now)))
+            self._shown.move_to_end(job)
             while len(self._shown) > _SHOWN:
                 self._shown.popitem(last=False)
         return await asyncio.shield(known.answer)
