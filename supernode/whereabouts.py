@@ -36,10 +36,15 @@ class Card:
 
 @dataclass(frozen=True)
 class Place:
-    """Where to look for a cluster: at an endpoint, or in a state folder."""
+    """Where to look for a cluster: at an endpoint, or in a state folder.
+
+    Attributes:
+        cluster: the name of the one that is meant if several answer at the endpoint.
+    """
 
     endpoint: str | None
     folder: Path | None
+    cluster: str | None = None
 
     @staticmethod
     def of(text: str | Path | None) -> "Place":
@@ -54,15 +59,15 @@ class Place:
         return Place(None, default_folder() if folder is None else Path(folder))
 
     @staticmethod
-    def at(endpoint: str, option: str = "--connect") -> "Place":
-        """The endpoint that an option names.
+    def at(endpoint: str, option: str = "--connect", cluster: str | None = None) -> "Place":
+        """The endpoint that an option names, and ``cluster`` of those there.
 
         Raises:
             BadInput: if it is none.
         """
         if not _ENDPOINT.fullmatch(endpoint):
             raise BadInput(f"{option}: expected an endpoint such as tcp/127.0.0.1:7447, found {endpoint}")
-        return Place(endpoint, None)
+        return Place(endpoint, None, cluster)
 
     def card(self) -> Card | None:
         """The card in the folder; None for a bare endpoint.

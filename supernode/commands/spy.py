@@ -5,6 +5,7 @@ With --dashboard it is an onlooker instead: it shows a running cluster in a brow
 """
 
 import argparse
+import os
 from typing import TYPE_CHECKING
 
 from supernode import exits
@@ -13,6 +14,7 @@ from supernode.commands.role_options import add_membership, cluster_of, endpoint
 
 if TYPE_CHECKING:
     from supernode.dashboard.door import Door
+    from supernode.whereabouts import Place
 
 EXAMPLE = "supernode spy --connect tcp/192.168.1.7:7447"
 
@@ -21,10 +23,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Which cluster, and whether to show it."""
     add_membership(parser)
     add_dashboard(parser)
+    parser.add_argument(
+        "--state", metavar="DIR", help="with --dashboard: the state folder of a cluster on this machine"
+    )
 
 
 def run(options: argparse.Namespace) -> int:
     """Watch until a signal."""
+    prepare_process()
     from supernode.upkeep import wished_door
 
     door = wished_door(options)
@@ -33,8 +39,8 @@ def run(options: argparse.Namespace) -> int:
     import secrets
     from pathlib import Path
 
+    _check_state(options.state is None, "expected --dashboard too")
     router, cluster = endpoint_of(options), cluster_of(options)
-    prepare_process()
     from coordinator.zygote import import_all
     from node.berth import Berth
     from spy.process import watch
@@ -46,11 +52,26 @@ def run(options: argparse.Namespace) -> int:
 
 def _show(options: argparse.Namespace, door: "Door") -> int:
     """Serve the dashboard; a cluster that is away is waited for."""
-    from supernode.dashboard.server import serve
-    from supernode.whereabouts import Place
+    from supernode.dashboard.server import NICENESS, serve
 
-    place = Place.of_folder(None) if options.connect is None else Place.at(options.connect)
-    sock = door.listen()
+    place, sock = _place_of(options), door.listen()
+    os.nice(NICENESS)
     print(f"dashboard of {place}: {door.address(sock)}", flush=True)
     serve(place, door, sock)
     return exits.OK
+
+
+def _place_of(options: argparse.Namespace) -> "Place":
+    from supernode.whereabouts import Place
+
+    if options.connect is None:
+        return Place.of_folder(options.state)
+    _check_state(options.state is None, "expected none with --connect")
+    return Place.at(options.connect, cluster=cluster_of(options))
+
+
+def _check_state(is_right: bool, expected: str) -> None:
+    if not is_right:
+        from problems.errors import BadInput
+
+        raise BadInput(f"--state: {expected}")

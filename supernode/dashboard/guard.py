@@ -1,8 +1,8 @@
 """Who may come in: every request passes here before anything else sees it.
 
 A page of somebody else's must not be able to make a browser submit or cancel jobs, so what changes anything must come
-from the dashboard's own pages (``Origin``), and a loopback dashboard answers only to loopback names (``Host``), which
-foreign names made to resolve to this machine are not.
+from the dashboard's own pages (``Origin``). Without a token it answers only to loopback names (``Host``), which foreign
+names made to resolve to this machine are not; with one, such a name has no cookie.
 """
 
 import hmac
@@ -15,7 +15,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from supernode.dashboard.door import Door
 
-_COOKIE = "supernode_token"
+_COOKIE = "supernode_token"  # and the port as the browser sees it, since cookies are for all ports of a host
 _HARMLESS = ("GET", "HEAD")
 _OPEN = "/healthz"  # says nothing but whether the cluster answers
 _HEADERS = {
@@ -29,16 +29,21 @@ _HEADERS = {
 
 
 class Guard:
-    """Refuses strangers, and tells browsers what the pages may do."""
+    """Refuses strangers, and tells browsers what the pages may do.
+
+    Args:
+        app: whom it guards.
+        door: what it takes to come in.
+    """
 
     def __init__(self, app: ASGIApp, door: Door) -> None:
-        self._app = app
+        self.app = app
         self._door = door
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass on what is allowed."""
         if scope["type"] != "http":
-            await self._app(scope, receive, send)
+            await self.app(scope, receive, send)
             return
 
         async def send_with_headers(message: Message) -> None:
@@ -50,11 +55,11 @@ class Guard:
             await send(message)
 
         refusal = self._refusal(scope)
-        await (refusal or self._app)(scope, receive, send_with_headers)
+        await (refusal or self.app)(scope, receive, send_with_headers)
 
     def _refusal(self, scope: Scope) -> Response | None:
         headers = Headers(scope=scope)
-        if self._door.is_local and _name_in(headers.get("host", "")) not in self._own_names():
+        if self._door.token is None and _name_in(headers) not in self._own_names():
             return PlainTextResponse("this is not a name of the dashboard\n", 421)
         if scope["method"] not in _HARMLESS and not _is_from_here(headers):
             return PlainTextResponse("refused: the request comes from another site\n", 403)
@@ -75,15 +80,23 @@ class Guard:
         rest = urlencode([each for each in query if each[0] != "token"])
         path = "/" + scope["path"].lstrip("/\\")  # never another site's
         response = RedirectResponse(path + ("?" + rest if rest else ""), 303)
-        response.set_cookie(_COOKIE, token, httponly=True, samesite="strict", path="/")
+        response.set_cookie(_cookie_name(headers), token, httponly=True, samesite="strict", path="/")
         return response
 
 
-def _name_in(host: str) -> str | None:
+def _name_in(headers: Headers) -> str | None:
     try:
-        return urlsplit(f"//{host}").hostname
+        return urlsplit(f"//{headers.get('host', '')}").hostname
     except ValueError:
         return None
+
+
+def _cookie_name(headers: Headers) -> str:
+    try:
+        port = urlsplit(f"//{headers.get('host', '')}").port
+    except ValueError:
+        port = None
+    return _COOKIE if port is None else f"{_COOKIE}_{port}"
 
 
 def _is_from_here(headers: Headers) -> bool:
@@ -96,7 +109,7 @@ def _is_from_here(headers: Headers) -> bool:
 
 def _cookie(headers: Headers) -> str:
     try:
-        found = SimpleCookie(headers.get("cookie", "")).get(_COOKIE)
+        found = SimpleCookie(headers.get("cookie", "")).get(_cookie_name(headers))
     except CookieError:
         return ""
     return "" if found is None else found.value

@@ -10,12 +10,15 @@ import os
 import subprocess
 import sys
 import threading
+import time
 from dataclasses import asdict
 
 from coordinator.launcher import ONE_THREAD
 from supernode.dashboard.door import Door
 
 _AGAIN = 0.5  # seconds before a process that died has a successor
+_AT_LAST = 60.0  # seconds before that of one that never lives long
+_LONG = 30.0  # seconds that a process must live for the next one to come soon again
 _END_WITHIN = 5.0  # seconds
 
 
@@ -72,10 +75,17 @@ class Keeper:
 
     def _keep(self) -> None:
         assert self._process is not None, "start comes first"
+        began, pause = time.monotonic(), _AGAIN
         while not self._ending.wait(_AGAIN):
-            if self._process.poll() is not None:
-                _end(self._process)
-                self._process = self._start()
+            status = self._process.poll()
+            if status is None:
+                continue
+            _end(self._process)
+            pause = _AGAIN if time.monotonic() - began > _LONG else min(2 * pause, _AT_LAST)
+            sys.stderr.write(f"warning: the dashboard died (exit status {status}); another starts in {pause:g} s\n")
+            if self._ending.wait(pause):
+                break
+            self._process, began = self._start(), time.monotonic()
         _end(self._process)
 
 

@@ -37,7 +37,7 @@ class Scenes:
         self._drawing = asyncio.Lock()
 
     async def drawn(self, view: Mapping[str, Any], form: Form) -> bytes:
-        """The picture of a job, at most a second old if there is a better solution.
+        """The picture of a job as ``view`` has it; late, if there was another less than a second ago.
 
         Args:
             view: what `show` tells of the job.
@@ -48,9 +48,12 @@ class Scenes:
         """
         best, name = view["best"], (view["job"], form)
         of = (view["number"], view["world"], None if best is None else (best["world"], best["fitness"]))
+        known = self._pictures.get(name)
+        if known is not None and known.of != of:
+            await asyncio.sleep(known.drawn + _AT_MOST_EVERY - time.monotonic())
         async with self._drawing:
             known = self._pictures.get(name)
-            if known is None or (known.of != of and time.monotonic() - known.drawn >= _AT_MOST_EVERY):
+            if known is None or known.of != of:
                 solution = None if best is None else best["solution"]
                 loop = asyncio.get_running_loop()
                 data = await loop.run_in_executor(self._thread, _draw, view["file_now"], solution, form)

@@ -3,8 +3,13 @@
 import asyncio
 import contextlib
 import json
+import math
+import re
 import socket
+from collections import OrderedDict
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -14,6 +19,7 @@ import uvicorn
 from starlette.applications import Starlette
 from starlette.exceptions import HTTPException
 from starlette.middleware import Middleware
+from starlette.middleware.gzip import GZipMiddleware
 from starlette.requests import Request
 from starlette.responses import FileResponse, JSONResponse, PlainTextResponse, Response
 from starlette.routing import Mount, Route
@@ -22,12 +28,13 @@ from starlette.templating import Jinja2Templates
 
 from coordinator.errors import ClusterFailed
 from problems import BadInput
-from problems.file import parse
+from problems.errors import shorten
 from problems.registry import find_built_in, kinds
 from supernode.client import AsyncClientJob
 from supernode.dashboard.door import Door
 from supernode.dashboard.guard import Guard
 from supernode.dashboard.metrics import Metrics
+from supernode.dashboard.parsing import Parser
 from supernode.dashboard.scenes import Form, Scenes
 from supernode.dashboard.streams import Streams
 from supernode.dashboard.view import View, shape_of
@@ -35,12 +42,38 @@ from supernode.dashboard.watcher import PATIENCE, Watcher
 from supernode.whereabouts import Place
 from wire import jobs as wire
 
+NICENESS = 5  # of a process that does nothing else: nodes come first
 MOST_BODY = wire.MOST_FILE_BYTES  # bytes
 _MOST_CONNECTIONS = 400
+_MOST_NAME = 200  # characters
+_MOST_SEED = (1 << 64) - 1
+_MOST_RECORD = 1 << 62
+_FIELDS = ("file", "name", "id", "priority", "seed", "seconds")  # of a form
 _HERE = Path(__file__).parent
-_NOWHERE = Path("/nonexistent")  # a problem from a form names no files, neither here nor on the cluster's machine
 _FRESH = 0.5  # seconds that an answer of the cluster is shared by all who ask the same
 _KEPT = 256  # such answers
+_SHOW_EVERY = 1.0  # seconds: the cluster tells whole problem files with a job
+_SHOW_AGAIN = 5.0  # seconds, though nothing was heard of the job
+_SHOWN = 16  # jobs, each with its problem file
+_MADE = 8  # problem files
+_SHORT = 200  # characters of JSON
+
+
+@dataclass(frozen=True)
+class _Shown:
+    """What the cluster tells of a job, asked at that time of the loop, when so much had been heard of it."""
+
+    heard: Any
+    asked: float
+    answer: asyncio.Task[dict[str, Any]]
+
+    def is_good(self, heard: Any, now: float) -> bool:
+        """Whether it need not be asked for again."""
+        if now < self.asked:
+            return True
+        if self.answer.done() and (self.answer.cancelled() or self.answer.exception() is not None):
+            return False
+        return self.heard == heard and now - self.asked < _SHOW_AGAIN
 
 
 class Dashboard:
@@ -52,7 +85,9 @@ class Dashboard:
         self.streams = Streams(self.view.snapshot)
         self.scenes = Scenes()
         self.metrics = Metrics(self.view)
+        self.parser = Parser()
         self._answers: dict[wire.Request, tuple[float, asyncio.Task[Any]]] = {}
+        self._shown: OrderedDict[str, _Shown] = OrderedDict()
 
     async def ask(self, request: wire.Request) -> Any:
         """The cluster's answer, at most half a second old: many who watch the same job cost no more than one."""
@@ -66,14 +101,44 @@ class Dashboard:
             self._answers[request] = (now, answer)
         return await asyncio.shield(answer)
 
+    async def show(self, job: str) -> dict[str, Any]:
+        """All about a job: one answer for all who look, asked for anew once more has been heard of the job."""
+        heard, now = self.view.heard_of(job), asyncio.get_running_loop().time()
+        known = self._shown.get(job)
+        if known is None or not known.is_good(heard, now):
+            due = now if known is None else max(now, known.asked + _SHOW_EVERY)
+            known = self._shown[job] = _Shown(heard, due, asyncio.create_task(self._show(job, due - now)))
+            self._shown.move_to_end(job)
+            while len(self._shown) > _SHOWN:
+                self._shown.popitem(last=False)
+        return await asyncio.shield(known.answer)
 
-def application(place: Place, door: Door, single: bool = False) -> Starlette:
-    """The whole of it as an ASGI application; ``single``: of a cluster that has one run and ends with it."""
+    async def _show(self, job: str, after: float) -> dict[str, Any]:
+        await asyncio.sleep(after)
+        view: dict[str, Any] = await self.watcher.client.ask(wire.Show(job), PATIENCE)
+        return {name: value for name, value in view.items() if name not in ("file", "worlds")}
+
+
+def application(place: Place, single: bool, broke: Callable[[BaseException], None]) -> Starlette:
+    """What is behind the guard, as an ASGI application.
+
+    Args:
+        place: of the cluster.
+        single: whether it has one run and ends with it.
+        broke: called with what ends the work behind all pages; they would be frozen from then on.
+    """
+
+    def look_at(task: asyncio.Task[None]) -> None:
+        error = None if task.cancelled() else task.exception()
+        if error is not None:
+            broke(error)
 
     @contextlib.asynccontextmanager
     async def lifespan(app: Starlette) -> AsyncIterator[None]:
         dashboard = app.state.dashboard = Dashboard(place)
-        tasks = [asyncio.create_task(dashboard.watcher.run()), asyncio.create_task(dashboard.streams.run())]
+        tasks = [asyncio.create_task(work.run()) for work in (dashboard.watcher, dashboard.streams)]
+        for task in tasks:
+            task.add_done_callback(look_at)
         yield
         for task in tasks:
             task.cancel()
@@ -82,7 +147,6 @@ def application(place: Place, door: Door, single: bool = False) -> Starlette:
 
     return Starlette(
         routes=_routes(single),
-        middleware=[Middleware(Guard, door=door)],
         exception_handlers={BadInput: _bad_input, ClusterFailed: _cluster_failed, HTTPException: _http},
         lifespan=lifespan,
     )
@@ -95,9 +159,18 @@ def serve(
     end: Callable[[uvicorn.Server], None] | None = None,
     single: bool = False,
 ) -> None:
-    """Serve on ``sock`` until a signal; ``end`` gets the server before it runs, for whoever else may end it."""
+    """Serve on ``sock`` until a signal; ``end`` gets the server before it runs, for whoever else may end it.
+
+    Whatever breaks the work behind the pages ends it too, and is raised.
+    """
+    broken: list[BaseException] = []
+
+    def give_up(error: BaseException) -> None:
+        broken.append(error)
+        server.should_exit = True
+
     config = uvicorn.Config(
-        application(place, door, single),
+        Guard(application(place, single, give_up), door),
         log_level="error",
         access_log=False,
         server_header=False,
@@ -110,6 +183,8 @@ def serve(
     if end is not None:
         end(server)
     server.run(sockets=[sock])
+    if broken:
+        raise broken[0]
 
 
 def _routes(single: bool) -> list[Route | Mount]:
@@ -118,7 +193,7 @@ def _routes(single: bool) -> list[Route | Mount]:
         Route("/jobs", _page("jobs.html", single)),
         Route("/jobs/{job}", _page("job.html", single)),
         Route("/compare", _page("compare.html", single)),
-        Route("/events", _Events()),
+        Route("/events", _Events(), methods=["GET"]),
         Route("/metrics", _metrics),
         Route("/healthz", _healthz),
         Route("/jobs/{job}/scene.png", _scene("png", "image/png")),
@@ -129,8 +204,7 @@ def _routes(single: bool) -> list[Route | Mount]:
         Route("/api/jobs/{job}/history", _history),
         Route("/api/jobs/{job}/spaces", _scene("spaces", "application/json")),
         Route("/api/jobs/{job}/cancel", _cancel, methods=["POST"]),
-        Route("/static/plotly.min.js", _plotly),
-        Mount("/static", StaticFiles(directory=_HERE / "static")),
+        Mount("/static", routes=_static, middleware=[Middleware(GZipMiddleware, compresslevel=5)]),
     ]
 
 
@@ -156,6 +230,9 @@ async def _plotly(_: Request) -> Response:
     return FileResponse(path, headers={"Cache-Control": "private, max-age=86400"})
 
 
+_static = [Route("/plotly.min.js", _plotly), Mount("", StaticFiles(directory=_HERE / "static"))]
+
+
 class _Events:
     """The streams, which begin with the application."""
 
@@ -177,19 +254,17 @@ async def _template(request: Request) -> Response:
 
 
 async def _job(request: Request) -> Response:
-    view = await _of(request).ask(wire.Show(request.path_params["job"]))
-    name, fields, run, _ = json.loads(view["file_now"])
+    view = await _of(request).show(request.path_params["job"])
     rows, columns = shape_of(view["topology"])
-    told = {key: value for key, value in view.items() if key not in ("file", "file_now", "worlds")}
-    told |= {"name": name, "problem": _short(fields), "run": run, "rows": rows, "columns": columns}
-    return JSONResponse(told)
+    told = {key: value for key, value in view.items() if key != "file_now"}
+    return JSONResponse(told | _made_of(view["file_now"]) | {"rows": rows, "columns": columns})
 
 
 async def _history(request: Request) -> Response:
     """What happened in a job after the records that the page has already."""
     job, pages = request.path_params["job"], {}
     for kind in ("improvements", "statistics"):
-        after = _whole(request.query_params.get(kind, "0"), kind)
+        after = _whole(request.query_params.get(kind, "0"), kind, _MOST_RECORD)
         pages[kind] = await _of(request).ask(wire.Records(kind, job, after))
     return JSONResponse(pages)
 
@@ -197,7 +272,7 @@ async def _history(request: Request) -> Response:
 def _scene(form: Form, media_type: str) -> Callable[[Request], Awaitable[Response]]:
     async def scene(request: Request) -> Response:
         dashboard = _of(request)
-        view = await dashboard.ask(wire.Show(request.path_params["job"]))
+        view = await dashboard.show(request.path_params["job"])
         return Response(await dashboard.scenes.drawn(view, form), media_type=media_type)
 
     return scene
@@ -205,29 +280,17 @@ def _scene(form: Form, media_type: str) -> Callable[[Request], Awaitable[Respons
 
 async def _submit(request: Request) -> Response:
     """A problem file's text, and settings that replace those in it; empty ones do not."""
-    given = await _given(request)
-    text, name = given.pop("file", None), given.pop("name", None) or "form.toml"
-    job, priority = given.pop("id", None) or None, _whole(given.pop("priority", None) or 0, "priority")
-    if not isinstance(text, str) or not isinstance(name, str) or not (job is None or isinstance(job, str)):
-        raise BadInput("file, name, id: expected texts")
-    file = parse(text, name, _NOWHERE).with_run(**_settings(given))
+    given = {field: value for field, value in (await _given(request)).items() if value not in (None, "")}
+    unknown = given.keys() - _FIELDS
+    if unknown:
+        raise BadInput(f"expected {', '.join(_FIELDS)}, found {shorten(min(unknown))}")
+    text, name = _text(given, "file", ""), _text(given, "name", "form.toml", _MOST_NAME)
+    job, priority = _text(given, "id", "") or None, _whole(given.get("priority", 0), "priority", wire.MOST_PRIORITY)
+    settings = {"seed": _whole(given["seed"], "seed", _MOST_SEED)} if "seed" in given else {}
+    seconds = {"seconds": _number(given["seconds"], "seconds")} if "seconds" in given else {}
+    file = (await _of(request).parser.read(text, name)).with_run(**settings, **seconds)
     handed_in = await _of(request).watcher.client.submit(file, id=job, priority=priority)
     return JSONResponse({"job": handed_in.id}, 201)
-
-
-def _settings(given: Mapping[str, Any]) -> dict[str, Any]:
-    unknown = given.keys() - {"seed", "seconds"}
-    if unknown:
-        raise BadInput(f"expected file, name, id, priority, seed and seconds, found {', '.join(sorted(unknown))}")
-    settings: dict[str, Any] = {}
-    if given.get("seed") not in (None, ""):
-        settings["seed"] = _whole(given["seed"], "seed")
-    if given.get("seconds") not in (None, ""):
-        try:
-            settings["seconds"] = float(given["seconds"])
-        except (TypeError, ValueError):
-            raise BadInput("seconds: expected a number") from None
-    return settings
 
 
 async def _cancel(request: Request) -> Response:
@@ -261,16 +324,39 @@ async def _body(request: Request) -> bytes:
     return bytes(body)
 
 
-def _whole(text: Any, name: str) -> int:
+def _text(given: Mapping[str, Any], field: str, default: str, most: int | None = None) -> str:
+    text = given.get(field, default)
+    if not isinstance(text, str) or text != wire.sayable(text):
+        raise BadInput(f"{field}: expected text, found {shorten(text)}")
+    if most is not None and len(text) > most:
+        raise BadInput(f"{field}: expected at most {most} characters, found {len(text)}")
+    return text
+
+
+def _whole(given: Any, field: str, most: int) -> int:
+    """A form has texts, and so has a page's script that sends one as JSON."""
+    number = int(given) if isinstance(given, str) and re.fullmatch(r"\s*[+-]?[0-9]{1,20}\s*", given) else given
+    if type(number) is not int or abs(number) > most:
+        raise BadInput(f"{field}: expected a whole number, at most {most}, found {shorten(given)}")
+    return number
+
+
+def _number(given: Any, field: str) -> float:
     try:
-        return int(text)
-    except (TypeError, ValueError):
-        raise BadInput(f"{name}: expected a whole number") from None
+        number = math.nan if isinstance(given, bool) else float(given)
+    except (TypeError, ValueError, OverflowError):
+        number = math.nan
+    if not math.isfinite(number):
+        raise BadInput(f"{field}: expected a number, found {shorten(given)}")
+    return number
 
 
-def _short(fields: Mapping[str, Any]) -> dict[str, Any]:
-    """The problem's fields, without whole maps and meshes."""
-    return {name: value for name, value in fields.items() if len(json.dumps(value)) <= 200}
+@lru_cache(_MADE)
+def _made_of(file: str) -> dict[str, Any]:
+    """What a page tells of a problem file: not whole maps and meshes."""
+    name, fields, run, _ = json.loads(file)
+    short = {field: value for field, value in fields.items() if len(json.dumps(value)) <= _SHORT}
+    return {"name": name, "problem": short, "run": run}
 
 
 # For machines ---------------------------------------------------------------------------------------------------------
@@ -279,21 +365,25 @@ async def _metrics(request: Request) -> Response:
 
 
 async def _healthz(request: Request) -> Response:
-    await _of(request).ask(wire.ListJobs(0))
-    return PlainTextResponse("the cluster answers\n")
+    """Strangers may ask this: nothing but yes or no."""
+    if _of(request).view.answers:
+        return PlainTextResponse("the cluster answers\n")
+    return PlainTextResponse("the cluster does not answer\n", 503)
 
 
 # What goes wrong ------------------------------------------------------------------------------------------------------
+def _refusal(text: str, status: int) -> Response:
+    return JSONResponse({"error": wire.sayable(text)}, status)
+
+
 async def _bad_input(_: Request, error: Exception) -> Response:
-    return JSONResponse({"error": str(error)}, 400)
+    return _refusal(str(error), 400)
 
 
-async def _cluster_failed(request: Request, error: Exception) -> Response:
-    if request.url.path == "/healthz":
-        return PlainTextResponse(f"{error}\n", 503)
-    return JSONResponse({"error": str(error)}, 503)
+async def _cluster_failed(_: Request, error: Exception) -> Response:
+    return _refusal(str(error), 503)
 
 
 async def _http(_: Request, error: Exception) -> Response:
     assert isinstance(error, HTTPException)
-    return JSONResponse({"error": error.detail}, error.status_code)
+    return _refusal(error.detail, error.status_code)

@@ -1,4 +1,4 @@
-"""Live news for browsers: server-sent events, each the whole picture as it is now.
+"""Live news for browsers: server-sent events, each the whole picture as it is now, or all but the nodes (``nodes=0``).
 
 All browsers share one snapshot, and none has a queue: whoever reads slowly misses some, and whoever does not read at
 all is disconnected by the socket's user timeout (`door`). So memory does not grow, however many look.
@@ -7,14 +7,20 @@ all is disconnected by the socket's user timeout (`door`). So memory does not gr
 import asyncio
 import json
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
+from urllib.parse import parse_qs
 
 from starlette.responses import PlainTextResponse
 from starlette.types import Receive, Scope, Send
 
 MOST = 100  # streams at once
 PERIOD = 1.0  # seconds; nodes tell their counters no more often
-_HEADERS = [(b"content-type", b"text/event-stream"), (b"cache-control", b"no-store")]
+_HEADERS = [
+    (b"content-type", b"text/event-stream"),
+    (b"cache-control", b"no-store"),
+    (b"x-accel-buffering", b"no"),  # a proxy must not hold them back
+]
 
 
 class Streams:
@@ -22,7 +28,7 @@ class Streams:
 
     def __init__(self, snapshot: Callable[[], dict[str, Any]]) -> None:
         self._snapshot = snapshot
-        self._latest = asyncio.get_running_loop().create_future()
+        self._latest: asyncio.Future[_Event] = asyncio.get_running_loop().create_future()
         self.count = 0
 
     async def run(self) -> None:
@@ -31,7 +37,7 @@ class Streams:
             await asyncio.sleep(PERIOD)
             if self.count:
                 before, self._latest = self._latest, asyncio.get_running_loop().create_future()
-                before.set_result(_event(self._snapshot()))
+                before.set_result(_Event.of(self._snapshot()))
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Tell one browser until it is gone."""
@@ -39,12 +45,15 @@ class Streams:
             await PlainTextResponse(f"there are {MOST} streams already\n", 503)(scope, receive, send)
             return
         self.count += 1
+        briefly = parse_qs(scope["query_string"]).get(b"nodes") == [b"0"]
         gone = asyncio.create_task(_until_gone(receive))
         try:
             await send({"type": "http.response.start", "status": 200, "headers": _HEADERS})
-            event = _event(self._snapshot())
+            event = _Event.of(self._snapshot())
             while not gone.done():
-                await send({"type": "http.response.body", "body": event, "more_body": True})
+                await send(
+                    {"type": "http.response.body", "body": event.brief if briefly else event.whole, "more_body": True}
+                )
                 event = await asyncio.shield(self._latest)
         finally:
             gone.cancel()
@@ -56,5 +65,16 @@ async def _until_gone(receive: Receive) -> None:
         pass
 
 
-def _event(snapshot: dict[str, Any]) -> bytes:
+@dataclass(frozen=True)
+class _Event:
+    whole: bytes
+    brief: bytes
+
+    @staticmethod
+    def of(snapshot: dict[str, Any]) -> "_Event":
+        brief = {name: value for name, value in snapshot.items() if name != "nodes"}
+        return _Event(_encoded(snapshot), _encoded(brief))
+
+
+def _encoded(snapshot: dict[str, Any]) -> bytes:
     return b"data: " + json.dumps(snapshot, separators=(",", ":"), allow_nan=False).encode() + b"\n\n"

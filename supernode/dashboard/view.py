@@ -2,12 +2,14 @@
 
 import math
 import time
-from collections import deque
-from collections.abc import Mapping, Sequence
+from collections import Counter, deque
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from operator import itemgetter
 from typing import Any
 
 import topologies
+from coordinator.states import ENDS
 from wire.keys import Keys
 from wire.news import Counters, Improvement, LogRecord, Statistics
 from wire.plain import plain
@@ -15,6 +17,9 @@ from wire.plain import plain
 SHOWN_FOR = 2.0  # seconds that a death, and then an arrival, is shown at least: a node is often replaced sooner
 _LINES = 50  # of log and events
 _FOLLOWED = 64  # jobs whose statistics are kept
+_NEEDED = itemgetter("number", "job", "status", "cells", "topology")  # of a line in the list of jobs
+_MOST_NODES = 1 << 16
+_OF_PROCESS = ("host", "memory")  # in the answer to `status`; what it has of a job may have ended since
 _SIGNIFICANT = 6  # digits: what a heat map can show
 
 
@@ -29,6 +34,10 @@ class _Node:
     deaths: int = 0
     told: Counters | None = None
     status: Mapping[str, Any] | None = None
+
+    def told_of_now(self, ended: Collection[int]) -> Counters | None:
+        """What it has told, unless that is of a job that has ended."""
+        return None if self.told is None or self.told.job in ended else self.told
 
     def state(self, now: float) -> str:
         if now - self.died < SHOWN_FOR or (self.process is None and self.died > -math.inf):
@@ -63,7 +72,8 @@ class View:
     def hear_counters(self, payload: bytes) -> None:
         """A node's."""
         counters = Counters.decode(payload)
-        self._nodes.setdefault(counters.node, _Node()).told = counters
+        if counters.node < _MOST_NODES:
+            self._nodes.setdefault(counters.node, _Node()).told = counters
 
     def hear_statistics(self, payload: bytes) -> None:
         """The spy's, of a job."""
@@ -83,7 +93,7 @@ class View:
     def hear_life(self, key: str, is_there: bool) -> None:
         """A node's process has come or gone."""
         number, _ = Keys.life_of(key)
-        if number is None:
+        if number is None or number >= _MOST_NODES:
             return
         node, process = self._nodes.setdefault(number, _Node()), key.rpartition("/")[2]
         if is_there:
@@ -108,21 +118,26 @@ class View:
         self._say("warning", f"node {number} is dead")
 
     def hear_status(self, status: Mapping[str, Any]) -> None:
-        """The answer to `status`: which nodes there are."""
+        """The answer to `status`: which nodes there are; one that came meanwhile may not be among them yet."""
         self.cluster, self.counts = status["cluster"], status["jobs"]
         listed = {each["node"]: each for each in status["nodes"]}
         for number in self._nodes.keys() - listed.keys():
-            del self._nodes[number]
+            if self._nodes[number].process is None:
+                del self._nodes[number]
         for number, each in listed.items():
             self._nodes.setdefault(number, _Node()).status = each
 
-    def hear_jobs(self, jobs: Sequence[Mapping[str, Any]]) -> None:
-        """The newest jobs, newest last."""
+    def hear_jobs(self, jobs: Sequence[Mapping[str, Any]], all_of_them: bool = False) -> None:
+        """The newest jobs, newest last; if there are no others they are counted here, and not only by `status`."""
+        for job in jobs:
+            _NEEDED(job)  # nothing is kept that cannot be shown
         before = {job["number"]: job["status"] for job in self.jobs}
         for job in jobs if before else ():
             if before.get(job["number"]) != job["status"]:
                 self._say("info", f"job {job['job']}: {job['status']}")
         self.jobs = jobs
+        if all_of_them:
+            self.counts = Counter(job["status"] for job in jobs)
 
     def lost(self, trouble: str) -> None:
         """The cluster does not answer."""
@@ -138,7 +153,7 @@ class View:
     def snapshot(self) -> dict[str, Any]:
         """All that pages show of the cluster as a whole, in plain values."""
         rows, columns = self._shape()
-        return {
+        shown = {
             "at": time.time(),
             "answers": self.answers,
             "trouble": self.trouble,
@@ -148,10 +163,11 @@ class View:
             "nodes": self._table(),
             "jobs": list(self.jobs),
             "counts": dict(self.counts),
-            "statistics": {number: plain(each._asdict()) for number, each in self.statistics.items()},
+            "statistics": {number: each._asdict() for number, each in self.statistics.items()},
             "bests": {number: [each.world, each.seconds, each.generation] for number, each in self._best.items()},
             "lines": list(self._lines),
         }
+        return {name: plain(value) for name, value in shown.items()}
 
     def alive(self) -> int:
         """How many nodes are."""
@@ -163,29 +179,47 @@ class View:
         running = [job for job in self.jobs if job["status"] == "running" and job["number"] in self.statistics]
         return {job["job"]: self.statistics[job["number"]] for job in running}
 
+    def heard_of(self, job: str) -> Any:
+        """What was heard last of a job: equal as long as there is no news of it."""
+        line = next((each for each in self.jobs if each["job"] == job), None)
+        number = None if line is None else line["number"]
+        statistics = self.statistics.get(number) if number is not None else None
+        best = self._best.get(number) if number is not None else None
+        return line, None if statistics is None else statistics.world, best
+
     def node(self, number: int) -> dict[str, Any] | None:
         """All about one node."""
         node = self._nodes.get(number)
         if node is None:
             return None
-        told = {} if node.told is None else plain(node.told._asdict())
-        status = {} if node.status is None else dict(node.status)
+        now = node.told_of_now(self._ended())
+        told = {} if now is None else plain(now._asdict())
+        status = {name: value for name, value in (node.status or {}).items() if name in _OF_PROCESS}
         names = {job["number"]: job["job"] for job in self.jobs}
         known = {"node": number, "state": node.state(time.monotonic()), "deaths": node.deaths, "process": node.process}
         return status | told | known | {"job": names.get(told.get("job"))}
 
     def _table(self) -> dict[str, list[Any]]:
-        """Nodes by column, since a thousand of them go out twice a second."""
-        now, numbers = time.monotonic(), sorted(self._nodes)
-        nodes = [self._nodes[number] for number in numbers]
-        table: dict[str, list[Any]] = {"node": numbers, "state": [node.state(now) for node in nodes]}
+        """Nodes by column, since a thousand of them go out each second; the row of a node is its number."""
+        now, ended = time.monotonic(), self._ended()
+        nodes = [self._nodes.get(number) for number in range(self._places())]
+        told = [None if node is None else node.told_of_now(ended) for node in nodes]
+        states = ["absent" if node is None else node.state(now) for node in nodes]
+        table: dict[str, list[Any]] = {"node": list(range(len(nodes))), "state": states}
         for name in ("cell", "job", "generation", "champion", "best", "age", "sent"):
-            table[name] = plain([None if node.told is None else _short(getattr(node.told, name)) for node in nodes])
+            table[name] = [None if each is None else _short(getattr(each, name)) for each in told]
         return table
+
+    def _places(self) -> int:
+        """Of nodes, by number: also of those that have left between others."""
+        return max(self._nodes, default=-1) + 1
+
+    def _ended(self) -> set[int]:
+        return {job["number"] for job in self.jobs if job["status"] in ENDS}
 
     def _shape(self) -> tuple[int, int]:
         """Rows and columns: of the newest job that runs on all nodes, else of the most square torus."""
-        count = len(self._nodes)
+        count = self._places()
         specs = [job["topology"] for job in self.jobs if job["cells"] == count and job["status"] == "running"]
         return shape_of(specs[-1] if specs else topologies.torus_of(max(1, count)))
 

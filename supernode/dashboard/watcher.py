@@ -5,6 +5,7 @@ import contextlib
 from collections.abc import Callable
 
 from coordinator.errors import ClusterFailed
+from problems import BadInput
 from supernode.client import AsyncClient
 from supernode.dashboard.view import View
 from supernode.whereabouts import Place
@@ -47,8 +48,10 @@ class Watcher:
                     self._listen(client)
                     self._client = client
                     await self._look(client)
-            except ClusterFailed as error:
+            except (ClusterFailed, BadInput) as error:
                 self._view.lost(str(error))
+            except Exception as error:  # another version's answers: pages must say so, not stay as they are
+                self._view.lost(f"the cluster's answer cannot be read: {type(error).__name__}: {error}")
             finally:
                 self._client = None
             await asyncio.sleep(_AGAIN)
@@ -77,7 +80,8 @@ class Watcher:
         while True:
             self._news.clear()
             try:
-                self._view.hear_jobs(await client.ask(wire.ListJobs(LISTED), PATIENCE))
+                jobs = await client.ask(wire.ListJobs(LISTED), PATIENCE)
+                self._view.hear_jobs(jobs, all_of_them=len(jobs) < LISTED)
                 if loop.time() >= status_due:
                     status = await client.ask(wire.Status(), PATIENCE)
                     self._view.hear_status(status)

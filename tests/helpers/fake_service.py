@@ -122,9 +122,11 @@ class FakeService:
                 "started": None,
                 "ended": None,
                 "cells": 16,
+                "topology": "torus 4x4",
                 "priority": request.priority,
                 "message": None,
                 "file": request.file,
+                "file_now": request.file,
                 "best": None,
                 "result": None,
                 "world": 0,
@@ -142,7 +144,7 @@ class FakeService:
         return {"job": request.job, "world": len(entry["worlds"])}
 
     def brief(self, job):
-        long = ("file", "best", "result", "world", "worlds", "number")
+        long = ("file", "file_now", "best", "result", "world", "worlds")
         return {name: value for name, value in self.jobs[job].items() if name not in long}
 
 

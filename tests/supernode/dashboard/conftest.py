@@ -8,6 +8,7 @@ import shutil
 import threading
 
 import pytest
+from live_service import until
 
 from supernode.dashboard.door import Door
 from supernode.dashboard.server import serve
@@ -28,8 +29,16 @@ class Shown:
         self._server = servers.get()
 
     @property
+    def dashboard(self):
+        return until(lambda: getattr(self._server.config.app.app.state, "dashboard", None))
+
+    @property
     def streams(self):
-        return self._server.config.app.state.dashboard.streams
+        return self.dashboard.streams
+
+    @property
+    def ended(self):
+        return not self._thread.is_alive()
 
     def ask(self, method, path, body=None, **headers):
         """Status, headers and text of the answer; the path goes out as it is."""

@@ -1,13 +1,22 @@
 """What machines ask a dashboard, and what it says when the cluster is away."""
 
+import gzip
+import json
+import urllib.request
+
 from live_service import until
+
+from supernode.dashboard import server
+from wire import jobs as wire
+
+PROBLEM = {"file": 'kind = "function"\nname = "onemax"\ndimension = 8\n', "id": "mine"}
 
 
 def test_health_follows_the_cluster(shown, service):
     assert until(lambda: shown.ask("GET", "/healthz")[0] == 200)
     service.stop()
     text = until(lambda: (told := shown.ask("GET", "/healthz"))[0] == 503 and told[2])
-    assert text.count("\n") == 1
+    assert text == "the cluster does not answer\n", "strangers may read it, so it says nothing else"
     service.start()
     assert until(lambda: shown.ask("GET", "/healthz")[0] == 200)
 
@@ -31,3 +40,50 @@ def test_each_kind_has_a_page_to_start_from(shown):
     status, _, text = shown.ask("GET", "/api/templates/arm-ik")
     assert (status, 'kind = "arm-ik"' in text) == (200, True)
     assert shown.ask("GET", "/api/templates/nothing")[0] == 400
+
+
+def submitted(shown):
+    until(lambda: shown.post("/api/jobs", PROBLEM)[0] == 201)
+    until(lambda: [job["job"] for job in shown.dashboard.view.jobs] == ["mine"])
+
+
+def of_mine(shown):
+    status, _, text = shown.ask("GET", "/api/jobs/mine")
+    assert status == 200
+    return json.loads(text)
+
+
+def test_a_job_is_asked_for_once_for_all_who_look_and_again_once_there_is_news(shown, service, monkeypatch):
+    monkeypatch.setattr(server, "_SHOW_AGAIN", 1000.0)
+    submitted(shown)
+    assert of_mine(shown)["problem"]["name"] == "onemax"
+    asked = service.asked.count("show")
+    for _ in range(20):
+        assert of_mine(shown)["status"] == "queued"
+    assert service.asked.count("show") == asked
+    service.tell("mine", "running")
+    service.improve("mine", 3.0)
+    until(lambda: of_mine(shown)["best"] is not None)
+    service.end("mine")
+    until(lambda: shown.dashboard.view.jobs[0]["status"] == "solved")
+    assert of_mine(shown)["status"] == "solved", "it is never older than the list"
+
+
+def test_an_answer_that_cannot_be_read_is_said_and_asked_for_again(shown, service, monkeypatch):
+    until(lambda: shown.ask("GET", "/healthz")[0] == 200)
+    value = service.value
+    monkeypatch.setattr(
+        service, "value", lambda request: [{}] if isinstance(request, wire.ListJobs) else value(request)
+    )
+    until(lambda: "cannot be read" in (shown.dashboard.view.trouble or ""))
+    assert shown.ask("GET", "/healthz")[0] == 503
+    monkeypatch.setattr(service, "value", value)
+    until(lambda: shown.ask("GET", "/healthz")[0] == 200)
+
+
+def test_scripts_are_sent_small(shown):
+    for path in ("static/plotly.min.js", "static/job.js"):
+        asked = urllib.request.Request(f"http://127.0.0.1:{shown.port}/{path}", headers={"Accept-Encoding": "gzip"})
+        with urllib.request.urlopen(asked) as answer:
+            small = answer.read()
+        assert gzip.decompress(small).decode() == shown.ask("GET", f"/{path}")[2]

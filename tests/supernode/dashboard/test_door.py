@@ -10,6 +10,11 @@ from supernode.dashboard.door import Door, door_of
 TOKEN = "s3cret-s3cret-s3cret"
 
 
+def write_token(path, text):
+    path.touch(0o600)
+    path.write_text(text)
+
+
 def test_loopback_needs_no_token(tmp_path):
     assert door_of("127.0.0.1:8080", None) == Door("127.0.0.1", 8080)
     assert door_of("[::1]:0", None) == Door("::1", 0)
@@ -21,7 +26,7 @@ def test_any_other_address_needs_one(tmp_path):
         door_of("0.0.0.0:8080", None)
     with pytest.raises(BadInput, match="--dashboard-token-file: needed"):
         door_of("example.org:8080", None)
-    (tmp_path / "token").write_text(TOKEN + "\n")
+    write_token(tmp_path / "token", TOKEN + "\n")
     assert door_of("0.0.0.0:8080", str(tmp_path / "token")) == Door("0.0.0.0", 8080, TOKEN)
 
 
@@ -33,11 +38,19 @@ def test_what_is_no_address_is_refused(address):
 
 @pytest.mark.parametrize("text", ["", "short", "sixteen letters, spaces"])
 def test_what_is_no_token_is_refused(tmp_path, text):
-    (tmp_path / "token").write_text(text)
+    write_token(tmp_path / "token", text)
     with pytest.raises(BadInput, match=r"--dashboard-token-file: .* expected"):
         door_of("127.0.0.1:0", str(tmp_path / "token"))
     with pytest.raises(BadInput, match=r"--dashboard-token-file: .* expected a token"):
         door_of("127.0.0.1:0", str(tmp_path / "missing"))
+
+
+@pytest.mark.parametrize("mode", [0o644, 0o640, 0o604])
+def test_a_token_that_others_can_read_is_refused(tmp_path, mode):
+    write_token(tmp_path / "token", TOKEN)
+    (tmp_path / "token").chmod(mode)
+    with pytest.raises(BadInput, match=rf"--dashboard-token-file: .* only its owner can read, found mode {mode:o}"):
+        door_of("0.0.0.0:8080", str(tmp_path / "token"))
 
 
 def test_an_address_that_is_taken_is_an_error():

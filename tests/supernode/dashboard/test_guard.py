@@ -1,8 +1,12 @@
 """Who may come in, and what else a dashboard does not let be done to it."""
 
-import pytest
+import threading
+from urllib.parse import quote
 
-from supernode.dashboard import server
+import pytest
+from live_service import until
+
+from supernode.dashboard import parsing, server
 
 TOKEN = "s3cret-s3cret-s3cret"
 PROBLEM = {"file": 'kind = "function"\nname = "onemax"\ndimension = 8\n'}
@@ -22,7 +26,7 @@ def test_what_changes_anything_must_come_from_its_own_pages(shown, service):
         status, _, text = shown.post("/api/jobs", PROBLEM, **headers)
         assert (status, "another site" in text) == (403, True)
     assert service.jobs == {}
-    assert shown.post("/api/jobs", PROBLEM, Origin=own(shown))[0] in (201, 503)  # it may not have met the cluster yet
+    until(lambda: shown.post("/api/jobs", PROBLEM, Origin=own(shown))[0] == 201)  # once it has met the cluster
 
 
 def test_a_name_that_was_made_to_lead_here_is_refused(shown):
@@ -31,10 +35,26 @@ def test_a_name_that_was_made_to_lead_here_is_refused(shown):
     assert shown.ask("GET", "/", Host=f"localhost:{shown.port}")[0] == 200
 
 
+def test_behind_a_proxy_it_has_the_proxys_name_and_needs_a_token(show, service):
+    shown = show(TOKEN)
+    assert shown.ask("GET", "/", Host="dashboard.example")[0] == 401
+    token = {"Authorization": f"Bearer {TOKEN}", "Host": "dashboard.example"}
+    assert shown.ask("GET", "/", **token)[0] == 200
+    assert shown.post("/api/jobs", PROBLEM, Origin="https://evil.example", **token)[0] == 403
+    until(lambda: shown.post("/api/jobs", PROBLEM, Origin="https://dashboard.example", **token)[0] == 201)
+
+
 def test_browsers_are_told_to_load_nothing_from_elsewhere(shown):
     _, headers, _ = shown.ask("GET", "/")
     assert headers["Content-Security-Policy"].startswith("default-src 'self'")
     assert headers["X-Content-Type-Options"] == "nosniff"
+
+
+def test_so_they_are_where_the_dashboard_breaks(shown, monkeypatch, capsys):
+    monkeypatch.setattr(shown.dashboard.view, "node", lambda _: 1 / 0)
+    status, headers, _ = shown.ask("GET", "/api/nodes/0")
+    assert status == 500
+    assert headers["Content-Security-Policy"].startswith("default-src 'self'")
 
 
 @pytest.mark.parametrize(
@@ -51,7 +71,7 @@ def test_a_token_is_needed_where_there_is_one(show):
     assert shown.ask("GET", "/static/style.css")[0] == 401
     assert shown.ask("GET", "/", Authorization="Bearer wrong")[0] == 401
     assert shown.ask("GET", "/?token=wrong")[0] == 401
-    assert shown.ask("GET", "/", Cookie="supernode_token=wrong")[0] == 401
+    assert shown.ask("GET", "/", Cookie=f"supernode_token_{shown.port}=wrong")[0] == 401
     assert shown.post("/api/jobs?token=" + TOKEN, PROBLEM)[0] == 401
     assert shown.ask("GET", "/", Authorization=f"Bearer {TOKEN}")[0] == 200
     assert shown.ask("GET", "/healthz")[0] in (200, 503)
@@ -66,6 +86,34 @@ def test_a_token_in_the_address_becomes_a_cookie(show):
     assert "samesite=strict" in cookie.lower()
     assert shown.ask("GET", "/", Cookie=cookie.partition(";")[0])[0] == 200
     assert shown.ask("GET", f"//evil.example/?token={TOKEN}")[1]["Location"] == "/evil.example/"
+
+
+def test_two_on_one_host_have_their_own_cookies(show):
+    one, other = show(TOKEN), show(TOKEN[::-1])
+    cookies = [
+        each.ask("GET", f"/?token={token}")[1]["Set-Cookie"].partition(";")[0]
+        for each, token in ((one, TOKEN), (other, TOKEN[::-1]))
+    ]
+    assert [each.ask("GET", "/", Cookie="; ".join(cookies))[0] for each in (one, other)] == [200, 200]
+
+
+def test_others_are_served_while_a_text_made_to_take_hours_is_read(shown, monkeypatch):
+    monkeypatch.setattr(parsing, "_WITHIN", 2)
+    answers = []
+    text = ".".join("a" * 250_000) + " = 1"
+    posting = threading.Thread(target=lambda: answers.append(shown.post("/api/jobs", {"file": text})))
+    posting.start()
+    pages = 0
+    while posting.is_alive():
+        assert shown.ask("GET", "/")[0] == 200
+        pages += 1
+    ((status, _, said),) = answers
+    assert (status, "expected TOML that can be read within 2 s" in said) == (400, True)
+    assert pages > 2
+
+
+def test_news_are_only_read(shown):
+    assert shown.post("/events", {})[0] == 405
 
 
 def test_what_is_submitted_has_a_size(shown, monkeypatch):
@@ -83,6 +131,17 @@ def test_what_is_submitted_has_a_size(shown, monkeypatch):
         ("application/json", '{"file": "kind = 3"}', 400),
         ("application/json", '{"file": "kind = \\"arm-ik\\"", "extra": 1}', 400),
         ("application/json", '{"file": "kind = \\"arm-ik\\"", "seed": "x"}', 400),
+        ("application/json", '{"file": "kind = \\"arm-ik\\"", "seed": Infinity}', 400),
+        ("application/json", '{"file": "kind = \\"arm-ik\\"", "seed": 1.0}', 400),
+        ("application/json", '{"file": "kind = \\"arm-ik\\"", "seconds": NaN}', 400),
+        ("application/json", '{"file": "kind = \\"arm-ik\\"", "seconds": 1' + 400 * "0" + "}", 400),
+        ("application/json", '{"file": "kind = \\"arm-ik\\"", "priority": 1.9}', 400),
+        ("application/json", '{"file": "kind = \\"arm-ik\\"", "priority": true}', 400),
+        ("application/json", '{"file": "kind = \\"arm-ik\\"", "priority": 1' + 30 * "0" + "}", 400),
+        ("application/json", '{"file": "kind = \\"arm-ik\\"", "name": "\\ud800"}', 400),
+        ("application/json", '{"file": "kind = \\"arm-ik\\"", "name": "' + 201 * "n" + '"}', 400),
+        ("application/json", '{"file": "kind = \\"\\ud800\\""}', 400),
+        ("application/json", '{"\\ud800": 1}', 400),
         ("application/json", b"\xff\xfe", 400),
         ("application/x-www-form-urlencoded", "nothing", 400),
         ("text/plain", "{}", 415),
@@ -92,6 +151,12 @@ def test_what_is_malformed_is_refused(shown, kind, body, status):
     found, _, text = shown.ask("POST", "/api/jobs", body, Content_Type=kind)
     assert found == status
     assert "error" in text
+
+
+@pytest.mark.parametrize("after", ["1" + 30 * "0", "-1", "1.5", "x", "\u0661"])
+def test_records_are_asked_for_after_a_number(shown, service, after):
+    until(lambda: shown.ask("GET", "/healthz")[0] == 200)
+    assert shown.ask("GET", f"/api/jobs/x/history?improvements={quote(after)}")[0] == 400
 
 
 def test_names_in_an_address_are_text(shown):

@@ -2,29 +2,37 @@
 
 import contextlib
 import json
+import math
 import socket
 
 import pytest
 from live_service import until
 
 from supernode.dashboard import door, streams
+from wire.news import Improvement
 
 ASK = b"GET /events HTTP/1.1\r\nHost: localhost\r\n\r\n"
 
 
-def listen(shown, room=None):
+def listen(shown, room=None, ask=ASK):
     sock = socket.socket()
     if room is not None:
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, room)
     sock.settimeout(20)
     sock.connect(("127.0.0.1", shown.port))
-    sock.sendall(ASK)
+    sock.sendall(ask)
     return sock
 
 
-def first_event(sock):
+def events(sock):
     with sock.makefile("rb") as lines:
-        return json.loads(next(line for line in lines if line.startswith(b"data: "))[6:])
+        for line in lines:
+            if line.startswith(b"data: "):
+                yield json.loads(line[6:])
+
+
+def first_event(sock):
+    return next(events(sock))
 
 
 def test_fifty_browsers_hear_the_same(shown, service):
@@ -34,6 +42,28 @@ def test_fifty_browsers_hear_the_same(shown, service):
         assert {event["rows"] for event in events} == {1}
         assert shown.streams.count == 50
     until(lambda: shown.streams.count == 0)
+
+
+def test_pages_that_show_no_nodes_are_told_of_none(shown):
+    with listen(shown) as whole, listen(shown, ask=ASK.replace(b"/events", b"/events?nodes=0")) as brief:
+        assert first_event(whole).keys() - first_event(brief).keys() == {"nodes"}
+
+
+def test_what_no_number_can_say_stops_no_news(shown, service):
+    until(lambda: shown.dashboard.view.answers)
+    better = Improvement(1, 0, math.inf, 3, 2, 0.5, True, {})
+    with listen(shown) as sock:
+        until(lambda: service.publish(service.keys.best, better.encode()) or shown.dashboard.view.snapshot()["bests"])
+        assert next(event for event in events(sock) if event["bests"])["bests"] == {"1": [0, None, 3]}
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")  # it is raised where it serves
+def test_a_dashboard_whose_news_break_ends(show, monkeypatch):
+    shown = show()
+    with listen(shown) as sock:
+        first_event(sock)
+        monkeypatch.setattr(shown.streams, "_snapshot", lambda: {"best": math.inf})
+        until(lambda: shown.ended)
 
 
 def test_there_is_a_most(shown, monkeypatch):

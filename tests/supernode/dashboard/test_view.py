@@ -104,6 +104,42 @@ def test_a_snapshot_of_a_thousand_nodes_is_small_and_plain_json(view):
     assert (view.snapshot()["rows"], view.snapshot()["columns"]) == (32, 32)
 
 
+def told(view, node):
+    return {name: column[node] for name, column in view.snapshot()["nodes"].items()}
+
+
+def test_a_job_that_has_ended_is_not_on_the_nodes_any_more(view):
+    job = {"number": 7, "job": "a", "status": "running", "cells": 4, "topology": "torus 1x4"}
+    view.hear_jobs([job])
+    view.hear_counters(counters(2).encode())
+    assert (told(view, 2)["best"], view.node(2)["job"]) == (0.5, "a")
+    view.hear_jobs([job | {"status": "solved"}])
+    assert (told(view, 2)["best"], view.node(2)["job"]) == (None, None)
+    assert "generation" not in view.node(2)
+
+
+def test_a_node_stands_at_its_number_though_one_before_it_has_left(view):
+    view.hear_life(KEYS.life(1, 101), False)
+    view.hear_status({"cluster": "c", "jobs": {}, "nodes": [{"node": node} for node in (0, 2, 3)]})
+    assert view.snapshot()["nodes"]["node"] == [0, 1, 2, 3]
+    assert states(view) == ["alive", "absent", "alive", "alive"]
+
+
+def test_a_node_that_came_while_the_cluster_was_asked_stays(view, clock):
+    clock.now += 60
+    view.hear_life(KEYS.life(4, 104), True)
+    view.hear_status({"cluster": "c", "jobs": {}, "nodes": [{"node": node} for node in range(4)]})
+    clock.now += module.SHOWN_FOR
+    view.hear_status({"cluster": "c", "jobs": {}, "nodes": [{"node": node} for node in range(5)]})
+    assert states(view) == ["alive"] * 5
+
+
+def test_a_number_that_no_node_has_costs_nothing(view):
+    view.hear_life(KEYS.life(1 << 40, 1), True)
+    view.hear_counters(counters(1 << 40).encode())
+    assert states(view) == ["alive"] * 4
+
+
 def statistics(job):
     return Statistics(job, *[0] * 8, 0.0, 0.0, 0.0, 0.0, 0, 0.0, 0.01)
 
@@ -117,6 +153,15 @@ def test_how_jobs_are_is_told_of_those_that_run(view):
     view.hear_jobs([{"number": 7, "job": "a", "status": "solved", "cells": 4, "topology": "torus 1x4"}])
     assert view.running() == {}
     assert words(view) == ["job a: solved"]
+
+
+def test_jobs_are_counted_with_the_list_if_it_is_all_of_them(view):
+    job = {"number": 7, "job": "a", "status": "running", "cells": 4, "topology": "torus 1x4"}
+    view.hear_status({"cluster": "c", "jobs": {"solved": 500, "running": 1}, "nodes": []})
+    view.hear_jobs([job])
+    assert view.snapshot()["counts"] == {"solved": 500, "running": 1}
+    view.hear_jobs([job, job | {"number": 8, "status": "queued"}], all_of_them=True)
+    assert view.snapshot()["counts"] == {"running": 1, "queued": 1}
 
 
 def test_what_is_kept_of_jobs_is_bounded(view):
