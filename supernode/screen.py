@@ -3,7 +3,7 @@
 import asyncio
 import contextlib
 import threading
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Self
 
 from rich.color import Color
@@ -12,9 +12,12 @@ from rich.style import Style
 from rich.table import Table
 from rich.text import Text
 
+from coordinator.errors import ClusterFailed
+from problems import BadInput
 from supernode.dashboard.view import View, shape_of
-from supernode.dashboard.watcher import Watcher
+from supernode.dashboard.watcher import PATIENCE, Watcher
 from supernode.whereabouts import Place
+from wire.jobs import Show
 
 _PERIOD = 0.5  # seconds
 _JOBS, _LINES = 8, 5
@@ -38,6 +41,7 @@ class Screen:
         self._ended = threading.Event()
         self._thread = threading.Thread(target=lambda: asyncio.run(self._watch()), name="screen", daemon=True)
         self.snapshot: dict[str, Any] = View().snapshot()
+        self._homes: Sequence[int] = ()  # the job's nodes, in the order of its cells
 
     def __enter__(self) -> Self:
         self._thread.start()
@@ -48,20 +52,37 @@ class Screen:
         self._thread.join()
 
     def __rich__(self) -> RenderableType:
-        return drawn(self.snapshot, self._job)
+        return drawn(self.snapshot, self._job, self._homes)
 
     async def _watch(self) -> None:
         view = View()
-        watching = asyncio.create_task(Watcher(self._place, view).run())
+        watcher = Watcher(self._place, view)
+        watching = asyncio.create_task(watcher.run())
+        dead: set[int] = set()
         while not await asyncio.to_thread(self._ended.wait, _PERIOD):
-            self.snapshot = view.snapshot()
+            snapshot = view.snapshot()
+            before, dead = dead, _dead(snapshot["nodes"])
+            if self._job is not None and dead - before:
+                await self._look(watcher, self._job)
+            self.snapshot = snapshot
         watching.cancel()
         with contextlib.suppress(asyncio.CancelledError):
             await watching
 
+    async def _look(self, watcher: Watcher, job: str) -> None:
+        """Where the job lives: a dead node does not tell its cell."""
+        with contextlib.suppress(ClusterFailed, BadInput):  # as it was known before
+            self._homes = (await watcher.client.ask(Show(job), PATIENCE))["nodes"]
 
-def drawn(snapshot: Mapping[str, Any], job: str | None) -> RenderableType:
-    """The cluster, or one of its jobs, as `supernode.dashboard.view.View.snapshot` knows it."""
+
+def drawn(snapshot: Mapping[str, Any], job: str | None, homes: Sequence[int] = ()) -> RenderableType:
+    """The cluster, or one of its jobs, as `supernode.dashboard.view.View.snapshot` knows it.
+
+    Args:
+        snapshot: of the cluster.
+        job: the id of the only one to show.
+        homes: its nodes, in the order of its cells, as far as they are known.
+    """
     if not snapshot["answers"]:
         return Text(snapshot["trouble"] or "waiting for the cluster", style="italic")
     parts: list[RenderableType] = [_head(snapshot)]
@@ -70,7 +91,7 @@ def drawn(snapshot: Mapping[str, Any], job: str | None) -> RenderableType:
     else:
         found = next((each for each in snapshot["jobs"] if each["job"] == job), None)
         if found is not None:
-            parts += [_of_job(snapshot, found), _torus(snapshot, found)]
+            parts += [_of_job(snapshot, found), _torus(snapshot, found, homes)]
     lines = (f"{each['level']}: {each['text']}" for each in snapshot["lines"][-_LINES:])
     return Group(*parts, Text("\n".join(lines), style="dim"))
 
@@ -103,12 +124,15 @@ def _jobs(snapshot: Mapping[str, Any]) -> RenderableType:
     return table
 
 
-def _torus(snapshot: Mapping[str, Any], job: Mapping[str, Any] | None = None) -> Text:
+def _torus(snapshot: Mapping[str, Any], job: Mapping[str, Any] | None = None, homes: Sequence[int] = ()) -> Text:
     """A character for two cells, one above the other: the better its best individual, the lighter."""
-    places = _places(snapshot["nodes"], None if job is None else job["number"])
+    nodes = snapshot["nodes"]
+    dead = _dead(nodes)
+    places = _bests(nodes, dead, None if job is None else job["number"])
+    if job is not None:  # it may have found another node since `homes` were known
+        dead = {cell for cell, node in enumerate(homes) if node in dead and cell not in places}
     rows, columns = (snapshot["rows"], snapshot["columns"]) if job is None else shape_of(job["topology"])
-    colours = _colours({place: each for place, each in places.items() if each is not None})
-    dead = {place for place, each in places.items() if each is None}
+    colours = _colours(places)
     text = Text()
     for row in range(0, rows, 2):
         for column in range(columns):
@@ -118,20 +142,18 @@ def _torus(snapshot: Mapping[str, Any], job: Mapping[str, Any] | None = None) ->
     return text
 
 
-def _places(nodes: Mapping[str, list[Any]], job: int | None) -> dict[int, float | None]:
-    """The best fitness on each place that something is known of; None where a node is dead.
+def _dead(nodes: Mapping[str, list[Any]]) -> set[int]:
+    return {node for node, state in zip(nodes["node"], nodes["state"], strict=True) if state == "dead"}
 
-    The place is the cell in a job, else the node's own number.
-    """
-    places: dict[int, float | None] = {}
-    for node, state, cell, at, best in zip(
-        *(nodes[name] for name in ("node", "state", "cell", "job", "best")), strict=True
-    ):
-        if state == "dead" and job is None:
-            places[node] = None
-        elif best is not None and job in (None, at):
-            places[node if job is None else cell] = best
-    return places
+
+def _bests(nodes: Mapping[str, list[Any]], dead: set[int], job: int | None) -> dict[int, float]:
+    """The best fitness on each living place, where it is known: the cell in a job, else the node's own number."""
+    told = zip(*(nodes[name] for name in ("node", "cell", "job", "best")), strict=True)
+    return {
+        node if job is None else cell: best
+        for node, cell, at, best in told
+        if best is not None and node not in dead and job in (None, at)
+    }
 
 
 def _colours(places: Mapping[int, float]) -> dict[int, RGB]:

@@ -15,6 +15,7 @@ from rich.console import Console
 from problems.file import parse
 from supernode.dashboard.view import View
 from supernode.screen import drawn
+from wire.keys import Keys
 from wire.news import Counters, Statistics
 
 JOB = {
@@ -28,7 +29,7 @@ JOB = {
 }
 
 
-def seen(job=None, answers=True):
+def seen(job=None, answers=True, killed=None):
     view = View()
     if answers:
         view.hear_status({"cluster": "c1", "jobs": {"running": 1}, "nodes": [{"node": node} for node in range(4)]})
@@ -38,11 +39,14 @@ def seen(job=None, answers=True):
                 Counters(node, 3 - node, 3, 0, 9, 80, 9, 36, 0, 0, 1.0 + node, 5.0, 6.0, 0.25, 2, node, 0.01).encode()
             )
         view.hear_statistics(Statistics(3, 0, 9, 320, 36, 144, 0, 0, 4, 88.0, 0.5, 2.5, 7.0, 4, 0.75, 0.01).encode())
+        if killed is not None:
+            for is_there in (True, False):
+                view.hear_life(Keys("c1").life(killed, 7), is_there)
         view.found()
     else:
         view.lost("no cluster answers at tcp/nowhere")
     console = Console(width=100, record=True, file=open(os.devnull, "w"), force_terminal=True, color_system="truecolor")  # noqa: SIM115, PTH123
-    console.print(drawn(view.snapshot(), job))
+    console.print(drawn(view.snapshot(), job, homes=[3, 2, 1, 0]))
     return console.export_text(clear=False), console.export_text(styles=True)
 
 
@@ -57,12 +61,23 @@ def test_one_job_with_its_cells_the_better_the_lighter():
     text, styled = seen("office-1")
     assert "job office-1 (function, torus 2x2): running, fitness 0.25" in text
     assert "generation 9  best 0.5  median 2.5  worst 7  diversity 75%  champion's age 4  88 messages/s" in text
-    (row,) = [line for line in styled.splitlines() if "▀" in line]
-    painted = [tuple(map(int, each)) for each in re.findall(r"38;2;(\d+);(\d+);(\d+);48;2;(\d+);(\d+);(\d+)m▀▀", row)]
-    above, below = [each[:3] for each in painted], [each[3:] for each in painted]
-    assert len(painted) == 2
+    above, below = painted(styled)
     brightness = [sum(each) for each in [*above, *below]]
     assert brightness == sorted(brightness), "node 3, the worst, lives on cell 0"
+
+
+def painted(styled):
+    """The colours of the upper cells and of the lower ones."""
+    (row,) = [line for line in styled.splitlines() if "▀" in line]
+    pairs = [tuple(map(int, each)) for each in re.findall(r"38;2;(\d+);(\d+);(\d+);48;2;(\d+);(\d+);(\d+)m▀▀", row)]
+    assert len(pairs) == 2
+    return [each[:3] for each in pairs], [each[3:] for each in pairs]
+
+
+def test_a_dead_cell_of_a_job_is_red():
+    above, below = painted(seen("office-1", killed=2)[1])
+    assert above[1] == (200, 40, 40), "node 2 lives on cell 1"
+    assert (200, 40, 40) not in [above[0], *below]
 
 
 def test_a_cluster_that_does_not_answer():

@@ -1,6 +1,6 @@
 // The cluster: its nodes on the torus, one of them in detail, and what happened.
 
-import { byId, clock, fillRow, follow, getJson, make, number, setText, showFacts } from "./common.js";
+import { byId, fillRow, follow, getJson, make, moment, number, setText, showFacts } from "./common.js";
 import { Torus } from "./torus.js";
 
 const COLUMNS = ["node", "state", "cell", "generation", "champion", "best", "age", "sent"];
@@ -9,11 +9,16 @@ const SHOWN = {
   evaluations: "evaluations", best: "best", median: "median", worst: "worst", champion: "champion", age: "champion's age",
   sent: "sent", received: "received", lost: "lost", rejected: "rejected", deaths: "deaths", megabytes: "memory / MB",
 };
+const MEANINGS = {
+  champion: "champion's fitness, lower is better", best: "best fitness of the deme, lower is better",
+  age: "champion's age in generations", sent: "messages sent",
+};
 let nodes = null, chosen = null, asking = false, latest = null;
 
 const torus = new Torus(byId("torus"), byId("legend"), {
-  choose: (index) => { chosen = nodes.node[index]; showNode(); },
-  describe: (index) => `node ${nodes.node[index]}, ${nodes.state[index]}, ${byId("what").value} ${value(index)}`,
+  choose: (index) => { if (index in nodes.node) { chosen = nodes.node[index]; showNode(); } },
+  describe: (index) => (index in nodes.node
+    ? `node ${nodes.node[index]}, ${nodes.state[index]}, ${byId("what").value} ${value(index)}` : "no node"),
 });
 const value = (index) => number(nodes[byId("what").value][index]);
 
@@ -23,7 +28,7 @@ function show(snapshot) {
   const states = (name) => nodes.state.filter((state) => state === name).length;
   showFacts(byId("facts"), {
     nodes: nodes.node.length, alive: states("alive"), dead: states("dead"), joining: states("joining"),
-    ...snapshot.counts,
+    ...Object.fromEntries(Object.entries(snapshot.counts).map(([status, count]) => [`jobs ${status}`, count])),
   });
   showTorus();
   if (byId("all").open) showTable();
@@ -32,8 +37,10 @@ function show(snapshot) {
 }
 
 function showTorus() {
-  const values = nodes[byId("what").value];
-  torus.show(latest.rows, latest.columns, nodes.state.map((state, index) => ({ state, value: values[index] })));
+  const what = byId("what").value, at = nodes.job;
+  const cells = nodes.state.map((state, index) => ({ state, value: nodes[what][index], job: at[index] }));
+  const none = at.some((job) => job !== null) ? "nothing feasible yet" : "no job on the nodes";
+  torus.show(latest.rows, latest.columns, cells, MEANINGS[what], none);
 }
 
 function showTable() {
@@ -51,7 +58,7 @@ function showLines(lines) {
   if (list.dataset.newest === newest) return;
   list.dataset.newest = newest;
   list.replaceChildren(...lines.toReversed().map((line) =>
-    make("li", { "data-level": line.level }, make("time", {}, clock(line.at)), line.text)));
+    make("li", { "data-level": line.level }, make("time", {}, moment(line.at)), line.text)));
 }
 
 async function showNode() {
@@ -61,6 +68,7 @@ async function showNode() {
     const told = await getJson(`/api/nodes/${chosen}`);
     if (typeof told.memory === "number") told.megabytes = Math.round(told.memory / 1e6);
     setText(byId("node-title"), `Node ${chosen}`);
+    byId("hint").hidden = true;
     const facts = Object.entries(SHOWN).filter(([name]) => told[name] !== undefined);
     showFacts(byId("node"), Object.fromEntries(facts.map(([name, words]) => [words, told[name]])));
   } catch { /* the node is gone, or the dashboard is away: what was known stays */ } finally {

@@ -21,7 +21,8 @@ export function number(value) {
   return Number.isInteger(value) ? value.toLocaleString("en") : Number(value.toPrecision(6)).toString();
 }
 
-export const clock = (seconds) => new Date(seconds * 1000).toLocaleTimeString("en-GB");
+// A date and a time, as here; a history has many days.
+export const moment = (seconds) => new Date(seconds * 1000).toLocaleString("sv-SE");
 
 export const hasEnded = (status) => ["solved", "stalled", "exhausted", "deadline", "cancelled", "failed"].includes(status);
 
@@ -41,47 +42,59 @@ export function fillRow(row, texts) {
   return row;
 }
 
-export async function getJson(address) {
-  const answer = await fetch(address);
-  const told = await answer.json();
-  if (!answer.ok) throw new Error(told.error);
-  return told;
+// The answer to a request; a refusal becomes an error that says the same, and has its `status`.
+export async function ask(address, options) {
+  const answer = await fetch(address, options).catch(() => { throw new Error("the dashboard does not answer"); });
+  if (answer.ok) return answer;
+  const text = await answer.text(), isJson = answer.headers.get("Content-Type")?.startsWith("application/json");
+  const words = (isJson ? JSON.parse(text).error : text.trim()) || answer.statusText;
+  throw Object.assign(new Error(words), { status: answer.status });
 }
 
-export async function postJson(address, value) {
-  const answer = await fetch(address, {
-    method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(value),
-  });
-  const told = await answer.json().catch(() => ({ error: answer.statusText }));
-  if (!answer.ok) throw new Error(told.error);
-  return told;
-}
+export const getJson = async (address) => (await ask(address)).json();
+
+export const postJson = async (address, value) => (await ask(address, {
+  method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(value),
+})).json();
 
 // For screen readers: the latest change.
 export const announce = (text) => setText(byId("live"), text);
 
-// Calls `show` with each snapshot of the cluster.
+// Calls `show` with each snapshot of the cluster, while the page is seen: a browser has few connections to a host.
 export function follow(show) {
-  let last = null, unseen = null;
+  let last = null, source = null, timer = null;
   const pill = byId("link");
   const say = (state, text) => { pill.dataset.state = state; setText(pill, text); };
-  const source = new EventSource("/events");
-  source.onmessage = (message) => {
+
+  function hear(message) {
     const snapshot = JSON.parse(message.data);
     say(snapshot.answers ? "answers" : "lost", snapshot.answers ? `cluster ${snapshot.cluster}` : "no answer");
     pill.title = snapshot.trouble ?? "";
     const newest = snapshot.lines.at(-1);
     if (last !== null && newest && newest.number > last) announce(newest.text);
     last = newest ? newest.number : 0;
-    if (document.hidden) unseen = snapshot; // nobody looks
-    else show(snapshot);
-  };
-  document.addEventListener("visibilitychange", () => {
-    if (unseen && !document.hidden) show(unseen);
-    unseen = null;
-  });
-  source.onerror = () => say("lost", "dashboard away");
-  addEventListener("pagehide", () => source.close());
+    show(snapshot);
+  }
+
+  function fail() {
+    say("lost", "dashboard away");
+    if (source.readyState === EventSource.CLOSED) timer = setTimeout(open, TROUBLED); // it was refused: no browser retries
+  }
+
+  function open() {
+    close();
+    if (!document.hidden) source = Object.assign(new EventSource("/events"), { onmessage: hear, onerror: fail });
+  }
+
+  function close() {
+    clearTimeout(timer);
+    source?.close();
+  }
+
+  document.addEventListener("visibilitychange", () => (document.hidden ? close() : open()));
+  addEventListener("pagehide", close);
+  addEventListener("pageshow", (event) => event.persisted && open()); // by the button Back
+  open();
 }
 
 for (const link of document.querySelectorAll("header nav a")) {

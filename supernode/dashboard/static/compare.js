@@ -6,7 +6,8 @@ import { History, generation, line, plot, since } from "./history.js";
 const MOST = 8; // runs
 const LOADED_EVERY = 1000; // ms
 const ids = (new URLSearchParams(location.search).get("jobs") ?? "").split(",").map((id) => id.trim()).filter(Boolean);
-const runs = ids.slice(0, MOST).map((id) => ({ id, job: null, history: new History(id) }));
+const left = ids.length > MOST ? [`Only the first ${MOST} of ${ids.length} jobs are compared.`] : [];
+const runs = ids.slice(0, MOST).map((id) => ({ id, job: null, history: new History(id), trouble: "" }));
 let busy = false, due = 0;
 
 async function show() {
@@ -14,35 +15,46 @@ async function show() {
   if (busy || stale.length === 0 || Date.now() < due) return;
   busy = true;
   try {
-    await Promise.all(stale.map(load));
-    showPlots();
-    showTable();
-    setText(byId("trouble"), "");
-    due = Date.now() + LOADED_EVERY;
-  } catch (error) {
-    setText(byId("trouble"), error.message);
-    due = Date.now() + TROUBLED;
+    for (const run of stale) await load(run);
+    const known = runs.filter((run) => run.job !== null);
+    showPlots(known);
+    showTable(known);
+    showTroubles();
   } finally {
     busy = false;
+    due = Date.now() + (runs.some((run) => run.trouble) ? TROUBLED : LOADED_EVERY);
   }
+}
+
+function showTroubles() {
+  const troubles = runs.filter((run) => run.trouble).map(({ id, trouble }) => `${id}: ${trouble}`);
+  setText(byId("trouble"), [...left, ...troubles].join("\n"));
 }
 
 async function load(run) {
   const over = run.job !== null && hasEnded(run.job.status); // the last records come after the end
-  [run.job] = await Promise.all([getJson(`/api/jobs/${encodeURIComponent(run.id)}`), run.history.load()]);
-  run.whole = over;
+  try {
+    run.job = await getJson(`/api/jobs/${encodeURIComponent(run.id)}`);
+    await run.history.load();
+    [run.whole, run.trouble] = [over, ""];
+  } catch (error) {
+    run.trouble = error.message;
+  }
 }
 
-function showPlots() {
-  const drawn = (along) => runs.map(({ id, job, history }) => {
+function showPlots(known) {
+  const drawn = (along) => known.map(({ id, job, history }) => {
     const x = along === "seconds" ? since(job.started ?? job.submitted) : generation;
     return line(id, history.improvements, x, "fitness", { line: { shape: "hv" }, mode: "lines+markers" });
   });
-  for (const along of ["seconds", "generation"]) plot(byId(along), drawn(along), [along, "fitness"]);
+  const bests = known.map(({ id, job }) => `${id} ${number(job.fitness)}`).join(", ");
+  const say = (along) => `Best fitness of each run against ${along}, now: ${bests}`;
+  plot(byId("seconds"), drawn("seconds"), ["seconds", "fitness"], say("seconds"));
+  plot(byId("generation"), drawn("generation"), ["generation of its world", "fitness"], say("generations"));
 }
 
-function showTable() {
-  const told = runs.map(({ job }) => ({
+function showTable(known) {
+  const told = known.map(({ job }) => ({
     kind: job.kind, problem: job.name, status: job.status, fitness: job.fitness, topology: job.topology,
     "took / s": job.started && job.ended ? job.ended - job.started : null,
     generations: job.result?.generations, evaluations: job.result?.evaluations,
@@ -50,7 +62,7 @@ function showTable() {
   }));
   const names = [...new Set(told.flatMap(Object.keys))];
   const say = (value) => (value !== null && typeof value === "object" ? JSON.stringify(value) : number(value));
-  const head = make("tr", {}, make("th", { scope: "col" }, "setting"), ...runs.map(({ id }) =>
+  const head = make("tr", {}, make("th", { scope: "col" }, "setting"), ...known.map(({ id }) =>
     make("th", { scope: "col" }, make("a", { href: `/jobs/${encodeURIComponent(id)}` }, id))));
   const rows = names.map((name) => make("tr", {}, make("th", { scope: "row" }, name),
     ...told.map((each) => make("td", { class: "wrap" }, say(each[name])))));

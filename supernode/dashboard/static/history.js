@@ -2,44 +2,81 @@
 
 import { getJson } from "./common.js";
 
-export class History {
-  constructor(job) {
-    Object.assign(this, { job, improvements: [], statistics: [], last: { improvements: 0, statistics: 0 } });
+const MOST = 2000; // points of a curve
+const LATEST = 200; // improvements that are kept whatever their number
+
+// As many of a growing number of records as can be plotted, evenly, and always the last one.
+class Thinned {
+  records = [];
+  #count = 0;
+  #step = 1;
+
+  push(record) {
+    if ((this.#count - 1) % this.#step !== 0) this.records.pop(); // it was there as the last one only
+    this.records.push(record);
+    this.#count += 1;
+    if (this.records.length < MOST) return;
+    this.#step *= 2;
+    this.records = this.records.filter((each, index) => index % 2 === 0 || each === record);
   }
+}
+
+export class History {
+  #kept = { improvements: new Thinned(), statistics: new Thinned() };
+  #last = { improvements: 0, statistics: 0 };
+  latest = []; // improvements
+
+  constructor(job) { this.job = job; }
+
+  get improvements() { return this.#kept.improvements.records; }
+  get statistics() { return this.#kept.statistics.records; }
 
   // Fetch what is new; true if there is anything.
   async load() {
     let news = false, more = true;
     while (more) {
-      const { improvements, statistics } = this.last;
-      const query = `improvements=${improvements}&statistics=${statistics}`;
-      const pages = await getJson(`/api/jobs/${encodeURIComponent(this.job)}/history?${query}`);
-      more = false;
-      for (const [kind, page] of Object.entries(pages)) {
-        for (const row of page.rows) this[kind].push(Object.fromEntries(page.columns.map((name, index) => [name, row[index]])));
-        this.last[kind] = page.rows.at(-1)?.[0] ?? this.last[kind];
-        more ||= page.more;
-        news ||= page.rows.length > 0;
-      }
+      const query = new URLSearchParams(this.#last);
+      const pages = Object.entries(await getJson(`/api/jobs/${encodeURIComponent(this.job)}/history?${query}`));
+      for (const [kind, page] of pages) this.#take(kind, page);
+      more = pages.some(([, page]) => page.more);
+      news ||= pages.some(([, page]) => page.rows.length > 0);
     }
     return news;
+  }
+
+  #take(kind, { columns, rows }) {
+    const records = rows.map((row) => Object.fromEntries(columns.map((name, index) => [name, row[index]])));
+    for (const record of records) this.#kept[kind].push(record);
+    this.#last[kind] = records.at(-1)?.id ?? this.#last[kind];
+    if (kind === "improvements") this.latest = [...this.latest, ...records].slice(-LATEST);
   }
 }
 
 export const since = (start) => (record) => record.at - start;
 export const generation = (record) => record.generation;
 
-export function line(name, records, x, y, more = {}) {
-  return { name, x: records.map(x), y: records.map((record) => record[y]), mode: "lines", ...more };
+// Where a line of improvements, and one of statistics, begins anew: as in the report.
+const isOfNewWorld = (before, record) => record.world !== before.world;
+export const isOfNewLife = (before, record) => isOfNewWorld(before, record) || record.generation < before.generation;
+
+export function line(name, records, x, y, more = {}, beginsAnew = isOfNewWorld) {
+  const points = records.flatMap((record, index) => {
+    const point = [x(record), record[y]];
+    return index > 0 && beginsAnew(records[index - 1], record) ? [[null, null], point] : [point];
+  });
+  return { name, x: points.map(([x]) => x), y: points.map(([, y]) => y), mode: "lines", ...more };
 }
 
-export function plot(element, lines, titles, more = {}) {
+// `words` say to those who do not see it how it is now.
+export function plot(element, lines, titles, words, more = {}) {
   const style = getComputedStyle(document.documentElement), of = (name) => style.getPropertyValue(name).trim();
   const axis = { gridcolor: of("--line"), zerolinecolor: of("--line") };
   const { yaxis, ...rest } = more;
+  element.setAttribute("aria-label", words);
   Plotly.react(element, lines, {
     margin: { l: 64, r: 56, t: 8, b: 44 }, paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)",
     font: { color: of("--ink"), family: "system-ui, sans-serif" }, legend: { orientation: "h", x: 0, y: 1.02, yanchor: "bottom" },
+    dragmode: matchMedia("(pointer: coarse)").matches ? false : "zoom", // a finger scrolls the page
     showlegend: true, xaxis: { ...axis, title: { text: titles[0] }, rangemode: "tozero" },
     yaxis: { ...axis, title: { text: titles[1] }, exponentformat: "power", ...yaxis }, uirevision: "same", ...rest,
   }, { displayModeBar: false, responsive: true });

@@ -1,9 +1,9 @@
 // One job: convergence, diversity, lineage and the best solution so far.
 
 import {
-  TROUBLED, announce, byId, fillRow, follow, getJson, hasEnded, make, number, postJson, setText, showFacts,
+  TROUBLED, announce, ask, byId, fillRow, follow, getJson, hasEnded, make, number, postJson, setText, showFacts,
 } from "./common.js";
-import { History, generation, line, plot, since } from "./history.js";
+import { History, generation, isOfNewLife, line, plot, since } from "./history.js";
 import { canTurn, showSpaces } from "./spaces.js";
 import { Torus } from "./torus.js";
 
@@ -12,24 +12,27 @@ const SCENE_EVERY = 1100; // ms
 const DRAW_EVERY = 2000; // ms: long curves take a while
 const id = byId("job").dataset.job, address = `/api/jobs/${encodeURIComponent(id)}`;
 const history = new History(id);
-let job = null, busy = false, patient = 0, heard = "", drawn = 0, stale = true, bests = [];
+let job = null, latest = null, busy = false, patient = 0, heard = "", drawn = 0, stale = true, bests = [];
 
 const torus = new Torus(byId("torus"), byId("legend"), {
-  describe: (cell) => `cell ${cell}, best ${number(bests[cell])}`,
+  describe: (cell) => `cell ${cell}, node ${job.nodes[cell] ?? "none"}, best ${number(bests[cell])}`,
 });
 
 async function show(snapshot) {
-  showCells(snapshot);
-  const line = snapshot.jobs.find((each) => each.job === id), number = line?.number ?? job?.number;
-  const now = JSON.stringify([line, snapshot.statistics[number]?.generation, snapshot.bests[number]]);
+  latest = snapshot;
+  if (job !== null) showCells();
+  const line = snapshot.jobs.find((each) => each.job === id);
+  const now = JSON.stringify([line, statistics()?.generation, snapshot.bests[job?.number]]);
   if (busy || now === heard || Date.now() < patient) return;
   busy = true;
   try {
+    const over = job !== null && hasEnded(job.status); // the last records come after the end
     job = await getJson(address);
     showJob();
+    showCells();
     stale = (await history.load()) || stale;
     if (stale && (hasEnded(job.status) || Date.now() >= drawn + DRAW_EVERY)) showHistory();
-    if (!stale) heard = now;
+    if (!stale && (over || !hasEnded(job.status))) heard = now;
     setText(byId("trouble"), "");
   } catch (error) {
     setText(byId("trouble"), error.message);
@@ -39,13 +42,20 @@ async function show(snapshot) {
   }
 }
 
+// How the job is now, or was last.
+const statistics = () => latest.statistics[job?.number] ?? history.statistics.at(-1);
+
 function showJob() {
-  const { name, kind, status, fitness, topology, generations } = { ...job, generations: job.result?.generations };
-  const end = job.ended ?? Date.now() / 1000;
+  const { name, kind, status, fitness, topology, result } = job, now = statistics();
+  const end = job.ended ?? latest.at;
   showFacts(byId("facts"), {
-    status, fitness, problem: name, kind, topology, seed: job.run.seed,
+    status, fitness, feasible: job.best === null ? null : job.best.feasible ? "yes" : "no",
+    problem: name, kind, topology, seed: job.run.seed, world: job.world,
     seconds: job.started ? Number((end - job.started).toFixed(1)) : null,
-    ...(generations !== undefined && { generations }), ...(job.message && { message: job.message }),
+    generations: result?.generations ?? now?.generation, evaluations: result?.evaluations ?? now?.evaluations,
+    best: now?.best, median: now?.median, worst: now?.worst,
+    diversity: now && `${Math.round(100 * now.diversity)} %`, "champion's age": now?.age,
+    ...(job.message && { message: job.message }),
   });
   if (byId("cancel").dataset.status !== status) announce(`job ${id} is ${status}`);
   byId("cancel").dataset.status = status;
@@ -55,54 +65,64 @@ function showJob() {
 }
 
 function showHistory() {
-  [drawn, stale] = [Date.now(), false];
+  drawn = Date.now();
   const seconds = byId("against").value === "seconds";
   const x = seconds ? since(job.started ?? job.submitted) : generation;
-  const along = seconds ? "seconds" : "generation", { statistics, improvements } = history;
+  const along = seconds ? "seconds" : "generation of its world", { statistics, improvements } = history;
   const lines = [
-    line("worst", statistics, x, "worst", { line: { color: "#b0713c", width: 1 } }),
-    line("median", statistics, x, "median", { line: { color: "#8a4fbf", width: 1.5 } }),
-    line("best", statistics, x, "best", { line: { color: "#2a8c4a", width: 1.5 } }),
+    line("worst", statistics, x, "worst", { line: { color: "#b0713c", width: 1 } }, isOfNewLife),
+    line("median", statistics, x, "median", { line: { color: "#8a4fbf", width: 1.5 } }, isOfNewLife),
+    line("best", statistics, x, "best", { line: { color: "#2a8c4a", width: 1.5 } }, isOfNewLife),
     line("verified", improvements, x, "fitness",
       { line: { color: "#3b82d6", width: 2.5, shape: "hv" }, mode: "lines+markers", marker: { size: 5 } }),
   ];
-  plot(byId("convergence"), lines, [along, "fitness"], { yaxis: { type: byId("log").checked ? "log" : "linear" } });
+  const now = history.statistics.at(-1), [best, median, worst, age] =
+    ["best", "median", "worst", "age"].map((name) => number(now?.[name]));
+  const words = `Fitness against ${along}, now: verified ${number(job.fitness)}, best ${best}, median ${median}, worst ${worst}`;
+  plot(byId("convergence"), lines, [along, "fitness"], words, { yaxis: { type: byId("log").checked ? "log" : "linear" } });
   plot(byId("diversity"), [
-    line("diversity", statistics, x, "diversity", { line: { color: "#2a8c4a" } }),
-    line("champion's age", statistics, x, "age", { yaxis: "y2", line: { color: "#c8321e", width: 1 } }),
-  ], [along, "diversity"], {
+    line("diversity", statistics, x, "diversity", { line: { color: "#2a8c4a" } }, isOfNewLife),
+    line("champion's age", statistics, x, "age", { yaxis: "y2", line: { color: "#c8321e", width: 1 } }, isOfNewLife),
+  ], [along, "diversity"], `Diversity against ${along}, now ${number(now?.diversity)}; the champion's age ${age}`, {
     yaxis: { range: [0, 1.05] },
     yaxis2: { title: { text: "age / generations" }, overlaying: "y", side: "right", rangemode: "tozero", showgrid: false,
       tickmode: "auto", nticks: 5, tickformat: ",d" },
   });
-  const world = improvements.at(-1)?.world;
+  showBirths(history.latest);
+  stale = false;
+}
+
+function showBirths(improvements) {
+  const world = improvements.at(-1)?.world, rows = byId("rows");
   const born = improvements.filter((each) => each.world === world).slice(-LINEAGE).map((each) => each.cell);
   torus.trace(born, /^(torus|moore)/.test(job.topology));
-  showImprovements(improvements);
-}
-
-function showImprovements(improvements) {
-  const rows = byId("rows");
-  for (const each of improvements.slice(rows.children.length)) {
-    rows.append(fillRow(make("tr"), [each.seconds, each.generation, each.cell, each.fitness, each.feasible ? "yes" : "no"]));
+  const shown = Number(rows.lastElementChild?.dataset.id ?? 0);
+  for (const each of improvements.filter((improvement) => improvement.id > shown)) {
+    const texts = [each.seconds, each.generation, each.cell, each.fitness, each.feasible ? "yes" : "no"];
+    rows.append(fillRow(make("tr", { "data-id": each.id }), texts));
   }
+  while (rows.children.length > improvements.length) rows.firstElementChild.remove();
 }
 
-function showCells(snapshot) {
-  if (job === null) return;
-  bests = Array(job.rows * job.columns).fill(null);
-  const cells = bests.map(() => ({ value: null, state: "alive" })), { nodes } = snapshot;
-  nodes.node.forEach((_, index) => {
-    const cell = nodes.cell[index];
-    if (nodes.job[index] !== job.number || hasEnded(job.status) || cell >= cells.length) return;
-    bests[cell] = nodes.best[index];
-    cells[cell] = { value: nodes.best[index], state: nodes.state[index] };
+// A cell is where its node is; what is on it, the node tells.
+function showCells() {
+  const { nodes } = latest, indices = new Map(nodes.node.map((node, index) => [node, index]));
+  const at = hasEnded(job.status) ? [] : job.nodes.map((node) => indices.get(node));
+  const cells = Array.from({ length: job.rows * job.columns }, (_, cell) => {
+    const index = at[cell], state = nodes.state[index] ?? "alive";
+    return { state, value: nodes.job[index] === job.number ? nodes.best[index] : null };
   });
-  torus.show(job.rows, job.columns, cells);
+  bests = cells.map(({ value }) => value);
+  torus.show(job.rows, job.columns, cells, "best fitness of the deme, lower is better", noBests());
 }
 
-// The planner's drawing: fetched again when there is a better solution, at most every second. What it has in three
-// dimensions can be turned, if this browser can do so; the rest is a picture.
+function noBests() {
+  if (hasEnded(job.status)) return "the job has ended";
+  return job.nodes.length ? "nothing feasible yet" : "the job is on no nodes yet";
+}
+
+// The planner's drawing: fetched again when there is a better solution, at most every second, and when it did not come.
+// What it has in three dimensions can be turned, if this browser can do so; the rest is a picture.
 const scene = {
   shown: null, wanted: null, due: 0, timer: null, flat: !canTurn(),
   show(of) {
@@ -113,17 +133,20 @@ const scene = {
   async fetch() {
     const of = this.wanted;
     const words = `The best solution of job ${id} so far, fitness ${number(job.best?.fitness)}`;
+    let wait = SCENE_EVERY;
     try {
       const whole = !this.flat && await this.fetchSpaces(of, words);
       if (!whole) await this.fetchPicture(of, words);
       byId("scene").hidden = whole;
       setText(byId("no-scene"), "");
-    } catch {
-      setText(byId("no-scene"), "There is no picture of this problem.");
+      this.shown = of;
+    } catch (error) {
+      setText(byId("no-scene"), error.message);
+      if (error.status === 400) this.shown = of; // there will be none
+      else wait = TROUBLED;
     }
     this.timer = null;
-    this.due = Date.now() + SCENE_EVERY;
-    this.shown = of;
+    this.due = Date.now() + wait;
     this.show(this.wanted);
   },
   async fetchSpaces(of, words) {
@@ -133,13 +156,18 @@ const scene = {
     return whole;
   },
   async fetchPicture(of, words) {
-    const image = new Image();
-    image.src = `/jobs/${encodeURIComponent(id)}/scene.png?of=${encodeURIComponent(of)}`;
-    await image.decode();
-    byId("scene").src = image.src;
+    const picture = await (await ask(`/jobs/${encodeURIComponent(id)}/scene.png?of=${encodeURIComponent(of)}`)).blob();
+    byId("scene").src = await asDataUrl(picture);
     byId("scene").alt = words;
   },
 };
+
+const asDataUrl = (blob) => new Promise((done, fail) => {
+  const reader = new FileReader();
+  reader.onload = () => done(reader.result);
+  reader.onerror = () => fail(reader.error);
+  reader.readAsDataURL(blob);
+});
 
 byId("cancel").addEventListener("click", async () => {
   try {

@@ -1,6 +1,6 @@
 // The queue and the history of jobs, and a form to hand one in.
 
-import { announce, byId, clock, follow, hasEnded, make, number, postJson, setText } from "./common.js";
+import { announce, ask, byId, follow, hasEnded, make, moment, number, postJson, setText } from "./common.js";
 
 const rows = new Map();
 
@@ -23,6 +23,7 @@ function newRow(id) {
   cells[0].append(box);
   cells[1].append(link);
   cells[8].append(cancel);
+  cells[3].className = "wrap";
   const row = make("tr", {}, ...cells);
   rows.set(id, row);
   return row;
@@ -30,19 +31,22 @@ function newRow(id) {
 
 function update(row, job, now) {
   const from = job.started ?? job.submitted, took = (job.ended ?? now) - from;
-  const texts = [job.kind, job.status, number(job.fitness), number(job.cells), clock(job.submitted), `${took.toFixed(1)} s`];
+  const status = job.message ? `${job.status}: ${job.message}` : job.status;
+  const texts = [job.kind, status, number(job.fitness), number(job.cells), moment(job.submitted), `${took.toFixed(1)} s`];
   texts.forEach((text, index) => setText(row.children[index + 2], text));
   row.children[3].dataset.state = job.status;
-  row.children[3].title = job.message ?? "";
   row.children[8].firstChild.hidden = hasEnded(job.status);
 }
 
+// Whether it was done; if not, the page says why.
 async function attempt(work) {
   setText(byId("trouble"), "");
   try {
     await work();
+    return true;
   } catch (error) {
     setText(byId("trouble"), error.message);
+    return false;
   }
 }
 
@@ -55,7 +59,7 @@ function prepareForm(form) {
   const fields = form.elements;
   fields.kind.addEventListener("change", () => attempt(async () => {
     const kind = fields.kind.value;
-    fields.file.value = kind ? await (await fetch(`/api/templates/${kind}`)).text() : "";
+    fields.file.value = kind ? await (await ask(`/api/templates/${kind}`)).text() : "";
     fields.name.value = kind ? `${kind}.toml` : "form.toml";
   }));
   fields.upload.addEventListener("change", () => attempt(async () => {
@@ -64,14 +68,17 @@ function prepareForm(form) {
     fields.file.value = await file.text();
     fields.name.value = file.name;
   }));
-  form.addEventListener("submit", (event) => {
+  const button = form.querySelector("button");
+  form.addEventListener("submit", async (event) => {
     event.preventDefault();
-    attempt(async () => {
+    button.disabled = true; // a second click would be a second job
+    button.disabled = await attempt(async () => {
       const { job } = await postJson("/api/jobs", Object.fromEntries(new FormData(form)));
       announce(`job ${job} is submitted`);
       location.assign(`/jobs/${encodeURIComponent(job)}`);
     });
   });
+  addEventListener("pageshow", () => { button.disabled = false; }); // by the button Back
 }
 
 if (byId("submit")) prepareForm(byId("submit")); // a single run takes no other jobs

@@ -12,30 +12,31 @@ export class Torus {
     Object.assign(this, { svg, legend, choose, describe, rows: 0, columns: 0, cursor: 0, squares: [] });
     svg.addEventListener("click", (event) => this.#choose(this.squares.indexOf(event.target)));
     svg.addEventListener("keydown", (event) => this.#press(event));
+    svg.addEventListener("focus", () => svg.matches(":focus-visible") && this.#visit(this.cursor));
   }
 
-  // `cells` are {value, state}, row by row.
-  show(rows, columns, cells) {
+  // `cells` are {value, state, job}, row by row; each job has its own scale. `words` say what the colours mean, `none`
+  // why there are none.
+  show(rows, columns, cells, words, none) {
     if (rows !== this.rows || columns !== this.columns) this.#build(rows, columns);
-    const known = cells.map((cell) => cell.value).filter((value) => value !== null && value !== undefined);
-    const low = Math.min(...known), high = Math.max(...known);
+    const scales = scalesOf(cells);
     this.squares.forEach((square, index) => {
-      const { value = null, state = "joining" } = cells[index] ?? {};
+      const { value = null, state = "joining", job } = cells[index] ?? {};
       const marked = state !== "alive" ? state : value === null ? "unknown" : "";
       set(square, "class", marked);
-      set(square, "fill", marked ? "" : colour(high > low ? (value - low) / (high - low) : .5));
+      set(square, "fill", marked ? "" : colour(value, scales.get(job)));
       set(square, "data-state", state);
     });
     const dead = cells.map((cell, index) => (cell.state === "dead" ? cross(...this.place(index)) : ""));
     set(this.crosses, "d", dead.join(""));
-    this.#explain(known.length ? [low, high] : null);
+    this.#explain([...scales.values()], words, none);
   }
 
   // The places where champions were born, joined in order; where the topology `wraps`, by the shorter way around.
   trace(cells, wraps) {
     const places = cells.map((cell) => this.place(cell));
     const strokes = places.slice(1).map((to, index) => this.#stroke(places[index], to, wraps));
-    set(this.lineage, "d", strokes.join(""));
+    draw(this.lineage, strokes.join(""));
     this.births.replaceChildren(...places.map(([row, column], index) => {
       const circle = document.createElementNS(SVG, "circle");
       const radius = index === places.length - 1 ? .22 : .1;
@@ -68,10 +69,13 @@ export class Torus {
       return square;
     });
     this.svg.replaceChildren(...this.squares);
-    for (const [name, tag] of [["crosses", "path"], ["lineage", "path"], ["births", "g"], ["mark", "path"]]) {
+    for (const [name, tag] of [["crosses", "path"], ["lineage", "g"], ["births", "g"], ["mark", "g"]]) {
       this[name] = document.createElementNS(SVG, tag);
-      this[name].setAttribute("class", name === "mark" ? "cursor" : name);
+      this[name].setAttribute("class", name);
       this.svg.append(this[name]);
+    }
+    for (const each of [this.lineage, this.mark]) { // a light line in a dark one is seen on any colour
+      each.append(document.createElementNS(SVG, "path"), document.createElementNS(SVG, "path"));
     }
   }
 
@@ -81,8 +85,7 @@ export class Torus {
     else {
       const [row, column] = this.place(this.cursor), [down, right] = STEPS[event.key];
       const [rows, columns] = [this.rows, this.columns];
-      this.#move(((row + down + rows) % rows) * columns + (column + right + columns) % columns);
-      announce(this.describe(this.cursor));
+      this.#visit(((row + down + rows) % rows) * columns + (column + right + columns) % columns);
     }
     event.preventDefault();
   }
@@ -93,19 +96,41 @@ export class Torus {
     this.choose(cell);
   }
 
+  #visit(cell) {
+    if (!this.squares[cell]) return; // nothing is known yet
+    this.#move(cell);
+    announce(this.describe(cell));
+  }
+
   #move(cell) {
     const [row, column] = this.place(cell);
     this.cursor = cell;
-    set(this.mark, "d", `M${column} ${row}h1v1h-1z`);
+    draw(this.mark, `M${column} ${row}h1v1h-1z`);
   }
 
-  #explain(ends) {
-    const words = ends ? ends.map(number).join() : "none";
-    if (this.legend.dataset.words === words) return;
-    this.legend.dataset.words = words;
-    const scale = ends ? [number(ends[0]), make("span", { class: "ramp" }), number(ends[1])] : ["no job on the nodes"];
-    this.legend.replaceChildren(...scale, make("span", {}, "· ✕ dead · dashed: joining"));
+  #explain(scales, words, none) {
+    const ends = scales.length > 1 ? [["lowest", "highest of its job"]] : scales.map((scale) => scale.map(number));
+    const key = [words, none, ...ends].join();
+    if (this.legend.dataset.key === key) return;
+    this.legend.dataset.key = key;
+    const ramps = ends.flatMap(([low, high]) => [`${words}:`, low, make("span", { class: "ramp" }), high]);
+    this.legend.replaceChildren(...(ends.length ? ramps : [none]), make("span", {}, "· grey: none yet · ✕ dead · dashed: joining"));
   }
+}
+
+// The least and the greatest value of each job.
+function scalesOf(cells) {
+  const scales = new Map();
+  for (const { value, job } of cells) {
+    if (value === null || value === undefined) continue;
+    const [low, high] = scales.get(job) ?? [value, value];
+    scales.set(job, [Math.min(low, value), Math.max(high, value)]);
+  }
+  return scales;
+}
+
+function draw(lines, shape) {
+  for (const line of lines.children) set(line, "d", shape);
 }
 
 function set(element, name, value) {
@@ -114,8 +139,8 @@ function set(element, name, value) {
 
 const cross = (row, column) => `M${column + .25} ${row + .25}l.5 .5m0 -.5l-.5 .5`;
 
-function colour(share) {
-  const place = Math.min(Math.max(share, 0), 1) * (RAMP.length - 1);
+function colour(value, [low, high]) {
+  const place = (high > low ? (value - low) / (high - low) : .5) * (RAMP.length - 1);
   const index = Math.min(Math.floor(place), RAMP.length - 2), rest = place - index;
   const mixed = RAMP[index].map((from, part) => Math.round(from + rest * (RAMP[index + 1][part] - from)));
   return `rgb(${mixed.join()})`;

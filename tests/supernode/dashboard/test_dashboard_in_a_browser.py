@@ -129,6 +129,7 @@ def test_the_keyboard_leads_to_a_node(page, home, endless):
     page.goto(home)
     page.wait_for_selector("[data-cell='15']")
     page.focus("#torus")
+    see(page, "#live >> text=/^node 0, alive/")
     page.keyboard.press("ArrowRight")
     see(page, "#live >> text=/^node 1, alive/")
     page.keyboard.press("Enter")
@@ -158,6 +159,31 @@ def test_a_form_leads_to_a_solved_job_with_its_scene(page, home):
     page.wait_for_selector("#convergence .main-svg .scatterlayer .trace")
     assert "<img src=/nowhere" in page.inner_text("#facts")
     assert page.query_selector("#facts img") is None
+
+
+def test_a_job_that_has_ended_shows_what_happened(page, home, cluster):
+    with cluster.connect() as client:
+        job = client.submit(ROOT / "examples" / "arm-ik.toml", seconds=20)
+        job.answer(60)
+    page.goto(home + f"jobs/{job.id}")
+    see(page, ".births circle")
+    see(page, "#rows tr td:nth-child(5) >> text=yes")
+    page.wait_for_selector("#legend >> text=the job has ended")
+    page.wait_for_selector("#facts div:has(dt:text-is('feasible')) >> text=yes")
+    assert page.query_selector("#facts div:has(dt:text-is('evaluations')) dd:text-is('–')") is None
+    see(page, "#convergence[aria-label*='now: verified']")
+    assert page.inner_text("#trouble") == ""
+
+
+def test_a_dead_cell_is_seen_on_the_page_of_its_job(page, home, cluster, endless):
+    page.goto(home + f"jobs/{endless.id}")
+    page.wait_for_selector("#legend >> text=lower is better")
+    with cluster.connect() as client:
+        cell = client.job(endless.id).show()["nodes"].index(6)
+    see(page, f"[data-cell='{cell}'][data-state=alive][fill^=rgb]")
+    os.kill(cluster.processes()["node 6"], signal.SIGKILL)
+    see(page, f"[data-cell='{cell}'][data-state=dead]", 5)
+    see(page, f"[data-cell='{cell}'][data-state=alive][fill^=rgb]")
 
 
 def test_what_is_in_space_can_be_turned(page, home, cluster):
@@ -202,6 +228,77 @@ def test_the_form_says_what_is_wrong(chromium, home):
     assert refused.value.status == 400
     page.wait_for_selector("#trouble >> text=expected TOML")
     page.close()
+
+
+def test_a_double_click_is_one_job(page, home, cluster):
+    page.goto(home + "jobs")
+    page.fill("textarea[name=file]", (ROOT / "examples" / "arm-ik.toml").read_text())
+    page.fill("input[name=seconds]", "1")
+    with cluster.connect() as client:
+        before = len(client.jobs())
+        page.evaluate("for (const _ of [1, 2]) document.querySelector('form#submit button').click()")
+        page.wait_for_url("**/jobs/*")
+        page.wait_for_selector("#facts >> text=arm-ik")
+        assert len(client.jobs()) == before + 1
+
+
+def test_one_wrong_id_leaves_the_other_runs(chromium, home, endless):
+    page = chromium.new_page()  # the browser itself complains of an answer that refuses
+    page.goto(home + f"compare?jobs=nobody,{endless.id}")
+    page.wait_for_selector("#trouble >> text=nobody: ")
+    page.wait_for_selector(f"#table >> text={endless.id}")
+    page.wait_for_selector("#seconds .main-svg .scatterlayer .trace")
+    page.goto(home + f"compare?jobs={','.join([endless.id] * 9)}")
+    page.wait_for_selector("#trouble >> text=Only the first 8 of 9 jobs")
+    page.close()
+
+
+def test_a_hidden_page_holds_no_stream_and_comes_back(page, home):
+    streams = []
+    page.on("request", lambda request: streams.append(request) if request.url.endswith("/events") else None)
+    page.goto(home)
+    page.wait_for_selector("#link[data-state=answers]")
+    turn = (
+        "(hidden) => { Object.defineProperty(document, 'hidden', { value: hidden, configurable: true });"
+        " document.dispatchEvent(new Event('visibilitychange')); }"
+    )
+    with page.expect_event("requestfailed", lambda request: request.url.endswith("/events")):
+        page.evaluate(turn, True)
+    with page.expect_request("**/events"):
+        page.evaluate(turn, False)
+    assert len(streams) == 2
+
+
+def test_a_stream_that_is_refused_is_asked_for_again(chromium, home):
+    page = chromium.new_page()  # the browser itself complains of an answer that refuses
+    page.route("**/events", lambda route: route.fulfill(status=503, body="there are 100 streams already"), times=1)
+    page.goto(home)
+    page.wait_for_selector("#link >> text=dashboard away")
+    page.wait_for_selector("#link[data-state=answers]")
+    page.close()
+
+
+def test_long_curves_are_thinned_and_break_between_worlds(page, home):
+    page.goto(home + "jobs")
+    lengths, first, last, gaps = page.evaluate("""async () => {
+      const { History, generation, line } = await import("/static/history.js");
+      const history = new History("any"), columns = ["id", "world", "generation", "fitness"];
+      const row = (id) => [id, id < 5000 ? 0 : 1, id, 100000 - id];
+      window.fetch = async (address) => {
+        const after = Number(new URL(address, location).searchParams.get("improvements"));
+        const rows = Array.from({ length: 1000 }, (_, index) => row(after + index + 1));
+        const none = { columns, rows: [], more: false };
+        return Response.json({ improvements: { columns, rows, more: after < 9000 }, statistics: none });
+      };
+      await history.load();
+      const { improvements, latest } = history, curve = line("any", improvements, generation, "fitness");
+      const steps = new Set(improvements.slice(1, -1).map((each, index) => each.id - improvements[index].id));
+      return [[improvements.length, latest.length, steps.size], improvements[0].id, improvements.at(-1).id,
+        curve.y.filter((each) => each === null).length];
+    }""")
+    assert 1000 <= lengths[0] <= 2000
+    assert lengths[1:] == [200, 1], "evenly, and the latest all"
+    assert (first, last, gaps) == (1, 10000, 1)
 
 
 def test_jobs_are_cancelled_by_button(page, home, endless):
