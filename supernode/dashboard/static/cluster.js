@@ -27,7 +27,7 @@ function show(snapshot) {
   nodes = snapshot.nodes;
   const states = (name) => nodes.state.filter((state) => state === name).length;
   showFacts(byId("facts"), {
-    nodes: nodes.node.length, alive: states("alive"), dead: states("dead"), joining: states("joining"),
+    nodes: nodes.node.length - states("absent"), alive: states("alive"), dead: states("dead"), joining: states("joining"),
     ...Object.fromEntries(Object.entries(snapshot.counts).map(([status, count]) => [`jobs ${status}`, count])),
   });
   showTorus();
