@@ -125,12 +125,12 @@ def test_two_nodes_of_a_job_that_moves_die(tmp_path):
 
 def test_a_node_dies_while_there_is_no_coordinator(service):
     with service.connect() as client:
-        running = client.submit(job(400, 200, "torus 4x4"), id="a")
+        running = client.submit(job(1500, 200, "torus 4x4"), id="a")
         breeds(running)
         os.kill(service.processes()["coordinator"], signal.SIGKILL)
         service.kill("node 7")
         result = running.result(120)
-        assert (result.status, result.generations) == ("exhausted", 400)
+        assert (result.status, result.generations) == ("exhausted", 1500)
         assert result.directives[0]["do"] == "replace"
 
 
