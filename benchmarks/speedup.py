@@ -26,7 +26,7 @@ from coordinator.scaling.statistics import median, ratio_of_medians
 from node import Plan, simulate
 from problems import ProblemFile
 from problems.file import parse
-from spy.result import best_known
+from spy.past import best_known
 
 _PARTITION = 'kind = "function"\nname = "graph-partition"\n[graph]\nvertices = 64\nparts = 2\n'
 

@@ -7,6 +7,7 @@ that it has.
 
 import contextlib
 import json
+import threading
 import time
 from collections import deque
 from collections.abc import Callable
@@ -23,7 +24,7 @@ from coordinator.worlds import World, Worlds
 from problems import BadInput, ProblemFile
 from spy.judge import STATUS_OF, Judgement
 from spy.past import Lived, Past, lived_for, stopped_after
-from spy.result import Clocks, Result, best_known, result_of, states_of, stop_reasons
+from spy.result import Clocks, Result, result_of, states_of, stop_reasons
 from topologies import ROOT
 from wire.control import Begin, Done, Drop, Finish, Halt, Judged, Look, Prepare, ProposeStop, Wiring
 from wire.keys import Keys
@@ -76,9 +77,10 @@ class Conductor:
         self.nodes = nodes
         self.dispatch = dispatch
         self.calls = Calls(session, job.mail, replaces)
-        self.worlds = Worlds(Past.unknown(job.order.world) if adopted is None else adopted.past)
+        self.worlds = Worlds(job.order.past if adopted is None else adopted.past)
         self.versions: dict[str, str] = {}
-        self.best = None if adopted is None else adopted.best
+        self.best = job.order.best if adopted is None else adopted.best
+        self._improving = threading.Lock()
         self.seconds = 0.0
         self._adopted = adopted
         self._checked = replaces  # the desk of a cluster that stays up has done so
@@ -111,11 +113,19 @@ class Conductor:
 
     def improve(self, better: Improvement) -> None:
         """Pass on an improvement, if it is one. Called by Zenoh's thread too."""
+        with self._improving:
+            best, world = self.best, self.world.number if self.worlds else 0
+            if better.world >= world and (best is None or _rank(better) > _rank(best)):
+                self.best = better
+                self.job.tell(better)
+                self.dispatch.improved(self.job, better)
+
+    def _answer_for(self, world: World) -> Improvement | None:
+        """The best so far, unless ``world`` is another than its own and has another problem than the one before."""
         best = self.best
-        if best is None or (better.world, -better.fitness) > (best.world, -best.fitness):
-            self.best = better
-            self.job.tell(better)
-            self.dispatch.improved(self.job, better)
+        if best is None or (best.world < world.number and world.why.get("do") == "update"):
+            return None
+        return best.carried_to(world.number)
 
     def _judgement(self) -> Judgement:
         """What came of it, whatever goes wrong."""
@@ -139,7 +149,7 @@ class Conductor:
         if not self.nodes:
             raise GivenUpError(self._wish_in_the_queue())
         if self._adopted is None:
-            self._set_out(self.job.order.world, self.job.order.file)
+            self._set_out(self.worlds.past.worlds, self.job.order.file)
         else:
             self._take_over(self._adopted)
         began = time.monotonic()
@@ -217,7 +227,7 @@ class Conductor:
                 for cell, node in enumerate(wiring.nodes)
             ]
         if with_the_spy:
-            questions.append((self.keys.spy_control, self._preparation(world)))
+            questions.append((self.keys.spy_control, self._preparation_of_the_spy(world)))
         answers = self.calls.ask(questions, world.cells + with_the_spy, give_up=not self.worlds)
         fingerprints = {answer.note for answer in answers if isinstance(answer, Done)} - {Done().note}
         if world.file.run.mode == "lockstep" and len(fingerprints) > 1:
@@ -225,8 +235,12 @@ class Conductor:
         self.versions = json.loads(min(fingerprints))
 
     def _preparation(self, world: World, since: int | None = None, deme: bytes = b"") -> Prepare:
-        log = self.job.order.log
-        return Prepare(self.number, world.number, world.file.to_json(), world.wiring, since, deme, log)
+        return Prepare(self.number, world.number, world.file.to_json(), world.wiring, since, deme)
+
+    def _preparation_of_the_spy(self, world: World) -> Prepare:
+        best = self._answer_for(world)
+        encoded = b"" if best is None else best.encode()
+        return replace(self._preparation(world), log=self.job.order.log, best=encoded)
 
     def _show_to_the_spy(self, world: World) -> None:
         """It forgets the world before, and listens to the root, whose links are those of this world by now."""
@@ -234,14 +248,16 @@ class Conductor:
         self._let_the_spy_listen(world)
 
     def _prepare_the_spy(self, world: World) -> None:
-        self.calls.ask([(self.keys.spy_control, self._preparation(world))], give_up=not self.worlds)
+        self.calls.ask([(self.keys.spy_control, self._preparation_of_the_spy(world))], give_up=not self.worlds)
 
     def _let_the_spy_listen(self, world: World) -> None:
         self.calls.ask([(self.keys.spy_control, Begin(self.number, world.number))], give_up=not self.worlds)
 
     def _begin(self, world: World) -> None:
         """Go, as soon as the world before has stopped."""
-        self.worlds.add(world)
+        with self._improving:
+            self.worlds.add(world)
+            self.best = self._answer_for(world)
         placing = Placing(world.number, world.file, self.nodes, world.wiring.number, world.why, self.worlds.past)
         self.dispatch.placed(self.job, placing)
         self._ask_for_reports(world)
@@ -330,12 +346,12 @@ class Conductor:
         self.calls.tell(self.keys.every_control, ProposeStop(self.number, number, reason))
 
     def _finish(self, error: str | None) -> Judgement:
-        world = self.world
-        reports = list(world.reports.values())
+        past, lived = self.worlds.whole()
+        world, reports = self.world, lived.reports
         command = Finish(
             self.number,
             world.number,
-            best_known(reports, world.file.run.spy),
+            past.or_better(lived),
             stopped_after(reports) if reports else 0,
             stop_reasons(reports, world.file.run.mode),
             error,
@@ -374,7 +390,6 @@ class Conductor:
             change.answer.put(error)
             return
         self._show_to_the_spy(world)
-        self.best = None
         self._begin(world)
         self._stop(before.number, "update")
         change.answer.put(world.number)
@@ -486,6 +501,11 @@ class Conductor:
         with contextlib.suppress(zenoh.ZError):
             self.calls.tell(self.keys.every_control, Drop(self.number))
             self.calls.tell(self.keys.spy_control, Drop(self.number))
+
+
+def _rank(answer: Improvement) -> tuple[int, float]:
+    """The higher the better; an answer for a later world is better than any before."""
+    return answer.world, -answer.fitness
 
 
 def _heir(slots: tuple[int, ...], world: World) -> int:

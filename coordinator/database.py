@@ -14,6 +14,7 @@ from typing import Any
 
 from sqlalchemy import URL, Connection, Engine, create_engine, event, make_url, text
 from sqlalchemy.exc import ArgumentError, DBAPIError, InterfaceError, OperationalError, SQLAlchemyError
+from sqlalchemy.exc import TimeoutError as NoConnection
 
 from coordinator.errors import ClusterFailed
 from problems.errors import one_line
@@ -65,7 +66,7 @@ class Database:
             yield
         except SQLAlchemyError as error:
             said = str(error.orig) if isinstance(error, DBAPIError) else str(error)
-            passing = isinstance(error, OperationalError | InterfaceError)
+            passing = isinstance(error, OperationalError | InterfaceError | NoConnection)
             raise StoreFailed(f"store {self.name}: {said}", passing) from error
 
     @property

@@ -14,13 +14,14 @@ from coordinator.errors import ClusterFailed
 from coordinator.hooks import Dispatcher
 from coordinator.job import Order, Placing
 from coordinator.record_book import RecordBook
-from coordinator.recorder import Recorder, state_of
+from coordinator.recorder import Recorder, state_of, warning
 from coordinator.scheduler import QueueFull
 from coordinator.states import ENDS
-from coordinator.store import Store, Stored, Submission, Summary
+from coordinator.store import Answered, Store, Stored, Submission, Summary
 from problems import BadInput, ProblemFile
 from problems.digests import digest
 from problems.errors import one_line
+from spy.past import Lived, Past
 from wire.jobs import (
     MOST_LISTED,
     VERSION,
@@ -116,8 +117,8 @@ class Desk:
                 value = self._submit(request)
             case ListJobs(limit):
                 value = [_line(job) for job in self._store.newest(MOST_LISTED if limit is None else limit)]
-            case Show(job):
-                value = self._show(job)
+            case Show(job, brief):
+                value = _answer(self._store.answer(job)) if brief else self._show(job)
             case Records(kind, job, after):
                 value = self._book.page(kind, job, after)
             case Logs(job, node, after):
@@ -152,17 +153,17 @@ class Desk:
 
     def _hand_over_new(self, job: Summary, file: ProblemFile) -> None:
         try:
-            self._hand_over(job, file)
+            self._hand_over(job, _order(job, file))
         except Exception:
             self._store.withdraw(job.number)
             raise
         for status in ("submitted", "queued"):
             self._publish(dataclasses.replace(state_of(job, job.submitted), status=status))
 
-    def _hand_over(self, job: Summary, file: ProblemFile, accepted_before: bool = False, world: int = 0) -> None:
+    def _hand_over(self, job: Summary, order: Order, accepted_before: bool = False) -> None:
         self._handed_over.add(job.number)
         try:
-            self._dispatcher.submit(_order(job, file, world), accepted_before=accepted_before)
+            self._dispatcher.submit(order, accepted_before=accepted_before)
         except BaseException:
             self._handed_over.discard(job.number)
             raise
@@ -171,19 +172,29 @@ class Desk:
         if job.status != "queued":
             self._recorder.changed(job.number, "queued", ())
         try:
-            first_world = job.world + 1 if job.world > 0 else 0
-            self._hand_over(job, self._checker.read(job.file_now), accepted_before=True, world=first_world)
+            file = self._checker.read(job.file_now)
+            again = dataclasses.replace(_order(job, file), past=self._past_of(job, file), best=_best_of(job))
+            self._hand_over(job, again, accepted_before=True)
         except Exception as error:
             self._recorder.ended(job.number, error)
+
+    def _past_of(self, job: Stored, file: ProblemFile) -> Past:
+        """What a job has lived through that begins again; its first world begins again as it was, draw by draw."""
+        if job.world == 0:
+            return Past()
+        past, why = self._store.past(job.number)
+        if past.worlds < job.world:
+            past = past.and_then(Lived(file, number=job.world - 1), why)
+        return past.and_then(Lived(file, number=job.world), {"do": "restart"})
 
     def _adopted(self, job: Stored) -> bool:
         try:
             first, file = self._checker.read(job.file), self._checker.read(job.file_now)
-            best = None if job.best is None else _improvement(job.best)
             past, why = self._store.past(job.number)
-            placing = Placing(job.world, file, job.nodes, job.wiring, why, past, best)
+            placing = Placing(job.world, file, job.nodes, job.wiring, why, past, _best_of(job))
             self._dispatcher.adopt(_order(job, first), placing)
-        except Exception:
+        except Exception as error:
+            self._recorder.logged(warning(f"the job begins again: {type(error).__name__}: {error}", job.number))
             return False
         self._handed_over.add(job.number)
         return True
@@ -192,14 +203,10 @@ class Desk:
     def _show(self, job: str) -> dict[str, Any]:
         stored = self._store.show(job)
         transitions = [list(each) for each in self._store.transitions(stored.number)]
-        return _line(stored) | {
+        return _answer(stored) | {
             "file": stored.file,
             "file_now": stored.file_now,
-            "best": stored.best,
-            "result": stored.result,
-            "world": stored.world,
             "worlds": self._store.worlds(stored.number),
-            "nodes": list(stored.nodes),
             "states": transitions,
         }
 
@@ -252,15 +259,22 @@ def digest_of(file: ProblemFile) -> str:
     return digest([file.fields, settings])
 
 
-def _order(job: Summary, file: ProblemFile, world: int = 0) -> Order:
+def _order(job: Summary, file: ProblemFile) -> Order:
     """The job for the dispatcher, whose clock does not know of Unix time: its ``seconds`` run from acceptance."""
     submitted = time.monotonic() - max(0.0, time.time() - job.submitted)
-    return Order(job.number, file, None, job.job, job.priority, submitted, world)
+    return Order(job.number, file, None, job.job, job.priority, submitted)
 
 
-def _improvement(best: dict[str, Any]) -> Improvement:
+def _best_of(job: Stored) -> Improvement | None:
     """As the recorder has kept it."""
-    return Improvement(**{**best, "fitness": math.inf if best["fitness"] is None else best["fitness"]})
+    if job.best is None:
+        return None
+    fitness = job.best["fitness"]
+    return Improvement(**{**job.best, "fitness": math.inf if fitness is None else fitness})
+
+
+def _answer(job: Answered) -> dict[str, Any]:
+    return _line(job) | {"best": job.best, "result": job.result, "world": job.world, "nodes": list(job.nodes)}
 
 
 def _line(job: Summary) -> dict[str, Any]:

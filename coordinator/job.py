@@ -64,7 +64,8 @@ class Order:
         log: a file for the run log.
         job: the job's name; its number if it was given none.
         submitted: on the monotonic clock.
-        world: the number of its first world; not 0 if it begins again, when nobody is left who knows of the others.
+        past: the worlds that it has lived in, if it begins again, when nobody is left who has its demes.
+        best: the best verified answer that it had then, to the problem as it is now.
     """
 
     number: int
@@ -73,7 +74,8 @@ class Order:
     job: str = ""
     priority: int = 0
     submitted: float = field(default_factory=time.monotonic)
-    world: int = 0
+    past: Past = field(default_factory=Past)
+    best: Improvement | None = None
 
 
 @dataclass(frozen=True)

@@ -125,6 +125,9 @@ class Recorder:
 
     def placed(self, number: int, placing: Placing) -> None:
         """A job is about to begin in a world: return once that is written, or the database is away for long."""
+        job = self._known.get(number)
+        if job is not None and placing.why.get("do") == "update":
+            self._known[number] = dataclasses.replace(job, fitness=None)
         written = threading.Event()
         self._events.put(_Placed(number, placing, written))
         written.wait(_PATIENCE)
@@ -180,15 +183,20 @@ class Recorder:
                 return self._commit(events)
             except StoreFailed as error:
                 if not away:
-                    self._lines.write(_complaint(str(error)))
+                    self._lines.write(warning(str(error)))
                 if not error.passing:
-                    break
+                    return self._settle_one_by_one(events, error)
                 away = True
             if self._closing.wait(_TRY_AGAIN):
                 return None
-        for event in events if len(events) > 1 else ():
-            self._settle([event])
-        return None
+
+    def _settle_one_by_one(self, events: list[_Event], error: StoreFailed) -> None:
+        """What cannot be written is left out, but for an end: somebody waits for that, if only without a result."""
+        if len(events) > 1:
+            for event in events:
+                self._settle([event])
+        elif isinstance(event := events[0], _Ended) and not isinstance(event.outcome, StoreFailed):
+            self._settle([_Ended(event.number, error)])
 
     def _commit(self, events: list[_Event]) -> None:
         with self._pen:
@@ -241,7 +249,7 @@ class Recorder:
                 case _Ended(number, outcome):
                     return self._write_end(number, outcome)
         except (WrongTransition, UnknownJob) as error:
-            self._log(_complaint(str(error), event.number))
+            self._log(warning(str(error), event.number))
         return None
 
     def _write_change(self, number: int, status: str, nodes: tuple[int, ...], at: float) -> JobState | None:
@@ -282,5 +290,6 @@ def _latest(events: list[_Event]) -> list[_Event]:
     return [event for event in events if not isinstance(event, _Improved) or last[event.number] is event]
 
 
-def _complaint(text: str, job: int | None = None) -> LogRecord:
+def warning(text: str, job: int | None = None) -> LogRecord:
+    """What the coordinator has to say of something that went wrong."""
     return LogRecord("warning", "coordinator", text, time.time(), job=job)

@@ -26,6 +26,7 @@ from coordinator.log_lines import LogLines
 from coordinator.record_book import Keep, RecordBook
 from coordinator.recorder import Recorder
 from coordinator.store import Store
+from coordinator.waiting_room import Queue, WaitingRoom
 from node.berth import Berth
 from wire import jobs, sessions
 from wire.callbacks import direct
@@ -35,7 +36,9 @@ from wire.news import LogRecord
 from wire.strict import Rejected
 
 _SUBMITS_AT_ONCE = 8  # each may take a hundred times its size in memory while it is checked
-_MOST_WAITING = 1000  # submits and changes
+_SUBMITS = Queue("submits", 1000, 256 << 20)
+_CHANGES = Queue("changes", 1000, 256 << 20)
+_CHANGES_OF_ONE, _BYTES_OF_ONE = 100, 64 << 20  # job
 _TRY_AGAIN = 0.5  # seconds
 
 
@@ -86,8 +89,7 @@ class Service:
         self._session = session
         self._keys = keys
         self._mail: queue.SimpleQueue[zenoh.Query | None] = queue.SimpleQueue()
-        self._waiting = 0
-        self._counting = threading.Lock()
+        self._waiting = WaitingRoom()
         self._down = threading.Event()
         self._submits = ThreadPoolExecutor(_SUBMITS_AT_ONCE, "submits")
         self._changes = Lanes()  # by job
@@ -154,27 +156,27 @@ class Service:
 
     def _put_off(self, query: zenoh.Query, request: Submit | Update | Rewire) -> None:
         """Answer on another thread, unless too many wait for that already."""
-        with self._counting:
-            full = self._waiting >= _MOST_WAITING
-            self._waiting += not full
-        if full:
-            refused = Refused(f"too many requests wait already: {_MOST_WAITING}", "failure")
-            return _reply(query, self._keys.jobs, refused)
-        answer = partial(self._answer_later, query, request)
+        size = 0 if query.payload is None else len(query.payload)
+        full = self._waiting.enter(_queues(request), size)
+        if full is not None:
+            refused = (
+                f"too many {full.name} wait already: at most {full.requests} may, of {full.bytes >> 20} MiB in all"
+            )
+            return _reply(query, self._keys.jobs, Refused(refused, "failure"))
+        answer = partial(self._answer_later, query, request, size)
         if isinstance(request, Submit):
             self._submits.submit(answer)
         else:
             self._changes.put(request.job, answer)
         return None
 
-    def _answer_later(self, query: zenoh.Query, request: Request) -> None:
+    def _answer_later(self, query: zenoh.Query, request: Submit | Update | Rewire, size: int) -> None:
         try:
             self._answer(query, request)
         except Exception as error:
             self._fail(query, error)
         finally:
-            with self._counting:
-                self._waiting -= 1
+            self._waiting.leave(_queues(request), size)
 
     def _fail(self, query: zenoh.Query, error: Exception) -> None:
         _reply(query, self._keys.jobs, Refused(f"{type(error).__name__}: {error}", "failure"))
@@ -191,6 +193,13 @@ class Service:
 
     def _forget(self, number: int) -> None:
         self._desk.forget(number)
+
+
+def _queues(request: Submit | Update | Rewire) -> tuple[Queue, ...]:
+    """Where it waits."""
+    if isinstance(request, Submit):
+        return (_SUBMITS,)
+    return _CHANGES, Queue(f"changes of job {request.job!r}", _CHANGES_OF_ONE, _BYTES_OF_ONE)
 
 
 def _store_at(url: str, lines: LogLines) -> Store:

@@ -29,13 +29,14 @@ from coordinator.tables import (
     WorldRow,
 )
 from problems.errors import BadInput
-from spy.past import Past
+from spy.past import SEVERAL, Past
 
 _SCHEMA = 2
 _NEW_ID_BYTES = 4
 _FIRST_STATES, _LATEST_STATES = 10, 1000  # of a job, that are told
 _MOST_WORLDS = 1000  # of a job, the latest, that are told,
 _MOST_TOLD = 1 << 19  # and bytes of what changed with them
+_TIDY_EVERY = 100  # worlds of a job
 
 
 class IdTaken(BadInput):
@@ -94,23 +95,32 @@ class Summary:
 
 
 @dataclass(frozen=True)
-class Stored(Summary):
+class Answered(Summary):
+    """A job and its answer.
+
+    Attributes:
+        best: the best verified answer, decoded.
+        result: as `spy.result.Result.to_json` makes it, once the job has ended.
+        world: the number of the one that it is in.
+    """
+
+    best: dict[str, Any] | None
+    result: dict[str, Any] | None
+    world: int
+
+
+@dataclass(frozen=True)
+class Stored(Answered):
     """All about a job.
 
     Attributes:
         file: the problem file as JSON, as it was submitted.
         file_now: the same as its world is now.
-        best: the best verified answer, decoded.
-        result: as `spy.result.Result.to_json` makes it, once the job has ended.
-        world: the number of the one that it is in.
         wiring: of its nodes' links.
     """
 
     file: str = field(repr=False)
     file_now: str = field(repr=False)
-    best: dict[str, Any] | None
-    result: dict[str, Any] | None
-    world: int
     wiring: int
 
 
@@ -260,7 +270,7 @@ class Store:
             return _summary(row)
 
     def note_placing(self, number: int, placing: Placing) -> None:
-        """A job is about to begin in a world, on these nodes."""
+        """A job is about to begin in a world, on these nodes. After an update it has no answer yet."""
         with self.writing() as session:
             row = _get(session, number)
             row.nodes_json = json.dumps(placing.nodes)
@@ -270,10 +280,15 @@ class Store:
             row.past_json = placing.past.to_json()
             if placing.world > 0:
                 row.changed_file = placing.file.to_json()
+                if placing.why.get("do") == "update":
+                    row.best_json = row.fitness = None
                 change = json.dumps(dict(placing.why))
                 session.add(WorldRow(number=number, world=placing.world, at=time.time(), change_json=change))
                 session.flush()
                 _note_ends(session, number, placing.past)
+                if placing.world % _TIDY_EVERY == 0:
+                    _forget_states(session, number)
+                    _put_together(session, number, placing.past)
 
     def forget_before(self, at: float) -> None:
         """Forget jobs that ended before then, Unix time, and all that was written of them."""
@@ -306,6 +321,16 @@ class Store:
         """
         with self.reading() as session:
             return Stored(**_values(_known(_find(session, job, _whole()), job), Stored))
+
+    def answer(self, job: str) -> Answered:
+        """A job and its answer.
+
+        Raises:
+            UnknownJob: if there is none of that id.
+        """
+        with self.reading() as session:
+            with_answers = select(JobRow).options(undefer(JobRow.best_json), undefer(JobRow.result_json))
+            return Answered(**_values(_known(_find(session, job, with_answers), job), Answered))
 
     def worlds(self, number: int) -> list[dict[str, Any]]:
         """What changed with each world of a job after the first, oldest first: a directive as in results, and "at".
@@ -412,10 +437,32 @@ class Store:
 def _note_ends(session: Session, number: int, past: Past) -> None:
     """When the latest worlds ended that have; of those before it is known."""
     for directive in map(json.loads, past.texts[-2:]):
-        if directive["do"] == "several":
+        if directive["do"] == SEVERAL:
             continue
         world = (WorldRow.number == number) & (WorldRow.world == directive["world"])
         session.execute(update(WorldRow).where(world).values(generation=directive["generation"]))
+
+
+def _forget_states(session: Session, number: int) -> None:
+    """Those of a job that are told no more."""
+    of_job = select(TransitionRow.id).where(TransitionRow.number == number)
+    first = session.scalars(of_job.order_by(TransitionRow.id).limit(_FIRST_STATES)).all()
+    latest = session.scalars(of_job.order_by(TransitionRow.id.desc()).limit(_LATEST_STATES)).all()
+    between = TransitionRow.id.between(first[-1] + 1, latest[-1] - 1)
+    session.execute(delete(TransitionRow).where(TransitionRow.number == number, between))
+
+
+def _put_together(session: Session, number: int, past: Past) -> None:
+    """The directives of a job that its past has put together take one row too."""
+    together = json.loads(past.texts[0]) if past.texts else {"do": None}
+    if together["do"] != SEVERAL:
+        return
+    rows = (WorldRow.number == number, WorldRow.world <= together["world"])
+    last = session.scalar(select(WorldRow).where(*rows).order_by(WorldRow.world.desc()).limit(1))
+    if last is not None and json.loads(last.change_json)["do"] != SEVERAL:
+        session.execute(delete(WorldRow).where(*rows, WorldRow.id != last.id))
+        last.generation = together.pop("generation")
+        last.change_json = json.dumps(together)
 
 
 def _change(session: Session, row: JobRow, status: str, at: float) -> None:

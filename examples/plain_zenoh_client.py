@@ -93,7 +93,7 @@ def main() -> None:
         job = uuid.uuid4().hex  # an id of one's own makes a repeated submit harmless
         ask(session, "submit", file=problem_file(path), id=job)
         shown = ask(session, "show", job=job)
-        while shown["status"] not in ENDED:
+        while shown["ended"] is None:  # after a deadline nodes stop first, and then there is a result
             follow(news, job, shown["number"])
             shown = ask(session, "show", job=job)
     print(json.dumps(shown["result"]))

@@ -15,18 +15,24 @@ _ROUNDING = 1e-9
 
 
 class Collector:
-    """Keeps the best verified champion of one world of a job. No input or output."""
+    """Keeps the best verified champion of one world of a job. No input or output.
 
-    def __init__(self, plan: Plan, job: int) -> None:
+    Args:
+        plan: of the world.
+        job: its number.
+        best: the best answer of the worlds before, if their problem was the same.
+    """
+
+    def __init__(self, plan: Plan, job: int, best: Improvement | None = None) -> None:
         self.plan = plan
         self.job = job
-        self.best: Improvement | None = None
+        self.best = None if best is None else best.carried_to(plan.world)
         self.disagreement: str | None = None
         self._best: Champion | None = None
 
     def hear(self, champion: Champion | None, seconds: float) -> Improvement | None:
         """A better champion than any before, if this is one and its fitness is true."""
-        if champion is None or (self._best is not None and champion >= self._best):
+        if champion is None or not self._comes_before(champion):
             return None
         genome = np.frombuffer(bytearray(champion.genome), np.uint8)
         try:
@@ -40,11 +46,17 @@ class Collector:
         except EvaluationFailed as error:
             self.disagreement = str(error)
             return None
-        improves = self._best is None or champion.fitness < self._best.fitness
+        improves = self.best is None or champion.fitness < self.best.fitness
         self._best = champion
         place = (self.job, self.plan.world, seconds, champion.generation, champion.cell)
         self.best = Improvement(*place, champion.fitness, feasible, solution)
         return self.best if improves else None
+
+    def _comes_before(self, champion: Champion) -> bool:
+        """Whether it is better than any before, or as good and older; of other worlds the age is not known."""
+        if self._best is not None:
+            return champion < self._best
+        return self.best is None or champion.fitness <= self.best.fitness
 
     def _true(self, champion: Champion, genome: Genomes) -> bool:
         fitness = float(self.plan.evaluate(genome[None])[0])

@@ -13,11 +13,16 @@ from typing import Any
 
 import topologies
 from problems import ProblemFile
+from topologies import ROOT
+from wire.exchange import Champion
 from wire.report import Report, Staleness
 
 MOST_BYTES = 4 << 20
 """Of the directives of one job, as JSON; when there are more, the older ones are put together."""
 
+
+SEVERAL = "several"
+"""What a directive does that stands for those that were put together."""
 
 _FEWEST = 2  # directives that are never put together
 
@@ -56,6 +61,8 @@ class Past:
         evaluations: by all cells.
         history: over the digests of all cells, world by world; None if not everything is known. Worlds that a node
             died in are left out: what that node lived through nobody knows.
+        champion: the best that cells knew when they stopped, in worlds of the same problem as the next one. A world
+            that a node died in says nothing: what others knew then is another in each repetition.
         texts: the directives, as JSON, which takes a tenth of the room.
         text_bytes: what they come to.
     """
@@ -66,6 +73,7 @@ class Past:
     messages: Messages = field(default_factory=Messages)
     staleness: Staleness = field(default_factory=lambda: Staleness(0, 0, 0, 0))
     history: str | None = ""
+    champion: Champion | None = None
     texts: tuple[str, ...] = ()
     text_bytes: int = 0
 
@@ -73,11 +81,6 @@ class Past:
     def directives(self) -> list[dict[str, Any]]:
         """How each world but the first followed the one before, and after which generation."""
         return [json.loads(text) for text in self.texts]
-
-    @staticmethod
-    def unknown(worlds: int) -> "Past":
-        """Of so many worlds nothing is known; of none at all there is nothing to know."""
-        return Past(worlds, history=None if worlds else "")
 
     def and_then(self, world: Lived, why: Mapping[str, Any] | None = None) -> "Past":
         """With another world that has ended, and ``why`` there is one after it, if there is, as a directive."""
@@ -92,15 +95,30 @@ class Past:
             messages=_counted(self.messages, reports),
             staleness=_added(self.staleness, reports),
             history=self.history if died else self._history_with(world),
+            champion=self._champion_after(world, None if why is None else why.get("do")),
         )
         return past if why is None else past.led_on({"world": world.number + 1, "generation": generations, **why})
 
+    def _champion_after(self, world: Lived, do: str | None) -> Champion | None:
+        if do in (None, "update"):
+            return None
+        return self.champion if do == "replace" else self.or_better(world)
+
     def _history_with(self, world: Lived) -> str | None:
         whole = len(world.reports) == topologies.parse(world.file.run.topology).cells
+        if world.file.run.mode == "lockstep":  # else it was halted somewhere on the way, as when a node dies
+            whole = whole and len({report.generation for report in world.reports}) == 1
         if self.history is None or not whole or world.number > self.worlds:
             return None
         digests = b"".join(report.digest for report in sorted(world.reports, key=lambda report: report.cell))
         return hashlib.sha256(bytes.fromhex(self.history) + digests).hexdigest()
+
+    def or_better(self, world: Lived) -> Champion | None:
+        """The best that cells know at the end of a ``world`` of the same problem, or knew before."""
+        now, before = best_known(world.reports, world.file.run.spy), self.champion
+        if before is None or (now is not None and now.fitness <= before.fitness):
+            return now
+        return before._replace(generation=0)  # there it is known from the beginning
 
     def led_on(self, *directives: Mapping[str, Any]) -> "Past":
         """With more directives, the latest."""
@@ -114,13 +132,25 @@ class Past:
     def to_json(self) -> str:
         """All but the directives."""
         messages = [self.messages.sent, self.messages.received, self.messages.lost, self.messages.rejected]
-        return json.dumps([self.worlds, self.generations, self.evaluations, messages, self.staleness, self.history])
+        champion = None if self.champion is None else [*self.champion[:-1], self.champion.genome.hex()]
+        counts = [self.worlds, self.generations, self.evaluations, messages, self.staleness]
+        return json.dumps([*counts, self.history, champion])
 
     @staticmethod
     def from_json(text: str) -> "Past":
         """The inverse of `to_json`."""
-        worlds, generations, evaluations, messages, staleness, history = json.loads(text)
-        return Past(worlds, generations, evaluations, Messages(*messages), Staleness(*staleness), history)
+        worlds, generations, evaluations, messages, staleness, history, champion = json.loads(text)
+        known = None
+        if champion is not None:
+            fitness, generation, cell, genome = champion
+            known = Champion(fitness, generation, cell, bytes.fromhex(genome))
+        return Past(worlds, generations, evaluations, Messages(*messages), Staleness(*staleness), history, known)
+
+
+def best_known(reports: Sequence[Report], spy: str) -> Champion | None:
+    """The best champion that the cells know at the end; under the paper's spy only what the root knows counts."""
+    known = [report.champion for report in reports if spy == "champion" or report.cell == ROOT]
+    return min((champion for champion in known if champion is not None), default=None)
 
 
 def stopped_after(reports: Sequence[Report]) -> int:
@@ -157,7 +187,7 @@ def _shortened(texts: tuple[str, ...]) -> tuple[str, ...]:
     half = (len(texts) + 1) // 2
     older = [json.loads(text) for text in texts[:half]]
     together = {
-        "do": "several",
+        "do": SEVERAL,
         "world": older[-1]["world"],
         "generation": sum(directive["generation"] for directive in older),
         "fields": dict(item for directive in older for item in directive.get("fields", {}).items()),

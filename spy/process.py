@@ -28,7 +28,7 @@ from wire import control, sessions
 from wire.callbacks import direct, frequent
 from wire.control import Answer, Begin, Done, Drop, Finish, Judged, Prepare, Refused, Wiring
 from wire.exchange import Champion, Messages
-from wire.news import Counters, LogRecord
+from wire.news import Counters, Improvement, LogRecord
 from wire.strict import Rejected
 
 STATISTICS_PERIOD = 0.5  # seconds
@@ -79,6 +79,7 @@ class _Assignment:
 
     job: int
     plan: Plan
+    problem: str  # its digest
     wiring: Wiring
     collector: Collector
     log: RunLog
@@ -254,14 +255,18 @@ class SpyProcess:
         """Watch a world of a job, instead of the one before if there was one."""
         before = self.assignments.get(command.job)
         try:
-            plan = Plan.of(ProblemFile.from_json(command.file), command.world)
+            file = ProblemFile.from_json(command.file)
+            plan = Plan.of(file, command.world)
             log = RunLog(command.log) if before is None else before.log
+            best = _better(command.best, before, file.sha256)
         except BadInput as error:
             return Refused(str(error), "input")
         except Exception as error:
             return Refused(f"spy: {type(error).__name__}: {error}")
-        collector, root = Collector(plan, command.job), _Root(plan, command.job)
-        self.assignments[command.job] = _Assignment(command.job, plan, command.wiring, collector, log, root)
+        collector, root = Collector(plan, command.job, best), _Root(plan, command.job)
+        self.assignments[command.job] = _Assignment(
+            command.job, plan, file.sha256, command.wiring, collector, log, root
+        )
         self._stop_listening_to(before)
         return Done()
 
@@ -297,3 +302,11 @@ class SpyProcess:
         )
         self.control.put(self.keys.spy_stats, statistics.encode())
         assignment.log.write("statistics", **statistics._asdict())
+
+
+def _better(told: bytes, before: _Assignment | None, problem: str) -> Improvement | None:
+    """The better answer of what the coordinator has ``told`` and what was known in the world ``before``, if any."""
+    known = [Improvement.decode(told)] if told else []
+    if before is not None and before.problem == problem and before.collector.best is not None:
+        known.append(before.collector.best)
+    return min(known, key=lambda each: each.fitness, default=None)

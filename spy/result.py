@@ -9,8 +9,7 @@ import topologies
 from problems import Run
 from spy.judge import Judgement, Status
 from spy.past import Lived, Past, stopped_after
-from topologies import ROOT, Topology
-from wire.exchange import Champion
+from topologies import Topology
 from wire.news import Improvement
 from wire.report import Reason, Report, Staleness
 
@@ -86,12 +85,6 @@ class Clocks:
     seconds: float
     seconds_to_ready: float
     cpu_seconds: float
-
-
-def best_known(reports: Sequence[Report], spy: str) -> Champion | None:
-    """The best champion that the cells know at the end; under the paper's spy only what the root knows counts."""
-    known = [report.champion for report in reports if spy == "champion" or report.cell == ROOT]
-    return min((champion for champion in known if champion is not None), default=None)
 
 
 def stop_reasons(reports: Sequence[Report], mode: str) -> tuple[Reason, ...]:

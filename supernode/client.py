@@ -192,9 +192,9 @@ class AsyncClient:
             raise ClusterFailed("the client is closed")
         return await self._link.ask(request, patience)
 
-    async def look(self, trail: Trail) -> dict[str, Any]:
-        """Ask for all there is to know of a job."""
-        view: dict[str, Any] = await self.ask(wire.Show(trail.job))
+    async def look(self, trail: Trail, *, brief: bool = False) -> dict[str, Any]:
+        """Ask for all there is to know of a job, or in ``brief`` for how it is and its answer."""
+        view: dict[str, Any] = await self.ask(wire.Show(trail.job, brief))
         try:
             best = None if view["best"] is None else improvement_in(view["best"])
             trail.hear_view(view | {"best": best}, self._loop.time())
@@ -221,7 +221,7 @@ class AsyncClient:
     async def _look(self, trail: Trail) -> None:
         """The same as `look`, beside whatever else comes; a failure is left for those who wait."""
         try:
-            await self.look(trail)
+            await self.look(trail, brief=True)
         except (ClusterFailed, BadInput) as error:
             trail.error = error
         finally:
@@ -318,12 +318,18 @@ class AsyncClientJob:
             ClusterFailed: if the cluster has not answered for a while.
         """
         results = self._client.results()  # meanwhile
-        view = await self.end(timeout)
+        view = await self._over(timeout)
+        if view["result"] is None:
+            view = await self.show()
         result: Result = (await asyncio.shield(results)).result_in(view)
         return result
 
     async def end(self, timeout: float | None = None) -> Mapping[str, Any]:
         """Wait for the end; all that the cluster knows of the job then, see `show`."""
+        await self._over(timeout)
+        return await self.show()
+
+    async def _over(self, timeout: float | None) -> Mapping[str, Any]:
         try:
             async with asyncio.timeout(timeout):
                 while self._trail.end is None:

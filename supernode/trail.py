@@ -40,7 +40,7 @@ class Trail:
         status: the last one heard of.
         begun: how often a world was heard to begin.
         answered: whether there will be no better answer.
-        end: the answer to `show` after the end.
+        end: the answer to a brief `show` after the end.
         look_at: the time at which to ask for all there is to know, unless news comes before.
     """
 

@@ -44,6 +44,7 @@ class Prepare:
         since: generations of the job before this world; None: as many as the node has bred, with the deme that it has.
         deme: to begin with, for a node that has none of its own: each individual whole, one after the other.
         log: where the spy keeps its run log.
+        best: for the spy: the best answer to the same problem so far, as an improvement travels; empty without any.
     """
 
     name: ClassVar[str] = "prepare"
@@ -54,6 +55,7 @@ class Prepare:
     since: int | None = None
     deme: bytes = b""
     log: str | None = None
+    best: bytes = b""
 
 
 @dataclass(frozen=True)
@@ -272,7 +274,7 @@ def _at_least_two(value: list[Any]) -> list[Any]:
 
 _text, _octets, _maybe_text = partial(of, str), partial(of, bytes), partial(_maybe, str)
 _COMMANDS: dict[str, tuple[Callable[..., Command], tuple[Callable[[Any], Any], ...]]] = {
-    Prepare.name: (Prepare, (count, count, _text, _wiring, _maybe_count, _octets, _maybe_text)),
+    Prepare.name: (Prepare, (count, count, _text, _wiring, _maybe_count, _octets, _maybe_text, _octets)),
     Begin.name: (Begin, (count, count)),
     ProposeStop.name: (ProposeStop, (count, count, reason_of)),
     Halt.name: (Halt, (count, count)),

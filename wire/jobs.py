@@ -56,10 +56,11 @@ class ListJobs:
 
 @dataclass(frozen=True)
 class Show:
-    """All about one job."""
+    """All about one job; ``brief``: how it is and its answer, without what may be large beside that."""
 
     name: ClassVar[str] = "show"
     job: str
+    brief: bool = False
 
 
 @dataclass(frozen=True)
@@ -197,7 +198,9 @@ class JobState:
 
 def encode(request: Request) -> bytes:
     """As msgpack."""
-    return pack([VERSION, request.name, dataclasses.asdict(request)])
+    given = {field.name: getattr(request, field.name) for field in dataclasses.fields(request)}
+    defaults = {field.name: field.default for field in dataclasses.fields(request)}
+    return pack([VERSION, request.name, {name: value for name, value in given.items() if value != defaults[name]}])
 
 
 def decode(payload: bytes) -> Request:
@@ -332,6 +335,7 @@ _CHECKS = {
     "priority": _priority,
     "limit": _limit,
     "job": job_id,
+    "brief": lambda value: _a(bool, value, "true or false"),
     "kind": _text,
     "node": lambda value: _between(value, 0, _MOST_NODE),
     "after": lambda value: _between(value, 0, _MOST_RECORD),

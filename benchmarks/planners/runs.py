@@ -13,7 +13,8 @@ from problems import Problem, ProblemFile, Run
 from problems.problem import Solution
 from spy.collector import Collector
 from spy.judge import Status, judge
-from spy.result import best_known, states_of, stop_reasons, stopped_after
+from spy.past import best_known, stopped_after
+from spy.result import states_of, stop_reasons
 
 Task = TypeVar("Task")
 Found = TypeVar("Found")

@@ -21,7 +21,7 @@ from node import Plan, simulate
 from problems import RecipeName, Run
 from problems.terrain import Terrain
 from problems.terrain.replanning import led_on
-from spy.result import best_known
+from spy.past import best_known
 
 FIRST, INSTANCES, QUICK = 1001, 100, 4
 MARGINS = {16: 0.01, 256: 0.05}  # of the optimum, by side: what "How good" asks for

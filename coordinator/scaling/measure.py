@@ -17,8 +17,8 @@ from node.fingerprint import fingerprint
 from problems import ProblemFile
 from spy.collector import Collector
 from spy.judge import judge
-from spy.past import Lived, Past, stopped_after
-from spy.result import Clocks, Result, best_known, result_of, states_of, stop_reasons
+from spy.past import Lived, Past, best_known, stopped_after
+from spy.result import Clocks, Result, result_of, states_of, stop_reasons
 from wire.exchange import Champion
 from wire.news import Improvement
 

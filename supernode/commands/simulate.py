@@ -98,7 +98,7 @@ def _simulate(
     from spy.collector import Collector
     from spy.judge import judge
     from spy.past import Lived, Past, stopped_after
-    from spy.result import Clocks, best_known, result_of, states_of, stop_reasons
+    from spy.result import Clocks, result_of, states_of, stop_reasons
 
     last = worlds[-1]
     plan, run = last.plan, last.file.run
@@ -123,14 +123,14 @@ def _simulate(
     except EvaluationFailed as failure:
         error = str(failure)
     seconds = time.monotonic() - outside.began
-    hear(best_known(reports, run.spy))
+    world = Lived(last.file, reports, last.number)
+    hear(past.or_better(world))
     generation = stopped_after(reports) if reports else 0
     reasons = stop_reasons(reports, run.mode)
     judgement = judge(collector, generation, reasons, error, states_of(reports), last.since)
     log.end(judgement, generation)
     log.close()
     clocks = Clocks(seconds, 0.0, time.process_time())
-    world = Lived(last.file, reports, last.number)
     return result_of("1", worlds[0].file.run, past, world, judgement, fingerprint(), clocks)
 
 

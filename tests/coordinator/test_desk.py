@@ -1,5 +1,6 @@
 """What the desk answers, what it keeps, what it hands over, and what it publishes, in which order."""
 
+import io
 import json
 import sys
 import threading
@@ -18,7 +19,9 @@ from coordinator.log_lines import LogLines
 from coordinator.record_book import Keep, RecordBook
 from coordinator.recorder import Recorder
 from coordinator.store import Store
+from spy.past import Past
 from wire.jobs import Cancel, Done, Down, ListJobs, Refused, Rewire, Show, Status, Submit, Update
+from wire.news import Improvement
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 OFFICE = supernode.load(EXAMPLES / "mobile-robot.toml")
@@ -37,7 +40,9 @@ class Office:
         self.published = []
         self.store = Store(sqlite_url(path / "jobs.sqlite"))
         self.book = RecordBook(self.store, Keep())
-        self.recorder = Recorder(self.store, self.book, LogLines("c1"), self.published.append, self.forget)
+        self.said = io.StringIO()
+        lines = LogLines("c1", file=self.said)
+        self.recorder = Recorder(self.store, self.book, lines, self.published.append, self.forget)
         self.dispatcher = make(None, None, nodes, self.recorder)
         checker = checker or Checker()
         self.desk = Desk("c1", self.store, self.book, self.recorder, self.dispatcher, checker, self.published.append)
@@ -58,11 +63,11 @@ class Office:
         assert answer.blame == blame
         return answer.message
 
-    def until(self, job, status):
-        """Wait until the store says that a job has come so far."""
+    def until(self, job, status, holds=lambda shown: True):
+        """Wait until the store says that a job has come so far, and this holds of it."""
         for _ in range(1000):
-            if self.store.summary(job).status == status:
-                return self.ask(Show(job))
+            if self.store.summary(job).status == status and holds(shown := self.ask(Show(job))):
+                return shown
             time.sleep(0.005)
         raise AssertionError(f"{job} is {self.store.summary(job).status}")
 
@@ -388,6 +393,43 @@ def test_a_restored_job_is_in_the_world_that_it_had_reached(offices):
     assert order.file.fields["obstacles"], "as it was submitted"
     assert placing.file.fields["obstacles"] == []
     assert (placing.why["do"], placing.past.worlds) == ("update", 0)
+
+
+def test_a_job_that_begins_again_keeps_its_past_and_its_answer(offices):
+    office = offices()
+    office.ask(Submit(file(), "a"))
+    office.until("a", "running")
+    office.ask(Update("a", '{"obstacles": []}'))
+    assert office.ask(Show("a"))["best"] is None, "an answer in the old world"
+    office.dispatcher.hooks.improved(1, Improvement(1, 1, 0.2, 4, 2, 0.25, True, {"x": [1.0]}))
+    office.until("a", "running", lambda shown: shown["best"] is not None)
+    office = offices(make=partial(StubDispatcher, manual=True, lost=True))
+    office.desk.restore()
+    order = office.dispatcher.orders[1]
+    assert (order.best.world, order.best.fitness, order.past.worlds) == (1, 0.25, 2)
+    assert [each["do"] for each in order.past.directives] == ["update", "restart"]
+    assert order.past.directives[0]["fields"] == {"obstacles": []}
+    assert order.past.history is None
+    office.recorder.close()
+    assert "the job begins again: BadInput: they know nothing of it" in office.said.getvalue()
+
+
+def test_a_job_that_never_left_its_first_world_begins_it_again(offices):
+    office = offices()
+    office.ask(Submit(file(), "a"))
+    office.until("a", "running", lambda shown: shown["best"] is not None)
+    office = offices(make=partial(StubDispatcher, manual=True, lost=True))
+    office.desk.restore()
+    order = office.dispatcher.orders[1]
+    assert (order.past, order.best.fitness) == (Past(), 0.5)
+
+
+def test_in_brief_all_that_may_be_large_is_left_out(office):
+    office.ask(Submit(file(), "a"))
+    whole = office.until("a", "running")
+    brief = office.ask(Show("a", brief=True))
+    assert whole.keys() - brief.keys() == {"file", "file_now", "worlds", "states"}
+    assert brief == {name: whole[name] for name in brief}
 
 
 def test_a_job_that_cannot_run_any_more_ends_as_failed(offices):

@@ -3,11 +3,15 @@
 import io
 import json
 import time
+from pathlib import Path
 
 import pytest
+from stub_dispatcher import result
 
+import supernode
 from coordinator import recorder as module
 from coordinator.database import StoreFailed, sqlite_url
+from coordinator.job import Order
 from coordinator.log_lines import LogLines
 from coordinator.record_book import Keep, RecordBook
 from coordinator.recorder import Recorder
@@ -15,6 +19,7 @@ from coordinator.store import Store, Submission
 from problems import BadInput
 from wire.news import Improvement
 
+EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "arm-ik.toml"
 NEW = Submission("file", "digest", "arm-ik", "ring 4", 4)
 
 
@@ -132,6 +137,22 @@ def test_it_waits_for_a_database_that_is_away(bench, monkeypatch):
         time.sleep(0.01)
     assert bench.settled() == [("a", "preparing")]
     assert bench.said.getvalue().count("store: away") == 1
+
+
+def test_an_end_whose_result_cannot_be_written_is_an_end_all_the_same(bench, monkeypatch):
+    bench.store.add(NEW, "a")
+    end = bench.store.end
+
+    def refuse_results(number, status, result, **options):
+        if result is not None:
+            raise StoreFailed("store: too large")
+        return end(number, status, result, **options)
+
+    monkeypatch.setattr(bench.store, "end", refuse_results)
+    bench.recorder.changed(1, "preparing", ())
+    bench.recorder.ended(1, result(Order(1, supernode.load(EXAMPLE)), "solved"))
+    assert bench.settled()[-1] == ("a", "failed")
+    assert "too large" in bench.store.show("a").message
 
 
 def test_one_that_cannot_be_written_does_not_stop_the_others(bench, monkeypatch):

@@ -8,7 +8,8 @@ import supernode
 from node import Plan, simulate
 from spy.collector import Collector
 from spy.judge import judge
-from spy.result import best_known, states_of, stop_reasons, stopped_after
+from spy.past import best_known, stopped_after
+from spy.result import states_of, stop_reasons
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 

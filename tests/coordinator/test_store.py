@@ -22,7 +22,7 @@ from coordinator.states import WrongTransition
 from coordinator.store import IdTaken, Store, Submission, UnknownJob
 from problems import ProblemFile
 from problems.run import Run
-from spy.past import Past
+from spy.past import Lived, Past
 
 FILE = Submission('["a.toml", {"kind": "arm-ik"}, {}, "/"]', "d1", "arm-ik", "torus 4x4", 16)
 OTHER = Submission('["b.toml", {"kind": "terrain"}, {}, "/"]', "d2", "terrain", "torus 2x2", 4, 5)
@@ -202,6 +202,57 @@ def test_of_many_worlds_the_latest_are_told(store, monkeypatch):
     assert [each["world"] for each in store.worlds(1)] == [6, 7]
     monkeypatch.setattr("coordinator.store._MOST_TOLD", 10)
     assert [each["world"] for each in store.worlds(1)] == [7]
+
+
+def test_a_job_that_lives_for_days_does_not_fill_the_store(store, monkeypatch):
+    monkeypatch.setattr("spy.past.MOST_BYTES", 2000)
+    for name, most in (("_FIRST_STATES", 3), ("_LATEST_STATES", 20), ("_TIDY_EVERY", 10)):
+        monkeypatch.setattr(f"coordinator.store.{name}", most)
+    added(store, job="a")
+    live(store, 1, "preparing", "running")
+    file = ProblemFile("a.toml", {"kind": "arm-ik"}, Run(topology="ring 4"), Path("/"))
+    past = Past()
+    for world in range(1, 101):
+        why = {"do": "update", "fields": {"goal": "x" * 100, "world": world}}
+        past = past.and_then(Lived(file, number=world - 1), why)
+        store.note_placing(1, Placing(world, file, (0, 1, 2, 3), 7, why, past))
+        live(store, 1, "waiting", "running")
+    rows = store.worlds(1)
+    assert len(rows) < 40
+    assert rows[0]["do"] == "several"
+    assert [row["world"] for row in rows[1:]] == list(range(rows[0]["world"] + 1, 101))
+    found, latest = store.past(1)
+    assert found.directives == past.directives
+    assert latest == why
+    states = [state for state, _ in store.transitions(1)]
+    assert states[:4] == ["submitted", "queued", "preparing", "waiting"]
+    assert len(states) <= 3 + 20
+
+
+def test_the_states_of_a_job_are_kept_but_for_those_in_the_middle(store, monkeypatch):
+    added(store, job="a")
+    added(store, job="b")
+    live(store, 2, "preparing", "running")
+    live(store, 1, "preparing", "running", *["waiting", "running"] * 10)
+    monkeypatch.setattr("coordinator.store._FIRST_STATES", 2)
+    monkeypatch.setattr("coordinator.store._LATEST_STATES", 3)
+    monkeypatch.setattr("coordinator.store._TIDY_EVERY", 1)
+    file = ProblemFile("a.toml", {"kind": "arm-ik"}, Run(topology="ring 4"), Path("/"))
+    store.note_placing(1, Placing(1, file, (0, 1, 2, 3), 7, {"do": "update", "fields": {}}))
+    monkeypatch.setattr("coordinator.store._LATEST_STATES", 1000)
+    assert [state for state, _ in store.transitions(1)] == ["submitted", "queued", "running", "waiting", "running"]
+    assert len(store.transitions(2)) == 4
+
+
+def test_what_was_an_answer_before_an_update_is_none_after_it(store):
+    added(store, job="a")
+    live(store, 1, "preparing", "running")
+    file = ProblemFile("a.toml", {"kind": "arm-ik"}, Run(topology="ring 4"), Path("/"))
+    store.note_best(1, 0.5, BEST)
+    store.note_placing(1, Placing(1, file, (0, 1, 2, 3), 7, {"do": "rewire", "topology": "complete 4"}))
+    assert (store.answer("a").best, store.answer("a").fitness) == (BEST, 0.5)
+    store.note_placing(1, Placing(2, file, (0, 1, 2, 3), 7, {"do": "update", "fields": {}}))
+    assert (store.answer("a").best, store.answer("a").fitness) == (None, None)
 
 
 def test_a_job_may_get_other_nodes(store):

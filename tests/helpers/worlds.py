@@ -5,6 +5,7 @@ import itertools
 import threading
 
 from node.replay import replay
+from spy.past import Lived, Past
 
 
 class States:
@@ -62,3 +63,12 @@ def again(file, result):
 def turns_of(result):
     """What led from world to world."""
     return [(each["do"], each["world"]) for each in result.directives if each["do"] != "stop"]
+
+
+def best_again(file, result):
+    """The best that is known at the end of the run that a result tells of, lived through once more."""
+    *before, last = replay(file.with_run(**result.run), result.directives)
+    past = Past()
+    for world, then in zip(before, [*before[1:], last], strict=True):
+        past = past.and_then(Lived(world.file, world.reports, world.plan.world), then.why)
+    return past.or_better(Lived(last.file, last.reports, last.plan.world))

@@ -19,7 +19,8 @@ from problems.arm_path.coding import FINER_AT, CoarseToFine
 from problems.arm_path.oracle import Grid, fewest_moves, fill, move_counts, shortest
 from problems.file import parse
 from problems.run import Run
-from spy.result import best_known, states_of
+from spy.past import best_known
+from spy.result import states_of
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "arm-path.toml"
 TURN = 2 * np.pi

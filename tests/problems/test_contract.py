@@ -18,7 +18,8 @@ from problems import registry
 from problems.file import parse
 from spy.collector import Collector
 from spy.judge import judge
-from spy.result import best_known, states_of, stop_reasons, stopped_after
+from spy.past import best_known, stopped_after
+from spy.result import states_of, stop_reasons
 
 EXAMPLES = sorted((Path(__file__).parent.parent.parent / "examples").glob("*.toml"))
 read = functools.cache(supernode.load)  # to make the spheres of a mesh takes a second

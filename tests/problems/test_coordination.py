@@ -20,7 +20,8 @@ from problems.coordination import Coordination, arms, checker
 from problems.coordination.arms import Robot
 from problems.coordination.diagram import RandomDiagram, blocks_of, is_passable, move_times
 from problems.coordination.oracle import least_time
-from spy.result import best_known, stop_reasons
+from spy.past import best_known
+from spy.result import stop_reasons
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 CODINGS = ("variable", "fixed", "binary")

@@ -19,7 +19,8 @@ from problems.file import parse
 from problems.mobile_robot import MobileRobot
 from problems.mobile_robot.oracle import _grown, shortest_way
 from problems.plane import Circle
-from spy.result import best_known, stop_reasons
+from spy.past import best_known
+from spy.result import stop_reasons
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "mobile-robot.toml"
 WALL = {"shape": "box", "center": [4.0, 2.0], "size": [0.2, 4.0]}  # from the lower bound up, a gap above

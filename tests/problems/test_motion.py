@@ -18,7 +18,7 @@ from problems.file import parse
 from problems.guard import moved
 from problems.motion import MOST_ROWS, Body, Column, Joints, Motion, Pace, Values, straight
 from problems.sphere_path.pose import rotations
-from spy.result import best_known
+from spy.past import best_known
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 TIMED = ("min-time", "coordination")

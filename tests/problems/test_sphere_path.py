@@ -26,7 +26,7 @@ from problems.sphere_path.solid import in_space, signed_distances
 from problems.sphere_path.space import Space, length_of
 from problems.sphere_path.vehicle import packed, unpacked
 from problems.sphere_path.world import World
-from spy.result import best_known
+from spy.past import best_known
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 TURN = [-np.pi, np.pi]

@@ -20,7 +20,7 @@ from problems.file import parse
 from problems.terrain import Terrain, movingai
 from problems.terrain.replanning import led_on
 from problems.terrain.solution import EIGHTH
-from spy.result import best_known
+from spy.past import best_known
 
 ROOT = Path(__file__).resolve().parents[2]
 MOVINGAI = Path(os.environ.get("MOVINGAI", ROOT.parent / "shared" / "data" / "movingai"))

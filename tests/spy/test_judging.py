@@ -12,8 +12,8 @@ from node import Plan
 from problems import BadInput, ProblemFile, Run, Verdict
 from spy.collector import Collector
 from spy.judge import Judgement, judge
-from spy.past import Lived, Past, stopped_after
-from spy.result import Clocks, best_known, result_of, stop_reasons
+from spy.past import Lived, Past, best_known, stopped_after
+from spy.result import Clocks, result_of, stop_reasons
 from spy.run_log import RunLog
 from wire.control import decode_answer, encode_answer
 from wire.exchange import Champion
@@ -51,6 +51,16 @@ def test_an_earlier_birth_of_the_same_fitness_is_the_champion_but_no_improvement
     collector = collected(plan_of(), Champion(20.0, 3, 5, HALF))
     assert collector.hear(Champion(20.0, 2, 9, HALF), 0.6) is None
     assert (collector.best.generation, collector.best.cell) == (2, 9)
+
+
+def test_what_was_known_before_the_nodes_were_rewired_is_known_still():
+    before = collected(plan_of(), Champion(20.0, 3, 5, HALF)).best
+    collector = Collector(dataclasses.replace(plan_of(), world=1), 1, before)
+    assert (collector.best.world, collector.best.fitness, collector.best.generation) == (1, 20.0, 0)
+    assert collector.hear(Champion(40.0, 1, 0, EMPTY), 0.3) is None
+    assert collector.hear(Champion(20.0, 0, 9, HALF), 0.4) is None
+    assert collector.best.cell == 9, "who has it now"
+    assert collector.hear(Champion(0.0, 9, 1, FULL), 0.5).fitness == 0.0
 
 
 def test_a_lie_is_not_believed_and_fails_the_run():

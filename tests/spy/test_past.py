@@ -1,5 +1,7 @@
 """What worlds that have ended come to: nothing is lost by adding them up, and it does not grow for ever."""
 
+from dataclasses import replace
+
 import pytest
 
 from problems import ProblemFile, Run
@@ -7,6 +9,7 @@ from spy import past as of_past
 from spy.judge import Judgement
 from spy.past import Lived, Past
 from spy.result import Clocks, result_of
+from wire.exchange import Champion
 from wire.report import Report, Staleness
 
 
@@ -29,6 +32,10 @@ def report(cell=0, generation=9, staleness=(0, 0, 0, 0)):
     )
 
 
+def knowing(fitness, cell=0, generation=7):
+    return replace(report(cell), champion=Champion(fitness, generation, cell, b"\x2a"))
+
+
 def lived(number=0, reports=None, mode="lockstep"):
     file = ProblemFile("x", {"kind": "x:Y"}, Run(topology="torus 1x2", mode=mode), "")
     return Lived(file, [report(1), report(0)] if reports is None else reports, number)
@@ -36,6 +43,9 @@ def lived(number=0, reports=None, mode="lockstep"):
 
 def update(number):
     return {"do": "update", "fields": {"goal": number}}
+
+
+REWIRE = {"do": "rewire", "topology": "ring 2"}
 
 
 def result(world, past=None):
@@ -56,10 +66,14 @@ def test_the_history_is_that_of_all_worlds_whatever_the_order_of_reports():
     one = Past().and_then(lived(0, [report(0), report(1)]), update(1))
     other = Past().and_then(lived(0, [report(1), report(0)]), update(1))
     assert one.history == other.history
-    assert one.and_then(lived(1)).history != one.history != Past().and_then(lived(0, [report(0), report(1, 8)])).history
+    other = Past().and_then(lived(0, [report(0, 8), report(1, 8)]), update(1))
+    assert len({one.history, one.and_then(lived(1)).history, other.history, None}) == 4
 
 
-@pytest.mark.parametrize("world", [lived(0, [report(0)]), lived(0, []), lived(1)], ids=["a cell", "all", "a world"])
+MISSING = [lived(0, [report(0)]), lived(0, []), lived(1), lived(0, [report(0, 9), report(1, 8)])]
+
+
+@pytest.mark.parametrize("world", MISSING, ids=["a cell", "all", "a world", "one that halted on the way"])
 def test_a_history_that_lacks_something_is_none(world):
     past = Past().and_then(world, update(world.number + 1))
     assert past.history is None
@@ -72,10 +86,21 @@ def test_a_world_that_a_node_died_in_counts_from_the_furthest_and_is_no_part_of_
 
 
 def test_it_comes_back_from_json_whole_but_for_the_directives():
-    past = Past().and_then(lived(0, [report(0, 9, (3, 2, 1, 0)), report(1)]), update(1))
+    past = Past().and_then(lived(0, [knowing(0.5), report(1, 9, (3, 2, 1, 0))]), REWIRE)
+    assert past.champion.genome == b"\x2a"
     again = Past.from_json(past.to_json())
     assert again != past
     assert again.led_on(past.directives[0]) == past
+
+
+def test_the_best_of_worlds_of_one_problem_is_known_until_it_changes():
+    past = Past().and_then(lived(0, [knowing(0.5), knowing(0.25, 1)]), REWIRE)
+    assert (past.champion.fitness, past.champion.cell) == (0.25, 1)
+    assert past.or_better(lived(1, [knowing(0.3)])) == past.champion._replace(generation=0)
+    assert past.or_better(lived(1, [knowing(0.25)])).generation == 7, "who has it now comes first"
+    assert past.or_better(lived(1, [knowing(0.1)])).fitness == 0.1
+    assert past.and_then(lived(1, [knowing(0.1)]), {"do": "replace"}).champion == past.champion
+    assert past.and_then(lived(1, [knowing(0.1)]), update(2)).champion is None
 
 
 def test_many_directives_are_put_together_and_what_they_come_to_is_kept(monkeypatch):

@@ -12,7 +12,7 @@ import pytest
 import supernode
 from node import Plan, simulate
 from problems import Verdict
-from spy.result import best_known
+from spy.past import best_known
 
 EXAMPLES = Path(__file__).parent.parent.parent / "examples"
 PROBLEMS = sorted(path.name for path in EXAMPLES.glob("*.toml"))

@@ -110,7 +110,7 @@ def test_unknown_requests_and_arguments_are_named():
     assert refusal(1, "solve", {}) == (
         "expected one of submit, list, show, records, logs, cancel, update, rewire, status, down, found 'solve'"
     )
-    assert refusal(1, "show", {"id": "a"}) == "show: expected the arguments job, found 'id'"
+    assert refusal(1, "show", {"id": "a"}) == "show: expected the arguments job, brief, found 'id'"
     assert refusal(1, "down", {"now": True}) == "down: expected no arguments, found 'now'"
     assert refusal(1, "rewire", {"job": "a"}) == "rewire: expected the arguments job, topology, found no topology"
 
