@@ -219,8 +219,11 @@ class SpyProcess:
     def _hear(self, assignment: _Assignment, champion: Champion | None) -> None:
         better = assignment.collector.hear(champion, assignment.seconds)
         if better is not None:
-            self.control.put(self.keys.best, better.encode())
-            assignment.log.improvement(assignment.plan.topology, better)
+            self._tell(assignment, better)
+
+    def _tell(self, assignment: _Assignment, better: Improvement) -> None:
+        self.control.put(self.keys.best, better.encode())
+        assignment.log.improvement(assignment.plan.topology, better)
 
     def _open_command(self, query: zenoh.Query) -> None:
         payload = query.payload.to_bytes() if query.payload is not None else b""
@@ -247,8 +250,10 @@ class SpyProcess:
             return self._finish(assignment, command)
         self._listen_to(assignment)
         assignment.began = time.monotonic()
-        plan = assignment.plan
+        plan, best = assignment.plan, assignment.collector.best
         assignment.log.write("start", job=command.job, world=plan.world, run=plan.run.model_dump())
+        if best is not None:  # an answer in this world too
+            self._tell(assignment, best)
         return Done()
 
     def _prepare(self, command: Prepare) -> Done | Refused:

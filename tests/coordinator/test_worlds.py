@@ -95,6 +95,7 @@ def test_what_was_found_stays_the_answer_when_the_nodes_are_rewired(cluster, fun
     ranks = [(better.world, -better.fitness) for better in found]
     assert ranks == sorted(ranks)
     assert sorted((better.fitness for better in found), reverse=True) == [better.fitness for better in found]
+    assert {better.world for better in found} == {0, 1, 2, 3}, "it is an answer in each"
     assert result.fitness <= found[-1].fitness
     assert result.history_sha256 == again(function, result)
     assert result.fitness == best_again(function, result).fitness

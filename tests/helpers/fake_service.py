@@ -71,7 +71,7 @@ class FakeService:
 
     def end(self, job, status="solved"):
         entry = self.jobs[job]
-        self.tell(job, status, result=result_of(job, status, entry["fitness"]))
+        self.tell(job, status, result=result_of(job, status, entry["fitness"]), ended=time.time())
 
     def publish(self, key, payload):
         if not self.quiet and self.session is not None:
@@ -136,7 +136,8 @@ class FakeService:
 
     def of_a_job(self, request, entry):
         if isinstance(request, jobs.Show):
-            return dict(entry)
+            large = ("file", "file_now", "worlds") if request.brief else ()
+            return {name: value for name, value in entry.items() if name not in large}
         if isinstance(request, jobs.Cancel):
             threading.Timer(0.05, self.end, (request.job, "cancelled")).start()
             return {"job": request.job, "status": entry["status"]}
