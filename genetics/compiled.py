@@ -13,10 +13,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
 
-# Bits must not depend on whether Intel's vector mathematics happens to be installed; numba asks when it is imported.
-os.environ.setdefault("NUMBA_DISABLE_INTEL_SVML", "1")
-
 import numba
+
+if getattr(numba.config, "USING_SVML", False):  # somebody imported it before this project
+    raise ImportError("numba uses Intel SVML, whose bits differ: set NUMBA_DISABLE_INTEL_SVML=1 before it is imported")
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -47,6 +47,7 @@ def _use_cache_of_these_sources() -> None:
         return  # no home to write to: numba falls back to its own choice
     for old in by_age[_GENERATIONS_KEPT:]:
         shutil.rmtree(old, ignore_errors=True)
+    numba.config.reload_config()  # type: ignore[no-untyped-call] # else it would later, and forget what follows
     setattr(numba.config, "CACHE_DIR", str(folder))  # noqa: B010 - numba makes its settings when imported
 
 
