@@ -3,11 +3,6 @@
 Importing this package loads no compiled code: codings import their kernels when they first use them.
 """
 
-import os
-
-# Bits must not depend on whether Intel's vector mathematics happens to be installed; numba asks when it is imported.
-os.environ.setdefault("NUMBA_DISABLE_INTEL_SVML", "1")
-
 from genetics.arrays import Cells, Fitness, Genomes
 from genetics.bit_string import BitString
 from genetics.coding import Coding, Keys

@@ -13,6 +13,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
 
+# Bits must not depend on whether Intel's vector mathematics happens to be installed; numba asks when it is imported.
+os.environ.setdefault("NUMBA_DISABLE_INTEL_SVML", "1")
+
 import numba
 
 if getattr(numba.config, "USING_SVML", False):  # somebody imported it before this project

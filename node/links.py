@@ -10,7 +10,7 @@ where there can be none nobody waits for one. The spy of such a cluster hears th
 
 import contextlib
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
 
@@ -120,12 +120,9 @@ class Links:
         self.publish: Callable[[bytes], None] = self._out.put
         self._subscribers = [self._subscribe(self.data, other) for other in self.neighbours]
         liveliness = self.data.liveliness()
-        self._watchers = [
-            liveliness.declare_subscriber(
-                self.keys.node(node_of[other]), direct(partial(self._see, other)), history=True
-            )
-            for other in self.neighbours
-        ]
+        see = partial(self._see, {self.keys.node(node_of[other]): other for other in self.neighbours})
+        # One for all neighbours: nobody else is linked, and each question takes a message by each link.
+        self._watcher = liveliness.declare_subscriber(self.keys.any_node, direct(see), history=True)
         self._token = liveliness.declare_token(self.keys.node(self.node))
 
     def _way_to(self, berth: Berth, other: int) -> str | None:
@@ -141,8 +138,11 @@ class Links:
             self.keys.out(self.wiring.nodes[sender]), frequent(partial(self._hear, sender))
         )
 
-    def _see(self, neighbour: int, sample: zenoh.Sample) -> None:
+    def _see(self, neighbours: Mapping[str, int], sample: zenoh.Sample) -> None:
         """A direct link has come up or gone."""
+        neighbour = neighbours.get(str(sample.key_expr))
+        if neighbour is None:  # this node itself
+            return
         with self._changed:
             if sample.kind == zenoh.SampleKind.PUT:
                 self._linked.add(neighbour)
