@@ -288,6 +288,7 @@ class SpyProcess:
         """Judge; the job may go on with another world."""
         self._hear(assignment, command.champion)
         collector, reasons = assignment.collector, command.reasons
+        assignment.rates.clear()  # nobody sends any more, though the job may be kept alive
         judgement = judge(collector, command.generation, reasons, command.error, dict(command.states), command.since)
         assignment.log.end(judgement, command.generation)
         return judgement.answer()
