@@ -116,6 +116,16 @@ def test_each_page_loads_and_fits(page, home, cluster, size):
     page.wait_for_selector(f"#table >> text={job.id}")
 
 
+def test_only_pages_that_show_nodes_are_sent_them(page, home, cluster, endless):
+    streams = []
+    page.on("request", lambda request: streams.append(request.url) if "/events" in request.url else None)
+    for path, query in (("", ""), (f"jobs/{endless.id}", ""), ("jobs", "?nodes=0"), ("compare", "?nodes=0")):
+        streams.clear()
+        page.goto(home + path)
+        see(page, '#link[data-state="answers"]')  # a snapshot was shown
+        assert streams == [f"{home}events{query}"]
+
+
 def test_cells_change_while_a_job_runs(page, home, endless):
     page.goto(home)
     page.select_option("#what", "sent")
