@@ -197,11 +197,17 @@ class Dispatcher:
 
     def job_on(self, node: int) -> str | None:
         """The job that a node is at."""
+        job, _ = self.place_of(node)
+        return None if job is None else job.order.job
+
+    def place_of(self, node: int) -> tuple[JobEntry | None, int | None]:
+        """The job that a node is at, and its cell there."""
         with self._lock:
             for number, job in self.jobs.items():
-                if node in (self._scheduler.nodes_of(number) or ()):
-                    return job.order.job
-        return None
+                nodes = self._scheduler.nodes_of(number) or ()
+                if node in nodes:
+                    return job, nodes.index(node)
+        return None, None
 
     def fail(self, message: str, closing: bool = False) -> None:
         """A process died that nothing replaces, or the cluster is being closed: every job fails."""

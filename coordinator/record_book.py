@@ -16,7 +16,8 @@ from wire.news import Improvement, LogRecord, Statistics
 from wire.plain import plain
 
 _PAGE = 2000  # rows in one answer
-_LOOK_AFTER = 1000  # rows written, before what is too old is looked for
+_LOOK_AFTER = 1000  # rows written, before what is too old is looked for,
+_LOOK_AFTER_SHARE = 1 / 16  # or of all the bytes that are kept, ended
 _DAY = 86400.0  # seconds
 
 _TABLES: dict[str, type[ImprovementRow] | type[StatisticsRow]] = {
@@ -32,10 +33,12 @@ class Keep:
     Attributes:
         days: records, and jobs that have ended, are forgotten when they are so old.
         rows: of each kind of record, the newest.
+        bytes: of jobs that have ended, their files and results together; the newest.
     """
 
     days: float = 30.0
     rows: int = 1_000_000
+    bytes: int = 1 << 30
 
 
 class RecordBook:
@@ -102,7 +105,8 @@ class RecordBook:
 
     def forget_the_old(self, now: float) -> None:
         """If enough was written since the last time, forget what is older, or more, than is to be kept."""
-        if self._unlooked < _LOOK_AFTER:
+        ended = self._store.bytes_ended
+        if self._unlooked < _LOOK_AFTER and ended < self._keep.bytes * _LOOK_AFTER_SHARE:
             return
         self._unlooked = 0
         before = now - self._keep.days * _DAY
@@ -111,6 +115,7 @@ class RecordBook:
                 newest = session.scalar(select(func.max(table.id))) or 0
                 session.execute(delete(table).where((table.id <= newest - self._keep.rows) | (table.at < before)))
         self._store.forget_before(before)
+        self._store.forget_beyond(self._keep.bytes)
 
     def _page(self, columns: Sequence[str], query: Select[Any]) -> dict[str, Any]:
         with self._store.reading() as session:

@@ -66,7 +66,7 @@ class Staff(Dispatcher):
     def replaced(self, node: int | None) -> None:
         """Another process lives in the place of a dead node, or of the dead spy."""
         whose = "as the spy" if node is None else f"on node {node}"
-        self._log("warning", f"a process has died: another one lives {whose}", node)
+        self._log("warning", f"a process has died: another one lives {whose}", node)  # first: it may end the job
         super().replaced(node)
 
     def left(self, nodes: Iterable[int], why: str) -> None:
@@ -78,7 +78,10 @@ class Staff(Dispatcher):
         """Leave the jobs to whoever comes next."""
 
     def _log(self, level: str, text: str, node: int | None = None) -> None:
-        self.hooks.logged(LogRecord(level, "coordinator", text, time.time(), node))
+        """Tell it; what is about a node is about the job there too."""
+        job, cell = (None, None) if node is None else self.place_of(node)
+        number = None if job is None else job.order.number
+        self.hooks.logged(LogRecord(level, "coordinator", text, time.time(), node, cell, number))
 
     def _cpu_seconds(self) -> dict[str, float]:
         return self._roster.cpu_seconds()

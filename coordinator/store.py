@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, fields
 from typing import Any
 
-from sqlalchemy import Select, and_, delete, func, or_, select, update
+from sqlalchemy import Select, and_, delete, func, literal, or_, select, update
 from sqlalchemy.orm import Session, undefer
 
 from coordinator.database import Database, StoreFailed
@@ -31,12 +31,13 @@ from coordinator.tables import (
 from problems.errors import BadInput
 from spy.past import SEVERAL, Past
 
-_SCHEMA = 2
+_SCHEMA = 3
 _NEW_ID_BYTES = 4
 _FIRST_STATES, _LATEST_STATES = 10, 1000  # of a job, that are told
 _MOST_WORLDS = 1000  # of a job, the latest, that are told,
 _MOST_TOLD = 1 << 19  # and bytes of what changed with them
 _TIDY_EVERY = 100  # worlds of a job
+_SMALL_BYTES = 1000  # about, of an ended job: all but its files, answer, result and worlds
 
 
 class IdTaken(BadInput):
@@ -137,6 +138,7 @@ class Store:
     def __init__(self, url: str) -> None:
         self._lock = threading.RLock()
         self._session: Session | None = None  # the transaction that is open
+        self.bytes_ended = 0  # about, of the jobs that have ended since there was last looked for too many
         self._database = Database(url)
         try:
             with self._database.failing_clearly():
@@ -253,6 +255,8 @@ class Store:
             if result is not None:
                 row.result_json = json.dumps(result)
                 row.fitness = result.get("fitness", row.fitness)
+            session.flush()
+            self.bytes_ended += _weigh(session, number)
             return _summary(row)
 
     def note_best(self, number: int, fitness: float | None, best: dict[str, Any]) -> None:
@@ -297,6 +301,19 @@ class Store:
             for table in (ImprovementRow, StatisticsRow, WorldRow, TransitionRow):
                 session.execute(delete(table).where(table.number.in_(old)))
             session.execute(delete(JobRow).where(JobRow.ended < at))
+
+    def forget_beyond(self, size: int) -> None:
+        """Forget the jobs that ended first, until the others take at most so many bytes; never the latest."""
+        self.bytes_ended = 0
+        ended = select(JobRow.ended, JobRow.bytes).where(JobRow.ended.is_not(None)).subquery()
+        with self.writing() as session:
+            total, latest = session.execute(select(func.sum(ended.c.bytes), func.max(ended.c.ended))).one()
+            if total is None or total <= size:
+                return
+            with_later = func.sum(ended.c.bytes).over(order_by=ended.c.ended.desc()).label("with_later")
+            sums = select(ended.c.ended, with_later).subquery()
+            first_kept = session.scalar(select(func.min(sums.c.ended)).where(sums.c.with_later <= size))
+            self.forget_before(latest if first_kept is None else first_kept)
 
     # Reading ----------------------------------------------------------------------------------------------------------
     def unended(self) -> list[Stored]:
@@ -475,6 +492,18 @@ def _change(session: Session, row: JobRow, status: str, at: float) -> None:
     elif state in ENDS and state != "deadline":  # then nodes stop first; see `Store.end`
         row.ended = at
     session.add(TransitionRow(number=row.number, status=state, at=at))
+
+
+def _weigh(session: Session, number: int) -> int:
+    """Write down how many bytes are kept of a job that has ended: to read them all anew would take seconds later."""
+    worlds = select(func.sum(func.length(WorldRow.change_json))).where(WorldRow.number == number).scalar_subquery()
+    texts = JobRow.file, JobRow.changed_file, JobRow.best_json, JobRow.result_json, JobRow.past_json
+    lengths = [func.coalesce(each, 0) for each in (worlds, *map(func.length, texts))]
+    this, unseen = JobRow.number == number, {"synchronize_session": False}
+    session.execute(
+        update(JobRow).where(this).values(bytes=sum(lengths, literal(_SMALL_BYTES))), execution_options=unseen
+    )
+    return session.scalar(select(JobRow.bytes).where(this)) or 0
 
 
 def _get(session: Session, number: int) -> JobRow:

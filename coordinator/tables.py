@@ -20,9 +20,14 @@ class MetaRow(Base):
 
 
 class JobRow(Base):
-    """A job."""
+    """A job.
+
+    Attributes:
+        bytes: about what it takes once it has ended, without its records.
+    """
 
     __tablename__ = "jobs"
+    __table_args__ = (Index("size_of_ended", "ended", "bytes"),)
 
     number: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
     job: Mapped[str] = mapped_column("id", String(64), unique=True)
@@ -36,6 +41,7 @@ class JobRow(Base):
     submitted: Mapped[float] = mapped_column(Double)
     started: Mapped[float | None] = mapped_column(Double)
     ended: Mapped[float | None] = mapped_column(Double)
+    bytes: Mapped[int] = mapped_column(BigInteger, default=0)
     message: Mapped[str | None] = mapped_column(Text)
     nodes_json: Mapped[str] = mapped_column("nodes", Text, default="[]")
     wiring: Mapped[int] = mapped_column(BigInteger, default=0)

@@ -222,7 +222,7 @@ class Zygote:
                 (self.folder / "router.sock").unlink()
             complaint = self._fork_router()
             if complaint is not None:  # it is tried again
-                sys.stderr.write(f"router: {complaint}\n")
+                self._log("warning", f"router: {complaint}", self.name, name)
         elif kind == "coordinator":
             self._fork(name, self._coordinate)
         elif kind == "spy":

@@ -50,6 +50,11 @@ PATIENCE = 1.0  # seconds without a generation, at least, after which a lockstep
 MOST_REPORTS_PER_SECOND = 256  # of counters, over the whole cluster
 
 
+def period_of_reports(nodes: int) -> float:
+    """Seconds from one report of a node's counters to the next, if there are so many nodes."""
+    return max(1.0, nodes / MOST_REPORTS_PER_SECOND)
+
+
 def live(berth: Berth) -> None:
     """Be a node until the process is ended."""
     sessions.use_runtime(sessions.NODE_RUNTIME)
@@ -72,12 +77,12 @@ class NodeProcess:
         self._changed = threading.Condition()  # that, or who is linked
         self._questions_due = 0.0
         self._stats_due = 0.0
-        self._stats_period = 1.0
+        self._stats_period = 1.0  # seconds, at least
         self.control = sessions.client(berth.router)
         self.links: Links | None = None  # those of the latest wiring
         if berth.topology:
             topology = topologies.parse(berth.topology)
-            self._stats_period = max(1.0, topology.cells / MOST_REPORTS_PER_SECOND)
+            self._stats_period = period_of_reports(topology.cells)
             self.links = self._linked(topology, Wiring(0, tuple(range(topology.cells))))
         self._register()
 
@@ -207,7 +212,9 @@ class NodeProcess:
                 assignment.events.append(Waited())
             self._questions_due = now + max(patience - waited, waited, PATIENCE / 2)  # less and less often
         if now >= self._stats_due:
-            self._stats_due = now + self._stats_period
+            # Who joined, or took a dead one's place, knows of no other nodes than those of its job.
+            cells = assignment.cell.plan.topology.cells
+            self._stats_due = now + max(self._stats_period, period_of_reports(cells))
             self._tell_counters(assignment)
 
     def _open_command(self, query: zenoh.Query, command: Command | Rejected) -> None:

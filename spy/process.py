@@ -208,7 +208,7 @@ class SpyProcess:
         elif isinstance(mail, LogRecord):
             for assignment in self.assignments.values():
                 if mail.job in (None, assignment.job):
-                    assignment.log.write("log", **(mail._asdict() | {"at": round(mail.at, 6)}))
+                    assignment.log.record(mail)
         elif isinstance(mail, Counters):
             watched = self.assignments.get(mail.job)
             if watched is not None and watched.plan.world == mail.world:
@@ -288,6 +288,7 @@ class SpyProcess:
         """Judge; the job may go on with another world."""
         self._hear(assignment, command.champion)
         collector, reasons = assignment.collector, command.reasons
+        assignment.rates.clear()  # nobody sends any more, though the job may be kept alive
         judgement = judge(collector, command.generation, reasons, command.error, dict(command.states), command.since)
         assignment.log.end(judgement, command.generation)
         return judgement.answer()
@@ -306,7 +307,7 @@ class SpyProcess:
             messages_per_second=sum(assignment.rates.values(), 0.0),
         )
         self.control.put(self.keys.spy_stats, statistics.encode())
-        assignment.log.write("statistics", **statistics._asdict())
+        assignment.log.statistics(statistics)
 
 
 def _better(told: bytes, before: _Assignment | None, problem: str) -> Improvement | None:

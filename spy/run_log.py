@@ -3,6 +3,7 @@
 import contextlib
 import json
 import sys
+import threading
 import time
 from pathlib import Path
 from typing import Any, TextIO
@@ -10,12 +11,12 @@ from typing import Any, TextIO
 from problems import BadInput
 from spy.judge import Judgement
 from topologies import Topology
-from wire.news import Improvement
+from wire.news import Improvement, LogRecord, Statistics
 from wire.plain import plain
 
 
 class RunLog:
-    """Appends events to a file, or nowhere if there is no path.
+    """Appends events to a file, or nowhere if there is no path; any thread may.
 
     Raises:
         BadInput: if the file cannot be written.
@@ -23,6 +24,7 @@ class RunLog:
 
     def __init__(self, path: str | Path | None) -> None:
         self._file: TextIO | None = None
+        self._turn = threading.RLock()
         if path is not None:
             try:
                 self._file = Path(path).open("w", encoding="utf-8", buffering=1)  # noqa: SIM115
@@ -31,7 +33,9 @@ class RunLog:
 
     def write(self, event: str, **values: Any) -> None:
         """One line, with the wall-clock time."""
-        if self._file is not None:
+        with self._turn:
+            if self._file is None:
+                return
             line = {"time": round(time.time(), 6), "event": event, **plain(values)}
             try:
                 self._file.write(json.dumps(line) + "\n")
@@ -49,6 +53,14 @@ class RunLog:
             fitness=better.fitness,
         )
 
+    def statistics(self, statistics: Statistics) -> None:
+        """How the job is."""
+        self.write("statistics", **statistics._asdict())
+
+    def record(self, record: LogRecord) -> None:
+        """What a process has to say."""
+        self.write("log", **(record._asdict() | {"at": round(record.at, 6)}))
+
     def end(self, judgement: Judgement, generations: int) -> None:
         """What came of a world."""
         best = judgement.best
@@ -63,7 +75,8 @@ class RunLog:
 
     def close(self) -> None:
         """Close the file."""
-        if self._file is not None:
-            with contextlib.suppress(OSError):
-                self._file.close()
-            self._file = None
+        with self._turn:
+            if self._file is not None:
+                with contextlib.suppress(OSError):
+                    self._file.close()
+                self._file = None

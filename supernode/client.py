@@ -448,6 +448,15 @@ class Client:
         """The cluster: its nodes, and how many jobs there are in each state."""
         return self._thread.run(self._client.status())
 
+    @property
+    def keys(self) -> Keys:
+        """The cluster's key expressions."""
+        return self._client.keys
+
+    def listen(self, key: str, hear: Callable[[bytes], None]) -> None:
+        """Have a thread of the client's call ``hear`` with each message that is published under ``key``."""
+        self._client.listen(key, hear)
+
     def down(self) -> str:
         """End the cluster, see `AsyncClient.down`."""
         return self._thread.run(self._client.down())

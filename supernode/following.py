@@ -1,5 +1,6 @@
 """How a job on a running cluster is shown to a person: improvements as they come, then the result in words."""
 
+import contextlib
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -10,17 +11,20 @@ from spy.result import Result
 from spy.run_log import RunLog
 from spy.terminal import Terminal
 from supernode.results import topology_of
+from wire.news import LogRecord, Statistics
+from wire.strict import Rejected
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
-    from supernode.client import ClientJob
+    from supernode.client import Client, ClientJob
 
 
 class Follower:
     """Shows one job, and writes its run log if one is wanted.
 
     Args:
+        client: of its cluster.
         job: which.
         file: its problem, as it was submitted.
         quiet: whether to say nothing at all.
@@ -32,7 +36,13 @@ class Follower:
     """
 
     def __init__(
-        self, job: "ClientJob", file: ProblemFile, quiet: bool, log: str | None = None, below: "RenderableType" = ""
+        self,
+        client: "Client",
+        job: "ClientJob",
+        file: ProblemFile,
+        quiet: bool,
+        log: str | None = None,
+        below: "RenderableType" = "",
     ) -> None:
         self._job = job
         self._file = file
@@ -40,6 +50,10 @@ class Follower:
         self._below = below
         self._log = RunLog(log)
         self._log.write("start", job=job.id, run=file.run.model_dump())
+        if log is not None:
+            self._number = job.show()["number"]
+            client.listen(client.keys.spy_stats, self._hear_statistics)
+            client.listen(client.keys.log, self._hear_record)
 
     def show(self) -> None:
         """Each improvement until the end."""
@@ -63,6 +77,18 @@ class Follower:
         self._log.write("end", **{name: getattr(result, name) for name in names})
         self._log.close()
         return replace(result, words=self._words(result))
+
+    def _hear_statistics(self, payload: bytes) -> None:
+        with contextlib.suppress(Rejected):
+            statistics = Statistics.decode(payload)
+            if statistics.job == self._number:
+                self._log.statistics(statistics)
+
+    def _hear_record(self, payload: bytes) -> None:
+        with contextlib.suppress(Rejected):
+            record = LogRecord.decode(payload)
+            if record.job in (None, self._number):
+                self._log.record(record)
 
     def _words(self, result: Result) -> str | None:
         """A user's module may not be here."""

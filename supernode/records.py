@@ -1,6 +1,7 @@
 """What happened in a job, as the cluster tells it page by page; and as a table in a file, for those who plot it."""
 
 import csv
+import json
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -28,6 +29,8 @@ _FLOATS = (
     "median",
     "worst",
 )
+_TEXTS = ("level", "process", "text", "job", "event", "about")
+_EVENTS = ["at", "event", "world", "generation", "about"]
 
 
 @dataclass(frozen=True)
@@ -41,16 +44,36 @@ class Page:
 def pages(client: "Client", kind: str, job: str) -> Iterator[Page]:
     """All records of a job, oldest first, a page at a time; the first page may be empty.
 
+    Args:
+        client: of the cluster.
+        kind: "log", "events" (what its states and worlds have been), or what `AsyncClient.records` knows.
+        job: its id.
+
     Raises:
         BadInput: if there is no such job, or no such records.
     """
+    if kind == "events":
+        yield Page(_EVENTS, _events(client.job(job).show()))
+        return
     after, more = 0, True
     while more:
-        told = client.records(kind, job, after)
+        told = client.logs(job, after=after) if kind == "log" else client.records(kind, job, after)
         yield Page(told["columns"], told["rows"])
         more = told["more"]
         if more:
             after = told["rows"][-1][0]
+
+
+def _events(view: dict[str, Any]) -> list[list[Any]]:
+    """A row for each state that the job has come to, and for each world after its first, in the order of time.
+
+    What else there is to say of a world, such as the fields that an update has changed, is told as JSON.
+    """
+    rows: list[list[Any]] = [[at, state, None, None, None] for state, at in view["states"]]
+    for world in view["worlds"]:
+        about = {name: value for name, value in world.items() if name not in ("at", "do", "world", "generation")}
+        rows.append([world["at"], world["do"], world["world"], world["generation"], json.dumps(about)])
+    return sorted(rows, key=lambda row: float(row[0]))
 
 
 def write_csv(found: Iterator[Page], name: str | None) -> None:
@@ -108,4 +131,6 @@ def _type_of(column: str) -> "pyarrow.DataType":
 
     if column in _FLOATS:
         return pyarrow.float64()
+    if column in _TEXTS:
+        return pyarrow.string()
     return pyarrow.bool_() if column == "feasible" else pyarrow.int64()

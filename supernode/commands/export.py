@@ -1,7 +1,7 @@
 """Write the motion that a result holds, over time: as CSV, as JSON, or as MCAP for Foxglove and the like.
 
-With --records, write what happened in a job of a running cluster, ended or not, as CSV or Parquet: each verified
-improvement, or the statistics of each second.
+With a job in their place, write what happened in it, as CSV or Parquet: its statistics of each second, or what
+--records asks for. The job is one of a running cluster, and may have ended.
 """
 
 import argparse
@@ -19,12 +19,14 @@ if TYPE_CHECKING:
     from problems.motion import Motion
 
 EXAMPLE = """supernode export examples/mobile-robot.toml result.json --speed 0.5 -o motion.mcap
-  supernode export 5f3a09c1 --records statistics -o statistics.parquet"""
+  supernode export 5f3a09c1 --format parquet -o statistics.parquet
+  supernode export 5f3a09c1 --records events"""
 
 _USAGE = """supernode export PROBLEM.toml RESULT.json [--format csv|json|mcap] [-o FILE] [--speed V] ...
-       supernode export JOB --records KIND [--format csv|parquet] [-o FILE] [--state DIR | --connect ENDPOINT]"""
+       supernode export JOB [--records KIND] [--format csv|parquet] [-o FILE] [--state DIR | --connect ENDPOINT]"""
 
-_KINDS = ("improvements", "statistics")
+_KINDS = ("statistics", "improvements", "events", "log")
+_KIND = "statistics"  # if none is asked for: of all kinds it alone tells of a whole run
 _OF_MOTIONS = ("csv", "json", "mcap")
 _OF_RECORDS = ("csv", "parquet")
 _FORMATS = tuple(dict.fromkeys(_OF_MOTIONS + _OF_RECORDS))
@@ -36,7 +38,7 @@ _IN_FILES_ONLY = {"mcap": "MCAP", "parquet": "Parquet"}
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The problem and the result, or the job; the format, and how quick."""
     parser.usage = _USAGE
-    parser.add_argument("source", metavar="PROBLEM.toml | JOB", help="the problem file; with --records a job's id")
+    parser.add_argument("source", metavar="PROBLEM.toml | JOB", help="the problem file, or a job's id")
     parser.add_argument(
         "result", metavar="RESULT.json", nargs="?", help="a result as `solve --json` prints it, or its solution"
     )
@@ -59,14 +61,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--rate", type=_positive, metavar="HZ", help="rows a second (50); min-time has the rows of its solution"
     )
     records = parser.add_argument_group("the records of a job")
-    records.add_argument("--records", metavar="KIND", choices=_KINDS, help="improvements, or statistics")
+    records.add_argument(
+        "--records",
+        metavar="KIND",
+        choices=_KINDS,
+        help=f"statistics of each second, verified improvements, events (states and worlds) or log ({_KIND})",
+    )
     add_place(records)
 
 
 def run(options: argparse.Namespace) -> int:
     """Write the one or the other."""
+    if options.records is None and options.result is None and not _is_file(options.source):
+        options.records = _KIND
     _check_combination(options)
     return _run_motion(options) if options.records is None else _run_records(options)
+
+
+def _is_file(source: str) -> bool:
+    """Whether that means a problem file, there or not, rather than a job."""
+    return source.endswith(".toml") or Path(source).is_file()
 
 
 def _check_combination(options: argparse.Namespace) -> None:
@@ -74,7 +88,7 @@ def _check_combination(options: argparse.Namespace) -> None:
     from problems import BadInput
 
     if options.records is None and options.result is None:
-        raise BadInput("RESULT.json: expected a result, or --records of a job, found neither")
+        raise BadInput("RESULT.json: expected a result, or a job in place of PROBLEM.toml, found neither")
     foreign, only = (_FOR_RECORDS, "only with") if options.records is None else (_FOR_MOTIONS, "none with")
     for name, option in foreign.items():
         if (found := getattr(options, name)) is not None:

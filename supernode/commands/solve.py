@@ -81,7 +81,7 @@ def _followed(client: "Client", file: "ProblemFile", options: argparse.Namespace
     from supernode.following import Follower
 
     job = client.submit(file)
-    follower = Follower(job, file, options.quiet, options.log)
+    follower = Follower(client, job, file, options.quiet, options.log)
     try:
         follower.show()
         return follower.result(), False

@@ -44,7 +44,7 @@ def _follow(options: argparse.Namespace) -> int:
     with connected(options) as client, _below(options) as below:
         job = client.job(options.job)
         file = ProblemFile.from_json(job.show()["file"])
-        follower = Follower(job, file, options.quiet, below=below)
+        follower = Follower(client, job, file, options.quiet, below=below)
         follower.show()
         result = follower.result()
     return present(result, file, options, interrupted=False)

@@ -3,6 +3,10 @@
 import contextlib
 import io
 import json
+import os
+import socket
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -11,6 +15,17 @@ from coordinator.log_lines import LogLines
 from wire.news import LEVELS, LogRecord
 
 RECORD = LogRecord("warning", "node 7", "rejects messages of node 3: wrong type", 1.75e9, 7, 4, 1, 120)
+
+TRYING = """
+import sys
+from pathlib import Path
+from coordinator.log_lines import LogLines
+from coordinator.zygote import Zygote
+
+zygote = Zygote("c1", "torus 2x2", Path(sys.argv[1]), {"listen": [sys.argv[2]]})
+zygote.lines = LogLines("c1", True)
+zygote._fork_again("router")
+"""
 
 
 class Terminal(io.StringIO):
@@ -56,3 +71,15 @@ def test_people_read_one_line_too(file):
     (line,) = file.getvalue().splitlines()
     for word in ("2025-06-15T15:06:40.000+00:00", "warning", RECORD.text, "node 7", "120"):
         assert word in line
+
+
+def test_a_router_that_cannot_listen_any_more_is_a_line_of_the_log_too(tmp_path):
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        endpoint = f"tcp/127.0.0.1:{taken.getsockname()[1]}"
+        command = [sys.executable, "-c", TRYING, str(tmp_path), endpoint]
+        environment = os.environ | {"PYTHONPATH": str(Path(__file__).resolve().parents[2])}
+        done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=60, check=True)
+    (line,) = done.stderr.splitlines()
+    told = json.loads(line)
+    assert told["event"] == f"router: cannot listen at {endpoint}: Address already in use"
+    assert (told["cluster"], told["process"], told["level"]) == ("c1", "zygote", "warning")

@@ -140,3 +140,17 @@ def test_the_log_is_forgotten_too(book):
         book.note_log(LogRecord("info", "spy", str(number), DAY))
     book.forget_the_old(DAY)
     assert [row[4] for row in book.log(None, None, 0)["rows"]] == ["2", "3", "4", "5", "6"]
+
+
+def test_the_file_of_large_jobs_does_not_grow_for_ever(store, tmp_path):
+    book, sizes = RecordBook(store, Keep(bytes=1 << 20)), []
+    for number in range(300):
+        job, _ = store.add(Submission("x" * 50_000, str(number), "function", "torus 2x2", 4))
+        with store.transaction():
+            store.end(job.number, "cancelled", None)
+            book.forget_the_old(job.submitted)
+        sizes.append(sum(file.stat().st_size for file in tmp_path.iterdir()))
+    kept = [job.number for job in store.newest() if job.ended is not None]
+    assert kept == list(range(303 - len(kept), 303)), "the latest"
+    assert 19 <= len(kept) <= 22
+    assert sizes[-1] <= 1.1 * sizes[100], "what is free is used again"

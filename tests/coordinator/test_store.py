@@ -163,6 +163,40 @@ def test_a_job_ends_once(store):
     assert store.show("a").result == {"fitness": None}
 
 
+def large(digest, size=10_000):
+    return Submission("x" * size, digest, "terrain", "torus 2x2", 4)
+
+
+def test_of_large_jobs_those_that_ended_first_are_forgotten(store, reopened):
+    for job in "abcdef":
+        added(store, large(job), job)
+    for number, job in enumerate("badc"):  # b ends first; e runs, f waits
+        store.end("abcd".index(job) + 1, "cancelled", {"solution": "y" * 1000 * number})
+    live(store, 5, "preparing", "running")
+    assert 44_000 < store.bytes_ended < 56_000
+    store.forget_beyond(60_000)
+    assert {job.job for job in store.newest()} == set("abcdef"), "there is room for all"
+    store = reopened(store)
+    store.forget_beyond(28_000)
+    assert {job.job for job in store.newest()} == set("cdef")
+    store.forget_beyond(10)
+    assert {job.job for job in store.newest()} == set("cef"), "the latest stays, however large it is"
+    assert store.transitions(2) == []
+    with pytest.raises(UnknownJob):
+        store.show("b")
+
+
+def test_the_worlds_of_a_job_that_has_ended_have_a_size_too(store):
+    added(store, FILE, "a")
+    live(store, 1, "preparing", "running")
+    file = ProblemFile("a.toml", {"kind": "arm-ik"}, Run(topology="ring 4"), Path("/"))
+    for world in (1, 2, 3):
+        update = {"do": "update", "fields": {"goal": "x" * 10_000}}
+        store.note_placing(1, Placing(world, file, (0, 1, 2, 3), 7, update))
+    store.end(1, "solved", None)
+    assert 30_000 < store.bytes_ended < 40_000
+
+
 def test_a_job_that_starts_over_has_no_nodes_and_has_not_started(store):
     added(store, job="a")
     store.change(1, "preparing", nodes=(1, 2))
@@ -435,7 +469,7 @@ def test_a_store_of_another_version_is_refused(tmp_path):
     with sqlite3.connect(tmp_path / "jobs.sqlite") as connection:
         connection.execute("update meta set schema = 7")
     connection.close()
-    with pytest.raises(StoreFailed, match="expected a store of version 2, found 7"):
+    with pytest.raises(StoreFailed, match="expected a store of version 3, found 7"):
         Store(url)
 
 

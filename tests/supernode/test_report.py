@@ -275,6 +275,65 @@ def test_exported_records_are_those_told(client, recorded, command, tmp_path, ki
     assert path.read_text() == out
 
 
+@pytest.mark.parametrize("options", [("--format", "csv"), ("--format", "parquet")])
+def test_a_job_alone_is_exported_as_its_statistics(client, recorded, command, tmp_path, options):
+    path = tmp_path / "records"
+    assert command("export", recorded, *options, "-o", path) == (0, "", "")
+    _, rows = paged(client, "statistics", recorded)
+    if options[1] == "csv":
+        titles, *lines = csv.reader(path.read_text().splitlines())
+        assert len(lines) == len(rows)
+    else:
+        table = parquet.read_table(path)
+        titles = table.column_names
+        assert [list(row.values()) for row in table.to_pylist()] == rows
+    assert "messages_per_second [1/s]" in titles
+
+
+def test_events_are_the_states_and_the_worlds_in_their_order(client, command, tmp_path):
+    moving = client.submit(job(cost=100, dimension=500, keep_alive=True), id="restless")
+    until(lambda: moving.state() == "running")
+    moving.update(cost_us=50)
+    until(lambda: moving.show()["world"] == 1)
+    moving.cancel()
+    moving.result(60)
+    view = moving.show()
+    code, out, err = command("export", "restless", "--records", "events")
+    assert (code, err) == (0, "")
+    titles, *lines = csv.reader(io.StringIO(out))
+    assert titles == ["at [Unix s]", "event", "world", "generation", "about"]
+    states = [line[:2] for line in lines if not line[2]]
+    assert states == [[str(at), state] for state, at in view["states"]]
+    (update,) = [line for line in lines if line[2]]
+    assert update[1:3] == ["update", "1"]
+    assert json.loads(update[4]) == {"fields": {"cost_us": 50}}
+    assert [float(line[0]) for line in lines] == sorted(float(line[0]) for line in lines)
+    path = tmp_path / "events.parquet"
+    assert command("export", "restless", "--records", "events", "-o", path) == (0, "", "")
+    rows = parquet.read_table(path).to_pylist()
+    assert [["" if value is None else str(value) for value in row.values()] for row in rows] == lines
+
+
+def test_the_log_of_a_job_is_exported(service, client, command, tmp_path):
+    running = client.submit(job(cost=1000, dimension=500), id="hurt")
+    until(lambda: running.state() == "running")
+    service.kill("node 2")
+    until(lambda: client.logs("hurt")["rows"])
+    running.cancel()
+    running.result(60)
+    told = client.logs("hurt")
+    path = tmp_path / "log.parquet"
+    assert command("export", "hurt", "--records", "log", "-o", path) == (0, "", "")
+    rows = parquet.read_table(path).to_pylist()
+    assert [list(row.values()) for row in rows] == told["rows"]
+    code, out, _ = command("export", "hurt", "--records", "log")
+    titles, *lines = csv.reader(io.StringIO(out))
+    assert (code, titles) == (0, ["id", "at [Unix s]", *told["columns"][2:]])
+    assert [line[4] for line in lines] == [row["text"] for row in rows]
+    (death,) = [row for row in rows if row["text"] == "a process has died: another one lives on node 2"]
+    assert (death["job"], death["node"], death["cell"]) == ("hurt", 2, 2)
+
+
 @pytest.mark.parametrize(
     ("arguments", "code", "said"),
     [
@@ -287,7 +346,9 @@ def test_exported_records_are_those_told(client, recorded, command, tmp_path, ki
         (["export", "recorded", "--records", "statistics", "-o", "/nowhere/r.parquet"], 2, "-o: expected a file that"),
         (["export", "nobody", "--records", "statistics"], 2, "there is no job 'nobody'"),
         (["export", "p.toml", "r.json"], 2, "--state: expected only with --records, found "),
-        (["export", "p.toml"], 2, "RESULT.json: expected a result, or --records of a job, found neither"),
+        (["export", "p.toml"], 2, "RESULT.json: expected a result, or a job in place of PROBLEM.toml, found "),
+        (["export", "nobody"], 2, "there is no job 'nobody'"),
+        (["export", "recorded", "--speed", "3"], 2, "--speed: expected none with --records, found 3"),
         (["report", "nobody", "-o", "/tmp/x.html"], 2, "there is no job 'nobody'"),
         (
             ["report", "recorded", "-o", "/nowhere/x.html"],

@@ -281,6 +281,15 @@ def test_what_happened_is_kept(service, client):
     assert 0 < last["received"] <= 2 * last["messages"], "a cell of a torus of 2x2 has two neighbours"
 
 
+def test_a_job_that_waits_sends_no_messages(client):
+    waiting = client.submit(job(generations=2000, cost=500, keep_alive=True), id="waits-silently")
+    until(lambda: any(each["messages_per_second"] > 0 for each in told(client, "statistics", "waits-silently")))
+    until(lambda: waiting.state() == "waiting")
+    begun = dict(waiting.show()["states"])["waiting"]
+    until(lambda: told(client, "statistics", "waits-silently")[-1]["at"] > begun + 1)
+    assert told(client, "statistics", "waits-silently")[-1]["messages_per_second"] == 0
+
+
 def test_what_processes_had_to_say_is_gathered(service, client, capsys):
     before = max((row[0] for row in client.logs()["rows"]), default=0)
     service.kill("node 1")

@@ -78,4 +78,4 @@ async function showNode() {
 
 byId("what").addEventListener("change", () => nodes && showTorus());
 byId("all").addEventListener("toggle", () => nodes && showTable());
-follow(show);
+follow(show, { nodes: true });

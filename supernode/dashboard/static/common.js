@@ -61,7 +61,8 @@ export const postJson = async (address, value) => (await ask(address, {
 export const announce = (text) => setText(byId("live"), text);
 
 // Calls `show` with each snapshot of the cluster, while the page is seen: a browser has few connections to a host.
-export function follow(show) {
+// A page that shows no `nodes` is not sent them.
+export function follow(show, { nodes }) {
   let last = null, source = null, timer = null;
   const pill = byId("link");
   const say = (state, text) => { pill.dataset.state = state; setText(pill, text); };
@@ -83,7 +84,8 @@ export function follow(show) {
 
   function open() {
     close();
-    if (!document.hidden) source = Object.assign(new EventSource("/events"), { onmessage: hear, onerror: fail });
+    const address = nodes ? "/events" : "/events?nodes=0";
+    if (!document.hidden) source = Object.assign(new EventSource(address), { onmessage: hear, onerror: fail });
   }
 
   function close() {

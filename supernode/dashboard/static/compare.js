@@ -71,4 +71,4 @@ function showTable(known) {
 
 byId("jobs").value = ids.join();
 if (runs.length === 0) setText(byId("trouble"), "Name jobs, or choose them on the page of jobs.");
-follow(show);
+follow(show, { nodes: false });

@@ -178,4 +178,4 @@ byId("cancel").addEventListener("click", async () => {
 });
 for (const each of ["against", "log"]) byId(each).addEventListener("change", () => job && showHistory());
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => job && showHistory());
-follow(show);
+follow(show, { nodes: true });

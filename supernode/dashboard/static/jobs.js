@@ -82,4 +82,4 @@ function prepareForm(form) {
 }
 
 if (byId("submit")) prepareForm(byId("submit")); // a single run takes no other jobs
-follow(show);
+follow(show, { nodes: false });

@@ -116,6 +116,16 @@ def test_each_page_loads_and_fits(page, home, cluster, size):
     page.wait_for_selector(f"#table >> text={job.id}")
 
 
+def test_only_pages_that_show_nodes_are_sent_them(page, home, cluster, endless):
+    streams = []
+    page.on("request", lambda request: streams.append(request.url) if "/events" in request.url else None)
+    for path, query in (("", ""), (f"jobs/{endless.id}", ""), ("jobs", "?nodes=0"), ("compare", "?nodes=0")):
+        streams.clear()
+        page.goto(home + path)
+        see(page, '#link[data-state="answers"]')  # a snapshot was shown
+        assert streams == [f"{home}events{query}"]
+
+
 def test_cells_change_while_a_job_runs(page, home, endless):
     page.goto(home)
     page.select_option("#what", "sent")
@@ -348,7 +358,9 @@ def test_an_onlooker_shows_a_running_cluster(cluster):
 def test_a_single_run_is_shown_as_long_as_it_lasts(page_of, tmp_path):
     path = tmp_path / "<b>endless.toml"
     path.write_text(ENDLESS)
+    log = tmp_path / "run.jsonl"
     command = [sys.executable, "-m", "supernode", "solve", str(path), "--dashboard", "127.0.0.1:0", "--json"]
+    command += ["--log", str(log)]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
     with subprocess.Popen(command, env=os.environ | {"PYTHONPATH": str(ROOT)}, **pipes) as process:
         try:
@@ -366,6 +378,7 @@ def test_a_single_run_is_shown_as_long_as_it_lasts(page_of, tmp_path):
                 urllib.request.urlopen(home + "api/jobs", form)
             assert "the queue is full" in refused.value.read().decode()
             page.close()
+            until(lambda: '"statistics"' in log.read_text())
             process.send_signal(signal.SIGINT)
             out, _ = process.communicate(timeout=30)
             assert process.returncode == 130
@@ -373,6 +386,11 @@ def test_a_single_run_is_shown_as_long_as_it_lasts(page_of, tmp_path):
             assert not answers(home)
         finally:
             process.kill()
+    first, *others, last = [json.loads(line) for line in log.read_text().splitlines()]
+    assert (first["event"], last["event"], last["status"]) == ("start", "end", "cancelled")
+    assert any(each["event"] == "improvement" for each in others)
+    generations = [each["generation"] for each in others if each["event"] == "statistics"]
+    assert generations == sorted(generations)
 
 
 def test_its_metrics_count_what_the_nodes_do(cluster, home, endless):
