@@ -42,17 +42,11 @@ from topologies import Topology
 from wire import control, sessions
 from wire.callbacks import direct
 from wire.control import Begin, Command, Done, Drop, Halt, Look, Missed, Prepare, ProposeStop, Refused, Wiring
-from wire.news import Counters, LogRecord
+from wire.news import Counters, LogRecord, period_of_reports
 from wire.report import Report
 from wire.strict import Rejected
 
 PATIENCE = 1.0  # seconds without a generation, at least, after which a lockstep node asks for what is missing
-MOST_REPORTS_PER_SECOND = 256  # of counters, over the whole cluster
-
-
-def period_of_reports(nodes: int) -> float:
-    """Seconds from one report of a node's counters to the next, if there are so many nodes."""
-    return max(1.0, nodes / MOST_REPORTS_PER_SECOND)
 
 
 def live(berth: Berth) -> None:

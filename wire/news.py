@@ -9,6 +9,9 @@ from wire.strict import Rejected, count, fields, fitness, of, pack, unpack
 
 _LATEST = 1e11  # Unix time, seconds
 
+MOST_REPORTS_PER_SECOND = 256
+"""Of counters, over a whole job: nodes tell no more often, and nobody needs to show them more often."""
+
 LEVELS = ("info", "warning", "error")
 """Of log records, the less important first."""
 
@@ -212,3 +215,8 @@ def _table(value: object) -> dict[str, Any]:
 
 def _no_json(word: str) -> None:
     raise ValueError(f"JSON has no {word}")
+
+
+def period_of_reports(nodes: int) -> float:
+    """Seconds between the counters that each of so many nodes tells."""
+    return max(1.0, nodes / MOST_REPORTS_PER_SECOND)

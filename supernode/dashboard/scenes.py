@@ -18,13 +18,14 @@ Form = Literal["png", "spaces"]
 
 _KEPT = 32  # pictures
 _AT_MOST_EVERY = 1.0  # seconds
+_REST = 20.0  # times as long as it took to draw the last one: planning comes first
 _DOTS_PER_INCH = 96
 
 
 @dataclass(frozen=True)
 class _Picture:
     of: tuple[Any, ...]
-    drawn: float
+    next_at: float  # on the monotonic clock
     data: bytes
 
 
@@ -37,7 +38,7 @@ class Scenes:
         self._drawing = asyncio.Lock()
 
     async def drawn(self, view: Mapping[str, Any], form: Form) -> bytes:
-        """The picture of a job as ``view`` has it; late, if there was another less than a second ago.
+        """The picture of a job as ``view`` has it; late, if there was another a short while ago.
 
         Args:
             view: what `show` tells of the job.
@@ -50,14 +51,16 @@ class Scenes:
         of = (view["number"], view["world"], None if best is None else (best["world"], best["fitness"]))
         known = self._pictures.get(name)
         if known is not None and known.of != of:
-            await asyncio.sleep(known.drawn + _AT_MOST_EVERY - time.monotonic())
+            await asyncio.sleep(known.next_at - time.monotonic())
         async with self._drawing:
             known = self._pictures.get(name)
             if known is None or known.of != of:
                 solution = None if best is None else best["solution"]
-                loop = asyncio.get_running_loop()
+                loop, began = asyncio.get_running_loop(), time.monotonic()
                 data = await loop.run_in_executor(self._thread, _draw, view["file_now"], solution, form)
-                known = self._pictures[name] = _Picture(of, time.monotonic(), data)
+                now = time.monotonic()
+                rest = max(_AT_MOST_EVERY, _REST * (now - began))
+                known = self._pictures[name] = _Picture(of, now + rest, data)
             self._pictures.move_to_end(name)
             while len(self._pictures) > _KEPT:
                 self._pictures.popitem(last=False)

@@ -24,9 +24,15 @@ _HEADERS = [
 
 
 class Streams:
-    """Everybody who watches; an ASGI application that is one stream."""
+    """Everybody who watches; an ASGI application that is one stream.
 
-    def __init__(self, snapshot: Callable[[], dict[str, Any]]) -> None:
+    Args:
+        whole: all there is to show, which each stream begins with.
+        snapshot: the same, or what is new of it.
+    """
+
+    def __init__(self, whole: Callable[[], dict[str, Any]], snapshot: Callable[[], dict[str, Any]]) -> None:
+        self._whole = whole
         self._snapshot = snapshot
         self._latest: asyncio.Future[_Event] = asyncio.get_running_loop().create_future()
         self.count = 0
@@ -49,7 +55,7 @@ class Streams:
         gone = asyncio.create_task(_until_gone(receive))
         try:
             await send({"type": "http.response.start", "status": 200, "headers": _HEADERS})
-            event = _Event.of(self._snapshot())
+            event = _Event.of(self._whole())
             while not gone.done():
                 await send(
                     {"type": "http.response.body", "body": event.brief if briefly else event.whole, "more_body": True}

@@ -11,7 +11,7 @@ from typing import Any
 import topologies
 from coordinator.states import ENDS
 from wire.keys import Keys
-from wire.news import Counters, Improvement, LogRecord, Statistics
+from wire.news import Counters, Improvement, LogRecord, Statistics, period_of_reports
 from wire.plain import plain
 
 SHOWN_FOR = 2.0  # seconds that a death, and then an arrival, is shown at least: a node is often replaced sooner
@@ -20,6 +20,7 @@ _FOLLOWED = 64  # jobs whose statistics are kept
 _NEEDED = itemgetter("number", "job", "status", "cells", "topology")  # of a line in the list of jobs
 _MOST_NODES = 1 << 16
 _OF_PROCESS = ("host", "memory")  # in the answer to `status`; what it has of a job may have ended since
+_TICK = 1.0  # seconds from one snapshot to the next, about
 _SIGNIFICANT = 6  # digits: what a heat map can show
 
 
@@ -62,6 +63,8 @@ class View:
         self._lines: deque[dict[str, Any]] = deque(maxlen=_LINES)
         self._line = 0
         self._began = time.monotonic()
+        self._nodes_due = 0.0
+        self._stirred = False  # whether a node has come or gone since they were shown
 
     def begin(self) -> None:
         """A new link: who lives is told anew."""
@@ -95,6 +98,7 @@ class View:
         number, _ = Keys.life_of(key)
         if number is None or number >= _MOST_NODES:
             return
+        self._stirred = True
         node, process = self._nodes.setdefault(number, _Node()), key.rpartition("/")[2]
         if is_there:
             self._came(number, node, process)
@@ -151,7 +155,21 @@ class View:
 
     # What is shown ----------------------------------------------------------------------------------------------------
     def snapshot(self) -> dict[str, Any]:
-        """All that pages show of the cluster as a whole, in plain values."""
+        """All that pages show of the cluster as a whole, in plain values.
+
+        The nodes are left out where nothing is new of most: a thousand tell of themselves every four seconds, and a
+        browser has work with each. One that has come or gone is shown at once.
+        """
+        if self._stirred or time.monotonic() >= self._nodes_due:
+            return self.whole()
+        return self._brief()
+
+    def whole(self) -> dict[str, Any]:
+        """The same, with all nodes."""
+        self._stirred, self._nodes_due = False, time.monotonic() + period_of_reports(self._places()) - _TICK / 2
+        return self._brief() | {"nodes": plain(self._table())}
+
+    def _brief(self) -> dict[str, Any]:
         rows, columns = self._shape()
         shown = {
             "at": time.time(),
@@ -160,7 +178,6 @@ class View:
             "cluster": self.cluster,
             "rows": rows,
             "columns": columns,
-            "nodes": self._table(),
             "jobs": list(self.jobs),
             "counts": dict(self.counts),
             "statistics": {number: each._asdict() for number, each in self.statistics.items()},

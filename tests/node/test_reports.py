@@ -2,7 +2,7 @@
 
 import pytest
 
-from node.process import MOST_REPORTS_PER_SECOND, period_of_reports
+from wire.news import MOST_REPORTS_PER_SECOND, period_of_reports
 
 
 @pytest.mark.parametrize("nodes", [1, 16, 255, 256, 257, 1024, 4096])

@@ -30,8 +30,8 @@ function show(snapshot) {
     nodes: nodes.node.length - states("absent"), alive: states("alive"), dead: states("dead"), joining: states("joining"),
     ...Object.fromEntries(Object.entries(snapshot.counts).map(([status, count]) => [`jobs ${status}`, count])),
   });
-  showTorus();
-  if (byId("all").open) showTable();
+  if (snapshot.stirred) showTorus();
+  if (snapshot.stirred && byId("all").open) showTable();
   showLines(snapshot.lines);
   if (chosen !== null) showNode();
 }

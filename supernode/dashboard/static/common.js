@@ -61,9 +61,9 @@ export const postJson = async (address, value) => (await ask(address, {
 export const announce = (text) => setText(byId("live"), text);
 
 // Calls `show` with each snapshot of the cluster, while the page is seen: a browser has few connections to a host.
-// A page that shows no `nodes` is not sent them.
+// A page that shows no `nodes` is not sent them; another has those of before where there is no news of them.
 export function follow(show, { nodes }) {
-  let last = null, source = null, timer = null;
+  let last = null, source = null, timer = null, known = null;
   const pill = byId("link");
   const say = (state, text) => { pill.dataset.state = state; setText(pill, text); };
 
@@ -74,6 +74,8 @@ export function follow(show, { nodes }) {
     const newest = snapshot.lines.at(-1);
     if (last !== null && newest && newest.number > last) announce(newest.text);
     last = newest ? newest.number : 0;
+    snapshot.stirred = "nodes" in snapshot;
+    known = snapshot.nodes ??= known;
     show(snapshot);
   }
 

@@ -20,7 +20,7 @@ const torus = new Torus(byId("torus"), byId("legend"), {
 
 async function show(snapshot) {
   latest = snapshot;
-  if (job !== null) showCells();
+  if (job !== null && snapshot.stirred) showCells();
   const line = snapshot.jobs.find((each) => each.job === id);
   const now = JSON.stringify([line, statistics()?.generation, snapshot.bests[job?.number]]);
   if (busy || now === heard || Date.now() < patient) return;
