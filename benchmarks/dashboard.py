@@ -45,7 +45,7 @@ from wire.news import Statistics
 
 _PROBLEM = 'kind = "function"\nname = "rastrigin"\ndimension = 32\n'
 _ENDLESS: dict[str, Any] = {"target": -1.0, "generations": (1 << 31) - 1}
-_SETTLED = 5.0  # seconds before a window
+_SETTLED = 10.0  # seconds before a window: a dashboard takes some to start
 _CLUSTER = ("router", "coordinator", "spy", "nodes")
 _WATCHERS = ("dashboard", "browsers")
 _MINUTE = 60.0

@@ -23,7 +23,7 @@ from coordinator.job import Change, JobEntry, Placing, Replaced, Wish
 from coordinator.worlds import World, Worlds
 from problems import BadInput, ProblemFile
 from spy.judge import STATUS_OF, Judgement
-from spy.past import Lived, Past, lived_for, stopped_after
+from spy.past import Lived, lived_for, stopped_after
 from spy.result import Clocks, Result, result_of, states_of, stop_reasons
 from topologies import ROOT
 from wire.control import Begin, Done, Drop, Finish, Halt, Judged, Look, Prepare, ProposeStop, Wiring
@@ -85,6 +85,7 @@ class Conductor:
         self._adopted = adopted
         self._checked = replaces  # the desk of a cluster that stays up has done so
         self._spy_is_new = False
+        self._lived_before = 0  # generations, when it last began with new demes: their limit counts from there
         self._wish: Wish | None = None
         self._changes: deque[Change] = deque()
         self._unheard: Wish | None = None  # what the cells have still to be told
@@ -107,18 +108,22 @@ class Conductor:
         spent = sum(after - used[name] for name, after in cpu_seconds().items() if name in used)
         clocks = Clocks(self.seconds, seconds_to_ready, spent)
         order = self.job.order
-        past, world = self.worlds.whole() if self.worlds else (Past(), Lived(order.file))
+        never_begun = order.past, Lived(order.file, number=order.past.worlds)
+        past, world = self.worlds.whole() if self.worlds else never_begun
         name = order.job or str(self.number)
-        return result_of(name, order.file.run, past, world, judgement, self.versions, clocks)
+        return result_of(name, order.first_run or order.file.run, past, world, judgement, self.versions, clocks)
 
     def improve(self, better: Improvement) -> None:
         """Pass on an improvement, if it is one. Called by Zenoh's thread too."""
         with self._improving:
-            best, world = self.best, self.world.number if self.worlds else 0
-            if better.world >= world and (best is None or _rank(better) > _rank(best)):
-                self.best = better
-                self.job.tell(better)
-                self.dispatch.improved(self.job, better)
+            now = bool(self.worlds) and better.world == self.world.number
+            if now and (self.best is None or better.fitness < self.best.fitness):
+                self._tell(better)
+
+    def _tell(self, better: Improvement) -> None:
+        self.best = better
+        self.job.tell(better)
+        self.dispatch.improved(self.job, better)
 
     def _answer_for(self, world: World) -> Improvement | None:
         """The best so far, unless ``world`` is another than its own and has another problem than the one before."""
@@ -132,8 +137,10 @@ class Conductor:
         try:
             return self._run()
         except GivenUpError as error:
-            feasible = self.best is not None and self.best.feasible
-            return Judgement(STATUS_OF[error.wish.reason], feasible, "stopped before there was a result", self.best)
+            status, best = STATUS_OF[error.wish.reason], self.best
+            if best is None:
+                return Judgement(status, False, "stopped before there was a result", None)
+            return Judgement(status, best.feasible, None, best)
         except ClusterFailed as error:
             cancelled = self._wish is not None and self._wish.reason == "cancel" and self.calls.closing
             return Judgement("cancelled" if cancelled else "failed", False, str(error), self.best)
@@ -175,7 +182,9 @@ class Conductor:
                     self._prepare_the_spy(first)
                 self._prepare(first, with_the_spy=self._checked)
                 self._let_the_spy_listen(first)
-                return self._begin(first)
+                self._begin(first)
+                self._lived_before = self.worlds.since
+                return
             except ReplacedError:
                 fresh = True
 
@@ -189,6 +198,7 @@ class Conductor:
         """Go on with a job that runs already, unless all its nodes have died too."""
         world = World(placing.world, placing.file, Wiring(placing.wiring, placing.nodes), why=placing.why)
         self.worlds.take_over(world)
+        self.best = self._answer_for(world)
         world.dead = set(range(world.cells)) - self._who_is_there(world)
         self._spy_is_new = True
         self._replace_the_dead()
@@ -215,6 +225,7 @@ class Conductor:
         """Nobody is left who knows anything of the job: it begins again, in the world as it is by now."""
         self.dispatch.changed(self.job, "queued")
         self._set_out(self.world.number + 1, self.world.file)
+        self._unheard = self._wish
 
     def _prepare(self, world: World, demes: dict[int, bytes] | None = None, *, with_the_spy: bool = False) -> None:
         """Every node gets ready; with the ``demes`` of cells that have none of their own, each is told by itself."""
@@ -256,10 +267,12 @@ class Conductor:
     def _begin(self, world: World) -> None:
         """Go, as soon as the world before has stopped."""
         with self._improving:
+            before, self.best = self.best, self._answer_for(world)
             self.worlds.add(world)
-            self.best = self._answer_for(world)
         placing = Placing(world.number, world.file, self.nodes, world.wiring.number, world.why, self.worlds.past)
         self.dispatch.placed(self.job, placing)
+        if self.best is not None and self.best is not before:  # nodes have not begun, so there is none but this one
+            self._tell(self.best)
         self._ask_for_reports(world)
         self.dispatch.changed(self.job, "running")
 
@@ -356,7 +369,7 @@ class Conductor:
             stop_reasons(reports, world.file.run.mode),
             error,
             tuple(states_of(reports).items()),
-            self.worlds.since,
+            self.worlds.since - self._lived_before,
         )
         (answer,) = self.calls.ask([(self.keys.spy_control, command)], give_up=False)
         if not isinstance(answer, Judged):
@@ -378,6 +391,9 @@ class Conductor:
             if self._wish is not None:
                 raise ClusterFailed(f"job {self.job.order.job} is being stopped")
             file = before.file.changed(change.fields, change.run)
+            if file.sha256 == before.file.sha256 and file.run == before.file.run:
+                change.answer.put(before.number)  # as when a client repeats what was carried out already
+                return
             same_cells = topologies.parse(file.run.topology).cells == before.cells
             if not same_cells:
                 raise BadInput(f"topology: expected one of {before.cells} cells, found {file.run.topology!r}")
@@ -501,11 +517,6 @@ class Conductor:
         with contextlib.suppress(zenoh.ZError):
             self.calls.tell(self.keys.every_control, Drop(self.number))
             self.calls.tell(self.keys.spy_control, Drop(self.number))
-
-
-def _rank(answer: Improvement) -> tuple[int, float]:
-    """The higher the better; an answer for a later world is better than any before."""
-    return answer.world, -answer.fitness
 
 
 def _heir(slots: tuple[int, ...], world: World) -> int:

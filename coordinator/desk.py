@@ -172,9 +172,10 @@ class Desk:
         if job.status != "queued":
             self._recorder.changed(job.number, "queued", ())
         try:
-            file = self._checker.read(job.file_now)
-            again = dataclasses.replace(_order(job, file), past=self._past_of(job, file), best=_best_of(job))
-            self._hand_over(job, again, accepted_before=True)
+            first, file = self._checker.read(job.file), self._checker.read(job.file_now)
+            lived = self._past_of(job, file)
+            order = dataclasses.replace(_order(job, file), past=lived, best=_best_of(job), first_run=first.run)
+            self._hand_over(job, order, accepted_before=True)
         except Exception as error:
             self._recorder.ended(job.number, error)
 
@@ -194,7 +195,9 @@ class Desk:
             placing = Placing(job.world, file, job.nodes, job.wiring, why, past, _best_of(job))
             self._dispatcher.adopt(_order(job, first), placing)
         except Exception as error:
-            self._recorder.logged(warning(f"the job begins again: {type(error).__name__}: {error}", job.number))
+            self._recorder.logged(
+                warning(f"the job cannot go on from where it was: {type(error).__name__}: {error}", job.number)
+            )
             return False
         self._handed_over.add(job.number)
         return True

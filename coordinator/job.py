@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from coordinator.errors import ClusterFailed
-from problems import ProblemFile
+from problems import ProblemFile, Run
 from spy.past import Past
 from spy.result import Result
 from wire.news import Improvement, Statistics
@@ -66,6 +66,7 @@ class Order:
         submitted: on the monotonic clock.
         past: the worlds that it has lived in, if it begins again, when nobody is left who has its demes.
         best: the best verified answer that it had then, to the problem as it is now.
+        first_run: the settings that it was submitted with, if others follow.
     """
 
     number: int
@@ -76,6 +77,7 @@ class Order:
     submitted: float = field(default_factory=time.monotonic)
     past: Past = field(default_factory=Past)
     best: Improvement | None = None
+    first_run: Run | None = None
 
 
 @dataclass(frozen=True)

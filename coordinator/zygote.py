@@ -249,7 +249,7 @@ def _be_a_child(parent: int, name: str) -> None:
     if os.getppid() != parent:
         os._exit(1)
     if not name.startswith("node "):
-        os.setsid()  # the scheduler shares cores out among sessions: no number of nodes starves those who conduct them
+        os.setsid()  # where Linux shares cores out among sessions (autogroup), no number of nodes starves this one
     signal.signal(signal.SIGIO, signal.SIG_DFL)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, _WAKING)
     nothing = os.open(os.devnull, os.O_RDWR)

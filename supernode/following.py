@@ -61,8 +61,10 @@ class Follower:
         with Terminal(topologies.parse(self._file.run.topology), self._quiet, self._below) as terminal:
             for better in self._job.improvements():
                 if better.world != world:
-                    world, terminal.topology = better.world, topology_of(self._job.show(), better.world)
-                    terminal.say(f"world {world}: {terminal.topology.spec}")
+                    view = self._job.show()
+                    if view["world"] >= better.world:  # news of it may be quicker than its record
+                        world, terminal.topology = better.world, topology_of(view, better.world)
+                        terminal.say(f"world {world}: {terminal.topology.spec}")
                 terminal.improvement(better)
                 self._log.improvement(terminal.topology, better)
 

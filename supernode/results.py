@@ -64,12 +64,13 @@ def topology_of(view: Mapping[str, Any], world: int) -> Topology:
 
 
 def _nothing(view: Mapping[str, Any]) -> dict[str, Any]:
-    """What a job that never ran would have left."""
+    """What a job would have left that never ran, or whose result is lost; but for its best answer, if there is one."""
     file = ProblemFile.from_json(view["file"])
     topology = topologies.parse(file.run.topology)
     whole = dict.fromkeys(("generations", "evaluations"), 0)
     seconds = dict.fromkeys(("seconds", "seconds_to_ready", "cpu_seconds"), 0.0)
     absent = dict.fromkeys(("fitness", "solution", "found_at", "staleness", "history_sha256"))
+    best = view["best"] or {}
     return {
         "job": view["job"],
         "kind": file.kind,
@@ -90,4 +91,5 @@ def _nothing(view: Mapping[str, Any]) -> dict[str, Any]:
         **whole,
         **seconds,
         **absent,
+        **{name: best[name] for name in ("fitness", "solution", "feasible") if name in best},
     }

@@ -411,7 +411,7 @@ def test_a_job_that_begins_again_keeps_its_past_and_its_answer(offices):
     assert order.past.directives[0]["fields"] == {"obstacles": []}
     assert order.past.history is None
     office.recorder.close()
-    assert "the job begins again: BadInput: they know nothing of it" in office.said.getvalue()
+    assert "the job cannot go on from where it was: BadInput: they know nothing of it" in office.said.getvalue()
 
 
 def test_a_job_that_never_left_its_first_world_begins_it_again(offices):

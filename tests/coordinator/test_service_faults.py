@@ -177,10 +177,16 @@ def test_all_nodes_of_a_job_die(tmp_path):
     with live(tmp_path / "state", "torus 1x2") as service, service.connect() as client:
         running = client.submit(job(300, 1000, "torus 1x1"), id="a")
         breeds(running)
+        until(lambda: running.show()["best"])
         (node,) = running.show()["nodes"]
+        best = running.show()["best"]["fitness"]
         service.kill(f"node {node}")
+        until(lambda: running.show()["worlds"])
+        assert running.show()["best"]["fitness"] <= best
+        assert running.show()["best"]["world"] == 1
         result = running.result(120)
         assert (result.status, result.generations) == ("exhausted", 300)
+        assert result.fitness <= best
         assert states(running).count("queued") == 2
 
 
