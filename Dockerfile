@@ -9,7 +9,8 @@ COPY pyproject.toml README.md LICENSE /src/
 # The libraries first: a change of this project's own code does not fetch them anew.
 RUN python -c "import tomllib; project = tomllib.load(open('/src/pyproject.toml', 'rb'))['project']; \
       more = project['optional-dependencies']; \
-      print(*project['dependencies'], *more['service'], *more['postgres'], *more['dynamics'], *more['mesh'], sep='\n')" \
+      print(*project['dependencies'], *more['service'], *more['postgres'], *more['dynamics'], *more['mesh'], \
+            *more['dashboard'], sep='\n')" \
       > /src/requirements.txt \
     && pip install --requirement /src/requirements.txt \
     && touch /src/libraries

@@ -2,9 +2,12 @@
 
 import os
 import re
+import shlex
 import subprocess
 import sys
 import tomllib
+import urllib.error
+import urllib.request
 
 import pytest
 import yaml
@@ -61,10 +64,12 @@ def test_no_container_runs_as_root_and_the_image_has_the_python_that_the_project
 def test_the_services_as_plain_processes_solve_a_job():
     """Names of containers become addresses of this machine; all else is as it is described."""
     with places(None) as cluster:
+        page = f"127.0.0.1:{free_port()}"
         replaced = {
             "tcp/router:7447": cluster.endpoint,
             "tcp/0.0.0.0:7447": cluster.endpoint,
             "/var/lib/supernode": str(cluster.folder),
+            "0.0.0.0:8080": page,
         }
         started = []
         for name, described in SERVICES.items():
@@ -72,11 +77,20 @@ def test_the_services_as_plain_processes_solve_a_job():
                 told = {"tcp/0.0.0.0:7450": f"tcp/127.0.0.{copy + 2}:{free_port()}"} | replaced
                 variables = {key: told.get(value, value) for key, value in described["environment"].items()}
                 started.append((name, variables))
-                cluster.run(f"{name} {copy}", described["command"], variables)
+                command = [told.get(word, word) for word in described["command"]]
+                if "entrypoint" in described:
+                    command = prepared(described, command, cluster.folder)
+                cluster.run(f"{name} {copy}", command, variables)
         with cluster.client() as client:
             result = client.submit(supernode.load(ROOT / "examples" / "arm-ik.toml")).result(100)
         for name, variables in dict(started).items():
-            until(lambda name=name, variables=variables: is_healthy(SERVICES[name], variables, cluster.endpoint))
+            until(lambda name=name, variables=variables: is_healthy(SERVICES[name], variables, cluster.endpoint, page))
+        with pytest.raises(urllib.error.HTTPError, match="401"):
+            urllib.request.urlopen(f"http://{page}/", timeout=20)
+        token = (cluster.folder / "token").read_text().strip()
+        asked = urllib.request.Request(f"http://{page}/", headers={"Authorization": f"Bearer {token}"})
+        with urllib.request.urlopen(asked, timeout=20) as answer:
+            assert answer.status == 200
     assert (result.status, result.nodes) == ("solved", 16)
 
 
@@ -86,7 +100,8 @@ def test_spy_and_nodes_are_not_healthy_before_the_cluster_has_them():
         cluster.kill("spy")
         until(lambda: client.status()["spy"] is None)
         variables = {"SUPERNODE_CONNECT": cluster.endpoint}
-        healthy = [name for name in SERVICES if is_healthy(SERVICES[name], variables, cluster.endpoint)]
+        nowhere = f"127.0.0.1:{free_port()}"
+        healthy = [name for name in SERVICES if is_healthy(SERVICES[name], variables, cluster.endpoint, nowhere)]
         assert healthy == ["router", "coordinator"]
         cluster.start("spy")
         cluster.host("lower", 1)
@@ -96,10 +111,21 @@ def test_spy_and_nodes_are_not_healthy_before_the_cluster_has_them():
         assert is_healthy(SERVICES["node"], variables | {"SUPERNODE_HOST": "lower"}, cluster.endpoint)
 
 
-def is_healthy(described, variables, endpoint):
+def prepared(described, command, folder):
+    """The words of `supernode` that the service's own entry point runs, once it has done what comes before."""
+    *shell, script, name = described["entrypoint"]
+    script = script.replace("$$", "$").replace("/var/lib/supernode", shlex.quote(str(folder)))
+    script = script.replace("python ", f"{shlex.quote(sys.executable)} ").replace("exec supernode", "printf '%s\\n'")
+    for _ in range(2):  # it is started anew now and then
+        done = subprocess.run([*shell, script, name, *command], capture_output=True, text=True, check=True)
+    return [word.replace("/var/lib/supernode", str(folder)) for word in done.stdout.splitlines()]
+
+
+def is_healthy(described, variables, endpoint, page="127.0.0.1:8080"):
     """What the engine would find out; the image has `supernode` and `python` on its path."""
     kind, *words = described["healthcheck"]["test"]
     words = [word.replace("$$", "$").replace("7447", endpoint.rpartition(":")[2]) for word in words]
+    words = [word.replace("127.0.0.1:8080", page) for word in words]
     command = ["sh", "-c", f'supernode() {{ "{sys.executable}" -m supernode "$@"; }}; {words[0]}']
     if kind == "CMD":
         command = [sys.executable if word == "python" else word for word in words]

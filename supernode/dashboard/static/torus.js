@@ -113,7 +113,7 @@ export class Torus {
     const key = [words, none, ...ends].join();
     if (this.legend.dataset.key === key) return;
     this.legend.dataset.key = key;
-    const ramps = ends.flatMap(([low, high]) => [`${words}:`, low, make("span", { class: "ramp" }), high]);
+    const ramps = ends.flatMap(([low, high]) => [`${words}: ${low}`, make("span", { class: "ramp" }), high]);
     this.legend.replaceChildren(...(ends.length ? ramps : [none]), make("span", {}, "· grey: none yet · ✕ dead · dashed: joining"));
   }
 }
