@@ -210,3 +210,17 @@ def test_many_jobs_leave_nothing_open(cluster):
         counts.append(open_things())
     assert counts[2][0] <= counts[0][0] + 2
     assert counts[2][1] <= counts[0][1] + 2
+
+
+def test_a_flood_of_changes_of_one_job_shuts_out_no_submits():
+    """The queues of requests, as they are."""
+    from coordinator import service
+    from coordinator.waiting_room import WaitingRoom
+    from wire.jobs import Update
+
+    room = WaitingRoom()
+    flood = [room.enter(service._queues(Update("a", "{}")), 1000) for _ in range(2000)]
+    assert flood.count(None) == 100
+    assert flood[-1].name == "changes of job 'a'"
+    assert room.enter(service._queues(Update("b", "{}")), 1000) is None
+    assert room.enter(service._queues(Submit("[]")), 1 << 20) is None

@@ -6,6 +6,9 @@ import pytest
 from worlds import States, again, best_again, turns_of
 
 import supernode
+from coordinator.job import Order
+from spy.past import Lived, Past
+from wire.news import Improvement
 
 FUNCTION = """
 kind = "function"
@@ -99,6 +102,34 @@ def test_what_was_found_stays_the_answer_when_the_nodes_are_rewired(cluster, fun
     assert result.fitness <= found[-1].fitness
     assert result.history_sha256 == again(function, result)
     assert result.fitness == best_again(function, result).fitness
+
+
+def begun_before(file, number):
+    """A job that has lost its nodes in its second world."""
+    past = Past().and_then(Lived(file), {"do": "rewire", "topology": "ring 16"})
+    past = past.and_then(Lived(file.with_run(topology="ring 16"), number=1), {"do": "restart"})
+    best = Improvement(number, 1, 0.1, 3, 1, 1e-9, True, {"x": [0.0] * 6, "value": 1e-9})
+    return Order(number, file.with_run(topology="ring 16"), past=past, best=best, first_run=file.run)
+
+
+def test_a_job_that_begins_again_keeps_its_past_and_its_best_answer(cluster, function):
+    order = begun_before(function.with_run(topology="torus 4x4", generations=5, target=-1.0), 10_000)
+    job = cluster._dispatcher.submit(order)
+    result = job.result(60)
+    assert [each["do"] for each in result.directives] == ["rewire", "restart"]
+    assert (result.status, result.fitness, result.found_at["world"]) == ("exhausted", 1e-9, 2)
+    assert (result.run["topology"], result.topology, result.generations) == ("torus 4x4", "ring 16", 5)
+    assert [better.world for better in job.improvements()] == [2]
+
+
+def test_a_job_that_begins_again_but_never_gets_nodes_ends_with_what_it_had(cluster, function):
+    busy = cluster.submit(function, **ENDLESS)
+    next(busy.improvements())
+    job = cluster._dispatcher.submit(begun_before(function.with_run(topology="torus 4x4"), 10_001))
+    job.cancel()
+    result = job.result(60)
+    assert [each["do"] for each in result.directives] == ["rewire", "restart"]
+    assert (result.status, result.fitness, result.feasible, result.message) == ("cancelled", 1e-9, True, None)
 
 
 # Several jobs at once -------------------------------------------------------------------------------------------------
@@ -220,6 +251,18 @@ def test_the_individuals_of_the_old_world_live_on_in_the_new_one(cluster, functi
     assert result.history_sha256 == again(function, result)
 
 
+def test_a_change_that_changes_nothing_makes_no_world(cluster, function):
+    """As when a client repeats what it has had no answer to."""
+    job = cluster.submit(function, **ENDLESS)
+    assert [job.update(name="sphere"), job.update(name="sphere"), job.rewire("ring 16"), job.rewire("ring 16")] == [
+        1,
+        1,
+        2,
+        2,
+    ]
+    assert turns_of(cancelled(job)) == [("update", 1), ("rewire", 2)]
+
+
 def test_a_rewiring_while_it_runs(cluster, function):
     job = cluster.submit(function, **ENDLESS)
     next(job.improvements())
@@ -240,7 +283,7 @@ def test_many_changes_in_a_row_while_another_job_runs(cluster, function):
         next(job.improvements())
     for turn, topology in enumerate(("ring 8", "hypercube 3", "ring 8")):
         for job in jobs:
-            assert job.update(name="sphere" if turn % 2 else "rastrigin") == 2 * turn + 1
+            assert job.update(name="rastrigin" if turn % 2 else "sphere") == 2 * turn + 1
             assert job.rewire(topology) == 2 * turn + 2
     for job in jobs:
         result = cancelled(job)

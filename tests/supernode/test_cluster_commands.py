@@ -111,6 +111,7 @@ def test_watch_ends_as_the_job_did(supernode, service, file):
 def test_a_world_that_moves_is_shown_with_its_topology(supernode, service, file):
     supernode("submit", file, "--id", "a", "--torus", "2x2")
     service.jobs["a"]["worlds"].append({"world": 1, "topology": "ring 16"})
+    service.jobs["a"]["world"] = 1
     service.improve("a", 3, world=0)
     shown = partial(service.wait_until_asked, "show")
     thread = soon(shown, lambda: service.improve("a", 5, world=1), lambda: service.end("a"))
