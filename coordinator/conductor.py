@@ -89,6 +89,7 @@ class Conductor:
         self._wish: Wish | None = None
         self._changes: deque[Change] = deque()
         self._unheard: Wish | None = None  # what the cells have still to be told
+        self._ask_at: float | None = None  # when to ask for reports again, whatever dies meanwhile
 
     @property
     def world(self) -> World:
@@ -293,18 +294,17 @@ class Conductor:
 
     def _gather(self) -> str | None:
         """Wait for the report of every cell. Returns why one failed, if it did; others are not waited for then."""
-        again: float | None = None  # when to ask for reports again
         while self.worlds.unsettled:
             if self.worlds.settled:
                 self._do_what_was_put_off()
-            mail = self.calls.next(again)
+            mail = self.calls.next(self._ask_at)
             if mail is None:
-                again = None
+                self._ask_at = None
                 self._ask_again()
             elif isinstance(mail, Reported):
                 if mail.report is None:  # a question ends early when the router dies
                     is_latest = any(mail.question == world.asked for world in self.worlds.unsettled)
-                    again = time.monotonic() + ASK_AGAIN if is_latest else again
+                    self._ask_at = time.monotonic() + ASK_AGAIN if is_latest else self._ask_at
                 elif (error := self._note(mail.world, mail.report)) is not None:
                     return error
             else:
