@@ -9,7 +9,7 @@ run: $(VENV)/core  ## sixteen processes plan the path of a mobile robot through 
 	$(BIN)/supernode solve examples/mobile-robot.toml --seed 1 --plot office.png
 
 test: lint  ## everything that must hold, on all cores
-	$(BIN)/pytest --numprocesses auto --dist worksteal
+	$(BIN)/pytest --numprocesses $$(($$(nproc) + 1)) --dist worksteal  # one more than cores: many wait for others
 
 lint: $(VENV)/test
 	$(BIN)/ruff check

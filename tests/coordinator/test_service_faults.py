@@ -138,6 +138,19 @@ def test_a_node_dies_while_there_is_no_coordinator(service):
         assert result.history_sha256 == history(file, result)
 
 
+def test_the_router_and_the_spy_die_at_once(tmp_path):
+    """What was asked by the router is asked again, also if the news of the spy come in between."""
+    with live(tmp_path / "state", "torus 1x2") as service, service.connect() as client:
+        for turn in range(6):
+            running = client.submit(job(None, 100, "torus 1x2", stall=10**6), id=f"turn{turn}")
+            breeds(running)
+            os.kill(service.processes()["spy"], signal.SIGKILL)
+            service.kill("router")
+            assert running.state() == "running"
+            running.cancel()
+            assert running.result(30).status == "cancelled"
+
+
 def test_who_takes_over_knows_what_a_job_has_lived_through(tmp_path):
     file = job(None, 200, "torus 2x3", stall=10**6)
     with live(tmp_path / "state", "torus 2x3") as service, service.connect() as client:
