@@ -82,7 +82,7 @@ class Dashboard:
     def __init__(self, place: Place) -> None:
         self.view = View()
         self.watcher = Watcher(place, self.view)
-        self.streams = Streams(self.view.whole, self.view.snapshot)
+        self.streams = Streams(self.view.snapshot, self.view.news)
         self.scenes = Scenes()
         self.metrics = Metrics(self.view)
         self.parser = Parser()

@@ -27,13 +27,13 @@ class Streams:
     """Everybody who watches; an ASGI application that is one stream.
 
     Args:
-        whole: all there is to show, which each stream begins with.
-        snapshot: the same, or what is new of it.
+        snapshot: all there is to show, which each stream begins with.
+        news: the same, or what is new of it.
     """
 
-    def __init__(self, whole: Callable[[], dict[str, Any]], snapshot: Callable[[], dict[str, Any]]) -> None:
-        self._whole = whole
+    def __init__(self, snapshot: Callable[[], dict[str, Any]], news: Callable[[], dict[str, Any]]) -> None:
         self._snapshot = snapshot
+        self._news = news
         self._latest: asyncio.Future[_Event] = asyncio.get_running_loop().create_future()
         self.count = 0
 
@@ -43,7 +43,7 @@ class Streams:
             await asyncio.sleep(PERIOD)
             if self.count:
                 before, self._latest = self._latest, asyncio.get_running_loop().create_future()
-                before.set_result(_Event.of(self._snapshot()))
+                before.set_result(_Event.of(self._news()))
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Tell one browser until it is gone."""
@@ -55,7 +55,7 @@ class Streams:
         gone = asyncio.create_task(_until_gone(receive))
         try:
             await send({"type": "http.response.start", "status": 200, "headers": _HEADERS})
-            event = _Event.of(self._whole())
+            event = _Event.of(self._snapshot())
             while not gone.done():
                 await send(
                     {"type": "http.response.body", "body": event.brief if briefly else event.whole, "more_body": True}

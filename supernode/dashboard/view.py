@@ -20,7 +20,7 @@ _FOLLOWED = 64  # jobs whose statistics are kept
 _NEEDED = itemgetter("number", "job", "status", "cells", "topology")  # of a line in the list of jobs
 _MOST_NODES = 1 << 16
 _OF_PROCESS = ("host", "memory")  # in the answer to `status`; what it has of a job may have ended since
-_TICK = 1.0  # seconds from one snapshot to the next, about
+_TICK = 1.0  # seconds from some news to the next, about
 _SIGNIFICANT = 6  # digits: what a heat map can show
 
 
@@ -155,19 +155,19 @@ class View:
 
     # What is shown ----------------------------------------------------------------------------------------------------
     def snapshot(self) -> dict[str, Any]:
-        """All that pages show of the cluster as a whole, in plain values.
-
-        The nodes are left out where nothing is new of most: a thousand tell of themselves every four seconds, and a
-        browser has work with each. One that has come or gone is shown at once.
-        """
-        if self._stirred or time.monotonic() >= self._nodes_due:
-            return self.whole()
-        return self._brief()
-
-    def whole(self) -> dict[str, Any]:
-        """The same, with all nodes."""
-        self._stirred, self._nodes_due = False, time.monotonic() + period_of_reports(self._places()) - _TICK / 2
+        """All that pages show of the cluster as a whole, in plain values."""
         return self._brief() | {"nodes": plain(self._table())}
+
+    def news(self) -> dict[str, Any]:
+        """A snapshot; without the nodes, unless most have told something new since the last one that had them.
+
+        A thousand tell of themselves every four seconds, and a browser has work with each. One that has come or gone
+        is shown at once.
+        """
+        if not self._stirred and time.monotonic() < self._nodes_due:
+            return self._brief()
+        self._stirred, self._nodes_due = False, time.monotonic() + period_of_reports(self._places()) - _TICK / 2
+        return self.snapshot()
 
     def _brief(self) -> dict[str, Any]:
         rows, columns = self._shape()

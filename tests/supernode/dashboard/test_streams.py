@@ -62,7 +62,7 @@ def test_a_dashboard_whose_news_break_ends(show, monkeypatch):
     shown = show()
     with listen(shown) as sock:
         first_event(sock)
-        monkeypatch.setattr(shown.streams, "_snapshot", lambda: {"best": math.inf})
+        monkeypatch.setattr(shown.streams, "_news", lambda: {"best": math.inf})
         until(lambda: shown.ended)
 
 
@@ -89,7 +89,7 @@ def test_a_browser_that_stops_reading_is_disconnected_and_nothing_is_kept_for_it
         first_event(reads)
         stream = shown.streams
         big = "x" * (1 << 20)
-        monkeypatch.setattr(stream, "_snapshot", lambda: made.append(1) or {"rows": 1, "text": big})
+        monkeypatch.setattr(stream, "_news", lambda: made.append(1) or {"rows": 1, "text": big})
         with listen(shown, room=4096):
             until(lambda: stream.count == 2)
             reads.close()

@@ -39,7 +39,7 @@ def view(clock):
 
 
 def states(view):
-    return view.whole()["nodes"]["state"]
+    return view.snapshot()["nodes"]["state"]
 
 
 def words(view):
@@ -99,13 +99,13 @@ def test_a_snapshot_of_a_thousand_nodes_is_small_and_plain_json(view):
     for node in range(1024):
         view.hear_life(KEYS.life(node, 100 + node), True)
         view.hear_counters(counters(node, float("inf")).encode())
-    text = json.dumps(view.whole(), allow_nan=False)
+    text = json.dumps(view.snapshot(), allow_nan=False)
     assert len(text) < 100_000
     assert (view.snapshot()["rows"], view.snapshot()["columns"]) == (32, 32)
 
 
 def told(view, node):
-    return {name: column[node] for name, column in view.whole()["nodes"].items()}
+    return {name: column[node] for name, column in view.snapshot()["nodes"].items()}
 
 
 def test_a_job_that_has_ended_is_not_on_the_nodes_any_more(view):
@@ -121,7 +121,7 @@ def test_a_job_that_has_ended_is_not_on_the_nodes_any_more(view):
 def test_a_node_stands_at_its_number_though_one_before_it_has_left(view):
     view.hear_life(KEYS.life(1, 101), False)
     view.hear_status({"cluster": "c", "jobs": {}, "nodes": [{"node": node} for node in (0, 2, 3)]})
-    assert view.whole()["nodes"]["node"] == [0, 1, 2, 3]
+    assert view.snapshot()["nodes"]["node"] == [0, 1, 2, 3]
     assert states(view) == ["alive", "absent", "alive", "alive"]
 
 
@@ -178,19 +178,29 @@ def test_each_topology_is_drawn_in_rows_and_columns(spec, shape):
 def test_nodes_are_shown_as_often_as_they_tell_and_at_once_when_one_has_gone(view, clock):
     for node in range(1024):
         view.hear_life(KEYS.life(node, 100 + node), True)
-    assert "nodes" in view.snapshot()
+    assert "nodes" in view.news()
     shown = []
     for _ in range(12):
         clock.now += 1.0
-        shown.append("nodes" in view.snapshot())
+        shown.append("nodes" in view.news())
     assert shown == [False, False, False, True] * 3
     view.hear_life(KEYS.life(7, 107), False)
-    assert view.snapshot()["nodes"]["state"][7] == "dead"
-    assert "nodes" not in view.snapshot()
+    assert view.news()["nodes"]["state"][7] == "dead"
+    assert "nodes" not in view.news()
 
 
 def test_few_nodes_are_shown_each_second(view, clock):
     view.hear_life(KEYS.life(0, 100), True)
     for _ in range(5):
         clock.now += 1.0
-        assert "nodes" in view.snapshot()
+        assert "nodes" in view.news()
+
+
+def test_whoever_asks_for_a_snapshot_takes_no_news_from_others(view, clock):
+    for node in range(1024):
+        view.hear_life(KEYS.life(node, 100 + node), True)
+    view.news()
+    view.hear_life(KEYS.life(7, 107), False)
+    assert view.snapshot()["nodes"]["state"][7] == "dead"
+    assert view.snapshot()["nodes"]["state"][7] == "dead", "with all nodes each time"
+    assert view.news()["nodes"]["state"][7] == "dead"
