@@ -32,6 +32,7 @@ from problems.errors import shorten
 from problems.registry import find_built_in, kinds
 from supernode.client import AsyncClientJob
 from supernode.dashboard.door import Door
+from supernode.dashboard.ending import Patient, Server
 from supernode.dashboard.guard import Guard
 from supernode.dashboard.metrics import Metrics
 from supernode.dashboard.parsing import Parser
@@ -169,8 +170,9 @@ def serve(
         broken.append(error)
         server.should_exit = True
 
+    app = Patient(Guard(application(place, single, give_up), door))
     config = uvicorn.Config(
-        Guard(application(place, single, give_up), door),
+        app,
         log_level="error",
         access_log=False,
         server_header=False,
@@ -179,7 +181,7 @@ def serve(
         ws="none",
         proxy_headers=False,
     )
-    server = uvicorn.Server(config)
+    server = Server(app, config)
     if end is not None:
         end(server)
     server.run(sockets=[sock])

@@ -30,7 +30,7 @@ class Shown:
 
     @property
     def dashboard(self):
-        return until(lambda: getattr(self._server.config.app.app.state, "dashboard", None))
+        return until(lambda: getattr(self._server.config.app.app.app.state, "dashboard", None))
 
     @property
     def streams(self):
