@@ -39,6 +39,10 @@ _LASTING = ("solved", "stalled", "exhausted")  # how a world can end that a job 
 class Dispatch(Protocol):
     """What a conductor needs of whoever runs it; called on the conductor's thread, and by Zenoh's."""
 
+    @property
+    def cluster_nodes(self) -> int:
+        """How many nodes there are, at any job or at none."""
+
     def wire(self, nodes: tuple[int, ...], topology: str, fresh: bool = False) -> Wiring:
         """The links for a world: those that all its nodes have, or (``fresh``: always) new ones."""
 
@@ -247,7 +251,8 @@ class Conductor:
         self.versions = json.loads(min(fingerprints))
 
     def _preparation(self, world: World, since: int | None = None, deme: bytes = b"") -> Prepare:
-        return Prepare(self.number, world.number, world.file.to_json(), world.wiring, since, deme)
+        nodes = self.dispatch.cluster_nodes
+        return Prepare(self.number, world.number, world.file.to_json(), world.wiring, since, deme, cluster_nodes=nodes)
 
     def _preparation_of_the_spy(self, world: World) -> Prepare:
         best = self._answer_for(world)

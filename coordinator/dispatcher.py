@@ -273,6 +273,12 @@ class Dispatcher:
             self.hooks.logged(LogRecord.decode(sample.payload.to_bytes()))
 
     # For conductors, on their threads ---------------------------------------------------------------------------------
+    @property
+    def cluster_nodes(self) -> int:
+        """How many nodes there are, at any job or at none."""
+        with self._lock:
+            return len(self._scheduler.here)
+
     def wire(self, nodes: tuple[int, ...], topology: str, fresh: bool = False) -> Wiring:
         """The links for a world: those that all its nodes have, or (``fresh``: always) new ones."""
         with self._lock:

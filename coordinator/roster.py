@@ -52,7 +52,7 @@ class Roster:
         self._declared = [
             liveliness.declare_subscriber(keys.any_life, direct(self._see), history=True),
             liveliness.declare_subscriber(keys.any_spy_life, direct(self._see), history=True),
-            session.declare_subscriber(keys.any_stats, direct(self._hear)),
+            session.declare_subscriber(keys.spy_counters, direct(self._hear)),
         ]
 
     def look(self) -> None:
@@ -131,11 +131,11 @@ class Roster:
 
     def _hear(self, sample: zenoh.Sample) -> None:
         try:
-            counters = Counters.decode(sample.payload.to_bytes())
+            told = Counters.decode_all(sample.payload.to_bytes())
         except Rejected:
             return
         with self._lock:
-            self._counters[counters.node] = counters
+            self._counters |= {counters.node: counters for counters in told}
 
 
 class _Memory:

@@ -71,12 +71,11 @@ class NodeProcess:
         self._changed = threading.Condition()  # that, or who is linked
         self._questions_due = 0.0
         self._stats_due = 0.0
-        self._stats_period = 1.0  # seconds, at least
+        self._cluster_nodes = 1
         self.control = sessions.client(berth.router)
         self.links: Links | None = None  # those of the latest wiring
         if berth.topology:
             topology = topologies.parse(berth.topology)
-            self._stats_period = period_of_reports(topology.cells)
             self.links = self._linked(topology, Wiring(0, tuple(range(topology.cells))))
         self._register()
 
@@ -206,9 +205,7 @@ class NodeProcess:
                 assignment.events.append(Waited())
             self._questions_due = now + max(patience - waited, waited, PATIENCE / 2)  # less and less often
         if now >= self._stats_due:
-            # Who joined, or took a dead one's place, knows of no other nodes than those of its job.
-            cells = assignment.cell.plan.topology.cells
-            self._stats_due = now + max(self._stats_period, period_of_reports(cells))
+            self._stats_due = now + period_of_reports(self._cluster_nodes)
             self._tell_counters(assignment)
 
     def _open_command(self, query: zenoh.Query, command: Command | Rejected) -> None:
@@ -276,6 +273,7 @@ class NodeProcess:
         except Exception as error:
             return Refused(f"node {self.berth.node}: {type(error).__name__}: {error}")
         self._keep(links)
+        self._cluster_nodes = command.cluster_nodes
         if cell is None:
             self.coming = Coming(command.job, plan, links, command.since, command.deme)
         else:

@@ -3,7 +3,8 @@
 It hears what the root publishes, believes a champion once it has evaluated and checked it, and tells the world. The
 root publishes thousands of messages a second, most of them with the same champion as before: they are read on the
 network thread, and only a new champion is mail for the main thread. Several jobs may run at once, each with a root of
-its own. The control session also gathers the nodes' counters and log records, and adds them up twice a second.
+its own. The control session also gathers the nodes' counters and log records. Twice a second it adds up the counters,
+and passes them on together: who shows them would have to wake for each of 256 a second otherwise.
 """
 
 import contextlib
@@ -144,7 +145,8 @@ class SpyProcess:
     def __init__(self, berth: Berth) -> None:
         self.berth = berth
         self.keys = berth.keys
-        self.mail: queue.SimpleQueue[_Assignment | Counters | LogRecord | zenoh.Query] = queue.SimpleQueue()
+        self.mail: queue.SimpleQueue[_Assignment | LogRecord | zenoh.Query | None] = queue.SimpleQueue()
+        self._counted: list[tuple[bytes, float]] = []  # counters, with their times; the network thread appends
         self.alive: set[str] = set()
         self.assignments: dict[int, _Assignment] = {}  # by job: its latest world
         self.links: dict[int, _Link] = {}  # by root: its node's number
@@ -168,8 +170,8 @@ class SpyProcess:
     def _register(self) -> None:
         liveliness = self.control.liveliness()
         self._subscribers = [
-            self.control.declare_subscriber(self.keys.any_stats, direct(self._reader(Counters))),
-            self.control.declare_subscriber(self.keys.log, direct(self._reader(LogRecord))),
+            self.control.declare_subscriber(self.keys.any_stats, direct(self._count)),
+            self.control.declare_subscriber(self.keys.log, direct(self._read_log)),
             liveliness.declare_subscriber(self.keys.any_node, direct(self._see), history=True),
         ]
         self._queryable = self.control.declare_queryable(self.keys.spy_control, direct(self.mail.put))
@@ -177,12 +179,15 @@ class SpyProcess:
             liveliness.declare_token(key) for key in (self.keys.spy_life(self.berth.process), self.keys.spy)
         ]
 
-    def _reader(self, kind: type[Counters] | type[LogRecord]) -> Any:
-        def read(sample: zenoh.Sample) -> None:
-            with contextlib.suppress(Rejected):  # not one of ours
-                self.mail.put(kind.decode(sample.payload.to_bytes()))
+    def _count(self, sample: zenoh.Sample) -> None:
+        """They are not opened at once; the first one is mail, so that somebody looks at the clock."""
+        self._counted.append((sample.payload.to_bytes(), time.monotonic()))
+        if len(self._counted) == 1:
+            self.mail.put(None)
 
-        return read
+    def _read_log(self, sample: zenoh.Sample) -> None:
+        with contextlib.suppress(Rejected):  # not one of ours
+            self.mail.put(LogRecord.decode(sample.payload.to_bytes()))
 
     def _see(self, sample: zenoh.Sample) -> None:
         if sample.kind == zenoh.SampleKind.PUT:
@@ -193,26 +198,42 @@ class SpyProcess:
     def run(self) -> None:
         """Handle mail for ever; the coordinator ends the process."""
         while True:
-            watched = [each for each in self.assignments.values() if each.began is not None and each.counters]
             with contextlib.suppress(queue.Empty):
-                self._open(self.mail.get(timeout=STATISTICS_PERIOD if watched else None))
+                self._open(self.mail.get(timeout=STATISTICS_PERIOD if self._counted or self._watched() else None))
             now = time.monotonic()
             if now >= self._due:
                 self._due = now + STATISTICS_PERIOD
-                for assignment in watched:
+                self._pass_on_counters()
+                for assignment in self._watched():
                     self._tell_statistics(assignment)
 
-    def _open(self, mail: _Assignment | Counters | LogRecord | zenoh.Query) -> None:
+    def _watched(self) -> list[_Assignment]:
+        return [each for each in self.assignments.values() if each.began is not None and each.counters]
+
+    def _pass_on_counters(self) -> None:
+        """All that have come meanwhile."""
+        came = self._counted[:]
+        del self._counted[: len(came)]
+        latest: dict[int, Counters] = {}
+        for payload, at in came:
+            with contextlib.suppress(Rejected):  # not one of ours
+                counters = Counters.decode(payload)
+                latest[counters.node] = counters
+                watched = self.assignments.get(counters.job)
+                if watched is not None and watched.plan.world == counters.world:
+                    watched.hear(counters, at)
+        for message in Counters.encode_all(latest.values()):
+            self.control.put(self.keys.spy_counters, message)
+
+    def _open(self, mail: _Assignment | LogRecord | zenoh.Query | None) -> None:
+        if mail is None:
+            return
         if isinstance(mail, zenoh.Query):
             self._open_command(mail)
         elif isinstance(mail, LogRecord):
             for assignment in self.assignments.values():
                 if mail.job in (None, assignment.job):
                     assignment.log.record(mail)
-        elif isinstance(mail, Counters):
-            watched = self.assignments.get(mail.job)
-            if watched is not None and watched.plan.world == mail.world:
-                watched.hear(mail, time.monotonic())
         elif self.assignments.get(mail.job) is mail:
             self._hear(mail, mail.latest)
 
@@ -288,6 +309,7 @@ class SpyProcess:
         """Judge; the job may go on with another world."""
         self._hear(assignment, command.champion)
         collector, reasons = assignment.collector, command.reasons
+        self._pass_on_counters()
         assignment.rates.clear()  # nobody sends any more, though the job may be kept alive
         judgement = judge(collector, command.generation, reasons, command.error, dict(command.states), command.since)
         assignment.log.end(judgement, command.generation)

@@ -100,6 +100,11 @@ class Keys:
         return f"{self._base}/spy/control"
 
     @property
+    def spy_counters(self) -> str:
+        """Where the spy passes on the nodes' counters, those of many at once."""
+        return f"{self._base}/spy/counters"
+
+    @property
     def spy_stats(self) -> str:
         """Where the spy publishes statistics of the whole cluster."""
         return f"{self._base}/spy/stats"

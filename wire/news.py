@@ -1,6 +1,7 @@
 """What the spy and the nodes tell anyone who listens: verified improvements, and counters."""
 
 import json
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -11,6 +12,8 @@ _LATEST = 1e11  # Unix time, seconds
 
 MOST_REPORTS_PER_SECOND = 256
 """Of counters, over a whole job: nodes tell no more often, and nobody needs to show them more often."""
+
+_AT_ONCE = 1 << 12  # counters in one message
 
 LEVELS = ("info", "warning", "error")
 """Of log records, the less important first."""
@@ -111,7 +114,27 @@ class Counters(NamedTuple):
         Raises:
             Rejected: whatever is wrong with it.
         """
-        given = fields(unpack(payload), 17)
+        return Counters._of(unpack(payload))
+
+    @staticmethod
+    def encode_all(counters: "Iterable[Counters]") -> "Iterator[bytes]":
+        """Those of many nodes, in as many messages as it takes."""
+        those = list(counters)
+        for first in range(0, len(those), _AT_ONCE):
+            yield pack(those[first : first + _AT_ONCE])
+
+    @staticmethod
+    def decode_all(payload: bytes) -> "list[Counters]":
+        """The inverse of one message of `encode_all`.
+
+        Raises:
+            Rejected: whatever is wrong with it.
+        """
+        return [Counters._of(each) for each in unpack(payload)]
+
+    @staticmethod
+    def _of(values: object) -> "Counters":
+        given = fields(values, 17)
         of_deme = (fitness(each) for each in given[10:14])
         return Counters._make((*map(count, given[:10]), *of_deme, *map(count, given[14:16]), fitness(given[16])))
 

@@ -20,6 +20,7 @@ _MOST_TRIANGLES = 40_000  # in one scene; a browser gets a megabyte or two of th
 _DIGITS = 5
 _PIXELS_A_POINT = 4 / 3
 _DISTANCE = 2.2  # of the eye
+_LOWER = {"x": 0, "y": 0, "z": -0.12}  # than the middle it looks, so that the names of the axes below have room
 
 
 class _Unknown(Exception):  # noqa: N818
@@ -46,7 +47,7 @@ def _space(axes: "Axes3D", title: str) -> dict[str, Any]:
         f"{name}axis": {"range": _rounded(getattr(axes, f"get_{name}lim")()), "title": {"text": label}}
         for name, label in zip("xyz", (axes.get_xlabel(), axes.get_ylabel(), axes.get_zlabel()), strict=True)
     }
-    camera = {"eye": dict(zip("xyz", (_DISTANCE * eye).tolist(), strict=True))}
+    camera = {"eye": dict(zip("xyz", (_DISTANCE * eye).tolist(), strict=True)), "center": _LOWER}
     return {"title": title, "traces": traces, "scene": {**sides, "aspectmode": "data", "camera": camera}}
 
 

@@ -73,10 +73,10 @@ class View:
 
     # What is heard ----------------------------------------------------------------------------------------------------
     def hear_counters(self, payload: bytes) -> None:
-        """A node's."""
-        counters = Counters.decode(payload)
-        if counters.node < _MOST_NODES:
-            self._nodes.setdefault(counters.node, _Node()).told = counters
+        """Those of many nodes."""
+        for counters in Counters.decode_all(payload):
+            if counters.node < _MOST_NODES:
+                self._nodes.setdefault(counters.node, _Node()).told = counters
 
     def hear_statistics(self, payload: bytes) -> None:
         """The spy's, of a job."""

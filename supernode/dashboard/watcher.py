@@ -60,7 +60,7 @@ class Watcher:
         view, keys = self._view, client.keys
         view.begin()
         for key, hear in (
-            (keys.any_stats, view.hear_counters),
+            (keys.spy_counters, view.hear_counters),
             (keys.spy_stats, view.hear_statistics),
             (keys.best, view.hear_best),
             (keys.log, view.hear_log),

@@ -8,6 +8,8 @@ from worlds import States, again, best_again, turns_of
 import supernode
 from coordinator.job import Order
 from spy.past import Lived, Past
+from wire import control
+from wire.callbacks import direct
 from wire.news import Improvement
 
 FUNCTION = """
@@ -151,6 +153,20 @@ def test_four_jobs_at_once_are_each_as_if_alone(cluster, function, own_problem):
         assert result.history_sha256 == again(file, result)
         for other in {id(each): each for each in (function, own)}.values():
             assert (other.sha256 == file.sha256) == (result.problem_sha256 == other.sha256)
+
+
+def test_nodes_of_a_small_job_know_how_many_they_share_the_reports_with(cluster, function):
+    heard = []
+
+    def hear(query):
+        heard.append(control.decode(query.payload.to_bytes()))
+        query.drop()
+
+    dispatcher = cluster._dispatcher
+    queryable = dispatcher.session.declare_queryable(dispatcher.keys.every_control, direct(hear))
+    cluster.submit(function, topology="torus 1x2", generations=3).result(timeout=60)
+    queryable.undeclare()
+    assert {each.cluster_nodes for each in heard if isinstance(each, control.Prepare)} == {16}
 
 
 def test_jobs_that_follow_each_other_on_the_same_nodes_do_not_hear_each_other(cluster, own_problem):

@@ -34,10 +34,11 @@ def seen(job=None, answers=True, killed=None):
     if answers:
         view.hear_status({"cluster": "c1", "jobs": {"running": 1}, "nodes": [{"node": node} for node in range(4)]})
         view.hear_jobs([JOB])
-        for node in range(4):
-            view.hear_counters(
-                Counters(node, 3 - node, 3, 0, 9, 80, 9, 36, 0, 0, 1.0 + node, 5.0, 6.0, 0.25, 2, node, 0.01).encode()
-            )
+        counters = [
+            Counters(node, 3 - node, 3, 0, 9, 80, 9, 36, 0, 0, 1.0 + node, 5.0, 6.0, 0.25, 2, node, 0.01)
+            for node in range(4)
+        ]
+        view.hear_counters(*Counters.encode_all(counters))
         view.hear_statistics(Statistics(3, 0, 9, 320, 36, 144, 0, 0, 4, 88.0, 0.5, 2.5, 7.0, 4, 0.75, 0.01).encode())
         if killed is not None:
             for is_there in (True, False):

@@ -119,7 +119,7 @@ class Ear:
 
 def test_two_clients_see_the_same_improvements_in_the_same_order(service, client):
     before = client.submit(job(cost=1000))  # has all nodes, until both watch
-    running = client.submit(job(300, dimension=500), id="watched")
+    running = client.submit(job(300, 100, dimension=500), id="watched")
     watchers = [watcher(service, "watched") for _ in range(2)]
     assert [process.stdout.readline() for process in watchers] == ["watches\n"] * 2
     before.cancel()
@@ -175,14 +175,21 @@ def test_the_answer_at_the_deadline_is_in_time(service, client, cost):
 
 
 def test_the_deadline_of_a_job_that_never_leaves_the_queue(service, client):
+    late = []
     with Ear(service) as ear:
         client.submit(job(cost=1000), id="has-all-nodes")
-        waiting = client.submit(job(seconds=0.5), id="waits")
-        result = waiting.result(10)
-        assert result.status == "deadline"
-        assert result.solution is None
-        assert 0 <= ear.states["waits", "deadline"] - waiting.show()["submitted"] - 0.5 <= LATE
-        assert [state for state, _ in waiting.show()["states"]] == ["submitted", "queued", "deadline"]
+        for turn in range(3):
+            waiting = client.submit(job(seconds=0.5), id=f"waits-{turn}")
+            result = waiting.result(10)
+            assert result.status == "deadline"
+            assert result.solution is None
+            assert [state for state, _ in waiting.show()["states"]] == ["submitted", "queued", "deadline"]
+            queued, ended = (ear.states[waiting.id, status] for status in ("queued", "deadline"))
+            accepted = waiting.show()["submitted"]
+            to_write = queued - accepted  # a state is on the disk before it is told
+            late.append(ended - accepted - 0.5 - to_write)
+            assert ended >= accepted + 0.5
+    assert statistics.median(late) <= LATE
 
 
 def test_refusals(service, client, command, tmp_path):

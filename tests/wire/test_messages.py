@@ -124,7 +124,7 @@ IMPROVEMENTS = st.builds(
 )
 
 PREPARE = Prepare(
-    3, 1, '["x.toml"]', Wiring(4, (2, 0, 1), ("a", "b", ""), ("", "tcp/b:1", "")), 12, b"\x12\x34", "/tmp/log"
+    3, 1, '["x.toml"]', Wiring(4, (2, 0, 1), ("a", "b", ""), ("", "tcp/b:1", "")), 12, b"\x12\x34", "/tmp/log", b"", 16
 )
 FINISH = Finish(3, 1, Champion(0.5, 7, 2, b"\x12"), 20, ("target", "stall"), None, ((2, b"\x01"),), 12)
 REPORT = Report(
@@ -143,6 +143,7 @@ REPORT = Report(
     b"\x56",
     None,
 )
+COUNTERS = Counters(*range(1, 11), 0.5, 1.5, 2.5, 0.5, 3, 4, 0.25)
 IMPROVEMENT = Improvement(3, 1, 0.25, 7, 2, 0.5, True, {"angles": [0.1, 0.2], "tip": {"x": 1}})
 
 # How each kind of message is read, and one that is right.
@@ -159,7 +160,8 @@ READERS = {
     "judgement": (control.decode_answer, control.encode_answer(Judged("solved", True, None, b"\x12", "in words", 0.5))),
     "report": (Report.decode, REPORT.encode()),
     "improvement": (Improvement.decode, IMPROVEMENT.encode()),
-    "counters": (Counters.decode, Counters(*range(1, 11), 0.5, 1.5, 2.5, 0.5, 3, 4, 0.25).encode()),
+    "counters": (Counters.decode, COUNTERS.encode()),
+    "counters of many": (Counters.decode_all, *Counters.encode_all([COUNTERS, COUNTERS])),
     "statistics": (Statistics.decode, Statistics(*range(1, 10), 8.5, 0.5, 1.5, 2.5, 9, 0.25, 0.125).encode()),
     "log": (LogRecord.decode, LogRecord("warning", "node 3", "bad message", 1.75e9, 3, 4, 5, None).encode()),
 }
@@ -237,6 +239,14 @@ def test_counters_come_back_as_they_were(counters):
     again = Counters.decode(counters.encode())
     assert again == counters
     assert type(again) is Counters
+
+
+def test_counters_of_many_nodes_come_back_in_as_few_messages_as_there_may_be():
+    many = [COUNTERS._replace(node=node) for node in range(5000)]
+    messages = list(Counters.encode_all(many))
+    assert len(messages) == 2
+    assert [each for message in messages for each in Counters.decode_all(message)] == many
+    assert not list(Counters.encode_all([]))
 
 
 @given(st.builds(Statistics, *[counts] * 9, *[fitnesses] * 4, counts, fitnesses, fitnesses))
@@ -497,7 +507,8 @@ def spoil(rng, payload):
 
 def encoded(read, message):
     """By the inverse of ``read``."""
-    inverse = {control.decode: control.encode, control.decode_answer: control.encode_answer}.get(read)
+    inverses = {control.decode: control.encode, control.decode_answer: control.encode_answer}
+    inverse = (inverses | {Counters.decode_all: msgpack.packb}).get(read)
     return message.encode() if inverse is None else inverse(message)
 
 

@@ -9,10 +9,11 @@ import { Torus } from "./torus.js";
 
 const LINEAGE = 40; // births that are drawn
 const SCENE_EVERY = 1100; // ms
-const DRAW_EVERY = 2000; // ms: long curves take a while
+const DRAW_EVERY = 2000; // ms
+const REST = 20; // times as long as it took to draw the curves: a machine that is busy has other work
 const id = byId("job").dataset.job, address = `/api/jobs/${encodeURIComponent(id)}`;
 const history = new History(id);
-let job = null, latest = null, busy = false, patient = 0, heard = "", drawn = 0, stale = true, bests = [];
+let job = null, latest = null, busy = false, patient = 0, heard = "", due = 0, stale = true, bests = [];
 
 const torus = new Torus(byId("torus"), byId("legend"), {
   describe: (cell) => `cell ${cell}, node ${job.nodes[cell] ?? "none"}, best ${number(bests[cell])}`,
@@ -30,8 +31,10 @@ async function show(snapshot) {
     job = await getJson(address);
     showJob();
     showCells();
-    stale = (await history.load()) || stale;
-    if (stale && (hasEnded(job.status) || Date.now() >= drawn + DRAW_EVERY)) showHistory();
+    if (hasEnded(job.status) || Date.now() >= due) {
+      stale = (await history.load()) || stale;
+      if (stale) showHistory();
+    }
     if (!stale && (over || !hasEnded(job.status))) heard = now;
     setText(byId("trouble"), "");
   } catch (error) {
@@ -65,7 +68,7 @@ function showJob() {
 }
 
 function showHistory() {
-  drawn = Date.now();
+  const began = Date.now();
   const seconds = byId("against").value === "seconds";
   const x = seconds ? since(job.started ?? job.submitted) : generation;
   const along = seconds ? "seconds" : "generation of its world", { statistics, improvements } = history;
@@ -90,6 +93,7 @@ function showHistory() {
   });
   showBirths(history.latest);
   stale = false;
+  due = Date.now() + Math.max(DRAW_EVERY, REST * (Date.now() - began));
 }
 
 function showBirths(improvements) {

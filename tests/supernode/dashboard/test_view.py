@@ -98,7 +98,7 @@ def test_a_node_that_comes_later_is_joining(view, clock):
 def test_a_snapshot_of_a_thousand_nodes_is_small_and_plain_json(view):
     for node in range(1024):
         view.hear_life(KEYS.life(node, 100 + node), True)
-        view.hear_counters(counters(node, float("inf")).encode())
+    view.hear_counters(*Counters.encode_all(counters(node, float("inf")) for node in range(1024)))
     text = json.dumps(view.snapshot(), allow_nan=False)
     assert len(text) < 100_000
     assert (view.snapshot()["rows"], view.snapshot()["columns"]) == (32, 32)
@@ -111,7 +111,7 @@ def told(view, node):
 def test_a_job_that_has_ended_is_not_on_the_nodes_any_more(view):
     job = {"number": 7, "job": "a", "status": "running", "cells": 4, "topology": "torus 1x4"}
     view.hear_jobs([job])
-    view.hear_counters(counters(2).encode())
+    view.hear_counters(*Counters.encode_all([counters(2)]))
     assert (told(view, 2)["best"], view.node(2)["job"]) == (0.5, "a")
     view.hear_jobs([job | {"status": "solved"}])
     assert (told(view, 2)["best"], view.node(2)["job"]) == (None, None)
@@ -136,7 +136,7 @@ def test_a_node_that_came_while_the_cluster_was_asked_stays(view, clock):
 
 def test_a_number_that_no_node_has_costs_nothing(view):
     view.hear_life(KEYS.life(1 << 40, 1), True)
-    view.hear_counters(counters(1 << 40).encode())
+    view.hear_counters(*Counters.encode_all([counters(1 << 40)]))
     assert states(view) == ["alive"] * 4
 
 
