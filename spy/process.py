@@ -198,8 +198,9 @@ class SpyProcess:
     def run(self) -> None:
         """Handle mail for ever; the coordinator ends the process."""
         while True:
+            left = max(0.0, self._due - time.monotonic())
             with contextlib.suppress(queue.Empty):
-                self._open(self.mail.get(timeout=STATISTICS_PERIOD if self._counted or self._watched() else None))
+                self._open(self.mail.get(timeout=left if self._counted or self._watched() else None))
             now = time.monotonic()
             if now >= self._due:
                 self._due = now + STATISTICS_PERIOD
@@ -226,9 +227,9 @@ class SpyProcess:
             self.control.put(self.keys.spy_counters, message)
 
     def _open(self, mail: _Assignment | LogRecord | zenoh.Query | None) -> None:
-        if mail is None:
-            return
-        if isinstance(mail, zenoh.Query):
+        if mail is None:  # after a silence: the others' counters are on their way
+            self._due = max(self._due, time.monotonic() + STATISTICS_PERIOD / 2)
+        elif isinstance(mail, zenoh.Query):
             self._open_command(mail)
         elif isinstance(mail, LogRecord):
             for assignment in self.assignments.values():
