@@ -9,7 +9,7 @@ import { Torus } from "./torus.js";
 
 const LINEAGE = 40; // births that are drawn
 const SCENE_EVERY = 1100; // ms
-const DRAW_EVERY = 2000; // ms
+const LOOK_EVERY = 2000; // ms: at what the news of the cluster do not tell
 const REST = 20; // times as long as it took to draw the curves: a machine that is busy has other work
 const id = byId("job").dataset.job, address = `/api/jobs/${encodeURIComponent(id)}`;
 const history = new History(id);
@@ -25,16 +25,15 @@ async function show(snapshot) {
   const line = snapshot.jobs.find((each) => each.job === id);
   const now = JSON.stringify([line, statistics()?.generation, snapshot.bests[job?.number]]);
   if (busy || now === heard || Date.now() < patient) return;
+  if (job?.status === line?.status && Date.now() < due) return showJob();
   busy = true;
   try {
     const over = job !== null && hasEnded(job.status); // the last records come after the end
     job = await getJson(address);
     showJob();
     showCells();
-    if (hasEnded(job.status) || Date.now() >= due) {
-      stale = (await history.load()) || stale;
-      if (stale) showHistory();
-    }
+    stale = (await history.load()) || stale;
+    if (stale) showHistory();
     if (!stale && (over || !hasEnded(job.status))) heard = now;
     setText(byId("trouble"), "");
   } catch (error) {
@@ -93,7 +92,7 @@ function showHistory() {
   });
   showBirths(history.latest);
   stale = false;
-  due = Date.now() + Math.max(DRAW_EVERY, REST * (Date.now() - began));
+  due = Date.now() + Math.max(LOOK_EVERY, REST * (Date.now() - began));
 }
 
 function showBirths(improvements) {
