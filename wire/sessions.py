@@ -22,6 +22,7 @@ _MOST_MESSAGE_BYTES = 64 << 20  # the longest answer to a client
 _ALWAYS: dict[str, Any] = {
     "scouting/multicast/enabled": False,
     "scouting/gossip/enabled": False,
+    "scouting/delay": 0,  # ms: a router would wait for half a second for what is not looked for
     "transport/shared_memory/enabled": False,
     "transport/link/tx/lease": _SLOW_MS,
     "transport/link/tx/keep_alive": 2,
