@@ -197,15 +197,16 @@ class NodeProcess:
 
     def _mind_the_time(self, assignment: Assignment) -> None:
         """Ask for what a lockstep cell misses when it waits far longer than usual, and tell counters now and then."""
-        now = time.monotonic()
+        now, period = time.monotonic(), period_of_reports(self._cluster_nodes)
         if assignment.in_lockstep and now >= self._questions_due:
             waited = now - assignment.bred_at
-            patience = max(PATIENCE, 4 * assignment.gap)
+            # A thousand nodes that all look at the clock once a second need a twentieth of two cores for that.
+            patience = max(PATIENCE, period, 4 * assignment.gap)
             if waited >= patience:
                 assignment.events.append(Waited())
             self._questions_due = now + max(patience - waited, waited, PATIENCE / 2)  # less and less often
         if now >= self._stats_due:
-            self._stats_due = now + period_of_reports(self._cluster_nodes)
+            self._stats_due = now + period
             self._tell_counters(assignment)
 
     def _open_command(self, query: zenoh.Query, command: Command | Rejected) -> None:

@@ -3,6 +3,10 @@
 import random
 
 import pytest
+from hypothesis import settings
+
+settings.register_profile("busy", deadline=None)  # whoever runs the tests beside other work may wait for a core
+settings.load_profile("busy")
 
 OWN_MODULE = """
 import numpy as np

@@ -11,7 +11,7 @@ from coordinator.scaling import statistics
 NUMBERS = st.lists(st.floats(1e-3, 1e6), min_size=2, max_size=12)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(NUMBERS)
 def test_an_interval_holds_its_number_and_stays_within_the_sample(values):
     for estimate in (statistics.median(values), statistics.mean(values)):
@@ -21,7 +21,7 @@ def test_an_interval_holds_its_number_and_stays_within_the_sample(values):
         assert estimate.count == len(values)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(NUMBERS, NUMBERS)
 def test_a_ratio_of_medians_lies_between_the_extreme_quotients(above, below):
     ratio = statistics.ratio_of_medians(above, below)
@@ -29,7 +29,7 @@ def test_a_ratio_of_medians_lies_between_the_extreme_quotients(above, below):
     assert ratio.low <= ratio.value * 1.000001
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(st.integers(1, 200), st.data())
 def test_a_rate_of_success_is_never_certain(count, data):
     successes = data.draw(st.integers(0, count))

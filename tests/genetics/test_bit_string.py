@@ -4,12 +4,10 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from genetics import BitString, Keys, Recipe, bit_kernels, randomness
-
-compiled = settings(deadline=None)
 
 codings = st.builds(BitString, st.integers(1, 7), st.integers(1, 62), st.booleans())
 
@@ -64,7 +62,6 @@ def children_of(coding, offspring):
 
 
 # What a genome codes ------------------------------------------------------------------------------
-@compiled
 @given(coded())
 def test_integers_are_what_was_encoded(case):
     coding, values = case
@@ -76,7 +73,6 @@ def test_integers_are_what_was_encoded(case):
     assert all(coding.alphabet.admits(genome) for genome in genomes)
 
 
-@compiled
 @given(codings, keyed(rows=1))
 def test_every_genome_is_the_code_of_its_integers(coding, keys):
     genomes = coding.random(keys, 3)[0]
@@ -97,7 +93,6 @@ def test_gray_is_the_reflected_code():
     assert (genomes[:, 0] >> 5).tolist() == [0b000, 0b001, 0b011, 0b010, 0b110, 0b111, 0b101, 0b100]
 
 
-@compiled
 @given(st.integers(1, 62), st.data())
 def test_neighbours_in_gray_code_differ_in_one_bit(bits, data):
     value = data.draw(st.integers(0, (1 << bits) - 2)) if bits > 1 else 0
@@ -132,7 +127,6 @@ def test_integers_are_read_from_any_array_of_genomes():
     assert coding.integers(genomes[:0]).shape == (0, 2)
 
 
-@compiled
 @given(codings, st.data())
 def test_it_accepts_only_its_own_size_and_a_clean_tail(coding, data):
     whole = data.draw(st.binary(min_size=coding.genome_bytes, max_size=coding.genome_bytes))
@@ -155,7 +149,6 @@ def test_impossible_codings_are_refused(parameters, bits):
 
 
 # Random demes -------------------------------------------------------------------------------------
-@compiled
 @given(codings, keyed(), st.integers(1, 5))
 def test_random_demes_are_genomes_keyed_by_their_cell(coding, keys, deme):
     genomes = coding.random(keys, deme)
@@ -183,7 +176,6 @@ def test_the_seed_decides_the_first_demes_and_the_generation_does_not():
 
 
 # Crossover ----------------------------------------------------------------------------------------
-@compiled
 @given(codings, keyed(), st.integers(1, 4))
 def test_one_point_offspring_swap_what_lies_right_of_one_cut(coding, keys, count):
     couples = couples_of(coding, keys, count)
@@ -228,7 +220,6 @@ def test_every_cut_is_as_likely():
     assert np.abs(counts[1:11] - 1000).max() < 5 * math.sqrt(1000)
 
 
-@compiled
 @given(codings, keyed(), st.integers(1, 4))
 def test_uniform_offspring_keep_the_bits_of_each_locus(coding, keys, count):
     couples = couples_of(coding, keys, count)
@@ -302,7 +293,6 @@ def test_generations_and_offspring_mutate_differently():
     assert len(np.unique(np.concatenate([one, other]), axis=0)) == 40
 
 
-@compiled
 @given(codings, keyed(), st.sampled_from(["one-point", "uniform"]), st.floats(0, 1))
 def test_no_recipe_sets_a_bit_beyond_the_length(coding, keys, crossover, rate):
     offspring = coding.recombine(couples_of(coding, keys, 2), Recipe(crossover, rate), keys)
@@ -310,7 +300,6 @@ def test_no_recipe_sets_a_bit_beyond_the_length(coding, keys, crossover, rate):
     assert all(coding.alphabet.admits(genome) for genome in offspring.reshape(-1, coding.genome_bytes))
 
 
-@compiled
 @given(codings, keyed(), st.integers(1, 6))
 def test_mutate_one_flips_one_bit_of_one_individual_of_each_row(coding, keys, deme):
     before = coding.random(keys, deme)

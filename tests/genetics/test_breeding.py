@@ -6,7 +6,7 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from lists import Lists
 
@@ -25,7 +25,6 @@ from genetics.breeding import breed
 from genetics.coding import Immigrants
 
 SLOTS = 4
-compiled = settings(deadline=None)
 
 bit_recipes = [
     Recipe(crossover, mutation, replacement)
@@ -117,7 +116,6 @@ def of_row(row, immigrants):
     )
 
 
-@compiled
 @given(
     breeds,
     st.integers(1, 9),
@@ -148,7 +146,6 @@ def test_rows_bred_together_are_those_bred_one_at_a_time(breed_of, deme, cells, 
         np.testing.assert_array_equal(its_fitness[0], fitness[row])
 
 
-@compiled
 @given(breeds, st.integers(1, 9), st.integers(0, 1000), st.booleans())
 def test_a_bred_deme_is_sound(breed_of, deme, seed, exchange):
     coding, recipe = breed_of

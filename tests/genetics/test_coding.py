@@ -4,13 +4,12 @@ import itertools
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from genetics import ONE_BIT, BitString, Keys, RealVector, Recipe, selection
 from genetics.coding import Alphabet, Immigrants
 
-compiled = settings(deadline=None)
 bit_recipes = list(
     itertools.starmap(Recipe, itertools.product(("one-point", "uniform"), (0.0, 0.05, 0.5, 1.0, ONE_BIT)))
 )
@@ -40,7 +39,6 @@ def matings(draw):
     return coding, recipe, keys, own, Immigrants(emigrants, np.zeros(emigrants.shape[:2]), whence, each)
 
 
-@compiled
 @given(matings())
 def test_the_operator_of_a_recipe_recombines_one_row_bit_for_bit(case):
     coding, recipe, keys, own, immigrants = case
@@ -55,7 +53,6 @@ def test_the_operator_of_a_recipe_recombines_one_row_bit_for_bit(case):
     np.testing.assert_array_equal(couples, before)
 
 
-@compiled
 @given(matings())
 def test_the_operator_of_the_one_bit_rule_changes_what_the_rule_changes(case):
     coding, _, keys, own, _ = case

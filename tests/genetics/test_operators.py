@@ -5,14 +5,11 @@ import gc
 import numba
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from genetics import operators
 from genetics.operators import FITNESS, Operator, call_fitness, integers, octets, pointers, reals
-
-compiled = settings(deadline=None)
-
 
 # These are not kept on disk, as kernels are.
 
@@ -44,7 +41,6 @@ def operator():
     return Operator.of(weighted, [4, 3], np.array([[0.5], [2.0], [1.0]]))
 
 
-@compiled
 @given(st.binary(min_size=6, max_size=60))
 def test_an_operator_is_the_same_called_by_python_and_by_address(octets_of):
     genomes = np.frombuffer(octets_of[: len(octets_of) // 6 * 6], np.uint8).reshape(-1, 6)

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from genetics import randomness
@@ -66,7 +66,6 @@ def test_a_draw_is_two_words_of_philox_at_its_coordinates():
     assert draw(np.uint64(seed), cell, generation, randomness.SELECT, index, number) == (high << 32) | low
 
 
-@settings(deadline=None)
 @given(st.lists(words, min_size=6, max_size=6))
 def test_philox_is_the_same_compiled_and_in_python(state):
     state = [np.uint64(word) for word in state]
@@ -145,7 +144,6 @@ def test_a_seed_and_a_generation_up_to_their_limits_are_taken_whole():
     assert len({draw(np.uint64(1), 0, 1 << bit, 0, 0, 0) for bit in range(32)}) == 32
 
 
-@settings(deadline=None)
 @given(bits64)
 def test_unit_lies_in_the_half_open_interval(bits):
     assert unit(np.uint64(bits)) == (bits >> 11) / (1 << 53)
@@ -163,7 +161,6 @@ def test_unit_is_uniform():
     assert abs(chi_square(counts)) < 5
 
 
-@settings(deadline=None)
 @given(bits64, st.integers(1, (1 << 31) - 1))
 def test_below_lies_in_its_range(bits, limit):
     assert below(np.uint64(bits), limit) == (bits >> 32) * limit >> 32
@@ -194,7 +191,6 @@ def test_normal_numbers_have_the_moments_of_the_normal_law():
     assert abs((np.abs(values) < 1).mean() - 0.682689) < 0.47 * tolerance
 
 
-@settings(deadline=None)
 @given(st.sampled_from([0, 1, ALL_BITS, ALL_BITS - 1, 1 << 63]), bits64)
 def test_normal_numbers_are_finite(one, two):
     assert abs(normal(np.uint64(one), np.uint64(two))) < 9

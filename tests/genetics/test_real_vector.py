@@ -4,13 +4,12 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from genetics import Keys, RealVector, Recipe, randomness, real_kernels
 from genetics.real_kernels import BLEND, DECADES, WIDEST_STEP
 
-compiled = settings(deadline=None)
 finite = st.floats(-1e300, 1e300)
 
 
@@ -48,7 +47,6 @@ def bytes_of(*genes):
     return np.array(genes, dtype=np.float64).tobytes()
 
 
-@compiled
 @given(vectors(), keyed(), st.integers(1, 4))
 def test_random_demes_lie_within_the_bounds(coding, keys, deme):
     genomes = coding.random(keys, deme)
@@ -70,7 +68,6 @@ def test_random_genes_are_uniform_and_keyed_by_their_cell():
     assert (coding.random(keys_of(rows=100, seed=2), 100) != genomes).any()
 
 
-@compiled
 @given(vectors(), keyed(), st.sampled_from(["blend", "uniform"]), st.floats(0, 1))
 def test_offspring_lie_within_the_bounds(coding, keys, crossover, rate):
     offspring = coding.recombine(couples_of(coding, keys, 3), Recipe(crossover, rate), keys)
@@ -289,7 +286,6 @@ def test_steps_are_normal_numbers_times_log_uniform_sizes():
     assert abs(deviations(counts, np.full(40, 1 / 40))) < 5
 
 
-@compiled
 @given(vectors(), keyed(), st.sampled_from(["blend", "uniform"]), st.floats(0, 1), st.integers(1, 9))
 def test_rows_recombined_together_are_those_recombined_alone(coding, keys, crossover, rate, count):
     couples, recipe = couples_of(coding, keys, count), Recipe(crossover, rate)

@@ -4,13 +4,12 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from genetics import randomness, selection
 
 INF = math.inf
-compiled = settings(deadline=None)
 # Few values, so that ties are common; infeasible individuals too.
 fitnesses = st.sampled_from([0.0, 1.0, 2.0, 3.0, INF])
 
@@ -31,7 +30,6 @@ def couples_by_rank(fitness, seed=1, generation=1, cells=None):
     return selection.pairs(fitness, np.uint64(seed), cells, generation, fitness.shape[1], False, 0)
 
 
-@compiled
 @given(st.data())
 def test_an_individual_alone_is_coupled_with_each_of_its_immigrants_in_turn(data):
     rows, senders, slots, count = (data.draw(st.integers(1, most)) for most in (3, 4, 4, 3))
@@ -98,7 +96,6 @@ def test_an_island_takes_nothing_in_from_itself():
     assert admit_of([[4]], [1, 9, 9], [0, 1, 0, 0]) == [(0, 1), (1, 9), (100, 4)]
 
 
-@compiled
 @given(st.data(), st.integers(1, 3), st.integers(1, 6), st.integers(0, 5))
 def test_after_admission_the_fitness_is_never_worse_and_individuals_stay_whole(data, rows, deme, slots):
     before, immigrants = data.draw(demes(rows, deme)), data.draw(demes(rows, slots)).reshape(rows, slots)
@@ -208,7 +205,6 @@ def test_of_the_better_half_anyone_mates_as_often(deme, half):
     np.testing.assert_allclose(shares, np.where(fitness < half, 1 / half, 0.0), atol=0.01)
 
 
-@compiled
 @given(st.data(), st.integers(1, 3), st.integers(2, 9), st.integers(1, 3))
 def test_nobody_is_chosen_too_often_while_there_are_others(data, rows, deme, most):
     count = data.draw(st.integers(1, 2 * deme))
@@ -320,7 +316,6 @@ def test_infeasible_families_leave_somebody_infeasible():
     assert after == [(0, INF), (103, 3)]
 
 
-@compiled
 @given(st.data(), st.integers(1, 3), st.integers(2, 7), st.booleans())
 def test_families_leave_their_best_and_elitism_never_loses_the_best(data, rows, deme, elitist):
     before = data.draw(demes(rows, deme))
@@ -368,7 +363,6 @@ def test_with_elitism_the_best_of_a_generation_that_is_replaced_takes_the_worst_
     assert replace_worst([2, 1], [5, 1], elitist=True) == [(101, 1), (100, 5)]
 
 
-@compiled
 @given(st.data(), st.integers(1, 3), st.integers(2, 8), st.booleans())
 def test_who_is_not_among_the_worst_stays_and_elitism_never_loses_the_best(data, rows, deme, elitist):
     count = data.draw(st.integers(1, deme))

@@ -2,14 +2,13 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from lists import GENES, Lists, items_of
 
 from genetics import Keys, Recipe, Sequence
 from genetics.operators import Operator
 
-compiled = settings(deadline=None)
 codings = st.builds(
     lambda least, more, genes: Lists(least, least + more, [(low, low + wide) for low, wide in genes]),
     st.integers(0, 3),
@@ -34,7 +33,6 @@ def is_sound(coding, numbers):
 
 
 @given(with_items)
-@compiled
 def test_items_come_back_and_the_alphabet_admits_them(case):
     coding, items = case
     genome = coding.encode(np.array(items, np.int64))
@@ -46,7 +44,6 @@ def test_items_come_back_and_the_alphabet_admits_them(case):
 
 
 @given(with_items, st.data())
-@compiled
 def test_exactly_what_is_sound_is_admitted(case, data):
     coding, items = case
     numbers = coding.encode(np.array(items, np.int64)).view(np.uint16).copy()
@@ -103,7 +100,6 @@ def test_a_coding_says_how_it_founds_and_mates():
 
 
 @given(codings, cells, seeds, st.integers(1, 5))
-@compiled
 def test_first_demes_are_sound_and_each_row_is_what_it_is_alone(coding, cells, seed, deme):
     together = coding.random(Keys(cells, seed, 0), deme)
     assert together.shape == (len(cells), deme, coding.genome_bytes)
@@ -119,7 +115,6 @@ def test_first_demes_have_lists_of_every_length_and_differ():
 
 
 @given(codings, cells, seeds, st.integers(1, (1 << 31) - 1), st.integers(1, 4), recipes)
-@compiled
 def test_offspring_are_sound_and_each_row_is_what_it_is_alone(coding, cells, seed, generation, count, recipe):
     parents = coding.random(Keys(cells, seed, 0), 2 * count)
     couples = parents.reshape(len(cells), count, 2, coding.genome_bytes)

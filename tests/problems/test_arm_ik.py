@@ -46,7 +46,7 @@ def test_a_full_circle_has_no_double_and_limits_are_both_reached():
 
 
 @given(st.integers(1, 62), st.sampled_from(["binary", "gray"]), st.data())
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_codes_come_back_as_angles(bits, code, data):
     problem = arm_ik(1.0, 0.8, 0.6, bits=bits, code=code)
     values = data.draw(st.lists(st.integers(0, (1 << bits) - 1), min_size=3, max_size=3))
@@ -90,7 +90,7 @@ def test_genomes_may_be_read_only():
 
 
 @given(st.data(), st.integers(1, 12), st.booleans())
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 def test_some_code_is_within_the_default_target_of_any_reachable_point(data, bits, limited):
     links = data.draw(st.lists(st.floats(0.1, 2.0), min_size=1, max_size=4))
     limits = {"limits": [[-2.0, 1.0]] * len(links)} if limited else {}

@@ -380,7 +380,7 @@ def brute_force(grid):
     return min(found, default=None)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(st.integers(0, 10**6), st.booleans(), st.floats(0.1, 0.5))
 def test_the_fewest_moves_are_those_of_a_zero_one_search(seed, is_torus, blocked):
     generator = np.random.default_rng(seed)
@@ -462,7 +462,7 @@ def test_the_oracle_is_for_two_links():
 
 # Coding ---------------------------------------------------------------------------------------------------------------
 @given(st.integers(0, 2**32), st.integers(1, 200), st.sampled_from(["one-point", "uniform"]), st.floats(0.0, 1.0))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_numbers_grow_finer_and_the_operator_agrees(seed, generation, crossover, rate):
     coding = CoarseToFine(parameters=5, bits=8, coarse=3)
     keys = Keys(np.arange(2), np.uint64(seed), generation)

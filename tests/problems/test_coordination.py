@@ -157,7 +157,6 @@ def sequences_of(width, height, count):
     return st.lists(cell, min_size=1, max_size=count)
 
 
-@settings(deadline=None)
 @given(sequences_of(*SIDES, 8))
 def test_what_is_not_increasing_is_repaired_where_it_is_read(points):
     """From the last to the first, a conflicting coordinate takes the next one's value."""
@@ -189,7 +188,7 @@ def offspring_of(problem, crossover, mutation, seed, count=40):
     return couples[0], problem.coding.recombine(couples, Recipe(crossover, mutation), keys(seed))[0]
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(st.sampled_from(["variable", "fixed"]), st.integers(1, 20), st.integers(0, 2**64 - 1))
 def test_first_individuals_increase_and_have_the_lengths_they_may_have(coding, points, seed):
     problem = problem_of(coding, points)
@@ -208,7 +207,7 @@ def test_of_first_lengths_the_probability_is_proportional_to_the_length():
     np.testing.assert_allclose(shares, [0.1, 0.2, 0.3, 0.4], atol=0.012)
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(
     st.sampled_from(["variable", "fixed"]),
     st.integers(1, 9),
@@ -305,7 +304,7 @@ def brute_force(blocked, times_1, times_2, most):
     return best(0, 0, most)
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(st.integers(0, 10**6), st.floats(0.0, 0.5), st.integers(0, 4), st.tuples(st.integers(1, 6), st.integers(1, 6)))
 def test_the_oracle_agrees_with_trying_all_sequences(seed, share, most, sides):
     generator = np.random.default_rng(seed)
@@ -446,7 +445,6 @@ def test_the_two_ways_to_place_links_agree():
     np.testing.assert_allclose(links[:, :, 1], ends[:, moving + 1], atol=1e-12)
 
 
-@settings(deadline=None)
 @given(st.integers(0, 10**6))
 def test_the_distance_of_segments_is_the_least_of_all_their_points(seed):
     segments = np.random.default_rng(seed).uniform(-1, 1, (2, 2, 3))

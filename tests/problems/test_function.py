@@ -127,7 +127,7 @@ def test_coded_rastrigin_is_by_the_cosine_of_the_library():
 
 
 @given(st.integers(1, 62), st.sampled_from(["binary", "gray"]), st.data())
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_coded_numbers_reach_both_bounds_in_even_steps(bits, code, data):
     problem = function(name="ackley", dimension=1, bits=bits, code=code)
     value = data.draw(st.integers(0, (1 << bits) - 1))

@@ -197,7 +197,7 @@ def assert_sound(coding, genome):
         assert all(one != other for one, other in zip(places, places[2:], strict=False))
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(codings(), st.integers(0, 1 << 60))
 def test_first_trajectories_arrive_by_moves_to_neighbours(coding, seed):
     for genome in coding.random(Keys(np.arange(3), np.uint64(seed), 0), 5).reshape(-1, coding.genome_bytes):
@@ -209,7 +209,7 @@ def test_first_trajectories_arrive_by_moves_to_neighbours(coding, seed):
         assert (moves < 0).sum(axis=1).max() <= 1
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(codings(), st.integers(0, 1 << 60), st.sampled_from(["analogous", "refining"]), st.sampled_from([0.0, 0.3, 1.0]))
 def test_offspring_arrive_and_are_within_bounds(coding, seed, crossover, rate):
     keys = Keys(np.arange(2), np.uint64(seed), 1)

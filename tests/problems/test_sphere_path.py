@@ -191,7 +191,7 @@ def test_the_length_breaks_ties_only():
     assert (plain.solved_at, weighed.solved_at) == (0.0, 0.9)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.integers(2, 7), st.integers(0, 40), st.integers(0, 1 << 30))
 def test_bounding_spheres_hold_what_is_in_them_and_each_obstacle_comes_once(axes, count, seed):
     generator = np.random.default_rng(seed)

@@ -170,7 +170,7 @@ def test_a_robot_keeps_its_radius_away_from_obstacles(radius):
 worlds = st.builds(terrain_world, st.integers(0, 50), st.sampled_from([8, 16, 23]))
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(problem=worlds, founders=st.sampled_from(["random", "lines"]), seed=st.integers(0, 2**64 - 1))
 def test_fitness_and_check_agree_on_any_path(problem, founders, seed):
     problem = problem.model_copy(update={"founders": founders})
@@ -270,7 +270,7 @@ def couples_of(problem, seed, founders):
     return coding, coding.random(Keys(np.arange(3), np.uint64(seed), 0), 8).reshape(3, 4, 2, -1)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     problem=worlds,
     founders=st.sampled_from(["random", "lines"]),
@@ -285,7 +285,7 @@ def test_offspring_are_sound(problem, founders, crossover, mutation, seed):
     assert all(coding.alphabet.admits(each) for each in offspring.reshape(24, -1))
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(problem=worlds, mutation=st.floats(0, 1), seed=st.integers(0, 2**64 - 1))
 def test_merged_offspring_are_as_good_as_both_parents(problem, mutation, seed):
     coding, couples = couples_of(problem, seed, "lines")
@@ -295,7 +295,7 @@ def test_merged_offspring_are_as_good_as_both_parents(problem, mutation, seed):
     assert np.all(children <= parents[:, None] + 1e-3)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(problem=worlds, seed=st.integers(0, 2**64 - 1))
 def test_one_point_crossover_cuts_both_parents_at_the_same_bit(problem, seed):
     coding, couples = couples_of(problem, seed, "random")

@@ -9,7 +9,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from live_service import ROOT, end_all_jobs, live, until
 from pages import Page
@@ -392,7 +392,6 @@ class Pages:
         return {"columns": ["id", "at"], "rows": rows[: self.at_once], "more": len(rows) > self.at_once}
 
 
-@settings(deadline=None)  # files are written
 @given(st.integers(0, 30), st.integers(1, 10))
 def test_no_page_is_missing_or_told_twice(count, at_once):
     found = list(pages(Pages(count, at_once), "statistics", "a"))

@@ -24,13 +24,11 @@ from exchanges import (
     read_slowly,
     real_genomes,
 )
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from wire.exchange import REASONS, VERSION, Champion
 from wire.strict import Rejected
-
-compiled = settings(deadline=None)
 
 
 def fields_of(message=MESSAGE):
@@ -56,7 +54,6 @@ def reason(payload, limits=LIMITS):
 
 
 # There and back -------------------------------------------------------------------------------------------------------
-@compiled
 @given(st.integers(1, 3).flatmap(lambda emigrants: exchanges(bit_genomes, emigrants, 16)))
 def test_a_message_of_bits_comes_back_as_it_was(message):
     limits = limits_of(BITS, len(message.emigrants))
@@ -65,7 +62,6 @@ def test_a_message_of_bits_comes_back_as_it_was(message):
     assert decode(payload, limits) == message
 
 
-@compiled
 @given(exchanges(real_genomes, 2, 1))
 def test_a_message_of_numbers_comes_back_as_it_was(message):
     assert decode(message.encode(), limits_of(REALS, 2, cells=1)) == message

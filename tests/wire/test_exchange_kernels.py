@@ -33,7 +33,6 @@ from wire.exchange import NEVER, REASONS, VERSION, Champion, Messages
 from wire.exchange_kernels import BIRTHPLACE, BORN, GENERATION, hear_emigrants_only
 from wire.strict import Rejected
 
-compiled = settings(deadline=None)
 OF_REALS = limits_of(REALS, 1)
 OF_LISTS = limits_of(LISTS)
 messages = st.one_of(
@@ -54,14 +53,12 @@ PACKED = dataclasses.replace(
 
 
 # Writing --------------------------------------------------------------------------------------------------------------
-@compiled
 @given(messages)
 def test_a_message_is_written_byte_for_byte_as_the_library_writes_it(case):
     message, _ = case
     assert message.encode() == msgpack.packb(values_of(message))
 
 
-@compiled
 @given(st.sampled_from([1, 2, 255, 256, 300, 65_535, 65_536]), st.sampled_from([1, 2, 15, 16, 20]), st.booleans())
 def test_genomes_and_emigrants_of_any_number_are_written_as_the_library_does(genome_bytes, emigrants, champion):
     genome = bytes(place % 251 for place in range(genome_bytes))
@@ -80,7 +77,6 @@ def test_a_whole_large_deme_may_emigrate(emigrants):
     assert decode(payload, anything(1, emigrants)) == message
 
 
-@compiled
 @given(exchanges(list_genomes, 2, 16))
 def test_zeros_at_the_end_of_a_genome_do_not_travel(message):
     everyone = [each.genome for each in message.emigrants] + [message.champion.genome if message.champion else b""]
@@ -90,7 +86,6 @@ def test_zeros_at_the_end_of_a_genome_do_not_travel(message):
     assert decode(payload, OF_LISTS) == message
 
 
-@compiled
 @given(exchanges(bit_genomes, 2, 16))
 def test_a_champion_may_be_kept_to_oneself(message):
     rows = Messages.room(3, 2, 2)
@@ -147,7 +142,6 @@ def test_the_forms_are_what_the_library_reads_as_the_same_value():
     assert [msgpack.unpackb(form + bytes(3)) for form in forms_of_length(3)] == [[0, 0, 0]] * 3
 
 
-@compiled
 @given(messages, st.randoms(use_true_random=False))
 def test_every_legal_form_of_a_message_is_read(case, rng):
     message, limits = case
@@ -175,7 +169,6 @@ def test_integers_of_every_width_keep_their_sign(tag, code):
             assert agrees(payload, LIMITS) == (None if 0 <= job <= MOST else "out of bounds")
 
 
-@compiled
 @given(st.sampled_from([(MESSAGE, LIMITS), (NUMBERS, OF_REALS)]), st.floats(width=32), st.booleans())
 def test_a_short_float_is_a_fitness_if_a_long_one_would_be(case, value, of_champion):
     message, limits = case
@@ -245,7 +238,7 @@ def test_whatever_byte_comes_in_or_is_left_out_the_verdict_is_that_of_the_librar
             agrees(payload[:place] + bytes([octet]) + payload[place:], limits)
 
 
-@settings(deadline=None, max_examples=500)
+@settings(max_examples=500)
 @given(messages, st.randoms(use_true_random=False), st.integers(1, 8))
 def test_whatever_bits_are_flipped_the_verdict_is_that_of_the_library(case, rng, flips):
     message, limits = case
@@ -261,7 +254,7 @@ strangers = st.one_of(
 )
 
 
-@settings(deadline=None, max_examples=500)
+@settings(max_examples=500)
 @given(exchanges(bit_genomes, 2, 16), strangers, st.integers(0, 4), st.integers(0, 7))
 def test_whatever_value_stands_in_a_place_the_verdict_is_that_of_the_library(message, stranger, part, place):
     values = values_of(message)
@@ -270,14 +263,13 @@ def test_whatever_value_stands_in_a_place_the_verdict_is_that_of_the_library(mes
     agrees(msgpack.packb(values), LIMITS)
 
 
-@settings(deadline=None, max_examples=500)
+@settings(max_examples=500)
 @given(st.binary(max_size=LIMITS.most_bytes + 10))
 def test_noise_is_refused(payload):
     assert agrees(payload, LIMITS) is not None
 
 
 # Rows -----------------------------------------------------------------------------------------------------------------
-@compiled
 @given(exchanges(bit_genomes, 2, 16), st.integers(0, 2))
 def test_a_message_is_read_into_its_own_row_only(message, row):
     rows = Messages(np.full((3, 8), 7), np.full((3, 3, 2), 0xAA, np.uint8), np.full((3, 3), 7.0))
@@ -304,7 +296,6 @@ def test_of_a_message_that_is_refused_nothing_outside_its_row_is_touched():
         np.testing.assert_array_equal(array[::2], old[::2])
 
 
-@compiled
 @given(st.lists(exchanges(bit_genomes, 2, 16), min_size=1, max_size=4))
 def test_under_the_papers_spy_the_best_emigrant_is_all_that_is_heard(several):
     rows = Messages.room(len(several), BITS.genome_bytes, 2)
