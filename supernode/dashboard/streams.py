@@ -28,10 +28,10 @@ class Streams:
 
     Args:
         snapshot: all there is to show, which each stream begins with.
-        news: the same, or what is new of it.
+        news: the same, or what is new of it, if anything is.
     """
 
-    def __init__(self, snapshot: Callable[[], dict[str, Any]], news: Callable[[], dict[str, Any]]) -> None:
+    def __init__(self, snapshot: Callable[[], dict[str, Any]], news: Callable[[], dict[str, Any] | None]) -> None:
         self._snapshot = snapshot
         self._news = news
         self._latest: asyncio.Future[_Event] = asyncio.get_running_loop().create_future()
@@ -41,9 +41,10 @@ class Streams:
         """Take snapshots until cancelled, while anybody watches."""
         while True:
             await asyncio.sleep(PERIOD)
-            if self.count:
+            news = self._news() if self.count else None
+            if news is not None:
                 before, self._latest = self._latest, asyncio.get_running_loop().create_future()
-                before.set_result(_Event.of(self._news()))
+                before.set_result(_Event.of(news))
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Tell one browser until it is gone."""

@@ -65,6 +65,7 @@ class View:
         self._began = time.monotonic()
         self._nodes_due = 0.0
         self._stirred = False  # whether a node has come or gone since they were shown
+        self._spoken = False  # whether something has been said since there were news
 
     def begin(self) -> None:
         """A new link: who lives is told anew."""
@@ -147,10 +148,12 @@ class View:
         """The cluster does not answer."""
         if self.answers:
             self._say("error", trouble)
+        self._spoken = self._spoken or trouble != self.trouble
         self.answers, self.trouble = False, trouble
 
     def found(self) -> None:
         """It answers."""
+        self._spoken = self._spoken or not self.answers
         self.answers, self.trouble = True, None
 
     # What is shown ----------------------------------------------------------------------------------------------------
@@ -158,13 +161,16 @@ class View:
         """All that pages show of the cluster as a whole, in plain values."""
         return self._brief() | {"nodes": plain(self._table())}
 
-    def news(self) -> dict[str, Any]:
-        """A snapshot; without the nodes, unless most have told something new since the last one that had them.
+    def news(self) -> dict[str, Any] | None:
+        """A snapshot, as often as nodes tell of themselves (a thousand every four seconds): a browser has work with it.
 
-        A thousand tell of themselves every four seconds, and a browser has work with each. One that has come or gone
-        is shown at once.
+        A node that has come or gone is shown at once; so is what is said of jobs, but without the nodes.
         """
-        if not self._stirred and time.monotonic() < self._nodes_due:
+        due = self._stirred or time.monotonic() >= self._nodes_due
+        if not due and not self._spoken:
+            return None
+        self._spoken = False
+        if not due:
             return self._brief()
         self._stirred, self._nodes_due = False, time.monotonic() + period_of_reports(self._places()) - _TICK / 2
         return self.snapshot()
@@ -241,6 +247,7 @@ class View:
         return shape_of(specs[-1] if specs else topologies.torus_of(max(1, count)))
 
     def _say(self, level: str, text: str) -> None:
+        self._spoken = True
         self._line += 1
         self._lines.append({"number": self._line, "at": time.time(), "level": level, "text": text})
 

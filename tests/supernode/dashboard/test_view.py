@@ -7,7 +7,7 @@ import pytest
 from supernode.dashboard import view as module
 from supernode.dashboard.view import View, shape_of
 from wire.keys import Keys
-from wire.news import Counters, Statistics
+from wire.news import Counters, LogRecord, Statistics
 
 KEYS = Keys("c")
 
@@ -175,18 +175,33 @@ def test_each_topology_is_drawn_in_rows_and_columns(spec, shape):
     assert shape_of(spec) == shape
 
 
-def test_nodes_are_shown_as_often_as_they_tell_and_at_once_when_one_has_gone(view, clock):
+def test_news_come_as_often_as_nodes_tell_and_at_once_when_one_has_gone(view, clock):
     for node in range(1024):
         view.hear_life(KEYS.life(node, 100 + node), True)
     assert "nodes" in view.news()
     shown = []
     for _ in range(12):
         clock.now += 1.0
-        shown.append("nodes" in view.news())
+        shown.append(view.news() is not None)
     assert shown == [False, False, False, True] * 3
     view.hear_life(KEYS.life(7, 107), False)
     assert view.news()["nodes"]["state"][7] == "dead"
-    assert "nodes" not in view.news()
+    assert view.news() is None
+
+
+def test_what_is_said_of_jobs_is_news_at_once(view, clock):
+    for node in range(1024):
+        view.hear_life(KEYS.life(node, 100 + node), True)
+    view.news()
+    view.hear_log(LogRecord("warning", "node 3", "a message was refused", 1e9).encode())
+    assert view.news()["lines"][-1]["text"] == "node 3: a message was refused"
+    view.lost("the cluster is away")
+    told = view.news()
+    assert (told["answers"], "nodes" in told) == (False, False)
+    view.found()
+    assert view.news()["answers"]
+    view.found()
+    assert view.news() is None
 
 
 def test_few_nodes_are_shown_each_second(view, clock):
