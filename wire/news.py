@@ -11,7 +11,7 @@ from wire.strict import Rejected, count, fields, fitness, of, pack, unpack
 _LATEST = 1e11  # Unix time, seconds
 
 MOST_REPORTS_PER_SECOND = 256
-"""Of counters, over a whole job: nodes tell no more often, and nobody needs to show them more often."""
+"""Of counters, over a whole cluster: nodes tell no more often, and nobody needs to show them more often."""
 
 _AT_ONCE = 1 << 12  # counters in one message
 

@@ -65,7 +65,7 @@ class View:
         self._began = time.monotonic()
         self._nodes_due = 0.0
         self._stirred = False  # whether a node has come or gone since they were shown
-        self._spoken = False  # whether something has been said since there were news
+        self._told: tuple[int, bool, str | None] | None = None  # what was said by the latest news
 
     def begin(self) -> None:
         """A new link: who lives is told anew."""
@@ -148,12 +148,10 @@ class View:
         """The cluster does not answer."""
         if self.answers:
             self._say("error", trouble)
-        self._spoken = self._spoken or trouble != self.trouble
         self.answers, self.trouble = False, trouble
 
     def found(self) -> None:
         """It answers."""
-        self._spoken = self._spoken or not self.answers
         self.answers, self.trouble = True, None
 
     # What is shown ----------------------------------------------------------------------------------------------------
@@ -166,12 +164,10 @@ class View:
 
         A node that has come or gone is shown at once; so is what is said of jobs, but without the nodes.
         """
-        due = self._stirred or time.monotonic() >= self._nodes_due
-        if not due and not self._spoken:
-            return None
-        self._spoken = False
+        due, told = self._stirred or time.monotonic() >= self._nodes_due, self._told
+        self._told = (self._line, self.answers, self.trouble)
         if not due:
-            return self._brief()
+            return self._brief() if self._told != told else None
         self._stirred, self._nodes_due = False, time.monotonic() + period_of_reports(self._places()) - _TICK / 2
         return self.snapshot()
 
@@ -247,7 +243,6 @@ class View:
         return shape_of(specs[-1] if specs else topologies.torus_of(max(1, count)))
 
     def _say(self, level: str, text: str) -> None:
-        self._spoken = True
         self._line += 1
         self._lines.append({"number": self._line, "at": time.time(), "level": level, "text": text})
 
