@@ -51,7 +51,7 @@ def connect(endpoint_or_state: str | Path | None = None) -> "Client":
             machine; by default the user's own.
 
     Raises:
-        ClusterFailed: if no cluster answers there, within two seconds.
+        ClusterFailed: if no cluster is there, within two seconds, or it does not answer.
     """
     return Client(Place.of(endpoint_or_state))
 

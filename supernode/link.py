@@ -23,7 +23,7 @@ from wire.jobs import Refused, Request, Status, decode_answer, encode
 from wire.keys import Keys
 from wire.strict import Rejected
 
-CONNECT_WITHIN = 1.8  # seconds, together with all before it less than two
+CONNECT_WITHIN = 1.8  # seconds until a cluster is there, together with all before it less than two
 PATIENCE = 30.0  # seconds without any answer, after which a cluster is given up
 _AGAIN = 0.05  # seconds between attempts
 
@@ -42,7 +42,7 @@ class Link:
         """Find the cluster.
 
         Raises:
-            ClusterFailed: if none answers, at once.
+            ClusterFailed: if none is there, in less than two seconds, or the one that is does not answer.
         """
         until = time.monotonic() + CONNECT_WITHIN
         card = place.card()
@@ -99,9 +99,9 @@ class Link:
         await asyncio.to_thread(self._session.close)
 
     async def _find(self, until: float) -> str:
-        """The name of the cluster that answers, by then."""
+        """The name of the cluster that answers: one is there by then, and has as long to answer as to any request."""
         while True:
-            answers = await self._gather(encode(Status()), max(_AGAIN, until - time.monotonic()))
+            answers = await self._gather(encode(Status()), PATIENCE)  # ends at once if there is nobody to answer
             names = sorted({str(_value(answer)["cluster"]) for answer in answers})
             if len(names) == 1:
                 return names[0]

@@ -179,6 +179,19 @@ def test_where_no_cluster_answers_there_is_an_error_within_two_seconds(service, 
         supernode.connect(tmp_path)
 
 
+def test_a_cluster_that_is_slow_to_answer_is_waited_for(service, monkeypatch):
+    monkeypatch.setattr("supernode.link.CONNECT_WITHIN", 0.5)
+    asked, free = threading.Event(), threading.Event()
+    answer = service.value
+    monkeypatch.setattr(service, "value", lambda request: (asked.set(), free.wait(), answer(request))[2])
+    began = time.monotonic()
+    slow = later(0.7, free.set)
+    with supernode.connect(service.endpoint):
+        assert asked.is_set()
+        assert time.monotonic() - began > 0.6
+    slow.join()
+
+
 def test_a_state_folder_leads_to_its_cluster(service, tmp_path, monkeypatch):
     folder = tmp_path / "supernode"
     folder.mkdir()
