@@ -113,14 +113,15 @@ class Zygote:
         import_all()
         import node.process
         import spy.process
-        from coordinator import huge_pages
+        from coordinator import fork_memory
         from coordinator.log_lines import LogLines
 
         self.lines = LogLines(self.cluster, None if self.service is None else self.service["log_json"])
         self._spy_watch, self._node_live = spy.process.watch, node.process.live
         gc.collect()
         gc.freeze()
-        huge_pages.collapse()
+        fork_memory.fill_holes()
+        fork_memory.use_huge_pages()
 
     def _fork_router(self) -> str | None:
         """The router first: when it listens, the others need not try twice. Why it does not, if so."""

@@ -1,0 +1,51 @@
+"""What a process does about its memory before it forks, so that its children have little to copy.
+
+A child copies each page that it writes to, and a fork an entry for each page of anonymous memory: most of what a
+thousand nodes cost at their start.
+"""
+
+import ctypes
+from pathlib import Path
+
+_MADV_HUGEPAGE = 14
+_MADV_COLLAPSE = 25  # Linux 6.1; an older one answers that it does not know it, and all stays as it was
+_HUGE = 1 << 21  # bytes
+_HOLES = (*(1 << power for power in range(16, 10, -1)), *range(1024, 0, -16))  # bytes; the largest first
+_LIBC = ctypes.CDLL(None)
+_LIBC.malloc.restype = _LIBC.sbrk.restype = ctypes.c_void_p
+
+
+class _Heap(ctypes.Structure):
+    """Figures about the heap (mallinfo2(3)), in bytes: ``free`` in all, and ``top`` of it behind all that is in use."""
+
+    _fields_ = (("others", ctypes.c_size_t * 8), ("free", ctypes.c_size_t), ("top", ctypes.c_size_t))
+
+
+def fill_holes() -> None:
+    """Leave no free memory between what is in use: a child would put its own there, each piece on a page to copy.
+
+    What it asks for afterwards lies side by side, on pages of its own; the holes, some hundred kilobytes, are lost.
+    """
+    try:
+        figures = _LIBC.mallinfo2
+    except AttributeError:  # not the C library of GNU, or one before 2.33
+        return
+    figures.restype = _Heap
+    end = _LIBC.sbrk(0) - figures().top
+    for size in _HOLES:
+        while True:
+            hole = ctypes.c_void_p(_LIBC.malloc(ctypes.c_size_t(size)))
+            if hole.value is None or hole.value >= end:
+                _LIBC.free(hole)
+                break
+
+
+def use_huge_pages() -> None:
+    """Ask the kernel to put anonymous memory into pages of 2 MB, as far as it can: 512 times fewer entries to copy."""
+    for line in Path("/proc/self/maps").read_text().splitlines():
+        addresses, permissions, _, _, inode, *name = line.split(maxsplit=5)
+        start, end = (int(address, 16) for address in addresses.split("-"))
+        anonymous = inode == "0" and (not name or name[0] == "[heap]")
+        if anonymous and permissions == "rw-p" and end - start >= _HUGE:
+            for advice in (_MADV_HUGEPAGE, _MADV_COLLAPSE):
+                _LIBC.madvise(ctypes.c_void_p(start), ctypes.c_size_t(end - start), advice)
