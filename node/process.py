@@ -181,7 +181,7 @@ class NodeProcess:
             return None
         if assignment.busy:
             return 0.0
-        return max(0.0, min(self._stats_due, self._questions_due) - time.monotonic())
+        return max(0.0, self._stats_due - time.monotonic())
 
     def _carry_on(self, assignment: Assignment) -> None:
         with assignment.turn:
@@ -196,18 +196,21 @@ class NodeProcess:
             os.sched_yield()
 
     def _mind_the_time(self, assignment: Assignment) -> None:
-        """Ask for what a lockstep cell misses when it waits far longer than usual, and tell counters now and then."""
-        now, period = time.monotonic(), period_of_reports(self._cluster_nodes)
+        """Now and then, as rarely as counters are told, since a cold look costs as much as some generations."""
+        now = time.monotonic()
+        if now < self._stats_due:
+            return
+        self._stats_due = now + period_of_reports(self._cluster_nodes)
+        self._tell_counters(assignment)
         if assignment.in_lockstep and now >= self._questions_due:
-            waited = now - assignment.bred_at
-            # A thousand nodes that all look at the clock once a second need a twentieth of two cores for that.
-            patience = max(PATIENCE, period, 4 * assignment.gap)
-            if waited >= patience:
-                assignment.events.append(Waited())
-            self._questions_due = now + max(patience - waited, waited, PATIENCE / 2)  # less and less often
-        if now >= self._stats_due:
-            self._stats_due = now + period
-            self._tell_counters(assignment)
+            self._ask_if_it_waits(assignment, now)
+
+    def _ask_if_it_waits(self, assignment: Assignment, now: float) -> None:
+        """Ask for what a lockstep cell misses when it waits far longer than usual; less and less often."""
+        waited, patience = now - assignment.bred_at, max(PATIENCE, 4 * assignment.gap)
+        if waited >= patience:
+            assignment.events.append(Waited())
+        self._questions_due = now + max(patience - waited, waited, PATIENCE / 2)
 
     def _open_command(self, query: zenoh.Query, command: Command | Rejected) -> None:
         if isinstance(command, Rejected):
