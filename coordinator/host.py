@@ -58,7 +58,7 @@ class HostZygote(Zygote):
         awaited = _ENDING | {signal.SIGCHLD, _JOINED}
         signal.pthread_sigmask(signal.SIG_BLOCK, awaited)
         try:
-            self._warm_up()
+            self._warm_up(self._host.wants)
             self._fork(_AGENT, self._be_the_agent)
             while (woken := signal.sigwait(awaited)) not in _ENDING:
                 if woken == _JOINED:

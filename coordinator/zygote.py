@@ -28,13 +28,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from coordinator.log_lines import LogLines
     from node.berth import Berth
 
 _PR_SET_PDEATHSIG = 1
 _PR_SET_NAME = 15  # at most 15 bytes of it
 _DOWN = 100  # the exit status of a coordinator that was told to end the cluster
 _LATELY = 60.0  # seconds
+_MANY = 100  # nodes: each saves one or two milliseconds by huge pages, which take up to 0.3 s to make
 _MOST_DEATHS = 20  # more than each process once: something is wrong that no new process mends
 _WAKING = {signal.SIGCHLD, signal.SIGIO}
 _LIBC = ctypes.CDLL(None)
@@ -76,7 +76,6 @@ class Zygote:
     """The forks of one cluster."""
 
     name = "zygote"  # in the log
-    lines: "LogLines"
 
     def __init__(self, cluster: str, topology: str, folder: Path, service: dict[str, Any] | None = None) -> None:
         self.cluster = cluster
@@ -92,7 +91,7 @@ class Zygote:
 
         topology = topologies.parse(self.topology)
         topology.neighbours(topologies.ROOT)  # a random graph is built here, not in each child
-        self._warm_up()
+        self._warm_up(topology.cells)
         signal.pthread_sigmask(signal.SIG_BLOCK, _WAKING)
         complaint = self._fork_router()
         if complaint is not None:
@@ -108,20 +107,19 @@ class Zygote:
             signal.sigwait(_WAKING)
         return self._kill_all()
 
-    def _warm_up(self) -> None:
+    def _warm_up(self, nodes: int) -> None:
         """Import all that a child will need, and no more garbage collection of it: children share its pages."""
         import_all()
         import node.process
         import spy.process
         from coordinator import fork_memory
-        from coordinator.log_lines import LogLines
 
-        self.lines = LogLines(self.cluster, None if self.service is None else self.service["log_json"])
         self._spy_watch, self._node_live = spy.process.watch, node.process.live
         gc.collect()
         gc.freeze()
         fork_memory.fill_holes()
-        fork_memory.use_huge_pages()
+        if nodes >= _MANY:
+            fork_memory.use_huge_pages()
 
     def _fork_router(self) -> str | None:
         """The router first: when it listens, the others need not try twice. Why it does not, if so."""
@@ -193,12 +191,14 @@ class Zygote:
                 self._fork_again(name)
 
     def _log(self, level: str, text: str, process: str, about: str = "") -> None:
-        """A line about a child, perhaps."""
+        """A line about a child, perhaps; seldom, so that what writes it is imported only then."""
+        from coordinator.log_lines import LogLines
         from wire.news import LogRecord
 
         kind, _, number = about.partition(" ")
         node = int(number) if kind == "node" else None
-        self.lines.write(LogRecord(level, process, text, time.time(), node))
+        lines = LogLines(self.cluster, None if self.service is None else self.service["log_json"])
+        lines.write(LogRecord(level, process, text, time.time(), node))
 
     def _is_the_end(self, name: str, status: int) -> bool:
         """Whether nothing is to go on after this death; if so, that is told."""

@@ -19,11 +19,9 @@ RECORD = LogRecord("warning", "node 7", "rejects messages of node 3: wrong type"
 TRYING = """
 import sys
 from pathlib import Path
-from coordinator.log_lines import LogLines
 from coordinator.zygote import Zygote
 
-zygote = Zygote("c1", "torus 2x2", Path(sys.argv[1]), {"listen": [sys.argv[2]]})
-zygote.lines = LogLines("c1", True)
+zygote = Zygote("c1", "torus 2x2", Path(sys.argv[1]), {"listen": [sys.argv[2]], "log_json": True})
 zygote._fork_again("router")
 """
 
