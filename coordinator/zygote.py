@@ -34,7 +34,7 @@ _PR_SET_PDEATHSIG = 1
 _PR_SET_NAME = 15  # at most 15 bytes of it
 _DOWN = 100  # the exit status of a coordinator that was told to end the cluster
 _LATELY = 60.0  # seconds
-_MANY = 100  # nodes: each saves one or two milliseconds by huge pages, which take up to 0.3 s to make
+_HUGE_PAGES_FROM = 100  # nodes: each saves one or two milliseconds by huge pages, which take up to 0.3 s to make
 _MOST_DEATHS = 20  # more than each process once: something is wrong that no new process mends
 _WAKING = {signal.SIGCHLD, signal.SIGIO}
 _LIBC = ctypes.CDLL(None)
@@ -118,7 +118,7 @@ class Zygote:
         gc.collect()
         gc.freeze()
         fork_memory.fill_holes()
-        if nodes >= _MANY:
+        if nodes >= _HUGE_PAGES_FROM:
             fork_memory.use_huge_pages()
 
     def _fork_router(self) -> str | None:

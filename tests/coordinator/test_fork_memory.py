@@ -20,15 +20,15 @@ print(len({{address // 4096 for address in mine}}))
 """
 
 
-def pages_of_a_child(prepare):
+def pages_of_what_comes(prepare):
     script = PUT_SMALL_THINGS.format(prepare=prepare)
     return int(subprocess.run([sys.executable, "-c", script], check=True, capture_output=True, text=True).stdout)
 
 
 def test_what_comes_after_the_holes_are_filled_lies_side_by_side():
     needed = 100 * (40 + 200 + 700 + 3000) / 4096
-    assert pages_of_a_child("") > 1.5 * needed, "or else this shows nothing"
-    assert pages_of_a_child("fork_memory.fill_holes()") < 1.1 * needed + 4
+    assert pages_of_what_comes("") > 1.5 * needed, "or else this shows nothing"
+    assert pages_of_what_comes("fork_memory.fill_holes()") < 1.1 * needed + 4
 
 
 @pytest.mark.parametrize("function", ["fill_holes", "use_huge_pages"])

@@ -282,8 +282,8 @@ def test_what_happened_is_kept(service, client):
     first, last = each_second[0], each_second[-1]
     pace = (last["at"] - first["at"]) / (last["generation"] - first["generation"])
     assert pace / 3 < last["exchange_seconds"] < 3 * pace
-    in_a_second = 4 / last["exchange_seconds"]  # one node may tell what it received as much later than others told
-    assert 0 < last["received"] <= 2 * (last["messages"] + in_a_second), "a cell of a torus of 2x2 has two neighbours"
+    behind = 4  # each of the four nodes may be one exchange behind its neighbours when it tells
+    assert 0 < last["received"] <= 2 * (last["messages"] + behind), "a cell of a torus of 2x2 has two neighbours"
 
 
 def test_a_job_that_waits_sends_no_messages(client):
