@@ -73,6 +73,13 @@ def kernel(signature: Any, may_be_long: bool = False) -> Callable[[Function], Fu
     return compile_now
 
 
+def entry(function: Any) -> Callable[..., Any]:
+    """The code of a kernel, without numba's look at the arguments: they must be of its signature's types exactly."""
+    (compiled,) = function.overloads.values()
+    code: Callable[..., Any] = compiled.entry_point
+    return code
+
+
 def subroutine(function: Function) -> Function:
     """A function that only kernels call; it is compiled into them."""
     compiler: Any = numba.njit(error_model="numpy")

@@ -10,6 +10,8 @@ import zenoh
 from node.cell import Action, Cell, Event, Message
 from node.links import Links
 from node.plan import Plan
+from node.turns import core_of
+from wire.exchange_kernels import NEVER
 
 BRISK_SECONDS = 2e-3  # of processor time: what is bred between two exchanges in less may be on the network thread
 _MOST_EARLY = 1000  # messages: of the next world each neighbour sends one or two before this node comes there
@@ -22,7 +24,10 @@ class Assignment:
 
     Attributes:
         links: to the neighbours in this world.
-        news: messages for the cell; the network thread appends.
+        news: messages for the cell; the network thread appends, for as long as the cell `hears`.
+        awaits: how many of them must come, at least, before the cell breeds again.
+        core: which one the node should keep to, for now.
+        yields: whether the node should let others have its core after each step.
         events: for the cell; any thread may append.
         turn: held by the thread that carries the cell on.
         brisk: whether that is the network thread, for now.
@@ -38,6 +43,10 @@ class Assignment:
         self.cell = cell
         self.links = links
         self.news: list[Message] = [] if news is None else news
+        self.hears = True
+        self.awaits = cell.awaits
+        self.core: int | None = None
+        self.yields = False
         self.events: deque[Event] = deque()
         self.turn = threading.Lock()
         self.brisk = False
@@ -48,6 +57,7 @@ class Assignment:
         self.most = 1
         self.told = (self.bred_at, 0)
         plan = cell.plan
+        self._core = core_of(links.wiring, links.cell)
         self._unmeasured = 0
         self._interval = plan.run.interval
         self.in_lockstep = plan.run.mode == "lockstep"
@@ -66,7 +76,7 @@ class Assignment:
     @property
     def busy(self) -> bool:
         """Whether there is something to do for the cell right now."""
-        return bool(self.news or self.events) or self.cell.ready
+        return self.awaits == 0 or bool(self.news or self.events)
 
     def exchange_seconds(self) -> float:
         """From one message to the next, on average since this was asked last."""
@@ -81,7 +91,7 @@ class Assignment:
         del self.news[: len(news)]
         events = [self.events.popleft() for _ in range(len(self.events))] if self.events else ()
         generation = cell.rows.generation
-        measured = self._unmeasured == 0
+        measured = self._unmeasured == 0 or (self._may_be_brisk and not self.brisk)
         used = time.thread_time() if measured else 0.0
         actions = cell.step(news, events, self.most)
         bred = cell.rows.generation - generation
@@ -93,6 +103,12 @@ class Assignment:
                 each = (time.thread_time() - used) / bred
                 self.most = max(1, int(BRISK_SECONDS / max(each, 1e-6)))
                 self.brisk = self._may_be_brisk and each * self._interval < BRISK_SECONDS
+                # Where nodes wait for each other and generations take long, the kernel knows better who needs a core.
+                self.core = self._core if self.brisk or not self.in_lockstep else None
+                self.yields = not self.in_lockstep and self.most > 1
+        self.awaits = cell.awaits
+        if self.awaits == NEVER and cell.ended:
+            self.hears, self.core = False, None
         return actions
 
 

@@ -19,7 +19,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from genetics import Genomes
-from node.generation import REACHED, STALLED, STOPS, Generations
+from node.generation import REACHED, REFUSED, STALLED, STOPS, UNSOUND, Generations
 from node.history import History
 from node.inbox import Inbox
 from node.kernels import OWN, TOLD
@@ -29,7 +29,7 @@ from problems import EvaluationFailed
 from problems.guard import reported
 from topologies import ROOT
 from wire.exchange import Champion
-from wire.exchange_kernels import JOB, SENT, WORLD
+from wire.exchange_kernels import JOB, NEVER, SENT, WORLD
 from wire.report import Reason, Report, Staleness
 
 State = Literal["prepared", "running", "stopped", "failed"]
@@ -116,13 +116,19 @@ Action = Publish | Ask | Answer | Complain | Report
 
 
 class Cell:
-    """The state machine of the cell number ``cell`` in one world of job number ``job``."""
+    """The state machine of the cell number ``cell`` in one world of job number ``job``.
+
+    Attributes:
+        awaits: how many messages must come, at least, before `step` breeds a generation without any further event;
+            `NEVER` before the start and after the end.
+    """
 
     def __init__(self, plan: Plan, cell: int, job: int) -> None:
         self.plan = plan
         self.cell = cell
         self.job = job
         self.state: State = "prepared"
+        self.awaits = NEVER
         self.inbox = Inbox(plan, cell, job)
         self.neighbours = self.inbox.neighbours
         self.rows = Rows(plan, np.array([cell]), self.inbox.messages)
@@ -146,9 +152,7 @@ class Cell:
     @property
     def ready(self) -> bool:
         """True iff `step` would breed a generation without any further event or message."""
-        if self.state != "running":
-            return False
-        return self._is_async or self.inbox.lacking() == 0 or self.rows.generation % self._interval != 0
+        return self.awaits == 0
 
     def step(self, news: Sequence[Message] = (), events: Sequence[Event] = (), most: int = 1) -> list[Action]:
         """Take ``news`` and ``events``, breed if ready, and say what is to be done.
@@ -158,15 +162,16 @@ class Cell:
         """
         actions: list[Action] = []
         try:
-            if news:
+            if news and (events or self._live_on is None):
                 self._hear(news, actions)
+                news = ()
             if events:
                 self._take(events, actions)
-            if self.ready:
+            if self.state == "running":
                 if self._live_on is None:
                     self._advance(actions)
                 else:
-                    self._advance_in_one_call(self._live_on, most, actions)
+                    self._advance_in_one_call(self._live_on, news, most, actions)
         except EvaluationFailed as error:
             self._end("failed", str(error), actions)
         return actions
@@ -219,41 +224,62 @@ class Cell:
 
     def _hear(self, news: Sequence[Message], actions: list[Action]) -> None:
         if not self.ended and (refusals := self.inbox.hear(news)):
-            new = refusals - self._complaints
-            self._complaints |= new
-            actions += [Complain(sender, reason) for sender, reason in sorted(new)]
+            self._complain(refusals, actions)
+
+    def _complain(self, refusals: set[tuple[int, str]], actions: list[Action]) -> None:
+        new = refusals - self._complaints
+        self._complaints |= new
+        actions += [Complain(sender, reason) for sender, reason in sorted(new)]
 
     def _questions(self) -> list[Action]:
         """In lockstep nothing waits for ever: ask the neighbours whose message of this generation has not come."""
-        if self.state != "running" or self.ready:
+        if self.state != "running" or self._lacking() == 0:
             return []
         generation = self.rows.generation
         return [Ask(other, generation) for other in self.inbox.missing()]
 
-    def _advance(self, actions: list[Action]) -> None:
-        rows = self.rows
-        if rows.exchanging:
-            rows.advance(rows.messages, self.inbox.take(rows.generation))
-        else:
-            rows.advance(None)
-        self._generation_done(actions)
+    def _lacking(self) -> int:
+        """How many messages the next generation needs that have not come."""
+        return 0 if self._is_async or not self.rows.exchanging else self.inbox.lacking()
 
-    def _advance_in_one_call(self, live_on: Generations, most: int, actions: list[Action]) -> None:
-        """The same as `_advance`, compiled, and more than once if there is nothing to say."""
+    def _advance(self, actions: list[Action]) -> None:
+        """Breed one generation, if nothing is lacking."""
+        rows = self.rows
+        if self._lacking() == 0:
+            if rows.exchanging:
+                rows.advance(rows.messages, self.inbox.take(rows.generation))
+            else:
+                rows.advance(None)
+            self._generation_done(actions)
+        if self.state == "running":
+            self.awaits = self._lacking()
+
+    def _advance_in_one_call(
+        self, live_on: Generations, news: Sequence[Message], most: int, actions: list[Action]
+    ) -> None:
+        """The same as `_hear` and `_advance`, compiled, and more than once if there is nothing to say."""
         rows, history = self.rows, self._history
-        bred, size, flags, wrong = live_on(rows.generation, history.noted, min(most, history.room))
+        room = history.most - history.noted
+        bred, flags, self.awaits, size = live_on(news, rows.generation, history.noted, min(most, room))
         rows.generation += bred
         history.went_on(bred)
-        if wrong >= 0:
-            rows.generation += 1
-            self.plan.evaluate(live_on.offspring[wrong][None])  # says what is wrong with it
-            raise EvaluationFailed("the compiled fitness of an individual is none, though `evaluate` finds one")
-        if flags & (REACHED | STALLED):
-            rows.note_proposal(0, "target" if flags & REACHED else "stall")
+        if flags:
+            self._raise_flags(live_on, flags, news, actions)
         if size:
             self._send(self._out[:size].tobytes(), actions)
         if flags & STOPS:
             self._end("stopped", None, actions)
+
+    def _raise_flags(self, live_on: Generations, flags: int, news: Sequence[Message], actions: list[Action]) -> None:
+        """What hardly ever is to be said beside a message."""
+        if flags & REFUSED:
+            self._complain(self.inbox.complaints(news), actions)
+        if flags & UNSOUND:
+            self.rows.generation += 1
+            self.plan.evaluate(live_on.unsound)  # says what is wrong with it
+            raise EvaluationFailed("the compiled fitness of an individual is none, though `evaluate` finds one")
+        if flags & (REACHED | STALLED):
+            self.rows.note_proposal(0, "target" if flags & REACHED else "stall")
 
     def _generation_done(self, actions: list[Action]) -> None:
         rows = self.rows
@@ -276,7 +302,7 @@ class Cell:
         actions.append(Publish(payload))
 
     def _end(self, state: Literal["stopped", "failed"], error: str | None, actions: list[Action]) -> None:
-        self.state = state
+        self.state, self.awaits = state, NEVER
         sound = error is None
         actions.append(
             Report(

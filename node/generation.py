@@ -6,13 +6,15 @@ modules follow one another without a step into Python: believe, breed, judge, re
 it works on by a table of pointers: handing over an array costs as much as breeding with it.
 """
 
+from collections.abc import Sequence
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
+from numba import types
 
 from genetics.arrays import Genomes
-from genetics.compiled import kernel, subroutine
+from genetics.compiled import entry, kernel, subroutine
 from genetics.operators import (
     Table,
     call_fitness,
@@ -26,14 +28,17 @@ from genetics.operators import (
 from genetics.recipe import ONE_BIT
 from genetics.selection import admit_to, first_unsound, leave_families, pair, pair_with, renew, take_place
 from node.history import History
-from node.inbox import NEXT, Inbox, turn
+from node.inbox import LACKING, NEXT, Inbox, hear, packed, turn
 from node.kernels import OWN, TOLD, believe_one, note_staleness, tell_one
 from node.plan import Plan
 from node.rows import Rows
-from wire.exchange_kernels import SENT, STOP_AT, write_message
+from wire.exchange_kernels import PAYLOAD, SENT, STOP_AT, write_message
 
-REACHED, STALLED, STOPS = 1, 2, 4
-"""What a cell has to say beside its message: it proposes to stop for the target or for a stall; it stops now."""
+REACHED, STALLED, STOPS, REFUSED, UNSOUND = 1, 2, 4, 8, 16
+"""What a cell has to say beside its message: it proposes to stop for the target or for a stall; it stops now; it has
+refused a message; an offspring's fitness is none."""
+
+_TABLE = types.int64[:, ::1]
 
 # Places in the table.
 _HEADER, _GENOMES, _FITNESS, _WHENCES, _LATEST, _COUNTS, _USED, _STALENESS = range(8)
@@ -46,23 +51,7 @@ _INTERVAL, _LOCKSTEP, _CHAMPION, _WITNESS, _STALL, _STOP_DISTANCE, _LIMIT = rang
 _FAMILIES, _BETTER_HALF, _MOST_SELECTIONS = range(16, 19)
 
 
-class Bred(NamedTuple):
-    """What `Generations` has done.
-
-    Attributes:
-        generations: how many generations.
-        size: the bytes of the message to send, 0 if there is none.
-        flags: `REACHED`, `STALLED` and `STOPS`.
-        wrong: the index of an offspring in the generation after those whose fitness is none, or -1.
-    """
-
-    generations: int
-    size: int
-    flags: int
-    wrong: int
-
-
-_BRED, _SIZE, _FLAGS, _WRONG = range(len(Bred._fields))
+_BRED, _SIZE, _FLAGS, _WRONG = range(4)
 
 
 @subroutine
@@ -204,26 +193,41 @@ def _say(table: Any, settings: Any, now: Any, flags: Any, done: Any) -> Any:
     done[_FLAGS] = flags | STOPS if stops else flags
 
 
-@kernel("void(int64[:,::1], int64, int64, int64)", may_be_long=True)
-def live_on(table: Table, generation: int, noted: int, most: int) -> None:
-    """Breed from ``generation`` on until there is something to say, but at most ``most`` generations.
+@subroutine
+def _lacking(table: Any, settings: Any, generation: Any) -> Any:
+    """How many messages have not come that the next generation needs."""
+    if not settings[_LOCKSTEP] or generation % settings[_INTERVAL] != 0:
+        return 0
+    return integers(table, _COUNTS)[0, LACKING]
 
-    They are noted in the history from place ``noted`` on. What was done stands in the table as `Bred`; an offspring
-    without a fitness ends it.
+
+@kernel(types.int64(_TABLE, _TABLE, PAYLOAD, PAYLOAD, types.int64, types.int64, types.int64), may_be_long=True)
+def live_on(table: Table, inbox: Table, payloads: bytes, marks: bytes, generation: int, noted: int, most: int) -> int:
+    """Hear what has come, and breed from ``generation`` on until there is something to say or to wait for.
+
+    At most ``most`` generations are bred, and noted in the history from place ``noted`` on; an offspring without a
+    fitness ends it. Returns the generations bred, the flags above, how many messages are lacking for the next, and the
+    bytes of the message to send (0: none), in bits from 56, 48, 32 and 0 on.
     """
     settings, done = integers(table, _SETTINGS)[0], integers(table, _DONE)[0]
     done[:] = 0
-    done[_WRONG] = -1
-    while done[_BRED] < most and done[_SIZE] == 0 and done[_FLAGS] == 0:
-        now = generation + done[_BRED] + 1
-        whence = _listen(table, settings, now)
-        done[_WRONG] = _breed(table, settings, whence, now)
+    refused = len(marks) > 0 and hear(payloads, marks, inbox) > 0
+    while done[_BRED] < most and done[_SIZE] == 0 and done[_FLAGS] == 0 and _lacking(table, settings, generation) == 0:
+        generation += 1
+        whence = _listen(table, settings, generation)
+        done[_WRONG] = _breed(table, settings, whence, generation)
         if done[_WRONG] >= 0:
-            return
-        flags = _tell(table, settings, now)
-        _record(octets(table, _RECORDS)[noted + done[_BRED]], now, octets(table, _DEME), reals(table, _DEME_FITNESS)[0])
+            done[_FLAGS] = UNSOUND
+            break
+        flags = _tell(table, settings, generation)
+        record = octets(table, _RECORDS)[noted + done[_BRED]]
+        _record(record, generation, octets(table, _DEME), reals(table, _DEME_FITNESS)[0])
         done[_BRED] += 1
-        _say(table, settings, now, flags, done)
+        _say(table, settings, generation, flags, done)
+    flags = done[_FLAGS] | REFUSED if refused else done[_FLAGS]
+    lacking = _lacking(table, settings, generation)
+    packed_up: int = done[_BRED] << 56 | flags << 48 | lacking << 32 | done[_SIZE]
+    return packed_up
 
 
 class Generations:
@@ -249,7 +253,7 @@ class Generations:
         couples = plan.slots * plan.run.emigrants if alone else plan.recipe.couples(plan.run.deme)
         addresses = (mating.address, 0 if straying is None else straying.address, judging.address)
         self.offspring = np.zeros((2 * couples, plan.coding.genome_bytes), np.uint8)
-        done = np.zeros((1, len(Bred._fields)), np.int64)
+        done = np.zeros((1, 4), np.int64)
         arrays = (
             *rows.messages,
             inbox.whences,
@@ -273,14 +277,23 @@ class Generations:
             np.array([rows.target]),
             done,
         )
-        self._kept = (mating, straying, judging, arrays)
-        self._live_on = partial(live_on, pointers(*arrays))
+        self._kept = (mating, straying, judging, arrays, inbox)
+        self._live_on = partial(entry(live_on), pointers(*arrays), inbox.table)
         self._done = done
 
-    def __call__(self, generation: int, noted: int, most: int) -> Bred:
-        """See `live_on`."""
-        self._live_on(generation, noted, most)
-        return Bred._make(self._done[0].tolist())
+    def __call__(
+        self, news: Sequence[tuple[int, bytes]], generation: int, noted: int, most: int
+    ) -> tuple[int, int, int, int]:
+        """See `live_on`: the generations, the flags, the messages that are lacking, the bytes of the one to send."""
+        payloads, marks = packed(news) if news else (b"", b"")
+        done = self._live_on(payloads, marks, generation, noted, most)
+        return done >> 56, done >> 48 & 0xFF, done >> 32 & 0xFFFF, done & 0xFFFFFFFF
+
+    @property
+    def unsound(self) -> Genomes:
+        """After `UNSOUND`: the first offspring whose fitness is none, shape (1, genome_bytes)."""
+        wrong = self._done.item(0, _WRONG)
+        return self.offspring[wrong : wrong + 1]
 
 
 def _settings(plan: Plan, rows: Rows, champion: bool, addresses: tuple[int, int, int]) -> Any:

@@ -17,7 +17,8 @@ class History:
     Attributes:
         records: room for those not digested yet, shape (rows, records, bytes): generation, genomes, fitness, packed. It
             is for so many rows at a time.
-        noted: how many there are.
+        noted: how many there are; always less than `most`, so that there is room for another.
+        most: at so many they are digested.
     """
 
     def __init__(self, rows: int, deme: int, genome_bytes: int) -> None:
@@ -26,7 +27,7 @@ class History:
         self._generation, self._genomes, self._fitness = fields["generation"], fields["genomes"], fields["fitness"]
         self.records = fields.view(np.uint8).reshape(*fields.shape, record.itemsize)
         self.noted = 0
-        self._most = fields.shape[1]
+        self.most = fields.shape[1]
         self._digests = [hashlib.sha256() for _ in range(rows)]
 
     def note(self, generation: int, genomes: Genomes, fitness: Fitness) -> None:
@@ -39,15 +40,10 @@ class History:
         else:
             self._digest_now(genomes, fitness)
 
-    @property
-    def room(self) -> int:
-        """For how many more there is room before they are digested, at least 1."""
-        return self._most - self.noted
-
     def went_on(self, records: int = 1) -> None:
         """Some more have been written, here or by compiled code; no more than there was room for."""
         self.noted += records
-        if self.noted == self._most:
+        if self.noted == self.most:
             self._digest()
 
     def digests(self) -> list[bytes]:

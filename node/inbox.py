@@ -24,7 +24,7 @@ from wire.report import Staleness
 
 # What an inbox counts: the number of the next exchange, spare rows, neighbours whose messages are lacking, and messages
 # kept, refused, (in async mode) lost, and sound but of no use, such as those that come again.
-NEXT, _SPARE, _LACKING, _KEPT, _REFUSED, _LOST, _OF_NO_USE = range(7)
+NEXT, _SPARE, LACKING, _KEPT, _REFUSED, _LOST, _OF_NO_USE = range(7)
 
 # Places in the table of pointers.
 _HEADER, _GENOMES, _FITNESS, _MASK, _LOW, _HIGH, _ITEMS, _NAMES, _SENDERS, _WHENCES, _LATEST, _SPARES = range(12)
@@ -55,7 +55,7 @@ def _note(header: Any, interval: Any, latest: Any, number: Any, counts: Any) -> 
         return 0
     exchange = header[GENERATION] // interval
     latest[exchange % 2, number] = 1
-    counts[_LACKING] -= exchange == counts[NEXT]
+    counts[LACKING] -= exchange == counts[NEXT]
     return exchange % 2
 
 
@@ -103,16 +103,19 @@ def _take_in(table: Any, limits: Any, payload: Any, number: Any, counts: Any) ->
 def hear(payloads: bytes, marks: bytes, table: Table) -> int:
     """Read messages that lie one after another, and keep those that are sound and of use.
 
-    ``marks`` are two int64 for each: its length, and the number of the neighbour. Returns how many were refused.
+    ``marks`` are the senders of all and then the lengths of all, int64; what no neighbour has sent is passed over.
+    Returns how many were refused.
     """
     everything, arrivals = np.frombuffer(payloads, np.uint8), np.frombuffer(marks, np.int64)
-    limits, counts = integers(table, _LIMITS)[0], integers(table, _COUNTS)[0]
+    limits, counts, senders = integers(table, _LIMITS)[0], integers(table, _COUNTS)[0], integers(table, _SENDERS)[0]
     start = np.int64(0)
     refused = 0
-    for place in range(0, arrivals.size, 2):
-        end = start + arrivals[place]
-        if not _take_in(table, limits, everything[start:end], arrivals[place + 1], counts):
-            refused += 1
+    messages = arrivals.size // 2
+    for place in range(messages):
+        end = start + arrivals[messages + place]
+        for number in range(senders.size):
+            if senders[number] == arrivals[place]:
+                refused += not _take_in(table, limits, everything[start:end], number, counts)
         start = end
     counts[_REFUSED] += refused
     return refused
@@ -123,7 +126,13 @@ def turn(latest: Cells, counts: Cells) -> None:
     """In lockstep: the next exchange."""
     latest[counts[NEXT] % 2] = 0
     counts[NEXT] += 1
-    counts[_LACKING] = latest.shape[1] - np.sum(latest[counts[NEXT] % 2])
+    counts[LACKING] = latest.shape[1] - np.sum(latest[counts[NEXT] % 2])
+
+
+def packed(news: Sequence[tuple[int, bytes]]) -> tuple[bytes, bytes]:
+    """Messages, each with its sender, as `hear` takes them."""
+    senders, payloads = zip(*news, strict=True)
+    return b"".join(payloads), struct.pack(f"{2 * len(news)}q", *senders, *map(len, payloads))
 
 
 class Inbox:
@@ -138,7 +147,8 @@ class Inbox:
         used: in async mode the number of the message that each slot gave last.
         staleness: in async mode the counts of `wire.report.Staleness`.
         lacking: asked for how many neighbours' messages have not come, in lockstep; a call into compiled code, since it
-            is asked for each message.
+            is asked in each generation.
+        table: of pointers to all that `hear` works on.
     """
 
     def __init__(self, plan: Plan, cell: int, job: int) -> None:
@@ -157,8 +167,8 @@ class Inbox:
         spare = np.arange(2, 3 + exchanges * others)
         self.counts = np.zeros(7, np.int64)
         self.counts[_SPARE] = len(spare)
-        self.counts[_LACKING] = others
-        self.lacking = partial(self.counts.item, _LACKING)
+        self.counts[LACKING] = others
+        self.lacking = partial(self.counts.item, LACKING)
         self.messages = Messages.room(2 + len(spare), plan.coding.genome_bytes, plan.run.emigrants)
         names = np.array([[named == other for named in slots] for other in self.neighbours], np.uint8)
         interval = plan.run.interval if self._lockstep else 0
@@ -174,7 +184,7 @@ class Inbox:
             self.counts,
             np.array([plan.limits.most_bytes, plan.limits.cells, job, plan.world, interval, champions]),
         )
-        self._table = pointers(*self._kept)
+        self.table = pointers(*self._kept)
 
     @property
     def kept(self) -> int:
@@ -203,14 +213,10 @@ class Inbox:
 
     def hear(self, news: Sequence[tuple[int, bytes]]) -> set[tuple[int, str]]:
         """Take in messages, each with its sender. Returns the senders of those that are refused, with the reasons."""
-        payloads: list[bytes] = []
-        marks: list[int] = []
-        for sender, payload in news:
-            if sender in self._numbers:
-                payloads.append(payload)
-                marks += (len(payload), self._numbers[sender])
-        if not hear(b"".join(payloads), struct.pack(f"{len(marks)}q", *marks), self._table):
-            return set()
+        return self.complaints(news) if news and hear(*packed(news), self.table) else set()
+
+    def complaints(self, news: Sequence[tuple[int, bytes]]) -> set[tuple[int, str]]:
+        """Which of these messages are refused: their senders, with the reasons."""
         reasons = {(sender, self._reason(payload)) for sender, payload in news if sender in self._numbers}
         return {(sender, reason) for sender, reason in reasons if reason is not None}
 

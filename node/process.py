@@ -18,6 +18,7 @@ from functools import partial
 import zenoh
 
 import topologies
+from node import turns
 from node.assignment import Assignment, Coming
 from node.berth import Berth
 from node.cell import (
@@ -52,9 +53,10 @@ PATIENCE = 1.0  # seconds without a generation, at least, after which a lockstep
 def live(berth: Berth) -> None:
     """Be a node until the process is ended."""
     sessions.use_runtime(sessions.NODE_RUNTIME)
-    # More nodes than cores take turns; longer turns mean fewer switches.
-    os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
-    NodeProcess(berth).run()
+    turns.take_turns()
+    node = NodeProcess(berth)
+    turns.take_long_turns()  # not before: the network thread needs a core only for a moment, but soon
+    node.run()
 
 
 class NodeProcess:
@@ -72,6 +74,9 @@ class NodeProcess:
         self._questions_due = 0.0
         self._stats_due = 0.0
         self._cluster_nodes = 1
+        self._cores = os.sched_getaffinity(0)
+        self._core: int | None = None  # that this node keeps to
+        self._network_thread = 0  # its number; until it is known, that of whoever asks
         self.control = sessions.client(berth.router)
         self.links: Links | None = None  # those of the latest wiring
         if berth.topology:
@@ -101,6 +106,7 @@ class NodeProcess:
 
     # On the network thread --------------------------------------------------------------------------------------------
     def _take_command(self, query: zenoh.Query) -> None:
+        self._network_thread = threading.get_native_id()
         command: Command | Rejected
         try:
             command = control.decode(query.payload.to_bytes() if query.payload is not None else b"")
@@ -115,14 +121,15 @@ class NodeProcess:
         self.mail.put(partial(self._open_command, query, command))
 
     def _hear(self, sender: int, sample: zenoh.Sample) -> None:
-        assignment = self.assignment
+        payload = sample.payload.to_bytes()
         if (coming := self.coming) is not None:  # each cell takes what is meant for its world
-            coming.hear(sender, sample.payload.to_bytes())
-        if assignment is None or assignment.cell.ended:
+            coming.hear(sender, payload)
+        assignment = self.assignment
+        if assignment is None or not assignment.hears:
             return
         news = assignment.news
-        news.append((sender, sample.payload.to_bytes()))
-        if assignment.in_lockstep and len(news) >= assignment.cell.inbox.lacking():  # else it could only wait for more
+        news.append((sender, payload))
+        if len(news) >= assignment.awaits and assignment.in_lockstep:  # else it could only wait for more
             if assignment.brisk:
                 self._carry_on_briskly(assignment)
             else:
@@ -140,16 +147,27 @@ class NodeProcess:
                         assignment.links.publish(action.payload)
                     else:
                         self.mail.put(partial(self._carry_out, assignment, action))
+                if assignment.bred_at >= self._stats_due:
+                    self._tell_counters(assignment)
             except Exception as error:
                 self.mail.put(partial(_fail, error))
                 return
             finally:
                 assignment.turn.release()
+            self._keep_to(assignment.core)
             if not assignment.brisk:
                 self.mail.put(_nothing)
                 return
-            if not assignment.busy:
+            if assignment.awaits and not (assignment.news or assignment.events):
                 return
+
+    def _keep_to(self, core: int | None) -> None:
+        """On either thread: let both stay on a core, or go wherever the kernel likes."""
+        if core != self._core:
+            self._core = core
+            with contextlib.suppress(OSError):  # somebody has taken that core away from this process
+                for thread in (os.getpid(), self._network_thread):
+                    os.sched_setaffinity(thread, self._cores if core is None else {core})
 
     # On the main thread -----------------------------------------------------------------------------------------------
     def run(self) -> None:
@@ -181,7 +199,11 @@ class NodeProcess:
             return None
         if assignment.busy:
             return 0.0
-        return max(0.0, self._stats_due - time.monotonic())
+        return max(0.0, self._main_thread_due(assignment) - time.monotonic())
+
+    def _main_thread_due(self, assignment: Assignment) -> float:
+        """When to look at the clock: the network thread tells counters itself for as long as it breeds."""
+        return self._stats_due + (PATIENCE if assignment.brisk else 0.0)
 
     def _carry_on(self, assignment: Assignment) -> None:
         with assignment.turn:
@@ -190,7 +212,8 @@ class NodeProcess:
                     assignment.links.publish(action.payload)
                 else:
                     self._carry_out(assignment, action)
-        if not assignment.in_lockstep:
+        self._keep_to(assignment.core)
+        if assignment.yields:
             # For the network thread and the neighbours, should they want this core (or Python): else a node breeds
             # hundreds of generations with the same immigrants until its turn is over.
             os.sched_yield()
@@ -198,9 +221,8 @@ class NodeProcess:
     def _mind_the_time(self, assignment: Assignment) -> None:
         """Now and then, as rarely as counters are told, since a cold look costs as much as some generations."""
         now = time.monotonic()
-        if now < self._stats_due:
+        if now < self._main_thread_due(assignment):
             return
-        self._stats_due = now + period_of_reports(self._cluster_nodes)
         self._tell_counters(assignment)
         if assignment.in_lockstep and now >= self._questions_due:
             self._ask_if_it_waits(assignment, now)
@@ -358,6 +380,7 @@ class NodeProcess:
         assignment = self.assignment
         if assignment is not None and assignment.job == job:
             self.assignment = None
+            self._keep_to(None)
             self._leave_the_past()
             if assignment.links is not self.links:
                 assignment.links.close()
@@ -400,6 +423,7 @@ class NodeProcess:
         self.control.put(self.keys.log, record.encode())
 
     def _tell_counters(self, assignment: Assignment) -> None:
+        self._stats_due = time.monotonic() + period_of_reports(self._cluster_nodes)
         cell = assignment.cell
         counters = Counters(
             self.berth.node,

@@ -1,0 +1,44 @@
+"""How nodes share cores where there are more of them: who keeps to which core, and how long a turn is.
+
+The kernel moves a thread to the core of whoever wakes it, so among many nodes that wake each other all the time caches
+hold little for anyone, and some breed often while others wait. Blocks of the torus that keep to their cores take turns
+evenly, and most neighbours are on the same core.
+"""
+
+import ctypes
+import os
+import platform
+import struct
+
+from wire.control import Wiring
+
+_CROWD = 8  # nodes on each core, at least: then a core has nothing to do only when all of them wait
+_LONG = 20e-3  # seconds
+_SCHED_SETATTR = {"x86_64": 314, "aarch64": 274}  # Linux's number of the system call; the C library has no name for it
+
+
+def core_of(wiring: Wiring, cell: int) -> int | None:
+    """The core for the node on ``cell``; None if there are too few nodes on its host for that.
+
+    The cells of a host, in their order, are dealt out in blocks of the same size: rows of the torus.
+    """
+    hosts = wiring.hosts or ("",) * len(wiring.nodes)
+    place, nodes = hosts[:cell].count(hosts[cell]), hosts.count(hosts[cell])
+    cores = sorted(os.sched_getaffinity(0))
+    return None if nodes < _CROWD * len(cores) else cores[place * len(cores) // nodes]
+
+
+def take_turns() -> None:
+    """Let this thread, and those that it starts, not interrupt each other: fewer switches between nodes."""
+    os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
+
+
+def take_long_turns() -> None:
+    """Ask for turns of 20 ms, for this thread and those that it starts: after others' turns it finds no cache filled.
+
+    From Linux 6.12 on, whoever has shorter turns comes before; an older kernel has its own opinion.
+    """
+    if (number := _SCHED_SETATTR.get(platform.machine())) is not None:
+        # struct sched_attr: size, policy, flags, nice, priority, and the length of a turn in nanoseconds.
+        attributes = struct.pack("=IIQiIQQQ", 48, os.SCHED_BATCH, 0, 0, 0, round(_LONG * 1e9), 0, 0)
+        ctypes.CDLL(None).syscall(ctypes.c_long(number), 0, attributes, 0)

@@ -1,0 +1,63 @@
+"""Nodes keep to their cores while they breed, and are free to go afterwards."""
+
+import os
+from pathlib import Path
+
+import pytest
+from places import until
+
+import supernode
+
+
+@pytest.fixture(scope="module")
+def cluster():
+    """Eight nodes on each of two cores, or on one where there is but one."""
+    before = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, sorted(before)[:2])
+    try:
+        with supernode.LocalCluster(torus=(4, 4)) as cluster:
+            yield cluster
+    finally:
+        os.sched_setaffinity(0, before)
+
+
+def cores_of(cluster):
+    """For each node, in the order of the cells: the cores that its two threads may use; None while they differ."""
+    return [_cores_of(cluster.processes[f"node {node}"]) for node in range(16)]
+
+
+def _cores_of(node):
+    threads = [node, *(int(each.name) for each in Path(f"/proc/{node}/task").iterdir() if _is_networks(each))]
+    assert len(threads) == 2
+    one, other = (frozenset(os.sched_getaffinity(thread)) for thread in threads)
+    return one if one == other else None
+
+
+def _is_networks(thread):
+    """Zenoh has others for a while after the start."""
+    return (thread / "comm").read_text() == "net-0\n"
+
+
+def onemax(tmp_path, cost_us):
+    path = tmp_path / "onemax.toml"
+    path.write_text(f'kind = "function"\nname = "onemax"\ndimension = 64\ncost_us = {cost_us}\n')
+    return supernode.load(path)
+
+
+@pytest.mark.parametrize("mode", ["lockstep", "async"])
+def test_blocks_keep_to_a_core_for_as_long_as_a_job_runs(cluster, tmp_path, mode):
+    everywhere = cores_of(cluster)[0]
+    assert cores_of(cluster) == [everywhere] * 16
+    kept = [frozenset({core}) for core in sorted(everywhere) for _ in range(16 // len(everywhere))]
+    job = cluster.submit(onemax(tmp_path, 0), mode=mode, target=-1.0, seconds=600)
+    until(lambda: cores_of(cluster) == kept)
+    job.cancel()
+    job.result(timeout=30)
+    until(lambda: cores_of(cluster) == [everywhere] * 16)
+
+
+def test_nodes_that_wait_for_each_other_after_long_generations_go_where_there_is_room(cluster, tmp_path):
+    everywhere = cores_of(cluster)[0]
+    job = cluster.submit(onemax(tmp_path, 1000), target=-1.0, generations=20)
+    seen = {cores for _ in job.improvements() for cores in cores_of(cluster)}
+    assert seen == {everywhere}

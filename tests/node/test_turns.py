@@ -1,0 +1,85 @@
+"""Who keeps to which core, and how long a turn is."""
+
+import ctypes
+import os
+import platform
+import struct
+import threading
+from collections import Counter
+
+import pytest
+
+from node.turns import core_of, take_long_turns, take_turns
+from wire.control import Wiring
+
+
+@pytest.fixture
+def cores(monkeypatch):
+    """Have these cores, whatever the machine has."""
+
+    def have(*cores):
+        monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(cores))
+
+    return have
+
+
+def cores_of(wiring):
+    return [core_of(wiring, cell) for cell in range(len(wiring.nodes))]
+
+
+def test_blocks_of_the_torus_share_a_core(cores):
+    cores(3, 5)
+    assert cores_of(Wiring(0, tuple(range(16)))) == [3] * 8 + [5] * 8
+
+
+def test_which_nodes_live_there_does_not_matter(cores):
+    cores(0, 1, 2)
+    nodes = tuple(reversed(range(40, 64)))
+    assert cores_of(Wiring(7, nodes)) == [0] * 8 + [1] * 8 + [2] * 8
+
+
+def test_a_few_nodes_go_wherever_the_kernel_likes(cores):
+    cores(0, 1)
+    assert cores_of(Wiring(0, tuple(range(15)))) == [None] * 15
+
+
+def test_each_host_deals_out_its_own_cells(cores):
+    cores(0, 1)
+    hosts = ("a", "b") * 16 + ("c",) * 4
+    dealt = cores_of(Wiring(0, tuple(range(36)), hosts))
+    assert dealt[0:32:2] == dealt[1:32:2] == [0] * 8 + [1] * 8
+    assert dealt[32:] == [None] * 4
+
+
+@pytest.mark.parametrize("nodes", [64, 100, 1023])
+def test_all_cores_have_as_many(cores, nodes):
+    cores(*range(7))
+    shares = Counter(cores_of(Wiring(0, tuple(range(nodes)))))
+    assert len(shares) == 7
+    assert max(shares.values()) - min(shares.values()) <= 1
+
+
+@pytest.mark.skipif(platform.machine() != "x86_64", reason="asks the kernel by number")
+def test_a_long_turn_is_for_the_thread_that_asks():
+    """By the kernel's own word, sched_getattr(2): milliseconds, or 0 before Linux 6.12, which knows no such thing."""
+    turns = []
+
+    def look():
+        attributes = ctypes.create_string_buffer(48)
+        assert ctypes.CDLL(None).syscall(315, 0, attributes, 48, 0) == 0
+        _, policy, _, _, _, runtime, *_ = struct.unpack("=IIQiIQQQ", attributes)
+        turns.append((policy, runtime / 1e6))
+
+    def live():
+        take_turns()
+        take_long_turns()
+        look()
+
+    node = threading.Thread(target=live)
+    node.start()
+    node.join()
+    look()
+    (policy, long), (own_policy, own) = turns
+    assert (policy, own_policy) == (os.SCHED_BATCH, os.SCHED_OTHER)
+    assert long == (20 if own else 0)
+    assert own < 20
