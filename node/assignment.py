@@ -10,7 +10,7 @@ import zenoh
 from node.cell import Action, Cell, Event, Message
 from node.links import Links
 from node.plan import Plan
-from node.turns import core_of
+from node.turns import LONG, core_of
 from wire.exchange_kernels import NEVER
 
 BRISK_SECONDS = 2e-3  # of processor time: what is bred between two exchanges in less may be on the network thread
@@ -27,7 +27,7 @@ class Assignment:
         news: messages for the cell; the network thread appends, for as long as the cell `hears`.
         awaits: how many of them must come, at least, before the cell breeds again.
         core: which one the node should keep to, for now.
-        yields: whether the node should let others have its core after each step.
+        turns: how long its turns on that core should be, in seconds; 0: as long as the kernel likes.
         events: for the cell; any thread may append.
         turn: held by the thread that carries the cell on.
         brisk: whether that is the network thread, for now.
@@ -46,7 +46,7 @@ class Assignment:
         self.hears = True
         self.awaits = cell.awaits
         self.core: int | None = None
-        self.yields = False
+        self.turns = 0.0
         self.events: deque[Event] = deque()
         self.turn = threading.Lock()
         self.brisk = False
@@ -103,13 +103,21 @@ class Assignment:
                 each = (time.thread_time() - used) / bred
                 self.most = max(1, int(BRISK_SECONDS / max(each, 1e-6)))
                 self.brisk = self._may_be_brisk and each * self._interval < BRISK_SECONDS
-                # Where nodes wait for each other and generations take long, the kernel knows better who needs a core.
-                self.core = self._core if self.brisk or not self.in_lockstep else None
-                self.yields = not self.in_lockstep and self.most > 1
+                self._settle()
         self.awaits = cell.awaits
         if self.awaits == NEVER and cell.ended:
-            self.hears, self.core = False, None
+            self.hears, self.core, self.turns = False, None, 0.0
         return actions
+
+    def _settle(self) -> None:
+        """Where to breed, and for how long at a time, now that it is known how long a generation takes.
+
+        Where nodes wait for each other and generations take long, the kernel knows better who needs a core. Where they
+        wait for nobody and are in Python most of the time, the network thread would hardly ever get it on one core.
+        """
+        goes_on_alone = not self.in_lockstep and self.most == 1 and self.cell.compiled
+        self.turns = LONG if goes_on_alone else 0.0
+        self.core = self._core if self.brisk or goes_on_alone else None
 
 
 @dataclass

@@ -150,6 +150,11 @@ class Cell:
         return self.state in ("stopped", "failed")
 
     @property
+    def compiled(self) -> bool:
+        """Whether generations are bred in one compiled call, beside which other threads may run Python."""
+        return self._live_on is not None
+
+    @property
     def ready(self) -> bool:
         """True iff `step` would breed a generation without any further event or message."""
         return self.awaits == 0

@@ -54,9 +54,7 @@ def live(berth: Berth) -> None:
     """Be a node until the process is ended."""
     sessions.use_runtime(sessions.NODE_RUNTIME)
     turns.take_turns()
-    node = NodeProcess(berth)
-    turns.take_long_turns()  # not before: the network thread needs a core only for a moment, but soon
-    node.run()
+    NodeProcess(berth).run()
 
 
 class NodeProcess:
@@ -75,7 +73,8 @@ class NodeProcess:
         self._stats_due = 0.0
         self._cluster_nodes = 1
         self._cores = os.sched_getaffinity(0)
-        self._core: int | None = None  # that this node keeps to
+        self._core: int | None = None  # that this node keeps to,
+        self._turns = 0.0  # and how long its turns are there
         self._network_thread = 0  # its number; until it is known, that of whoever asks
         self.control = sessions.client(berth.router)
         self.links: Links | None = None  # those of the latest wiring
@@ -154,15 +153,18 @@ class NodeProcess:
                 return
             finally:
                 assignment.turn.release()
-            self._keep_to(assignment.core)
+            self._keep_to(assignment.core, assignment.turns)
             if not assignment.brisk:
                 self.mail.put(_nothing)
                 return
             if assignment.awaits and not (assignment.news or assignment.events):
                 return
 
-    def _keep_to(self, core: int | None) -> None:
-        """On either thread: let both stay on a core, or go wherever the kernel likes."""
+    def _keep_to(self, core: int | None, seconds: float) -> None:
+        """Let both threads stay on a core, or go wherever the kernel likes, and the main one take turns of so long."""
+        if seconds != self._turns:
+            self._turns = seconds
+            turns.take_turns_of(seconds)
         if core != self._core:
             self._core = core
             with contextlib.suppress(OSError):  # somebody has taken that core away from this process
@@ -212,8 +214,8 @@ class NodeProcess:
                     assignment.links.publish(action.payload)
                 else:
                     self._carry_out(assignment, action)
-        self._keep_to(assignment.core)
-        if assignment.yields:
+        self._keep_to(assignment.core, assignment.turns)
+        if not assignment.in_lockstep and assignment.turns != turns.LONG:
             # For the network thread and the neighbours, should they want this core (or Python): else a node breeds
             # hundreds of generations with the same immigrants until its turn is over.
             os.sched_yield()
@@ -380,7 +382,7 @@ class NodeProcess:
         assignment = self.assignment
         if assignment is not None and assignment.job == job:
             self.assignment = None
-            self._keep_to(None)
+            self._keep_to(None, 0.0)
             self._leave_the_past()
             if assignment.links is not self.links:
                 assignment.links.close()

@@ -13,7 +13,9 @@ import struct
 from wire.control import Wiring
 
 _CROWD = 8  # nodes on each core, at least: then a core has nothing to do only when all of them wait
-_LONG = 20e-3  # seconds
+LONG = 20e-3
+"""Seconds: for nodes that wait for nobody and whose generations take long: after others' turns no cache is warm. Who
+yields must have no long turns: Linux counts what is left of one as used, and others would come first for as long."""
 _SCHED_SETATTR = {"x86_64": 314, "aarch64": 274}  # Linux's number of the system call; the C library has no name for it
 
 
@@ -33,12 +35,12 @@ def take_turns() -> None:
     os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
 
 
-def take_long_turns() -> None:
-    """Ask for turns of 20 ms, for this thread and those that it starts: after others' turns it finds no cache filled.
+def take_turns_of(seconds: float) -> None:
+    """Ask for turns of that length for the main thread, from 0.1 to 100 ms; 0: as long as the kernel likes.
 
-    From Linux 6.12 on, whoever has shorter turns comes before; an older kernel has its own opinion.
+    Before Linux 6.12 they are always as long as the kernel likes.
     """
     if (number := _SCHED_SETATTR.get(platform.machine())) is not None:
         # struct sched_attr: size, policy, flags, nice, priority, and the length of a turn in nanoseconds.
-        attributes = struct.pack("=IIQiIQQQ", 48, os.SCHED_BATCH, 0, 0, 0, round(_LONG * 1e9), 0, 0)
-        ctypes.CDLL(None).syscall(ctypes.c_long(number), 0, attributes, 0)
+        attributes = struct.pack("=IIQiIQQQ", 48, os.SCHED_BATCH, 0, 0, 0, round(seconds * 1e9), 0, 0)
+        ctypes.CDLL(None).syscall(ctypes.c_long(number), os.getpid(), attributes, 0)

@@ -44,12 +44,12 @@ def onemax(tmp_path, cost_us):
     return supernode.load(path)
 
 
-@pytest.mark.parametrize("mode", ["lockstep", "async"])
-def test_blocks_keep_to_a_core_for_as_long_as_a_job_runs(cluster, tmp_path, mode):
+@pytest.mark.parametrize(("mode", "cost_us"), [("lockstep", 0), ("async", 1000)])
+def test_blocks_keep_to_a_core_for_as_long_as_a_job_runs(cluster, tmp_path, mode, cost_us):
     everywhere = cores_of(cluster)[0]
     assert cores_of(cluster) == [everywhere] * 16
     kept = [frozenset({core}) for core in sorted(everywhere) for _ in range(16 // len(everywhere))]
-    job = cluster.submit(onemax(tmp_path, 0), mode=mode, target=-1.0, seconds=600)
+    job = cluster.submit(onemax(tmp_path, cost_us), mode=mode, target=-1.0, seconds=600)
     until(lambda: cores_of(cluster) == kept)
     job.cancel()
     job.result(timeout=30)

@@ -1,15 +1,14 @@
 """Who keeps to which core, and how long a turn is."""
 
-import ctypes
 import os
 import platform
-import struct
-import threading
+import subprocess
+import sys
 from collections import Counter
 
 import pytest
 
-from node.turns import core_of, take_long_turns, take_turns
+from node.turns import core_of
 from wire.control import Wiring
 
 
@@ -59,27 +58,32 @@ def test_all_cores_have_as_many(cores, nodes):
     assert max(shares.values()) - min(shares.values()) <= 1
 
 
+# How a process of its own sees its turns: milliseconds, by sched_getattr(2); 0 before Linux 6.12, which tells nothing.
+LOOK = """
+import ctypes, struct
+from node.turns import LONG, take_turns, take_turns_of
+
+def look():
+    attributes = ctypes.create_string_buffer(48)
+    assert ctypes.CDLL(None).syscall(315, 0, attributes, 48, 0) == 0
+    _, policy, _, _, _, turn, *_ = struct.unpack("=IIQiIQQQ", attributes)
+    print(policy, turn / 1e6)
+
+look()
+take_turns()
+take_turns_of(LONG)
+look()
+take_turns_of(0.0)
+look()
+"""
+
+
 @pytest.mark.skipif(platform.machine() != "x86_64", reason="asks the kernel by number")
-def test_a_long_turn_is_for_the_thread_that_asks():
-    """By the kernel's own word, sched_getattr(2): milliseconds, or 0 before Linux 6.12, which knows no such thing."""
-    turns = []
-
-    def look():
-        attributes = ctypes.create_string_buffer(48)
-        assert ctypes.CDLL(None).syscall(315, 0, attributes, 48, 0) == 0
-        _, policy, _, _, _, runtime, *_ = struct.unpack("=IIQiIQQQ", attributes)
-        turns.append((policy, runtime / 1e6))
-
-    def live():
-        take_turns()
-        take_long_turns()
-        look()
-
-    node = threading.Thread(target=live)
-    node.start()
-    node.join()
-    look()
-    (policy, long), (own_policy, own) = turns
-    assert (policy, own_policy) == (os.SCHED_BATCH, os.SCHED_OTHER)
-    assert long == (20 if own else 0)
-    assert own < 20
+def test_turns_are_long_for_as_long_as_they_should_be():
+    said = subprocess.run([sys.executable, "-c", LOOK], check=True, capture_output=True, text=True).stdout
+    before, during, after = ((int(policy), float(turn)) for policy, turn in map(str.split, said.splitlines()))
+    known = before[1] > 0
+    assert before == (os.SCHED_OTHER, before[1])
+    assert during == (os.SCHED_BATCH, 20.0 if known else 0.0)
+    assert after == (os.SCHED_BATCH, before[1])
+    assert before[1] < 20

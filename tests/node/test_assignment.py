@@ -1,0 +1,82 @@
+"""What a node makes of how long its generations take."""
+
+import os
+import time
+from types import SimpleNamespace
+
+import pytest
+from one_max import plan_of
+
+from node import Cell, Plan
+from node.assignment import Assignment
+from node.cell import Halt, Start
+from node.turns import LONG
+from problems import Run
+from problems.function import Function
+from wire.control import Wiring
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    """Processor time that goes on by so many seconds with each look at it; two cores."""
+    shown = SimpleNamespace(now=0.0, step=0.0)
+
+    def look():
+        shown.now += shown.step
+        return shown.now
+
+    monkeypatch.setattr(time, "thread_time", look)
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {2, 3})
+    return shown
+
+
+def compiled(mode, **run):
+    return Plan(Function(kind="function", name="onemax", dimension=8), Run(topology="torus 4x4", mode=mode, **run))
+
+
+def in_python(mode):
+    return plan_of(topology="torus 4x4", mode=mode)
+
+
+def started(plan):
+    """The node on the cell 9, and what it needs to breed once: the first messages of its neighbours."""
+    first = {other: Cell(plan, other, job=1).step(events=[Start()])[0].payload for other in (5, 8, 10, 13)}
+    links = SimpleNamespace(cell=9, wiring=Wiring(0, tuple(range(16))))
+    assignment = Assignment(Cell(plan, 9, job=1), links)
+    assignment.events.append(Start())
+    assignment.news += first.items()
+    return assignment
+
+
+@pytest.mark.parametrize(
+    ("plan", "seconds", "core", "turns"),
+    [
+        (compiled("lockstep"), 1e-4, 3, 0.0),
+        (compiled("lockstep"), 1e-2, None, 0.0),  # where nodes wait for each other, some have more to do than others
+        (compiled("async"), 1e-4, None, 0.0),  # it is in Python most of the time, and so is the network thread
+        (compiled("async"), 1e-2, 3, LONG),
+        (in_python("async"), 1e-2, None, 0.0),
+    ],
+    ids=["brisk", "lockstep", "async brisk", "async", "async in Python"],
+)
+def test_who_keeps_to_a_core(clock, plan, seconds, core, turns):
+    assignment = started(plan)
+    assert (assignment.core, assignment.turns) == (None, 0.0)
+    clock.step = seconds
+    assignment.step()
+    assert assignment.cell.rows.generation == 1
+    assert (assignment.core, assignment.turns) == (core, turns)
+    assignment.events.append(Halt())
+    assignment.step()
+    assert (assignment.core, assignment.turns, assignment.hears) == (None, 0.0, False)
+
+
+def test_after_a_slow_generation_the_next_is_measured_too(clock):
+    assignment = started(compiled("lockstep", interval=3))
+    clock.step = 1e-2  # as the first one can be, whose code and memory nobody has touched
+    assignment.step()
+    assert not assignment.brisk
+    clock.step = 1e-4
+    assignment.step()
+    assert assignment.brisk
+    assert assignment.cell.rows.generation == 2
