@@ -21,7 +21,7 @@ from problems.file import parse
 _PROBLEM = 'kind = "function"\nname = "onemax"\ndimension = 64\n'
 _NEVER = -1.0  # no fitness is as low
 _WARM_UP = 50  # generations: pages are copied when a process first writes to them
-_LEAST = 100  # generations
+_LEAST = 300  # generations: what a job costs beside them, at its start and end, is told elsewhere
 _IDLE_SECONDS = 5.0
 _COLUMNS = (
     "torus",

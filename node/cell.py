@@ -6,7 +6,7 @@ not events: there are thousands of them a second, and they are taken in all at o
 
 States:
     prepared: knows its plan, and may already hear neighbours that started before it.
-    running: breeds a generation in each step, if it is `ready` to: in lockstep once it has the individuals of all its
+    running: breeds a generation in each step that it `awaits` no message for: in lockstep once it has those of all its
         neighbours, in async mode always.
     stopped: it has reported and does nothing more, but for answering neighbours that missed a message.
     failed: the problem broke; it has reported that.
@@ -153,11 +153,6 @@ class Cell:
     def compiled(self) -> bool:
         """Whether generations are bred in one compiled call, beside which other threads may run Python."""
         return self._live_on is not None
-
-    @property
-    def ready(self) -> bool:
-        """True iff `step` would breed a generation without any further event or message."""
-        return self.awaits == 0
 
     def step(self, news: Sequence[Message] = (), events: Sequence[Event] = (), most: int = 1) -> list[Action]:
         """Take ``news`` and ``events``, breed if ready, and say what is to be done.

@@ -72,7 +72,6 @@ class NodeProcess:
         self._questions_due = 0.0
         self._stats_due = 0.0
         self._cluster_nodes = 1
-        self._cores = os.sched_getaffinity(0)
         self._core: int | None = None  # that this node keeps to,
         self._turns = 0.0  # and how long its turns are there
         self._network_thread = 0  # its number; until it is known, that of whoever asks
@@ -169,7 +168,7 @@ class NodeProcess:
             self._core = core
             with contextlib.suppress(OSError):  # somebody has taken that core away from this process
                 for thread in (os.getpid(), self._network_thread):
-                    os.sched_setaffinity(thread, self._cores if core is None else {core})
+                    os.sched_setaffinity(thread, turns.CORES if core is None else {core})
 
     # On the main thread -----------------------------------------------------------------------------------------------
     def run(self) -> None:
@@ -218,7 +217,7 @@ class NodeProcess:
         if not assignment.in_lockstep and assignment.turns != turns.LONG:
             # For the network thread and the neighbours, should they want this core (or Python): else a node breeds
             # hundreds of generations with the same immigrants until its turn is over.
-            os.sched_yield()
+            turns.stand_back()
 
     def _mind_the_time(self, assignment: Assignment) -> None:
         """Now and then, as rarely as counters are told, since a cold look costs as much as some generations."""

@@ -9,14 +9,19 @@ import ctypes
 import os
 import platform
 import struct
+import time
 
 from wire.control import Wiring
 
+_PR_SET_TIMERSLACK = 29  # nanoseconds by which a nap may be longer than asked for, else 50,000
 _CROWD = 8  # nodes on each core, at least: then a core has nothing to do only when all of them wait
 LONG = 20e-3
-"""Seconds: for nodes that wait for nobody and whose generations take long: after others' turns no cache is warm. Who
-yields must have no long turns: Linux counts what is left of one as used, and others would come first for as long."""
+"""Seconds: for nodes that wait for nobody and whose generations take long: after others' turns no cache is warm."""
 _SCHED_SETATTR = {"x86_64": 314, "aarch64": 274}  # Linux's number of the system call; the C library has no name for it
+
+
+CORES = sorted(os.sched_getaffinity(0))
+"""Those that nodes may use: asked once, before any of them keeps to one."""
 
 
 def core_of(wiring: Wiring, cell: int) -> int | None:
@@ -26,13 +31,23 @@ def core_of(wiring: Wiring, cell: int) -> int | None:
     """
     hosts = wiring.hosts or ("",) * len(wiring.nodes)
     place, nodes = hosts[:cell].count(hosts[cell]), hosts.count(hosts[cell])
-    cores = sorted(os.sched_getaffinity(0))
-    return None if nodes < _CROWD * len(cores) else cores[place * len(cores) // nodes]
+    return None if nodes < _CROWD * len(CORES) else CORES[place * len(CORES) // nodes]
 
 
 def take_turns() -> None:
     """Let this thread, and those that it starts, not interrupt each other: fewer switches between nodes."""
     os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
+    ctypes.CDLL(None).prctl(_PR_SET_TIMERSLACK, ctypes.c_ulong(1))
+
+
+def stand_back() -> None:
+    """Let other threads have this core, and Python, if they want them.
+
+    A nap, as short as can be, instead of sched_yield(2): Linux 6.18 counts all that is left of a turn as used by who
+    yields. Who yields all the time runs far ahead of all others in its books; who wakes up is placed in between, behind
+    any thread that does not yield, for minutes (the kernel's own workers stood still for two).
+    """
+    time.sleep(1e-9)
 
 
 def take_turns_of(seconds: float) -> None:

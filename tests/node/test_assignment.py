@@ -1,6 +1,5 @@
 """What a node makes of how long its generations take."""
 
-import os
 import time
 from types import SimpleNamespace
 
@@ -26,7 +25,7 @@ def clock(monkeypatch):
         return shown.now
 
     monkeypatch.setattr(time, "thread_time", look)
-    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {2, 3})
+    monkeypatch.setattr("node.turns.CORES", [2, 3])
     return shown
 
 

@@ -10,7 +10,7 @@ from one_max import Bus, OneMax, plan_of
 from node import Cell, Plan
 from node.cell import Answer, Answered, Ask, Asked, Complain, Halt, Propose, Publish, Start, Waited
 from problems import Run
-from wire.exchange import Champion
+from wire.exchange import NEVER, Champion
 from wire.report import Report
 
 
@@ -41,7 +41,7 @@ def test_before_start_it_only_listens():
     cell = Cell(plan, 5, job=1)
     assert cell.neighbours == (1, 6, 9, 4)
     assert cell.step(heard(plan, cell.neighbours)) == []
-    assert (cell.state, cell.ready) == ("prepared", False)
+    assert (cell.state, cell.awaits) == ("prepared", NEVER)
     first, second = cell.step(events=[Start()])
     assert [said(plan, each).generation for each in (first, second)] == [0, 1]
 
@@ -54,7 +54,7 @@ def test_start_publishes_the_first_generation_and_waits():
     assert (message.sent, message.evaluations) == (1, 1)
     (emigrant,) = message.emigrants
     assert message.champion == cell.champion == Champion(emigrant.fitness, 0, 0, emigrant.genome)
-    assert not cell.ready
+    assert cell.awaits == 4
     assert cell.step() == []
     assert cell.step(events=[Start()]) == [], "it begins once"
 
@@ -286,7 +286,7 @@ def test_in_async_mode_every_step_breeds_and_a_stop_is_passed_on_at_once():
     cell = Cell(plan, 0, job=1)
     first, second = cell.step(events=[Start()])
     assert [said(plan, each).generation for each in (first, second)] == [0, 1]
-    assert cell.ready
+    assert cell.awaits == 0
     (third,) = cell.step()
     assert said(plan, third).generation == 2
     published, report = cell.step(heard(plan, (1,), stop_at=9))

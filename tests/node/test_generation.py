@@ -192,7 +192,7 @@ def test_no_more_generations_are_bred_at_once_than_up_to_the_next_message(deme):
     (message,) = cell.step(most=1000)
     assert isinstance(message, Publish)
     assert cell.rows.generation == 5
-    assert not cell.ready
+    assert cell.awaits == 1
 
 
 # What is no fitness ---------------------------------------------------------------------------------------------------

@@ -17,7 +17,7 @@ def cores(monkeypatch):
     """Have these cores, whatever the machine has."""
 
     def have(*cores):
-        monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(cores))
+        monkeypatch.setattr("node.turns.CORES", list(cores))
 
     return have
 
