@@ -277,6 +277,7 @@ class Generations:
             np.array([rows.target]),
             done,
         )
+        assert max(history.most >> 7, len(inbox.neighbours) >> 16) == 0, "what `live_on` returns has room for no more"
         self._kept = (mating, straying, judging, arrays, inbox)
         self._live_on = partial(entry(live_on), pointers(*arrays), inbox.table)
         self._done = done

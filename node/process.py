@@ -136,7 +136,7 @@ class NodeProcess:
     def _carry_on_briskly(self, assignment: Assignment) -> None:
         """Go on for as long as the cell can, unless the main thread is at it: that one looks again after its turn.
 
-        Nothing here may block, so all but small messages to the neighbours is left to the main thread.
+        Nothing here may block, so all but small messages to the neighbours and counters is left to the main thread.
         """
         while assignment.turn.acquire(blocking=False):
             try:
@@ -147,19 +147,24 @@ class NodeProcess:
                         self.mail.put(partial(self._carry_out, assignment, action))
                 if assignment.bred_at >= self._stats_due:
                     self._tell_counters(assignment)
+                self._keep_to(assignment)
             except Exception as error:
                 self.mail.put(partial(_fail, error))
                 return
             finally:
                 assignment.turn.release()
-            self._keep_to(assignment.core, assignment.turns)
             if not assignment.brisk:
                 self.mail.put(_nothing)
                 return
             if assignment.awaits and not (assignment.news or assignment.events):
                 return
 
-    def _keep_to(self, core: int | None, seconds: float) -> None:
+    def _keep_to(self, assignment: Assignment) -> None:
+        """Within its turn: stay where the assignment says, unless the node is at another by now."""
+        if assignment is self.assignment:
+            self._settle(assignment.core, assignment.turns)
+
+    def _settle(self, core: int | None, seconds: float) -> None:
         """Let both threads stay on a core, or go wherever the kernel likes, and the main one take turns of so long."""
         if seconds != self._turns:
             self._turns = seconds
@@ -213,7 +218,7 @@ class NodeProcess:
                     assignment.links.publish(action.payload)
                 else:
                     self._carry_out(assignment, action)
-        self._keep_to(assignment.core, assignment.turns)
+            self._keep_to(assignment)
         if not assignment.in_lockstep and assignment.turns != turns.LONG:
             # For the network thread and the neighbours, should they want this core (or Python): else a node breeds
             # hundreds of generations with the same immigrants until its turn is over.
@@ -380,8 +385,9 @@ class NodeProcess:
         """The latest links stay: the next job may want the same."""
         assignment = self.assignment
         if assignment is not None and assignment.job == job:
-            self.assignment = None
-            self._keep_to(None, 0.0)
+            with assignment.turn:
+                self.assignment = None
+                self._settle(None, 0.0)
             self._leave_the_past()
             if assignment.links is not self.links:
                 assignment.links.close()

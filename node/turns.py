@@ -56,6 +56,7 @@ def take_turns_of(seconds: float) -> None:
     Before Linux 6.12 they are always as long as the kernel likes.
     """
     if (number := _SCHED_SETATTR.get(platform.machine())) is not None:
-        # struct sched_attr: size, policy, flags, nice, priority, and the length of a turn in nanoseconds.
-        attributes = struct.pack("=IIQiIQQQ", 48, os.SCHED_BATCH, 0, 0, 0, round(seconds * 1e9), 0, 0)
-        ctypes.CDLL(None).syscall(ctypes.c_long(number), os.getpid(), attributes, 0)
+        # struct sched_attr: size, policy, flags, niceness, priority, and the length of a turn in nanoseconds.
+        main, nice = os.getpid(), os.getpriority(os.PRIO_PROCESS, 0)
+        attributes = struct.pack("=IIQiIQQQ", 48, os.SCHED_BATCH, 0, nice, 0, round(seconds * 1e9), 0, 0)
+        ctypes.CDLL(None).syscall(ctypes.c_long(number), main, attributes, 0)

@@ -35,7 +35,10 @@ def _cores_of(node):
 
 def _is_networks(thread):
     """Zenoh has others for a while after the start."""
-    return (thread / "comm").read_text() == "net-0\n"
+    try:
+        return (thread / "comm").read_text() == "net-0\n"
+    except OSError:  # it has just ended
+        return False
 
 
 def onemax(tmp_path, cost_us):
@@ -44,6 +47,7 @@ def onemax(tmp_path, cost_us):
     return supernode.load(path)
 
 
+@pytest.mark.skipif(len(os.sched_getaffinity(0)) < 2, reason="there is one core to keep to")
 @pytest.mark.parametrize(("mode", "cost_us"), [("lockstep", 0), ("async", 1000)])
 def test_blocks_keep_to_a_core_for_as_long_as_a_job_runs(cluster, tmp_path, mode, cost_us):
     everywhere = cores_of(cluster)[0]
