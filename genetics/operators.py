@@ -17,15 +17,16 @@ from genetics.compiled import kernel, subroutine
 
 Table = NDArray[np.int64]  # (arrays, 3): address, rows, columns
 
-_TABLE = types.int64[:, ::1]
-FITNESS = types.void(types.uint8[:, ::1], types.float64[::1], _TABLE)
+TABLE = types.int64[:, ::1]
+"""A table's type, for signatures."""
+FITNESS = types.void(types.uint8[:, ::1], types.float64[::1], TABLE)
 """Genomes (n, genome_bytes), their fitness (n,) to be filled, and the table."""
-MATING = types.void(types.uint8[:, :, ::1], types.uint8[:, ::1], types.uint64, types.int64, types.int64, _TABLE)
+MATING = types.void(types.uint8[:, :, ::1], types.uint8[:, ::1], types.uint64, types.int64, types.int64, TABLE)
 """Couples (n, 2, genome_bytes), two offspring of each (2 * n, genome_bytes) to be filled, seed, cell, generation, and
 the table."""
-FOUNDING = types.void(types.uint8[:, ::1], types.uint64, types.int64, types.int64, _TABLE)
+FOUNDING = types.void(types.uint8[:, ::1], types.uint64, types.int64, types.int64, TABLE)
 """A first deme (n, genome_bytes) to be filled, zeros before, seed, cell, generation, and the table."""
-STRAYING = types.int64(types.uint8[:, ::1], types.uint64, types.int64, types.int64, _TABLE)
+STRAYING = types.int64(types.uint8[:, ::1], types.uint64, types.int64, types.int64, TABLE)
 """Individuals (n, genome_bytes) one of which is changed, seed, cell, generation, and the table; returns which."""
 
 

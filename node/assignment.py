@@ -11,7 +11,6 @@ from node.cell import Action, Cell, Event, Message
 from node.links import Links
 from node.plan import Plan
 from node.turns import LONG, core_of
-from wire.exchange_kernels import NEVER
 
 BRISK_SECONDS = 2e-3  # of processor time: what is bred between two exchanges in less may be on the network thread
 _MOST_EARLY = 1000  # messages: of the next world each neighbour sends one or two before this node comes there
@@ -25,7 +24,6 @@ class Assignment:
     Attributes:
         links: to the neighbours in this world.
         news: messages for the cell; the network thread appends, for as long as the cell `hears`.
-        awaits: how many of them must come, at least, before the cell breeds again.
         core: which one the node should keep to, for now.
         turns: how long its turns on that core should be, in seconds; 0: as long as the kernel likes.
         events: for the cell; any thread may append.
@@ -44,7 +42,6 @@ class Assignment:
         self.links = links
         self.news: list[Message] = [] if news is None else news
         self.hears = True
-        self.awaits = cell.awaits
         self.core: int | None = None
         self.turns = 0.0
         self.events: deque[Event] = deque()
@@ -76,7 +73,7 @@ class Assignment:
     @property
     def busy(self) -> bool:
         """Whether there is something to do for the cell right now."""
-        return self.awaits == 0 or bool(self.news or self.events)
+        return self.cell.awaits == 0 or bool(self.news or self.events)
 
     def exchange_seconds(self) -> float:
         """From one message to the next, on average since this was asked last."""
@@ -104,8 +101,7 @@ class Assignment:
                 self.most = max(1, int(BRISK_SECONDS / max(each, 1e-6)))
                 self.brisk = self._may_be_brisk and each * self._interval < BRISK_SECONDS
                 self._settle()
-        self.awaits = cell.awaits
-        if self.awaits == NEVER and cell.ended:
+        if cell.ended:
             self.hears, self.core, self.turns = False, None, 0.0
         return actions
 

@@ -16,6 +16,7 @@ from numba import types
 from genetics.arrays import Genomes
 from genetics.compiled import entry, kernel, subroutine
 from genetics.operators import (
+    TABLE,
     Table,
     call_fitness,
     call_mating,
@@ -37,8 +38,6 @@ from wire.exchange_kernels import PAYLOAD, SENT, STOP_AT, write_message
 REACHED, STALLED, STOPS, REFUSED, UNSOUND = 1, 2, 4, 8, 16
 """What a cell has to say beside its message: it proposes to stop for the target or for a stall; it stops now; it has
 refused a message; an offspring's fitness is none."""
-
-_TABLE = types.int64[:, ::1]
 
 # Places in the table.
 _HEADER, _GENOMES, _FITNESS, _WHENCES, _LATEST, _COUNTS, _USED, _STALENESS = range(8)
@@ -201,7 +200,7 @@ def _lacking(table: Any, settings: Any, generation: Any) -> Any:
     return integers(table, _COUNTS)[0, LACKING]
 
 
-@kernel(types.int64(_TABLE, _TABLE, PAYLOAD, PAYLOAD, types.int64, types.int64, types.int64), may_be_long=True)
+@kernel(types.int64(TABLE, TABLE, PAYLOAD, PAYLOAD, types.int64, types.int64, types.int64), may_be_long=True)
 def live_on(table: Table, inbox: Table, payloads: bytes, marks: bytes, generation: int, noted: int, most: int) -> int:
     """Hear what has come, and breed from ``generation`` on until there is something to say or to wait for.
 

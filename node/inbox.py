@@ -15,7 +15,7 @@ from numba import types
 
 from genetics import Cells
 from genetics.compiled import kernel, subroutine
-from genetics.operators import Table, integers, octets, pointers, reals
+from genetics.operators import TABLE, Table, integers, octets, pointers, reals
 from node.kernels import OWN, TOLD, note_staleness
 from node.plan import Plan
 from wire.exchange import Messages
@@ -99,7 +99,7 @@ def _take_in(table: Any, limits: Any, payload: Any, number: Any, counts: Any) ->
     return True
 
 
-@kernel(types.int64(PAYLOAD, PAYLOAD, types.int64[:, ::1]))
+@kernel(types.int64(PAYLOAD, PAYLOAD, TABLE))
 def hear(payloads: bytes, marks: bytes, table: Table) -> int:
     """Read messages that lie one after another, and keep those that are sound and of use.
 

@@ -127,7 +127,7 @@ class NodeProcess:
             return
         news = assignment.news
         news.append((sender, payload))
-        if len(news) >= assignment.awaits and assignment.in_lockstep:  # else it could only wait for more
+        if len(news) >= assignment.cell.awaits and assignment.in_lockstep:  # else it could only wait for more
             if assignment.brisk:
                 self._carry_on_briskly(assignment)
             else:
@@ -156,7 +156,7 @@ class NodeProcess:
             if not assignment.brisk:
                 self.mail.put(_nothing)
                 return
-            if assignment.awaits and not (assignment.news or assignment.events):
+            if not assignment.busy:
                 return
 
     def _keep_to(self, assignment: Assignment) -> None:

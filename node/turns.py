@@ -18,7 +18,7 @@ _CROWD = 8  # nodes on each core, at least: then a core has nothing to do only w
 LONG = 20e-3
 """Seconds: for nodes that wait for nobody and whose generations take long: after others' turns no cache is warm."""
 _SCHED_SETATTR = {"x86_64": 314, "aarch64": 274}  # Linux's number of the system call; the C library has no name for it
-
+_LIBC = ctypes.CDLL(None)
 
 CORES = sorted(os.sched_getaffinity(0))
 """Those that nodes may use: asked once, before any of them keeps to one."""
@@ -37,7 +37,7 @@ def core_of(wiring: Wiring, cell: int) -> int | None:
 def take_turns() -> None:
     """Let this thread, and those that it starts, not interrupt each other: fewer switches between nodes."""
     os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
-    ctypes.CDLL(None).prctl(_PR_SET_TIMERSLACK, ctypes.c_ulong(1))
+    _LIBC.prctl(_PR_SET_TIMERSLACK, ctypes.c_ulong(1))
 
 
 def stand_back() -> None:
@@ -59,4 +59,4 @@ def take_turns_of(seconds: float) -> None:
         # struct sched_attr: size, policy, flags, niceness, priority, and the length of a turn in nanoseconds.
         main, nice = os.getpid(), os.getpriority(os.PRIO_PROCESS, 0)
         attributes = struct.pack("=IIQiIQQQ", 48, os.SCHED_BATCH, 0, nice, 0, round(seconds * 1e9), 0, 0)
-        ctypes.CDLL(None).syscall(ctypes.c_long(number), main, attributes, 0)
+        _LIBC.syscall(ctypes.c_long(number), main, attributes, 0)
