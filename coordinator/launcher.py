@@ -14,7 +14,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+import topologies
 from coordinator.errors import ClusterFailed
+from coordinator.zygote import CROWD
 
 _PREFIX = "supernode-"
 _IN_MEMORY = Path("/dev/shm")
@@ -79,13 +81,15 @@ class Launcher:
         self._closing = False
         told = None if service is None else asdict(service) | {"state": (service.state or self.folder).absolute()}
         config = {"cluster": cluster, "topology": topology, "folder": self.folder, "service": told}
+        crowded = topologies.parse(topology).cells >= CROWD
         self._zygote = subprocess.Popen(
             [sys.executable, "-P", "-m", "coordinator.zygote", json.dumps(config, default=str)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             env=os.environ | ONE_THREAD,
             pass_fds=[lock],  # held by every process of the cluster: the folder is stale once none lives
-            start_new_session=True,  # Ctrl-C is the caller's business
+            start_new_session=crowded,  # see `CROWD`
+            process_group=None if crowded else 0,  # Ctrl-C is the caller's business
         )
         self._reader = threading.Thread(target=self._read, name="zygote reader", daemon=True)
         self._reader.start()

@@ -34,10 +34,17 @@ _PR_SET_PDEATHSIG = 1
 _PR_SET_NAME = 15  # at most 15 bytes of it
 _DOWN = 100  # the exit status of a coordinator that was told to end the cluster
 _LATELY = 60.0  # seconds
-_HUGE_PAGES_FROM = 100  # nodes: each saves one or two milliseconds by huge pages, which take up to 0.3 s to make
 _MOST_DEATHS = 20  # more than each process once: something is wrong that no new process mends
 _WAKING = {signal.SIGCHLD, signal.SIGIO}
 _LIBC = ctypes.CDLL(None)
+
+CROWD = 100
+"""Nodes. As many save a millisecond or two each by huge pages, which take up to 0.3 s to make.
+
+And as many would leave next to nothing of the cores to others of their session. So, where Linux shares cores out among
+sessions first (autogroup), the nodes have one of their own, and so have the router, the spy and the coordinator. Fewer
+nodes do better in the caller's: on Linux 6.18 small clusters in many sessions keep each other waiting for seconds.
+"""
 
 
 def main() -> None:
@@ -45,6 +52,7 @@ def main() -> None:
     config = json.loads(sys.argv[1])
     folder = Path(config["folder"])
     _end_with_the_caller(folder)
+    signal.signal(signal.SIGTTOU, signal.SIG_IGN)  # the log may go to a terminal that stops who writes in the background
     Zygote(config["cluster"], config["topology"], folder, config["service"]).run()
 
 
@@ -84,6 +92,7 @@ class Zygote:
         self.service = service  # `coordinator.launcher.ServiceOptions`, as JSON has them
         self.children: dict[int, str] = {}  # process id to name
         self._deaths: list[float] = []  # of late, on the monotonic clock
+        self._crowded = False
 
     def run(self) -> None:
         """Fork all, then wait for a death, of the caller or of a child."""
@@ -91,6 +100,7 @@ class Zygote:
 
         topology = topologies.parse(self.topology)
         topology.neighbours(topologies.ROOT)  # a random graph is built here, not in each child
+        self._crowded = topology.cells >= CROWD
         self._warm_up(topology.cells)
         signal.pthread_sigmask(signal.SIG_BLOCK, _WAKING)
         complaint = self._fork_router()
@@ -118,7 +128,7 @@ class Zygote:
         gc.collect()
         gc.freeze()
         fork_memory.fill_holes()
-        if nodes >= _HUGE_PAGES_FROM:
+        if nodes >= CROWD:
             fork_memory.use_huge_pages()
 
     def _fork_router(self) -> str | None:
@@ -171,6 +181,8 @@ class Zygote:
             return
         try:
             _be_a_child(parent, name)
+            if self._crowded and not name.startswith("node "):
+                os.setsid()
             live()
         except BaseException as error:
             self._log("error", f"{type(error).__name__}: {error}", name, name)
@@ -249,8 +261,6 @@ def _be_a_child(parent: int, name: str) -> None:
     _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     if os.getppid() != parent:
         os._exit(1)
-    if not name.startswith("node "):
-        os.setsid()  # where Linux shares cores out among sessions (autogroup), no number of nodes starves this one
     signal.signal(signal.SIGIO, signal.SIG_DFL)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, _WAKING)
     nothing = os.open(os.devnull, os.O_RDWR)

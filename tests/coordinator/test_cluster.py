@@ -2,6 +2,7 @@
 
 import json
 import math
+import os
 
 import pytest
 
@@ -244,3 +245,19 @@ def test_closing_fails_the_job_that_runs(own_problem):
     next(job.improvements())
     cluster.close()
     assert job.result(timeout=10).message == "the cluster was closed"
+
+
+def test_a_cluster_is_of_the_callers_session_but_ctrl_c_is_not_for_it():
+    with supernode.LocalCluster(torus=(1, 2)) as cluster:
+        processes = cluster.processes
+        assert {os.getsid(process) for process in processes.values()} == {os.getsid(0)}
+        assert os.getpgid(0) not in {os.getpgid(process) for process in processes.values()}
+
+
+def test_a_crowd_takes_cores_neither_from_the_caller_nor_from_router_and_spy():
+    with supernode.LocalCluster(topology="ring 100") as cluster:
+        sessions = {name: os.getsid(process) for name, process in cluster.processes.items()}
+    of_nodes = {sessions.pop(name) for name in list(sessions) if name.startswith("node ")}
+    assert len(of_nodes) == 1
+    others = {sessions["router"], sessions["spy"], os.getsid(0)}
+    assert len(others | of_nodes) == 4

@@ -210,7 +210,8 @@ def test_down_waits_until_the_lifeline_has_ended(supernode, service, tmp_path):
     soon(lambda: service.wait_until_asked("down"), lifeline.terminate)
     code, out, _ = supernode("down", "--state", tmp_path, connect=False)
     assert (code, out) == (0, f"down: {tmp_path}\n")
-    assert lifeline.poll() is not None
+    with pytest.raises(ProcessLookupError):
+        os.kill(lifeline.pid, 0)
 
 
 def test_down_from_afar_waits_until_the_coordinator_has_ended_and_says_what_lives_on(supernode, service):
@@ -227,7 +228,8 @@ def test_down_ends_a_lifeline_whose_cluster_is_silent(supernode, service, tmp_pa
     write_card(tmp_path, Card(service.endpoint, "fake", lifeline.pid, "0"))
     lock = occupy(tmp_path)  # without it the card would be that of a cluster killed long ago
     assert supernode("down", "--state", tmp_path, connect=False)[0] == 0
-    assert lifeline.poll() is not None
+    with pytest.raises(ProcessLookupError):
+        os.kill(lifeline.pid, 0)
     os.close(lock)
 
 
