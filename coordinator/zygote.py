@@ -52,7 +52,7 @@ def main() -> None:
     config = json.loads(sys.argv[1])
     folder = Path(config["folder"])
     _end_with_the_caller(folder)
-    signal.signal(signal.SIGTTOU, signal.SIG_IGN)  # the log may go to a terminal that stops who writes in the background
+    signal.signal(signal.SIGTTOU, signal.SIG_IGN)  # a terminal that has the log may stop who is in the background
     Zygote(config["cluster"], config["topology"], folder, config["service"]).run()
 
 
