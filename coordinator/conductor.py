@@ -276,11 +276,11 @@ class Conductor:
             before, self.best = self.best, self._answer_for(world)
             self.worlds.add(world)
         placing = Placing(world.number, world.file, self.nodes, world.wiring.number, world.why, self.worlds.past)
-        self.dispatch.placed(self.job, placing)
+        self.dispatch.changed(self.job, "running")
+        self.dispatch.placed(self.job, placing)  # both are written now: whoever takes over goes on from here
         if self.best is not None and self.best is not before:  # nodes have not begun, so there is none but this one
             self._tell(self.best)
         self._ask_for_reports(world)
-        self.dispatch.changed(self.job, "running")
 
     def _ask_for_reports(self, world: World) -> None:
         """Also of cells that run, or have stopped: who asked before may have died, or the router on the way back."""
