@@ -64,7 +64,8 @@ export function line(name, records, x, y, more = {}, beginsAnew = isOfNewWorld) 
     const point = [x(record), record[y]];
     return index > 0 && beginsAnew(records[index - 1], record) ? [[null, null], point] : [point];
   });
-  return { name, x: points.map(([x]) => x), y: points.map(([, y]) => y), mode: "lines", ...more };
+  const mode = points.length > 1 ? "lines" : "markers";  // no line leads to a single point
+  return { name, x: points.map(([x]) => x), y: points.map(([, y]) => y), mode, ...more };
 }
 
 // `words` say to those who do not see it how it is now.

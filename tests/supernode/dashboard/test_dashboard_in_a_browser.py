@@ -166,7 +166,7 @@ def test_a_form_leads_to_a_solved_job_with_its_scene(page, home):
     page.click("form#submit button")
     page.wait_for_selector("#facts >> text=solved")
     until(lambda: page.evaluate("document.getElementById('scene').naturalWidth") > 0)
-    page.wait_for_selector("#convergence .main-svg .scatterlayer .trace")
+    page.wait_for_selector("#convergence .main-svg .scatterlayer .trace .point")
     assert "<img src=/nowhere" in page.inner_text("#facts")
     assert page.query_selector("#facts img") is None
 
