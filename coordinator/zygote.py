@@ -92,7 +92,6 @@ class Zygote:
         self.service = service  # `coordinator.launcher.ServiceOptions`, as JSON has them
         self.children: dict[int, str] = {}  # process id to name
         self._deaths: list[float] = []  # of late, on the monotonic clock
-        self._crowded = False
 
     def run(self) -> None:
         """Fork all, then wait for a death, of the caller or of a child."""
@@ -100,7 +99,6 @@ class Zygote:
 
         topology = topologies.parse(self.topology)
         topology.neighbours(topologies.ROOT)  # a random graph is built here, not in each child
-        self._crowded = topology.cells >= CROWD
         self._warm_up(topology.cells)
         signal.pthread_sigmask(signal.SIG_BLOCK, _WAKING)
         complaint = self._fork_router()
@@ -181,8 +179,6 @@ class Zygote:
             return
         try:
             _be_a_child(parent, name)
-            if self._crowded and not name.startswith("node "):
-                os.setsid()
             live()
         except BaseException as error:
             self._log("error", f"{type(error).__name__}: {error}", name, name)
@@ -261,6 +257,8 @@ def _be_a_child(parent: int, name: str) -> None:
     _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     if os.getppid() != parent:
         os._exit(1)
+    if os.getsid(0) == parent and not name.startswith("node "):  # the zygote leads the session of a crowd
+        os.setsid()
     signal.signal(signal.SIGIO, signal.SIG_DFL)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, _WAKING)
     nothing = os.open(os.devnull, os.O_RDWR)

@@ -83,6 +83,7 @@ def test_turns_are_long_for_as_long_as_they_should_be():
     said = subprocess.run([sys.executable, "-c", LOOK], check=True, capture_output=True, text=True).stdout
     before, during, after = ((int(policy), float(turn)) for policy, turn in map(str.split, said.splitlines()))
     known = before[1] > 0
+    assert before == (os.sched_getscheduler(0), before[1])
     assert during == (os.SCHED_BATCH, 20.0 if known else 0.0)
     assert after == (os.SCHED_BATCH, before[1])
     assert before[1] < 20

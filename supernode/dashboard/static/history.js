@@ -64,7 +64,7 @@ export function line(name, records, x, y, more = {}, beginsAnew = isOfNewWorld) 
     const point = [x(record), record[y]];
     return index > 0 && beginsAnew(records[index - 1], record) ? [[null, null], point] : [point];
   });
-  const mode = points.length > 1 ? "lines" : "markers";  // no line leads to a single point
+  const mode = points.length > 1 ? "lines" : "markers"; // no line leads to a single point
   return { name, x: points.map(([x]) => x), y: points.map(([, y]) => y), mode, ...more };
 }
 
