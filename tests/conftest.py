@@ -1,5 +1,7 @@
 """What tests share: small problems that need no planner, and problem files of one's own."""
 
+import contextlib
+import os
 import random
 
 import pytest
@@ -7,6 +9,17 @@ from hypothesis import settings
 
 settings.register_profile("busy", deadline=None)  # whoever runs the tests beside other work may wait for a core
 settings.load_profile("busy")
+
+
+def pytest_configure():
+    """Have a session if the caller has none, as some containers and services that run tests.
+
+    Linux lets each process without one count as much as the whole session of the browser, which always has its own.
+    """
+    if os.getsid(0) == 0:
+        with contextlib.suppress(PermissionError):  # it leads a group of processes
+            os.setsid()
+
 
 OWN_MODULE = """
 import numpy as np
