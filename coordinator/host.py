@@ -89,7 +89,7 @@ class HostZygote(Zygote):
             self._fork(name, lambda: _as_usual(partial(self._node_live, self._berth(number))))
 
     def _berth(self, node: int, topology: str = "") -> Berth:
-        return Berth(self.cluster, node, topology, self.folder, self._router, self._host.id)
+        return Berth(self.cluster, node, topology, self.folder, self._router, self._host.id, self._batons)
 
     def _be_the_agent(self) -> None:
         try:

@@ -28,6 +28,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from node.baton import Batons
     from node.berth import Berth
 
 _PR_SET_PDEATHSIG = 1
@@ -91,6 +92,7 @@ class Zygote:
         self.folder = folder
         self.service = service  # `coordinator.launcher.ServiceOptions`, as JSON has them
         self.children: dict[int, str] = {}  # process id to name
+        self._batons: Batons = {}
         self._deaths: list[float] = []  # of late, on the monotonic clock
 
     def run(self) -> None:
@@ -118,10 +120,12 @@ class Zygote:
     def _warm_up(self, nodes: int) -> None:
         """Import all that a child will need, and no more garbage collection of it: children share its pages."""
         import_all()
+        import node.baton
         import node.process
         import spy.process
         from coordinator import fork_memory
 
+        self._batons = node.baton.for_all_cores()
         self._spy_watch, self._node_live = spy.process.watch, node.process.live
         gc.collect()
         gc.freeze()
@@ -169,7 +173,8 @@ class Zygote:
         from node.berth import Berth
         from wire import sessions
 
-        return Berth(self.cluster, node, topology, self.folder, sessions.unix_socket(self.folder, "router"))
+        router = sessions.unix_socket(self.folder, "router")
+        return Berth(self.cluster, node, topology, self.folder, router, batons=self._batons)
 
     def _fork(self, name: str, live: Callable[[], None]) -> None:
         parent = os.getpid()

@@ -26,6 +26,7 @@ class Assignment:
         news: messages for the cell; the network thread appends, for as long as the cell `hears`.
         core: which one the node should keep to, for now.
         turns: how long its turns on that core should be, in seconds; 0: as long as the kernel likes.
+        hands_on: whether it breeds on that core only while it has the baton.
         events: for the cell; any thread may append.
         turn: held by the thread that carries the cell on.
         brisk: whether that is the network thread, for now.
@@ -44,6 +45,7 @@ class Assignment:
         self.hears = True
         self.core: int | None = None
         self.turns = 0.0
+        self.hands_on = False
         self.events: deque[Event] = deque()
         self.turn = threading.Lock()
         self.brisk = False
@@ -100,13 +102,13 @@ class Assignment:
                 each = (time.thread_time() - used) / bred
                 self.most = max(1, int(BRISK_SECONDS / max(each, 1e-6)))
                 self.brisk = self._may_be_brisk and each * self._interval < BRISK_SECONDS
-                self._settle()
+                self._settle(each)
         if cell.ended:
-            self.hears, self.core, self.turns = False, None, 0.0
+            self.hears, self.core, self.turns, self.hands_on = False, None, 0.0, False
         return actions
 
-    def _settle(self) -> None:
-        """Where to breed, and for how long at a time, now that it is known how long a generation takes.
+    def _settle(self, seconds: float) -> None:
+        """Where to breed, and for how long at a time, now that it is known how many seconds a generation takes.
 
         Where nodes wait for each other and generations take long, the kernel knows better who needs a core. Where they
         wait for nobody and are in Python most of the time, the network thread would hardly ever get it on one core.
@@ -114,6 +116,8 @@ class Assignment:
         goes_on_alone = not self.in_lockstep and self.most == 1 and self.cell.compiled
         self.turns = LONG if goes_on_alone else 0.0
         self.core = self._core if self.brisk or goes_on_alone else None
+        # Whose generations take longer than a turn would keep the others from theirs.
+        self.hands_on = goes_on_alone and self.core is not None and seconds < LONG
 
 
 @dataclass

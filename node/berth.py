@@ -1,9 +1,10 @@
 """A node's place in a cluster: what it must be told before it can link itself."""
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
+from node.baton import Batons
 from wire import sessions
 from wire.keys import Keys
 
@@ -19,6 +20,7 @@ class Berth:
         folder: a private folder for Unix sockets, the same for all nodes of one machine.
         router: the endpoint of the cluster's router.
         host: names this start of the processes that share ``folder``, if the cluster's live in several places.
+        batons: for the nodes that share a core; who has none breeds when the kernel lets it.
     """
 
     cluster: str
@@ -27,6 +29,7 @@ class Berth:
     folder: Path
     router: str
     host: str = ""
+    batons: Batons = field(default_factory=dict)
 
     @property
     def keys(self) -> Keys:

@@ -181,6 +181,10 @@ class Cell:
         """How many messages this cell has published."""
         return self.rows.messages.header.item(0, SENT)
 
+    def take_back(self) -> None:
+        """In async mode: nobody was sent the latest message, so the next one takes its number."""
+        self.rows.messages.header[OWN, SENT] -= 1
+
     @property
     def lost(self) -> int:
         """How many messages did not come: none in lockstep, unless links fail. What only came late was not lost."""

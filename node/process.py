@@ -20,6 +20,7 @@ import zenoh
 import topologies
 from node import turns
 from node.assignment import Assignment, Coming
+from node.baton import Baton
 from node.berth import Berth
 from node.cell import (
     Action,
@@ -47,6 +48,7 @@ from wire.news import Counters, LogRecord, period_of_reports
 from wire.report import Report
 from wire.strict import Rejected
 
+_ROUNDS = 4  # of all turns on a core, and a second, may pass before a node believes that its baton was lost
 PATIENCE = 1.0  # seconds without a generation, at least, after which a lockstep node asks for what is missing
 
 
@@ -74,6 +76,9 @@ class NodeProcess:
         self._cluster_nodes = 1
         self._core: int | None = None  # that this node keeps to,
         self._turns = 0.0  # and how long its turns are there
+        self._baton: Baton | None = None  # the one that it has,
+        self._turn_ends = 0.0  # and until when
+        self._unsent: Task | None = None  # publishes its latest message
         self._network_thread = 0  # its number; until it is known, that of whoever asks
         self.control = sessions.client(berth.router)
         self.links: Links | None = None  # those of the latest wiring
@@ -194,9 +199,14 @@ class NodeProcess:
         """Wait for mail unless there is something else to do, and do all that it asks for."""
         if self.mail.empty():
             with contextlib.suppress(queue.Empty):
-                self.mail.get(timeout=self._idle_seconds())()
+                self._attend_to(self.mail.get(timeout=self._idle_seconds()))
         for _ in range(self.mail.qsize()):
-            self.mail.get_nowait()()
+            self._attend_to(self.mail.get_nowait())
+
+    def _attend_to(self, task: Task) -> None:
+        """It may take long, so that others may breed meanwhile."""
+        self._hand_on()
+        task()
 
     def _idle_seconds(self) -> float | None:
         """How long nothing needs to be done without mail; None: for ever."""
@@ -212,17 +222,50 @@ class NodeProcess:
         return self._stats_due + (PATIENCE if assignment.brisk else 0.0)
 
     def _carry_on(self, assignment: Assignment) -> None:
+        if assignment.hands_on and self._baton is None:
+            self._take_baton(assignment)
+        if self._unsent is not None:
+            self._unsent = None
+            assignment.cell.take_back()
         with assignment.turn:
             for action in assignment.step():
                 if type(action) is Publish:
-                    assignment.links.publish(action.payload)
+                    self._publish(assignment, action.payload)
                 else:
                     self._carry_out(assignment, action)
             self._keep_to(assignment)
+        if self._baton is not None and self._is_over(assignment):
+            self._hand_on()
         if not assignment.in_lockstep and assignment.turns != turns.LONG:
             # For the network thread and the neighbours, should they want this core (or Python): else a node breeds
             # hundreds of generations with the same immigrants until its turn is over.
             turns.stand_back()
+
+    def _take_baton(self, assignment: Assignment) -> None:
+        assert assignment.core is not None, "who hands a baton on keeps to a core"
+        baton = self.berth.batons.get(assignment.core)
+        if baton is not None:
+            baton.take(PATIENCE + _ROUNDS * turns.LONG * len(assignment.links.wiring.nodes) / len(turns.CORES))
+            self._baton, self._turn_ends = baton, time.monotonic() + turns.LONG
+
+    def _is_over(self, assignment: Assignment) -> bool:
+        """Whether this node's turn is."""
+        return assignment.bred_at >= self._turn_ends or not assignment.hands_on
+
+    def _hand_on(self) -> None:
+        if self._baton is not None:
+            if self._unsent is not None:
+                publish, self._unsent = self._unsent, None
+                publish()
+            baton, self._baton = self._baton, None
+            baton.hand_on()
+
+    def _publish(self, assignment: Assignment, payload: bytes) -> None:
+        """Of a turn's messages only the last: until it is over, most neighbours cannot read any."""
+        if self._baton is None or assignment.cell.ended or assignment.cell.plan.run.interval > 1:
+            assignment.links.publish(payload)
+        else:
+            self._unsent = partial(assignment.links.publish, payload)
 
     def _mind_the_time(self, assignment: Assignment) -> None:
         """Now and then, as rarely as counters are told, since a cold look costs as much as some generations."""

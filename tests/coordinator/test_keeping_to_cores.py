@@ -1,9 +1,11 @@
 """Nodes keep to their cores while they breed, and are free to go afterwards."""
 
 import os
+import signal
 from pathlib import Path
 
 import pytest
+from live_service import live
 from places import until
 
 import supernode
@@ -47,6 +49,12 @@ def onemax(tmp_path, cost_us):
     return supernode.load(path)
 
 
+def generation_of(client, job):
+    """Of its nodes, the median that was told last."""
+    page = client.records("statistics", job.id)
+    return page["rows"][-1][page["columns"].index("generation")] if page["rows"] else 0
+
+
 @pytest.mark.skipif(len(os.sched_getaffinity(0)) < 2, reason="there is one core to keep to")
 @pytest.mark.parametrize(("mode", "cost_us"), [("lockstep", 0), ("async", 1000)])
 def test_blocks_keep_to_a_core_for_as_long_as_a_job_runs(cluster, tmp_path, mode, cost_us):
@@ -58,6 +66,27 @@ def test_blocks_keep_to_a_core_for_as_long_as_a_job_runs(cluster, tmp_path, mode
     job.cancel()
     job.result(timeout=30)
     until(lambda: cores_of(cluster) == [everywhere] * 16)
+
+
+@pytest.mark.skipif(len(os.sched_getaffinity(0)) < 2, reason="sixteen nodes on one core or two hand batons on")
+def test_who_has_a_turn_of_many_generations_tells_the_last_of_them(cluster, tmp_path):
+    result = cluster.submit(onemax(tmp_path, 500), mode="async", target=-1.0, seconds=2).result()
+    assert 0 < result.messages["sent"] < 16 * result.generations / 2
+    assert result.messages["lost"] == 0
+
+
+def test_those_of_a_core_are_killed_and_with_them_who_has_its_turn(tmp_path):
+    with live(tmp_path / "state") as service, service.connect() as client:
+        job = client.submit(onemax(tmp_path, 500), mode="async", target=-1.0, seconds=600)
+        until(lambda: generation_of(client, job))
+        before, first = service.processes(), [f"node {node}" for node in range(8)]
+        for name in first:
+            os.kill(before[name], signal.SIGKILL)
+        until(lambda: all(service.processes().get(name, before[name]) != before[name] for name in first))
+        reached = generation_of(client, job)
+        until(lambda: generation_of(client, job) > reached + 50)
+        job.cancel()
+        assert job.result(60).status == "cancelled"
 
 
 def test_nodes_that_wait_for_each_other_after_long_generations_go_where_there_is_room(cluster, tmp_path):

@@ -48,26 +48,29 @@ def started(plan):
 
 
 @pytest.mark.parametrize(
-    ("plan", "seconds", "core", "turns"),
+    ("plan", "seconds", "core", "turns", "hands_on"),
     [
-        (compiled("lockstep"), 1e-4, 3, 0.0),
-        (compiled("lockstep"), 1e-2, None, 0.0),  # where nodes wait for each other, some have more to do than others
-        (compiled("async"), 1e-4, None, 0.0),  # it is in Python most of the time, and so is the network thread
-        (compiled("async"), 1e-2, 3, LONG),
-        (in_python("async"), 1e-2, None, 0.0),
+        (compiled("lockstep"), 1e-4, 3, 0.0, False),
+        # where nodes wait for each other, some have more to do than others
+        (compiled("lockstep"), 1e-2, None, 0.0, False),
+        # it is in Python most of the time, and so is the network thread
+        (compiled("async"), 1e-4, None, 0.0, False),
+        (compiled("async"), 1e-2, 3, LONG, True),
+        (compiled("async"), 2 * LONG, 3, LONG, False),
+        (in_python("async"), 1e-2, None, 0.0, False),
     ],
-    ids=["brisk", "lockstep", "async brisk", "async", "async in Python"],
+    ids=["brisk", "lockstep", "async brisk", "async", "async, longer than a turn", "async in Python"],
 )
-def test_who_keeps_to_a_core(clock, plan, seconds, core, turns):
+def test_who_keeps_to_a_core(clock, plan, seconds, core, turns, hands_on):
     assignment = started(plan)
     assert (assignment.core, assignment.turns) == (None, 0.0)
     clock.step = seconds
     assignment.step()
     assert assignment.cell.rows.generation == 1
-    assert (assignment.core, assignment.turns) == (core, turns)
+    assert (assignment.core, assignment.turns, assignment.hands_on) == (core, turns, hands_on)
     assignment.events.append(Halt())
     assignment.step()
-    assert (assignment.core, assignment.turns, assignment.hears) == (None, 0.0, False)
+    assert (assignment.core, assignment.turns, assignment.hands_on, assignment.hears) == (None, 0.0, False, False)
 
 
 def test_after_a_slow_generation_the_next_is_measured_too(clock):

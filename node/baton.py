@@ -1,0 +1,63 @@
+"""On each core one node at a time breeds, for some generations, and then hands a baton on to who has waited longest.
+
+Asynchronous nodes wait for nobody, so where many of them share a core they all want it all the time. The kernel gives
+each a millisecond or so, whatever turns they ask for: as soon as another thread wakes up, who has had more than his
+share is interrupted. With a hundred nodes on a core each then finds its caches cold in every generation.
+
+The baton is a datagram in a socket that all nodes of a host have inherited; who waits for it sleeps in the kernel's
+queue. A node may be killed while it has the baton. Whoever has waited far too long makes another, and an older one than
+has been seen is dropped where it turns up again: at worst some nodes breed side by side for a while.
+"""
+
+import os
+import socket
+import struct
+import time
+from collections.abc import Mapping
+
+from node.turns import CORES
+
+_TOKEN = struct.Struct("qq")  # how often one was lost before, and the process that made it
+_AFTERWARDS = 1e-3  # seconds until who has handed the baton on may ask for it again: the next one is awake by then
+
+
+class Baton:
+    """One core's. Make it in the process that the nodes are forked from: it has its end when all of them have."""
+
+    def __init__(self) -> None:
+        self._given, self._taken = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self._newest = (0, 0)
+        self._given.send(_TOKEN.pack(*self._newest))
+
+    def take(self, patience: float) -> bool:
+        """Wait for it, so many seconds at most; whether there was one."""
+        # The socket's own patience, which all nodes share; Python's would make it fail at once for all of them.
+        self._taken.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, _timeval(patience))
+        token = (-1, 0)
+        while token < self._newest:
+            try:
+                token = _TOKEN.unpack(self._taken.recv(_TOKEN.size))
+            except BlockingIOError:
+                self._newest = (self._newest[0] + 1, os.getpid())
+                return False
+        self._newest = token
+        return True
+
+    def hand_on(self) -> None:
+        """To who has waited longest."""
+        self._given.send(_TOKEN.pack(*self._newest))
+        time.sleep(_AFTERWARDS)
+
+
+Batons = Mapping[int, Baton]
+"""Those of cores, by number."""
+
+
+def for_all_cores() -> Batons:
+    """One for each core that nodes may use."""
+    return {core: Baton() for core in CORES}
+
+
+def _timeval(seconds: float) -> bytes:
+    whole, rest = divmod(seconds, 1.0)
+    return struct.pack("ll", int(whole), int(rest * 1e6))
