@@ -125,7 +125,7 @@ class Zygote:
         import spy.process
         from coordinator import fork_memory
 
-        self._batons = node.baton.for_all_cores()
+        self._batons = node.baton.for_all_cores(nodes)
         self._spy_watch, self._node_live = spy.process.watch, node.process.live
         gc.collect()
         gc.freeze()

@@ -15,24 +15,32 @@ import struct
 import time
 from collections.abc import Mapping
 
-from node.turns import CORES
+from node.turns import CORES, LONG, share_cores
 
 _TOKEN = struct.Struct("qq")  # how often one was lost before, and the process that made it
-_AFTERWARDS = 1e-3  # seconds until who has handed the baton on may ask for it again: the next one is awake by then
+_AFTERWARDS = (
+    5e-3  # seconds until who has handed the baton on may ask for it again: the next one should be awake by then
+)
+_ROUNDS = 4  # of all turns on a core, and a second, may pass until a node believes that its baton was lost,
+_MOST_PATIENT = 30.0  # or so many seconds: a job whose nodes do not halt within a minute fails
 
 
 class Baton:
-    """One core's. Make it in the process that the nodes are forked from: it has its end when all of them have."""
+    """One core's. Make it in the process that the nodes are forked from: it has its end when all of them have.
 
-    def __init__(self) -> None:
+    Args:
+        patience: how many seconds to wait for it at most, before another is made.
+    """
+
+    def __init__(self, patience: float) -> None:
         self._given, self._taken = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+        # The socket's own patience, which all nodes share; Python's would make it fail at once for all of them.
+        self._taken.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, _timeval(patience))
         self._newest = (0, 0)
         self._given.send(_TOKEN.pack(*self._newest))
 
-    def take(self, patience: float) -> bool:
-        """Wait for it, so many seconds at most; whether there was one."""
-        # The socket's own patience, which all nodes share; Python's would make it fail at once for all of them.
-        self._taken.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, _timeval(patience))
+    def take(self) -> bool:
+        """Wait for it; whether there was one."""
         token = (-1, 0)
         while token < self._newest:
             try:
@@ -44,7 +52,7 @@ class Baton:
         return True
 
     def hand_on(self) -> None:
-        """To who has waited longest."""
+        """To who has waited longest, if he wakes up in time."""
         self._given.send(_TOKEN.pack(*self._newest))
         time.sleep(_AFTERWARDS)
 
@@ -53,9 +61,10 @@ Batons = Mapping[int, Baton]
 """Those of cores, by number."""
 
 
-def for_all_cores() -> Batons:
-    """One for each core that nodes may use."""
-    return {core: Baton() for core in CORES}
+def for_all_cores(nodes: int) -> Batons:
+    """One for each core that so many nodes of a host share; none if they are too few for that."""
+    patience = min(1.0 + _ROUNDS * LONG * nodes / len(CORES), _MOST_PATIENT)
+    return {core: Baton(patience) for core in CORES if share_cores(nodes)}
 
 
 def _timeval(seconds: float) -> bytes:

@@ -48,7 +48,6 @@ from wire.news import Counters, LogRecord, period_of_reports
 from wire.report import Report
 from wire.strict import Rejected
 
-_ROUNDS = 4  # of all turns on a core, and a second, may pass before a node believes that its baton was lost
 PATIENCE = 1.0  # seconds without a generation, at least, after which a lockstep node asks for what is missing
 
 
@@ -222,11 +221,9 @@ class NodeProcess:
         return self._stats_due + (PATIENCE if assignment.brisk else 0.0)
 
     def _carry_on(self, assignment: Assignment) -> None:
-        if assignment.hands_on and self._baton is None:
+        if assignment.hands_on and self._baton is None and not assignment.events:  # such as to halt, at once
             self._take_baton(assignment)
-        if self._unsent is not None:
-            self._unsent = None
-            assignment.cell.take_back()
+        self._supersede(assignment.cell)
         with assignment.turn:
             for action in assignment.step():
                 if type(action) is Publish:
@@ -245,7 +242,7 @@ class NodeProcess:
         assert assignment.core is not None, "who hands a baton on keeps to a core"
         baton = self.berth.batons.get(assignment.core)
         if baton is not None:
-            baton.take(PATIENCE + _ROUNDS * turns.LONG * len(assignment.links.wiring.nodes) / len(turns.CORES))
+            baton.take()
             self._baton, self._turn_ends = baton, time.monotonic() + turns.LONG
 
     def _is_over(self, assignment: Assignment) -> bool:
@@ -254,14 +251,28 @@ class NodeProcess:
 
     def _hand_on(self) -> None:
         if self._baton is not None:
-            if self._unsent is not None:
-                publish, self._unsent = self._unsent, None
-                publish()
+            self._send_unsent()
             baton, self._baton = self._baton, None
             baton.hand_on()
 
+    def _supersede(self, cell: Cell) -> None:
+        """What was not sent yet will not be: the next generation has news, but for the last one, which tells none."""
+        if self._unsent is not None:
+            if cell.rows.generation + 1 < cell.rows.limit:
+                self._unsent = None
+                cell.take_back()
+            self._send_unsent()
+
+    def _send_unsent(self) -> None:
+        if self._unsent is not None:
+            publish, self._unsent = self._unsent, None
+            publish()
+
     def _publish(self, assignment: Assignment, payload: bytes) -> None:
-        """Of a turn's messages only the last: until it is over, most neighbours cannot read any."""
+        """Of a turn's messages only the last: until it is over, most neighbours cannot read any.
+
+        Where some generations tell nothing, what is kept back might never be superseded.
+        """
         if self._baton is None or assignment.cell.ended or assignment.cell.plan.run.interval > 1:
             assignment.links.publish(payload)
         else:

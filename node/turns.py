@@ -31,7 +31,12 @@ def core_of(wiring: Wiring, cell: int) -> int | None:
     """
     hosts = wiring.hosts or ("",) * len(wiring.nodes)
     place, nodes = hosts[:cell].count(hosts[cell]), hosts.count(hosts[cell])
-    return None if nodes < _CROWD * len(CORES) else CORES[place * len(CORES) // nodes]
+    return CORES[place * len(CORES) // nodes] if share_cores(nodes) else None
+
+
+def share_cores(nodes: int) -> bool:
+    """Whether there are so many on a host that each keeps to a core."""
+    return nodes >= _CROWD * len(CORES)
 
 
 def take_turns() -> None:

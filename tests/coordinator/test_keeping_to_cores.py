@@ -12,15 +12,18 @@ import supernode
 
 
 @pytest.fixture(scope="module")
-def cluster():
-    """Eight nodes on each of two cores, or on one where there is but one."""
+def two_cores():
+    """Of sixteen nodes eight are on each, or all on one where there is but one."""
     before = os.sched_getaffinity(0)
     os.sched_setaffinity(0, sorted(before)[:2])
-    try:
-        with supernode.LocalCluster(torus=(4, 4)) as cluster:
-            yield cluster
-    finally:
-        os.sched_setaffinity(0, before)
+    yield
+    os.sched_setaffinity(0, before)
+
+
+@pytest.fixture(scope="module")
+def cluster(two_cores):
+    with supernode.LocalCluster(torus=(4, 4)) as cluster:
+        yield cluster
 
 
 def cores_of(cluster):
@@ -50,12 +53,15 @@ def onemax(tmp_path, cost_us):
 
 
 def generation_of(client, job):
-    """Of its nodes, the median that was told last."""
+    """That of its root, as was told last."""
     page = client.records("statistics", job.id)
     return page["rows"][-1][page["columns"].index("generation")] if page["rows"] else 0
 
 
-@pytest.mark.skipif(len(os.sched_getaffinity(0)) < 2, reason="there is one core to keep to")
+two_or_more = pytest.mark.skipif(len(os.sched_getaffinity(0)) < 2, reason="there is one core to keep to")
+
+
+@two_or_more
 @pytest.mark.parametrize(("mode", "cost_us"), [("lockstep", 0), ("async", 1000)])
 def test_blocks_keep_to_a_core_for_as_long_as_a_job_runs(cluster, tmp_path, mode, cost_us):
     everywhere = cores_of(cluster)[0]
@@ -68,14 +74,19 @@ def test_blocks_keep_to_a_core_for_as_long_as_a_job_runs(cluster, tmp_path, mode
     until(lambda: cores_of(cluster) == [everywhere] * 16)
 
 
-@pytest.mark.skipif(len(os.sched_getaffinity(0)) < 2, reason="sixteen nodes on one core or two hand batons on")
 def test_who_has_a_turn_of_many_generations_tells_the_last_of_them(cluster, tmp_path):
     result = cluster.submit(onemax(tmp_path, 500), mode="async", target=-1.0, seconds=2).result()
     assert 0 < result.messages["sent"] < 16 * result.generations / 2
     assert result.messages["lost"] == 0
 
 
-def test_those_of_a_core_are_killed_and_with_them_who_has_its_turn(tmp_path):
+def test_the_last_individual_is_told_though_its_turn_is_not_over(cluster, tmp_path):
+    result = cluster.submit(onemax(tmp_path, 500), mode="async", target=-1.0, generations=3).result()
+    assert result.messages["sent"] == 16 * 3  # before the first generation, after it and after the second
+
+
+@two_or_more
+def test_those_of_a_core_are_killed_and_with_them_who_has_its_turn(two_cores, tmp_path):
     with live(tmp_path / "state") as service, service.connect() as client:
         job = client.submit(onemax(tmp_path, 500), mode="async", target=-1.0, seconds=600)
         until(lambda: generation_of(client, job))
