@@ -18,9 +18,7 @@ from collections.abc import Mapping
 from node.turns import CORES, LONG, share_cores
 
 _TOKEN = struct.Struct("qq")  # how often one was lost before, and the process that made it
-_AFTERWARDS = (
-    5e-3  # seconds until who has handed the baton on may ask for it again: the next one should be awake by then
-)
+_AFTERWARDS = 5e-3  # seconds until who has handed the baton on asks for it again: the next one should be awake by then
 _ROUNDS = 4  # of all turns on a core, and a second, may pass until a node believes that its baton was lost,
 _MOST_PATIENT = 30.0  # or so many seconds: a job whose nodes do not halt within a minute fails
 
