@@ -5,6 +5,7 @@ With --dashboard it is an onlooker instead: it shows a running cluster in a brow
 """
 
 import argparse
+import os
 from typing import TYPE_CHECKING
 
 from supernode import exits
@@ -51,9 +52,10 @@ def run(options: argparse.Namespace) -> int:
 
 def _show(options: argparse.Namespace, door: "Door") -> int:
     """Serve the dashboard; a cluster that is away is waited for."""
-    from supernode.dashboard.server import serve
+    from supernode.dashboard.server import NICENESS, serve
 
     place, sock = _place_of(options), door.listen()
+    os.nice(NICENESS)
     print(f"dashboard of {place}: {door.address(sock)}", flush=True)
     serve(place, door, sock)
     return exits.OK

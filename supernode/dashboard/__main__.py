@@ -10,7 +10,7 @@ import time
 import uvicorn
 
 from supernode.dashboard.door import Door
-from supernode.dashboard.server import serve
+from supernode.dashboard.server import NICENESS, serve
 from supernode.whereabouts import Place
 
 _END_WITHIN = 3.0  # seconds, whatever it is busy with
@@ -19,6 +19,7 @@ _END_WITHIN = 3.0  # seconds, whatever it is busy with
 def main() -> None:
     """Serve on the socket that was handed over; the first line of standard input says how."""
     config = json.loads(sys.stdin.buffer.readline())
+    os.nice(NICENESS)
     sock = socket.socket(fileno=config["socket"])
     place, door = Place.at(config["endpoint"]), Door(**config["door"])
     serve(place, door, sock, _tie_to_parent, single=config["single"])

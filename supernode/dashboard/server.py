@@ -44,6 +44,7 @@ from supernode.dashboard.watcher import PATIENCE, Watcher
 from supernode.whereabouts import Place
 from wire import jobs as wire
 
+NICENESS = 5  # of a process that does nothing else: nodes come first
 MOST_BODY = wire.MOST_FILE_BYTES  # bytes
 _MOST_CONNECTIONS = 400
 _MOST_NAME = 200  # characters
