@@ -257,10 +257,12 @@ class NodeProcess:
 
     def _supersede(self, cell: Cell) -> None:
         """What was not sent yet will not be: the next generation has news, but for the last one, which tells none."""
-        if self._unsent is not None:
-            if cell.rows.generation + 1 < cell.rows.limit:
-                self._unsent = None
-                cell.take_back()
+        if self._unsent is None:
+            return
+        if cell.rows.generation + 1 < cell.rows.limit:
+            self._unsent = None
+            cell.take_back()
+        else:
             self._send_unsent()
 
     def _send_unsent(self) -> None:
