@@ -24,6 +24,7 @@ class Assignment:
     Attributes:
         links: to the neighbours in this world.
         news: messages for the cell; the network thread appends, for as long as the cell `hears`.
+        awaited: the cells that have sent nothing yet of what the next generation needs; the network thread removes.
         core: which one the node should keep to, for now.
         turns: how long its turns on that core should be, in seconds; 0: as long as the kernel likes.
         hands_on: whether it breeds on that core only while it has the baton.
@@ -42,6 +43,7 @@ class Assignment:
         self.cell = cell
         self.links = links
         self.news: list[Message] = [] if news is None else news
+        self.awaited = set(cell.neighbours)
         self.hears = True
         self.core: int | None = None
         self.turns = 0.0
@@ -103,9 +105,17 @@ class Assignment:
                 self.most = max(1, int(BRISK_SECONDS / max(each, 1e-6)))
                 self.brisk = self._may_be_brisk and each * self._interval < BRISK_SECONDS
                 self._settle(each)
+        if self.in_lockstep:
+            self._await()
         if cell.ended:
             self.hears, self.core, self.turns, self.hands_on = False, None, 0.0, False
         return actions
+
+    def _await(self) -> None:
+        """Who has to be heard from before another step is of use; some may have been while the cell was at this one."""
+        self.awaited = awaited = self.cell.awaited()
+        for sender, _ in self.news[:]:
+            awaited.discard(sender)
 
     def _settle(self, seconds: float) -> None:
         """Where to breed, and for how long at a time, now that it is known how many seconds a generation takes.

@@ -176,6 +176,12 @@ class Cell:
             self._end("failed", str(error), actions)
         return actions
 
+    def awaited(self) -> set[int]:
+        """The neighbours whose messages must come before `step` breeds without any further event, as `awaits` counts."""
+        if self.awaits == 0:
+            return set()
+        return set(self.neighbours if self.awaits == len(self.neighbours) else self.inbox.missing())
+
     @property
     def sent(self) -> int:
         """How many messages this cell has published."""

@@ -208,8 +208,8 @@ class Inbox:
 
     def missing(self) -> list[int]:
         """In lockstep: the neighbours whose messages have not come."""
-        latest = self.latest[self.counts[NEXT] % 2]
-        return [other for other, number in self._numbers.items() if not latest[number]]
+        latest = self.latest[self.counts.item(NEXT) % 2].tolist()
+        return [other for other, came in zip(self.neighbours, latest, strict=True) if not came]
 
     def hear(self, news: Sequence[tuple[int, bytes]]) -> set[tuple[int, str]]:
         """Take in messages, each with its sender. Returns the senders of those that are refused, with the reasons."""

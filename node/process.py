@@ -49,6 +49,7 @@ from wire.report import Report
 from wire.strict import Rejected
 
 PATIENCE = 1.0  # seconds without a generation, at least, after which a lockstep node asks for what is missing
+_MOST_UNREAD = 1000  # messages, though some neighbour has sent nothing
 
 
 def live(berth: Berth) -> None:
@@ -129,9 +130,10 @@ class NodeProcess:
         assignment = self.assignment
         if assignment is None or not assignment.hears:
             return
-        news = assignment.news
+        news, awaited = assignment.news, assignment.awaited
         news.append((sender, payload))
-        if len(news) >= assignment.cell.awaits and assignment.in_lockstep:  # else it could only wait for more
+        awaited.discard(sender)
+        if (not awaited or len(news) > _MOST_UNREAD) and assignment.in_lockstep:  # else it could only wait for more
             if assignment.brisk:
                 self._carry_on_briskly(assignment)
             else:
