@@ -79,10 +79,8 @@ Event = Start | Halt | Answered | Propose | Waited | Asked
 
 
 # Actions --------------------------------------------------------------------------------------------------------------
-class Publish(NamedTuple):
-    """Send a message to all neighbours."""
-
-    payload: bytes
+Publish = bytes
+"""A message for all neighbours, as it travels; nothing around it, since there is one in each generation."""
 
 
 @dataclass(frozen=True)
@@ -134,10 +132,9 @@ class Cell:
         self.rows = Rows(plan, np.array([cell]), self.inbox.messages)
         self.rows.messages.header[0, JOB], self.rows.messages.header[0, WORLD] = job, plan.world
         self._is_async = plan.run.mode == "async"
-        self._interval = plan.run.interval
         self._tells_champion = plan.run.spy == "champion" or cell == ROOT
         self._out = np.empty(plan.limits.most_bytes, np.uint8)
-        self._outbox: dict[int, bytes] = {}  # the last two, by generation, for neighbours that miss one
+        self._outbox = ((-1, b""), (-1, b""))  # the last two, with their generations, for neighbours that miss one
         self._complaints: set[tuple[int, str]] = set()
         self._answered = 0  # messages that had not come when they were asked for
         self._answers_of_no_use = 0
@@ -178,9 +175,7 @@ class Cell:
 
     def awaited(self) -> set[int]:
         """The neighbours whose messages must come before `step` breeds without any further event, as `awaits` counts."""
-        if self.awaits == 0:
-            return set()
-        return set(self.neighbours if self.awaits == len(self.neighbours) else self.inbox.missing())
+        return set(self.inbox.missing()) if self.awaits else set()
 
     @property
     def sent(self) -> int:
@@ -210,8 +205,9 @@ class Cell:
                 self._answered += self.inbox.kept - kept
                 self._answers_of_no_use += self.inbox.of_no_use - of_no_use
             elif isinstance(event, Asked):
-                if event.generation in self._outbox:
-                    actions.append(Answer(event.question, self._outbox[event.generation]))
+                sent = dict(self._outbox).get(event.generation)
+                if sent is not None:
+                    actions.append(Answer(event.question, sent))
             elif isinstance(event, Start):
                 self._begin(event.deme, actions)
             elif isinstance(event, Halt):
@@ -306,10 +302,8 @@ class Cell:
             self._end("stopped", None, actions)
 
     def _send(self, payload: bytes, actions: list[Action]) -> None:
-        generation = self.rows.generation
-        self._outbox.pop(generation - 2 * self._interval, None)
-        self._outbox[generation] = payload
-        actions.append(Publish(payload))
+        self._outbox = (self._outbox[1], (self.rows.generation, payload))
+        actions.append(payload)
 
     def _end(self, state: Literal["stopped", "failed"], error: str | None, actions: list[Action]) -> None:
         self.state, self.awaits = state, NEVER

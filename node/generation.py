@@ -42,7 +42,7 @@ refused a message; an offspring's fitness is none."""
 # Places in the table.
 _HEADER, _GENOMES, _FITNESS, _WHENCES, _LATEST, _COUNTS, _USED, _STALENESS = range(8)
 _DEME, _DEME_FITNESS, _BETTER_AT, _COUPLES, _PARENTS, _OFFSPRING, _OFFSPRING_FITNESS = range(8, 15)
-_RECORDS, _OUT, _MATING_TABLE, _STRAYING_TABLE, _JUDGING_TABLE, _SETTINGS, _TARGET, _DONE = range(15, 23)
+_RECORDS, _OUT, _MATING_TABLE, _STRAYING_TABLE, _JUDGING_TABLE, _INBOX, _SETTINGS, _TARGET, _DONE = range(15, 24)
 
 # Columns of the settings.
 _MATING, _STRAYING, _JUDGING, _EACH, _ELITIST, _SEED, _CELL, _FIRST_EVALUATIONS, _EVALUATIONS = range(9)
@@ -200,8 +200,8 @@ def _lacking(table: Any, settings: Any, generation: Any) -> Any:
     return integers(table, _COUNTS)[0, LACKING]
 
 
-@kernel(types.int64(TABLE, TABLE, PAYLOAD, PAYLOAD, types.int64, types.int64, types.int64), may_be_long=True)
-def live_on(table: Table, inbox: Table, payloads: bytes, marks: bytes, generation: int, noted: int, most: int) -> int:
+@kernel(types.int64(TABLE, PAYLOAD, types.int64, types.int64, types.int64), may_be_long=True)
+def live_on(table: Table, news: bytes, generation: int, noted: int, most: int) -> int:
     """Hear what has come, and breed from ``generation`` on until there is something to say or to wait for.
 
     At most ``most`` generations are bred, and noted in the history from place ``noted`` on; an offspring without a
@@ -210,7 +210,7 @@ def live_on(table: Table, inbox: Table, payloads: bytes, marks: bytes, generatio
     """
     settings, done = integers(table, _SETTINGS)[0], integers(table, _DONE)[0]
     done[:] = 0
-    refused = len(marks) > 0 and hear(payloads, marks, inbox) > 0
+    refused = len(news) > 0 and hear(news, integers(table, _INBOX)) > 0
     while done[_BRED] < most and done[_SIZE] == 0 and done[_FLAGS] == 0 and _lacking(table, settings, generation) == 0:
         generation += 1
         whence = _listen(table, settings, generation)
@@ -272,21 +272,21 @@ class Generations:
             mating.table,
             mating.table if straying is None else straying.table,
             judging.table,
+            inbox.table,
             _settings(plan, rows, champion, addresses),
             np.array([rows.target]),
             done,
         )
         assert max(history.most >> 7, len(inbox.neighbours) >> 16) == 0, "what `live_on` returns has room for no more"
         self._kept = (mating, straying, judging, arrays, inbox)
-        self._live_on = partial(entry(live_on), pointers(*arrays), inbox.table)
+        self._live_on = partial(entry(live_on), pointers(*arrays))
         self._done = done
 
     def __call__(
         self, news: Sequence[tuple[int, bytes]], generation: int, noted: int, most: int
     ) -> tuple[int, int, int, int]:
         """See `live_on`: the generations, the flags, the messages that are lacking, the bytes of the one to send."""
-        payloads, marks = packed(news) if news else (b"", b"")
-        done = self._live_on(payloads, marks, generation, noted, most)
+        done = self._live_on(packed(news) if news else b"", generation, noted, most)
         return done >> 56, done >> 48 & 0xFF, done >> 32 & 0xFFFF, done & 0xFFFFFFFF
 
     @property

@@ -8,6 +8,7 @@ keeping all that have come is one compiled call.
 import struct
 from collections.abc import Sequence
 from functools import partial
+from itertools import compress
 from typing import Any
 
 import numpy as np
@@ -32,6 +33,8 @@ _COUNTS, _LIMITS = 12, 13
 # Columns of the limits; the interval is 0 in async mode.
 _MOST_BYTES, _CELLS, _JOB, _WORLD, _INTERVAL, _CHAMPIONS = range(6)
 
+_mark = struct.Struct("<2q").pack  # before a message where several are packed: its sender and its length
+
 
 @subroutine
 def _is_of_use(header: Any, interval: Any, latest: Any, number: Any, counts: Any) -> Any:
@@ -43,7 +46,7 @@ def _is_of_use(header: Any, interval: Any, latest: Any, number: Any, counts: Any
         return header[SENT] > latest[0, number]
     exchange = header[GENERATION] // interval
     in_time = 0 <= exchange - counts[NEXT] <= 1
-    return in_time and header[GENERATION] % interval == 0 and not latest[exchange % 2, number]
+    return in_time and header[GENERATION] % interval == 0 and latest[exchange % 2, number]
 
 
 @subroutine
@@ -54,7 +57,7 @@ def _note(header: Any, interval: Any, latest: Any, number: Any, counts: Any) -> 
         latest[0, number] = header[SENT]
         return 0
     exchange = header[GENERATION] // interval
-    latest[exchange % 2, number] = 1
+    latest[exchange % 2, number] = 0
     counts[LACKING] -= exchange == counts[NEXT]
     return exchange % 2
 
@@ -99,24 +102,32 @@ def _take_in(table: Any, limits: Any, payload: Any, number: Any, counts: Any) ->
     return True
 
 
-@kernel(types.int64(PAYLOAD, PAYLOAD, TABLE))
-def hear(payloads: bytes, marks: bytes, table: Table) -> int:
-    """Read messages that lie one after another, and keep those that are sound and of use.
+@subroutine
+def _number(octets: Any, at: Any) -> Any:
+    """A little-endian number of eight bytes, wherever it lies."""
+    number = np.int64(0)
+    for place in range(8):
+        number |= np.int64(octets[at + place]) << (8 * place)
+    return number
 
-    ``marks`` are the senders of all and then the lengths of all, int64; what no neighbour has sent is passed over.
-    Returns how many were refused.
+
+@kernel(types.int64(PAYLOAD, TABLE))
+def hear(news: bytes, table: Table) -> int:
+    """Read messages that are `packed`, and keep those that are sound and of use.
+
+    What no neighbour has sent is passed over. Returns how many were refused.
     """
-    everything, arrivals = np.frombuffer(payloads, np.uint8), np.frombuffer(marks, np.int64)
+    everything = np.frombuffer(news, np.uint8)
     limits, counts, senders = integers(table, _LIMITS)[0], integers(table, _COUNTS)[0], integers(table, _SENDERS)[0]
     start = np.int64(0)
     refused = 0
-    messages = arrivals.size // 2
-    for place in range(messages):
-        end = start + arrivals[messages + place]
+    while start < everything.size:
+        sender, size = _number(everything, start), _number(everything, start + 8)
+        start += 16
         for number in range(senders.size):
-            if senders[number] == arrivals[place]:
-                refused += not _take_in(table, limits, everything[start:end], number, counts)
-        start = end
+            if senders[number] == sender:
+                refused += not _take_in(table, limits, everything[start : start + size], number, counts)
+        start += size
     counts[_REFUSED] += refused
     return refused
 
@@ -124,15 +135,14 @@ def hear(payloads: bytes, marks: bytes, table: Table) -> int:
 @kernel("void(int64[:,::1], int64[::1])")
 def turn(latest: Cells, counts: Cells) -> None:
     """In lockstep: the next exchange."""
-    latest[counts[NEXT] % 2] = 0
+    latest[counts[NEXT] % 2] = 1
     counts[NEXT] += 1
-    counts[LACKING] = latest.shape[1] - np.sum(latest[counts[NEXT] % 2])
+    counts[LACKING] = np.sum(latest[counts[NEXT] % 2])
 
 
-def packed(news: Sequence[tuple[int, bytes]]) -> tuple[bytes, bytes]:
-    """Messages, each with its sender, as `hear` takes them."""
-    senders, payloads = zip(*news, strict=True)
-    return b"".join(payloads), struct.pack(f"{2 * len(news)}q", *senders, *map(len, payloads))
+def packed(news: Sequence[tuple[int, bytes]]) -> bytes:
+    """Messages one after another, each behind its sender and its length, as `hear` takes them."""
+    return b"".join([_mark(sender, len(payload)) + payload for sender, payload in news])
 
 
 class Inbox:
@@ -142,7 +152,7 @@ class Inbox:
         neighbours: the distinct cells that the cell's slots name, without itself.
         messages: rows for all of them, the cell's own in rows `OWN` and `TOLD`.
         whences: the row of the message for each slot, shape (exchanges kept apart, slots).
-        latest: shape (exchanges, neighbours): 1 for whom a message has come; in async mode the latest message's number.
+        latest: shape (exchanges, neighbours): 1 for whose message has not come; in async mode the latest one's number.
         counts: see above.
         used: in async mode the number of the message that each slot gave last.
         staleness: in async mode the counts of `wire.report.Staleness`.
@@ -158,7 +168,8 @@ class Inbox:
         exchanges, others = 2 if self._lockstep else 1, len(self.neighbours)
         self._limits = plan.limits
         self._numbers = {other: number for number, other in enumerate(self.neighbours)}
-        self.latest = np.zeros((exchanges, others), np.int64)
+        self.latest = np.full((exchanges, others), int(self._lockstep))
+        self._not_come = tuple(exchange.tolist for exchange in self.latest)
         # Both stand for the cell itself, and for whom nothing was heard of. An individual alone breeds with what it has
         # told last until it tells more; an island takes nothing in from itself, and knows itself by its own row.
         self.whences = np.full((exchanges, len(slots)), TOLD if plan.run.deme == 1 else OWN)
@@ -208,12 +219,11 @@ class Inbox:
 
     def missing(self) -> list[int]:
         """In lockstep: the neighbours whose messages have not come."""
-        latest = self.latest[self.counts.item(NEXT) % 2].tolist()
-        return [other for other, came in zip(self.neighbours, latest, strict=True) if not came]
+        return list(compress(self.neighbours, self._not_come[self.counts.item(NEXT) % 2]()))
 
     def hear(self, news: Sequence[tuple[int, bytes]]) -> set[tuple[int, str]]:
         """Take in messages, each with its sender. Returns the senders of those that are refused, with the reasons."""
-        return self.complaints(news) if news and hear(*packed(news), self.table) else set()
+        return self.complaints(news) if news and hear(packed(news), self.table) else set()
 
     def complaints(self, news: Sequence[tuple[int, bytes]]) -> set[tuple[int, str]]:
         """Which of these messages are refused: their senders, with the reasons."""

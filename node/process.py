@@ -148,7 +148,7 @@ class NodeProcess:
             try:
                 for action in assignment.step():
                     if type(action) is Publish:
-                        assignment.links.publish(action.payload)
+                        assignment.links.publish(action)
                     else:
                         self.mail.put(partial(self._carry_out, assignment, action))
                 if assignment.bred_at >= self._stats_due:
@@ -229,7 +229,7 @@ class NodeProcess:
         with assignment.turn:
             for action in assignment.step():
                 if type(action) is Publish:
-                    self._publish(assignment, action.payload)
+                    self._publish(assignment, action)
                 else:
                     self._carry_out(assignment, action)
             self._keep_to(assignment)

@@ -194,7 +194,7 @@ class _Delays:
         if isinstance(action, Publish):
             for index, other in enumerate(cell.neighbours):
                 arrival = now + MEAN_LATENCY * self._delay(cell.cell, 1 + index)
-                self._later(arrival, other, (cell.cell, action.payload))
+                self._later(arrival, other, (cell.cell, action))
         elif isinstance(action, Report):
             self.reports[cell.cell] = action
 

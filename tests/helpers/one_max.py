@@ -66,7 +66,7 @@ class Bus:
         if isinstance(action, Publish):
             for other in cell.neighbours:
                 if self.random.random() >= self.drop:
-                    self.news[other].append((cell.cell, action.payload))
+                    self.news[other].append((cell.cell, action))
         elif isinstance(action, Report):
             assert cell.cell not in self.reports, "a cell reports once"
             self.reports[cell.cell] = action

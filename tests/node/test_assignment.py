@@ -39,7 +39,7 @@ def in_python(mode):
 
 def started(plan):
     """The node on the cell 9, and what it needs to breed once: the first messages of its neighbours."""
-    first = {other: Cell(plan, other, job=1).step(events=[Start()])[0].payload for other in (5, 8, 10, 13)}
+    first = {other: Cell(plan, other, job=1).step(events=[Start()])[0] for other in (5, 8, 10, 13)}
     links = SimpleNamespace(cell=9, wiring=Wiring(0, tuple(range(16))))
     assignment = Assignment(Cell(plan, 9, job=1), links)
     assignment.events.append(Start())

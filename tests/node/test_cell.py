@@ -17,7 +17,7 @@ from wire.report import Report
 def said(plan, published):
     """The message that is published."""
     assert isinstance(published, Publish)
-    return decode(published.payload, plan.limits)
+    return decode(published, plan.limits)
 
 
 def message_of(plan, cell, **changes):
@@ -152,7 +152,7 @@ def test_a_cell_that_has_halted_still_answers_neighbours_that_missed_a_message()
     plan = plan_of()
     cell, published = started(plan)
     cell.step(events=[Halt()])
-    assert cell.step(events=[Asked(0, "q")]) == [Answer("q", published.payload)]
+    assert cell.step(events=[Asked(0, "q")]) == [Answer("q", published)]
 
 
 def test_halt_is_nothing_to_a_cell_that_has_not_begun_or_has_ended():
@@ -212,13 +212,13 @@ def test_it_answers_for_its_last_two_generations():
     cell, first = started(plan)
     (second,) = cell.step(heard(plan, (12, 1, 4, 3)))
     assert cell.step(events=[Asked(0, "q"), Asked(1, "r"), Asked(7, "s")]) == [
-        Answer("q", first.payload),
-        Answer("r", second.payload),
+        Answer("q", first),
+        Answer("r", second),
     ]
     (third,) = cell.step(heard(plan, (12, 1, 4, 3), generation=1))
     assert cell.step(events=[Asked(0, "q"), Asked(1, "r"), Asked(2, "s")]) == [
-        Answer("r", second.payload),
-        Answer("s", third.payload),
+        Answer("r", second),
+        Answer("s", third),
     ]
 
 

@@ -187,7 +187,7 @@ def test_no_more_generations_are_bred_at_once_than_up_to_the_next_message(deme):
     cell = Cell(plan, 0, job=1)
     cell.step(events=[Start()])
     (heard,) = Cell(plan, 1, job=1).step(events=[Start()])
-    assert cell.step([(1, heard.payload)], most=3) == []
+    assert cell.step([(1, heard)], most=3) == []
     assert cell.rows.generation == 3
     (message,) = cell.step(most=1000)
     assert isinstance(message, Publish)
