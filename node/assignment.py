@@ -24,7 +24,7 @@ class Assignment:
     Attributes:
         links: to the neighbours in this world.
         news: messages for the cell; the network thread appends, for as long as the cell `hears`.
-        awaited: the cells that have sent nothing yet of what the next generation needs; the network thread removes.
+        awaited: the neighbours that have sent nothing yet for the next exchange; the network thread removes.
         core: which one the node should keep to, for now.
         turns: how long its turns on that core should be, in seconds; 0: as long as the kernel likes.
         hands_on: whether it breeds on that core only while it has the baton.
@@ -113,9 +113,9 @@ class Assignment:
 
     def _await(self) -> None:
         """Who has to be heard from before another step is of use; some may have been while the cell was at this one."""
-        self.awaited = awaited = self.cell.awaited()
-        for sender, _ in self.news[:]:
-            awaited.discard(sender)
+        self.awaited = awaited = self.cell.inbox.missing()
+        if self.news:
+            awaited.difference_update(sender for sender, _ in self.news[:])
 
     def _settle(self, seconds: float) -> None:
         """Where to breed, and for how long at a time, now that it is known how many seconds a generation takes.

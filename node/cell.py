@@ -119,6 +119,7 @@ class Cell:
     Attributes:
         awaits: how many messages must come, at least, before `step` breeds a generation without any further event;
             `NEVER` before the start and after the end.
+        ended: whether this cell has reported.
     """
 
     def __init__(self, plan: Plan, cell: int, job: int) -> None:
@@ -127,6 +128,7 @@ class Cell:
         self.job = job
         self.state: State = "prepared"
         self.awaits = NEVER
+        self.ended = False
         self.inbox = Inbox(plan, cell, job)
         self.neighbours = self.inbox.neighbours
         self.rows = Rows(plan, np.array([cell]), self.inbox.messages)
@@ -140,11 +142,6 @@ class Cell:
         self._answers_of_no_use = 0
         self._history = History(1, plan.run.deme, plan.coding.genome_bytes)
         self._live_on: Generations | None = None  # from the start on, where that is possible
-
-    @property
-    def ended(self) -> bool:
-        """Whether this cell has reported."""
-        return self.state in ("stopped", "failed")
 
     @property
     def compiled(self) -> bool:
@@ -172,10 +169,6 @@ class Cell:
         except EvaluationFailed as error:
             self._end("failed", str(error), actions)
         return actions
-
-    def awaited(self) -> set[int]:
-        """The neighbours whose messages must come before `step` breeds without any further event, as `awaits` counts."""
-        return set(self.inbox.missing()) if self.awaits else set()
 
     @property
     def sent(self) -> int:
@@ -242,7 +235,7 @@ class Cell:
         if self.state != "running" or self._lacking() == 0:
             return []
         generation = self.rows.generation
-        return [Ask(other, generation) for other in self.inbox.missing()]
+        return [Ask(other, generation) for other in sorted(self.inbox.missing())]
 
     def _lacking(self) -> int:
         """How many messages the next generation needs that have not come."""
@@ -306,7 +299,7 @@ class Cell:
         actions.append(payload)
 
     def _end(self, state: Literal["stopped", "failed"], error: str | None, actions: list[Action]) -> None:
-        self.state, self.awaits = state, NEVER
+        self.state, self.awaits, self.ended = state, NEVER, True
         sound = error is None
         actions.append(
             Report(

@@ -217,9 +217,9 @@ class Inbox:
         """How many were sound, but too late, too early, or the same again."""
         return self.counts.item(_OF_NO_USE)
 
-    def missing(self) -> list[int]:
-        """In lockstep: the neighbours whose messages have not come."""
-        return list(compress(self.neighbours, self._not_come[self.counts.item(NEXT) % 2]()))
+    def missing(self) -> set[int]:
+        """In lockstep: the neighbours whose messages for the next exchange have not come."""
+        return set(compress(self.neighbours, self._not_come[self.counts.item(NEXT) % 2]()))
 
     def hear(self, news: Sequence[tuple[int, bytes]]) -> set[tuple[int, str]]:
         """Take in messages, each with its sender. Returns the senders of those that are refused, with the reasons."""

@@ -144,7 +144,7 @@ class NodeProcess:
 
         Nothing here may block, so all but small messages to the neighbours and counters is left to the main thread.
         """
-        while assignment.turn.acquire(blocking=False):
+        while assignment.turn.acquire(False):
             try:
                 for action in assignment.step():
                     if type(action) is Publish:
@@ -167,8 +167,9 @@ class NodeProcess:
 
     def _keep_to(self, assignment: Assignment) -> None:
         """Within its turn: stay where the assignment says, unless the node is at another by now."""
-        if assignment is self.assignment:
-            self._settle(assignment.core, assignment.turns)
+        core, seconds = assignment.core, assignment.turns
+        if (core != self._core or seconds != self._turns) and assignment is self.assignment:
+            self._settle(core, seconds)
 
     def _settle(self, core: int | None, seconds: float) -> None:
         """Let both threads stay on a core, or go wherever the kernel likes, and the main one take turns of so long."""
