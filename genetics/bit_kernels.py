@@ -68,13 +68,8 @@ def _uniform(first: Any, second: Any, one: Any, other: Any, seed: Any, cell: Any
 
 
 @subroutine
-def _mutate(genome: Any, rate: Any, length: Any, seed: Any, cell: Any, generation: Any, individual: Any) -> Any:
-    """Flip each bit with probability ``rate``, jumping from flip to flip by geometric gaps."""
-    if rate >= 1.0:
-        for bit in range(length):
-            _flip(genome, bit)
-        return
-    scale = 1.0 / np.log1p(-rate)
+def _mutate(genome: Any, scale: Any, length: Any, seed: Any, cell: Any, generation: Any, individual: Any) -> Any:
+    """Flip each bit with a probability of 1 − exp(1 / ``scale``), jumping from flip to flip by geometric gaps."""
     last: Any = -1
     for number in range(length):
         gap = np.log1p(-unit(draw(seed, cell, generation, MUTATE, individual, number))) * scale
@@ -131,9 +126,14 @@ def recombine_row(
         first, second = couples[couple, 0], couples[couple, 1]
         one, other = offspring[2 * couple], offspring[2 * couple + 1]
         _cross(first, second, one, other, seed, cell, generation, couple, length, uniform)
-    if rate > 0.0:
+    if rate >= 1.0:
         for child in range(offspring.shape[0]):
-            _mutate(offspring[child], rate, length, seed, cell, generation, child)
+            for bit in range(length):
+                _flip(offspring[child], bit)
+    elif rate > 0.0:
+        scale = 1.0 / np.log1p(-rate)
+        for child in range(offspring.shape[0]):
+            _mutate(offspring[child], scale, length, seed, cell, generation, child)
 
 
 @kernel("uint8[:,:,::1](uint8[:,:,:,::1], uint64, int64[::1], int64, int64, boolean, float64)")

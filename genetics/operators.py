@@ -114,6 +114,12 @@ def octets(table: Any, place: Any) -> Any:
     return carray(_pointer_to_octet(table[place, 0]), (table[place, 1], table[place, 2]))
 
 
+@subroutine
+def blocks(table: Any, place: Any, rows: Any) -> Any:
+    """The uint8 array at a place of the table, so many rows together: shape (blocks, rows, columns)."""
+    return carray(_pointer_to_octet(table[place, 0]), (table[place, 1] // rows, rows, table[place, 2]))
+
+
 _intrinsic: Any = intrinsic  # what it makes is called with one argument fewer, which its type does not say
 
 

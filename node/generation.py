@@ -18,6 +18,7 @@ from genetics.compiled import entry, kernel, subroutine
 from genetics.operators import (
     TABLE,
     Table,
+    blocks,
     call_fitness,
     call_mating,
     call_straying,
@@ -54,10 +55,9 @@ _BRED, _SIZE, _FLAGS, _WRONG = range(4)
 
 
 @subroutine
-def _heard(table: Any, genome_bytes: Any) -> Any:
+def _heard(table: Any) -> Any:
     """The genomes of all messages, (rows, emigrants + 1, genome_bytes)."""
-    fitness = reals(table, _FITNESS)
-    return octets(table, _GENOMES).reshape(fitness.shape[0], fitness.shape[1], genome_bytes)
+    return blocks(table, _GENOMES, reals(table, _FITNESS).shape[1])
 
 
 @subroutine
@@ -71,7 +71,7 @@ def _listen(table: Any, settings: Any, now: Any) -> Any:
     if (now - 1) % settings[_INTERVAL] != 0:
         return whences[(counts[NEXT] - 1) % exchanges]
     whence = whences[counts[NEXT] % exchanges]
-    header, genomes = integers(table, _HEADER), _heard(table, octets(table, _DEME).shape[1])
+    header, genomes = integers(table, _HEADER), _heard(table)
     fitness, better_at = reals(table, _FITNESS), integers(table, _BETTER_AT)[0]
     if settings[_LOCKSTEP]:
         turn(integers(table, _LATEST), counts)
@@ -84,9 +84,8 @@ def _listen(table: Any, settings: Any, now: Any) -> Any:
 @subroutine
 def _couple(table: Any, settings: Any, whence: Any, now: Any) -> Any:
     """Fill the couples: an individual alone with each of its immigrants, which an island has taken in, then its own."""
-    deme, deme_fitness, couples = octets(table, _DEME), reals(table, _DEME_FITNESS)[0], octets(table, _COUPLES)
-    heard, each = _heard(table, deme.shape[1]), settings[_EACH]
-    paired = couples.reshape(couples.shape[0] // 2, 2, deme.shape[1])
+    deme, deme_fitness, paired = octets(table, _DEME), reals(table, _DEME_FITNESS)[0], blocks(table, _COUPLES, 2)
+    heard, each = _heard(table), settings[_EACH]
     if deme_fitness.size == 1:
         pair_with(deme[0], heard, whence, each, paired)
         return paired
@@ -170,9 +169,12 @@ def _tell(table: Any, settings: Any, now: Any) -> Any:
 @subroutine
 def _record(record: Any, now: Any, deme: Any, fitness: Any) -> Any:
     """As `node.history.History` notes a generation, byte by byte, since fitness need not be aligned there."""
-    number = np.array([now])
-    record[:8] = number.view(np.uint8)
-    record[8 : 8 + deme.size] = deme.reshape(deme.size)
+    for place in range(8):
+        record[place] = (now >> (8 * place)) & 0xFF
+    size = deme.shape[1]
+    for individual in range(deme.shape[0]):
+        start = 8 + size * individual
+        record[start : start + size] = deme[individual]
     record[8 + deme.size :] = fitness.view(np.uint8)
 
 
@@ -180,7 +182,7 @@ def _record(record: Any, now: Any, deme: Any, fitness: Any) -> Any:
 def _say(table: Any, settings: Any, now: Any, flags: Any, done: Any) -> Any:
     """Stop if it is time, and write the message of an exchange."""
     header, fitness = integers(table, _HEADER), reals(table, _FITNESS)
-    genomes = _heard(table, octets(table, _DEME).shape[1])
+    genomes = _heard(table)
     # Without lockstep there is no common generation to stop after: who hears of a stop passes it on and stops.
     drains = not settings[_LOCKSTEP] and header[OWN, STOP_AT] != settings[_LIMIT]
     stops = drains or now >= header[OWN, STOP_AT]
