@@ -136,6 +136,7 @@ class Cell:
         self._is_async = plan.run.mode == "async"
         self._tells_champion = plan.run.spy == "champion" or cell == ROOT
         self._out = np.empty(plan.limits.most_bytes, np.uint8)
+        self._room = memoryview(self._out)  # the same; of an array each slice costs as much as a message
         self._outbox = ((-1, b""), (-1, b""))  # the last two, with their generations, for neighbours that miss one
         self._complaints: set[tuple[int, str]] = set()
         self._answered = 0  # messages that had not come when they were asked for
@@ -259,23 +260,23 @@ class Cell:
         """The same as `_hear` and `_advance`, compiled, and more than once if there is nothing to say."""
         rows, history = self.rows, self._history
         room = history.most - history.noted
-        bred, flags, self.awaits, size = live_on(news, rows.generation, history.noted, min(most, room))
+        bred, flags, self.awaits, size, wrong = live_on(news, rows.generation, history.noted, min(most, room))
         rows.generation += bred
         history.went_on(bred)
         if flags:
-            self._raise_flags(live_on, flags, news, actions)
+            self._raise_flags(flags, live_on.offspring[wrong : wrong + 1], news, actions)
         if size:
-            self._send(self._out[:size].tobytes(), actions)
+            self._send(self._room[:size].tobytes(), actions)
         if flags & STOPS:
             self._end("stopped", None, actions)
 
-    def _raise_flags(self, live_on: Generations, flags: int, news: Sequence[Message], actions: list[Action]) -> None:
+    def _raise_flags(self, flags: int, wrong: Genomes, news: Sequence[Message], actions: list[Action]) -> None:
         """What hardly ever is to be said beside a message."""
         if flags & REFUSED:
             self._complain(self.inbox.complaints(news), actions)
         if flags & UNSOUND:
             self.rows.generation += 1
-            self.plan.evaluate(live_on.unsound)  # says what is wrong with it
+            self.plan.evaluate(wrong)  # says what is wrong with it
             raise EvaluationFailed("the compiled fitness of an individual is none, though `evaluate` finds one")
         if flags & (REACHED | STALLED):
             self.rows.note_proposal(0, "target" if flags & REACHED else "stall")

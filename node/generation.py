@@ -50,8 +50,7 @@ _MATING, _STRAYING, _JUDGING, _EACH, _ELITIST, _SEED, _CELL, _FIRST_EVALUATIONS,
 _INTERVAL, _LOCKSTEP, _CHAMPION, _WITNESS, _STALL, _STOP_DISTANCE, _LIMIT = range(9, 16)
 _FAMILIES, _BETTER_HALF, _MOST_SELECTIONS = range(16, 19)
 
-
-_BRED, _SIZE, _FLAGS, _WRONG = range(4)
+_BRED, _FLAGS, _LACKING, _SIZE, _WRONG = range(5)  # what a call has to say, see `Generations`
 
 
 @subroutine
@@ -202,13 +201,12 @@ def _lacking(table: Any, settings: Any, generation: Any) -> Any:
     return integers(table, _COUNTS)[0, LACKING]
 
 
-@kernel(types.int64(TABLE, PAYLOAD, types.int64, types.int64, types.int64), may_be_long=True)
-def live_on(table: Table, news: bytes, generation: int, noted: int, most: int) -> int:
+@kernel(types.void(TABLE, PAYLOAD, types.int64, types.int64, types.int64), may_be_long=True)
+def live_on(table: Table, news: bytes, generation: int, noted: int, most: int) -> None:
     """Hear what has come, and breed from ``generation`` on until there is something to say or to wait for.
 
     At most ``most`` generations are bred, and noted in the history from place ``noted`` on; an offspring without a
-    fitness ends it. Returns the generations bred, the flags above, how many messages are lacking for the next, and the
-    bytes of the message to send (0: none), in bits from 56, 48, 32 and 0 on.
+    fitness ends it.
     """
     settings, done = integers(table, _SETTINGS)[0], integers(table, _DONE)[0]
     done[:] = 0
@@ -225,10 +223,9 @@ def live_on(table: Table, news: bytes, generation: int, noted: int, most: int) -
         _record(record, generation, octets(table, _DEME), reals(table, _DEME_FITNESS)[0])
         done[_BRED] += 1
         _say(table, settings, generation, flags, done)
-    flags = done[_FLAGS] | REFUSED if refused else done[_FLAGS]
-    lacking = _lacking(table, settings, generation)
-    packed_up: int = done[_BRED] << 56 | flags << 48 | lacking << 32 | done[_SIZE]
-    return packed_up
+    if refused:
+        done[_FLAGS] |= REFUSED
+    done[_LACKING] = _lacking(table, settings, generation)
 
 
 class Generations:
@@ -254,7 +251,7 @@ class Generations:
         couples = plan.slots * plan.run.emigrants if alone else plan.recipe.couples(plan.run.deme)
         addresses = (mating.address, 0 if straying is None else straying.address, judging.address)
         self.offspring = np.zeros((2 * couples, plan.coding.genome_bytes), np.uint8)
-        done = np.zeros((1, 4), np.int64)
+        done = np.zeros((1, 5), np.int64)
         arrays = (
             *rows.messages,
             inbox.whences,
@@ -279,23 +276,18 @@ class Generations:
             np.array([rows.target]),
             done,
         )
-        assert max(history.most >> 7, len(inbox.neighbours) >> 16) == 0, "what `live_on` returns has room for no more"
         self._kept = (mating, straying, judging, arrays, inbox)
         self._live_on = partial(entry(live_on), pointers(*arrays))
-        self._done = done
+        self._done = memoryview(done[0])
 
-    def __call__(
-        self, news: Sequence[tuple[int, bytes]], generation: int, noted: int, most: int
-    ) -> tuple[int, int, int, int]:
-        """See `live_on`: the generations, the flags, the messages that are lacking, the bytes of the one to send."""
-        done = self._live_on(packed(news) if news else b"", generation, noted, most)
-        return done >> 56, done >> 48 & 0xFF, done >> 32 & 0xFFFF, done & 0xFFFFFFFF
+    def __call__(self, news: Sequence[tuple[int, bytes]], generation: int, noted: int, most: int) -> list[int]:
+        """See `live_on`.
 
-    @property
-    def unsound(self) -> Genomes:
-        """After `UNSOUND`: the first offspring whose fitness is none, shape (1, genome_bytes)."""
-        wrong = self._done.item(0, _WRONG)
-        return self.offspring[wrong : wrong + 1]
+        Returns the generations bred, the flags above, how many messages are lacking for the next, the bytes of the
+        message to send (0: none), and after `UNSOUND` which offspring has no fitness.
+        """
+        self._live_on(packed(news) if news else b"", generation, noted, most)
+        return self._done.tolist()
 
 
 def _settings(plan: Plan, rows: Rows, champion: bool, addresses: tuple[int, int, int]) -> Any:
