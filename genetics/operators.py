@@ -115,6 +115,13 @@ def octets(table: Any, place: Any) -> Any:
 
 
 @subroutine
+def octets_of(payload: Any) -> Any:
+    """The bytes of a payload, which must outlive the array: counting who uses it would take half of reading it."""
+    counted = np.frombuffer(payload, np.uint8)
+    return carray(_pointer_to_octet(counted.ctypes.data), counted.shape)
+
+
+@subroutine
 def blocks(table: Any, place: Any, rows: Any) -> Any:
     """The uint8 array at a place of the table, so many rows together: shape (blocks, rows, columns)."""
     return carray(_pointer_to_octet(table[place, 0]), (table[place, 1] // rows, rows, table[place, 2]))

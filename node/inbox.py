@@ -16,7 +16,7 @@ from numba import types
 
 from genetics import Cells
 from genetics.compiled import kernel, subroutine
-from genetics.operators import TABLE, Table, integers, octets, pointers, reals
+from genetics.operators import TABLE, Table, integers, octets, octets_of, pointers, reals
 from node.kernels import OWN, TOLD, note_staleness
 from node.plan import Plan
 from wire.exchange import Messages
@@ -117,7 +117,7 @@ def hear(news: bytes, table: Table) -> int:
 
     What no neighbour has sent is passed over. Returns how many were refused.
     """
-    everything = np.frombuffer(news, np.uint8)
+    everything = octets_of(news)
     limits, counts, senders = integers(table, _LIMITS)[0], integers(table, _COUNTS)[0], integers(table, _SENDERS)[0]
     start = np.int64(0)
     refused = 0
