@@ -136,7 +136,7 @@ class Cell:
         self._is_async = plan.run.mode == "async"
         self._tells_champion = plan.run.spy == "champion" or cell == ROOT
         self._out = np.empty(plan.limits.most_bytes, np.uint8)
-        self._room = memoryview(self._out)  # the same; of an array each slice costs as much as a message
+        self._room = self._out.data  # the same; of an array each slice costs as much as a message
         self._outbox = ((-1, b""), (-1, b""))  # the last two, with their generations, for neighbours that miss one
         self._complaints: set[tuple[int, str]] = set()
         self._answered = 0  # messages that had not come when they were asked for

@@ -278,7 +278,7 @@ class Generations:
         )
         self._kept = (mating, straying, judging, arrays, inbox)
         self._live_on = partial(entry(live_on), pointers(*arrays))
-        self._done = memoryview(done[0])
+        self._done = done[0].data
 
     def __call__(self, news: Sequence[tuple[int, bytes]], generation: int, noted: int, most: int) -> list[int]:
         """See `live_on`.
@@ -287,7 +287,8 @@ class Generations:
         message to send (0: none), and after `UNSOUND` which offspring has no fitness.
         """
         self._live_on(packed(news) if news else b"", generation, noted, most)
-        return self._done.tolist()
+        done: list[int] = self._done.tolist()
+        return done
 
 
 def _settings(plan: Plan, rows: Rows, champion: bool, addresses: tuple[int, int, int]) -> Any:
