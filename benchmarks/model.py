@@ -1,28 +1,25 @@
 """A model of how fast a lockstep torus of single individuals goes, held against what is measured here.
 
-Usage: python -m benchmarks.model [--calibrate 16,1024] [--predict 64,128,256] [--seconds 3] [--repeats 3]
+Usage: python -m benchmarks.model [--calibrate 16,64,256,1024] [--predict 32,128,512] [--seconds 3] [--repeats 3]
 
 With n cells on K cores, p = max(1, n / K) of them on each, a generation takes
 
     T = max(p (c(p) + e), c(p) + e + w + x)
 
-- c(p) = a + b (1 - sqrt(p0 / max(p, p0))): CPU time of a node and generation without evaluations. Processes that share
-  a core push each other's state out of its caches. What is left of it when a turn comes is taken to fall as a root, as
-  caches do by rule of thumb; b is what it costs to find nothing left. Below p0, that of the smaller calibration,
-  nothing is gained: a core of one's own can only be better.
-- K = K0 - k (sqrt(n) - sqrt(n0)): the cores that the nodes keep busy when there is work for all. The spy, the router
-  and the kernel have the rest, and the kernel's part grows with the processes (by much where it samples who uses which
-  memory): in some way between a logarithm and a straight line, and the root lies between the two.
+- c(p): CPU time of a node and generation without evaluations. Processes that share a core push each other's state out
+  of its caches: where that begins, and how steeply it goes on, is the machine's. So it is measured at some sizes, and
+  a power of p between each two. Below the smallest size nothing is gained: a core of one's own can only be better.
+- K(n): the cores that the nodes keep busy when there is work for all, measured likewise. The spy, the router and the
+  kernel have the rest.
 - e: CPU time of its evaluations.
 - w: what one waits for the last neighbour's message: processes are woken. Others on the same core work meanwhile.
 - x: the network between machines, one way, if neighbours live on different ones. In lockstep everybody goes at the pace
   of the slowest cycle of neighbours, so one such link is enough.
 
-Five numbers are fitted: a and b from the CPU times, K0 and k from the cores kept busy, at two sizes; w on the largest
-of 1x2, 2x2, 3x3 with no more cells than the machine has cores (nodes of 1x2 have one neighbour each). Everything else
-that is printed is predicted. Left out: variation between generations and between machines (the slowest of many delays
-in each exchange, so for many cores this is a bound, not an estimate), and bandwidth. Async nodes wait for nobody:
-w = x = 0.
+w is measured on the largest of 1x2, 2x2, 3x3 with no more cells than the machine has cores (nodes of 1x2 have one
+neighbour each). All other sizes that are printed are predicted. Left out: variation between generations and between
+machines (the slowest of many delays in each exchange, so for many cores this is a bound, not an estimate), and
+bandwidth. Async nodes wait for nobody: w = x = 0.
 
 Other work on the machine shows as fewer cores busy than K, and then only the CPU times can be held against the model.
 """
@@ -31,12 +28,14 @@ import argparse
 import os
 import statistics
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from math import sqrt
+from math import exp, log
 from pathlib import Path
 from typing import Any, NamedTuple
+
+import numpy as np
 
 import topologies
 from coordinator import ClusterFailed, LocalCluster
@@ -64,46 +63,31 @@ class Measured(NamedTuple):
 
 @dataclass(frozen=True)
 class Model:
-    """The fitted numbers, in seconds; see above.
+    """The measured numbers, in seconds; see above.
 
     Attributes:
-        cpu: a.
-        cold: b.
+        sizes: tori of more nodes than cores, the smallest first.
         wait: w.
-        least: n0, nodes.
-        cores: K0.
-        lost: k.
     """
 
-    cpu: float
-    cold: float
+    sizes: tuple[Measured, ...]
     wait: float
-    least: int
-    cores: float
-    lost: float
 
     @staticmethod
-    def fitted(small: Measured, large: Measured, alone: Measured) -> "Model":
-        """From two sizes, and a torus that has a core for each cell."""
-        left = sqrt(small.nodes / small.cores * large.cores / large.nodes)
-        cold = (large.cpu - small.cpu) / (1.0 - left)
-        wait = max(0.0, alone.seconds - alone.cpu)
-        lost = (small.cores - large.cores) / (sqrt(large.nodes) - sqrt(small.nodes))
-        return Model(small.cpu, cold, wait, small.nodes, small.cores, lost)
-
-    @property
-    def few(self) -> float:
-        """p0."""
-        return self.least / self.cores
+    def of(sizes: Iterable[Measured], alone: Measured) -> "Model":
+        """From some sizes, and a torus that has a core for each cell."""
+        return Model(tuple(sorted(sizes)), max(0.0, alone.seconds - alone.cpu))
 
     def cores_of(self, nodes: int) -> float:
-        """K."""
-        return self.cores - self.lost * max(0.0, sqrt(nodes) - sqrt(self.least))
+        """K(n)."""
+        cores = [size.cores for size in self.sizes]
+        return float(np.interp(log(nodes), [log(size.nodes) for size in self.sizes], cores))
 
     def cpu_of(self, nodes: int, cores: float | None = None) -> float:
         """c(p); on the cores of the calibration, unless others are given."""
         cores = self.cores_of(nodes) if cores is None else cores
-        return self.cpu + self.cold * (1.0 - sqrt(min(1.0, self.few * cores / nodes)))
+        on_each = [log(size.nodes / size.cores) for size in self.sizes]
+        return exp(float(np.interp(log(nodes / cores), on_each, [log(size.cpu) for size in self.sizes])))
 
     def seconds(
         self,
@@ -203,7 +187,7 @@ def _nodes_cpu(cluster: LocalCluster) -> float:
 def main() -> None:
     """Calibrate, predict, compare, extrapolate."""
     options = _options()
-    small, large = options.calibrate[0], options.calibrate[-1]
+    small = options.calibrate[0]
     alone = max(square for square in (2, 4, 9) if square <= max(2, _cores()))
     measured: dict[int, Measured] = {}
     others: dict[tuple[str, int], Measured] = {}
@@ -213,13 +197,13 @@ def main() -> None:
             measured[nodes] = measure(cluster, PLAIN, options.seconds, options.repeats)
             for each in asked:
                 others[each.name, nodes] = measure(cluster, each, options.seconds, options.repeats)
-    model = Model.fitted(measured[small], measured[large], measured[alone])
+    model = Model.of([measured[nodes] for nodes in options.calibrate], measured[alone])
     print(_fit(model, alone), end="\n\n")
     print("| | nodes | cores busy | CPU µs of a node | model | error | generations/s | model | error |")
     print("|---|---:|---:|---:|---:|---:|---:|---:|---:|")
     for found in measured.values():
         if found.nodes != alone:
-            used = " (calibrates)" if found.nodes in (small, large) else ""
+            used = " (calibrates)" if found.nodes in options.calibrate else ""
             print(_line(f"lockstep{used}", found, model.cpu_of(found.nodes), model.seconds(found.nodes)))
     for line in _other_lines(model, others, small):
         print(line)
@@ -232,8 +216,8 @@ def _options() -> argparse.Namespace:
         return sorted(int(each) for each in text.split(","))
 
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--calibrate", type=sizes, default=[16, 1024], help="two sizes, of more nodes than cores")
-    parser.add_argument("--predict", type=sizes, default=[64, 128, 256], help="the first two also with other jobs")
+    parser.add_argument("--calibrate", type=sizes, default=[16, 64, 256, 1024], help="of more nodes than cores")
+    parser.add_argument("--predict", type=sizes, default=[32, 128, 512], help="the first two also with other jobs")
     parser.add_argument("--seconds", type=float, default=3.0, help="of a job")
     parser.add_argument("--repeats", type=int, default=3, help="medians of so many")
     parser.add_argument("--cost-us", type=float, default=50.0, help="of an evaluation that costs something")
@@ -248,11 +232,10 @@ def _cores() -> int:
 
 
 def _fit(model: Model, alone: int) -> str:
-    return (
-        f"{_cores()} cores here. Fitted: a = {model.cpu * 1e6:.0f} µs, b = {model.cold * 1e6:.0f} µs, "
-        f"p0 = {model.few:.1f} processes a core, K0 = {model.cores:.2f} cores, k = {model.lost:.4f}, "
-        f"w = {model.wait * 1e6:.0f} µs (on {torus_of(alone)})."
+    sizes = ", ".join(
+        f"{size.nodes / size.cores:.0f} processes on each {size.cpu * 1e6:.0f} µs" for size in model.sizes
     )
+    return f"{_cores()} cores here. Measured: with {sizes}; w = {model.wait * 1e6:.0f} µs (on {torus_of(alone)})."
 
 
 def _line(name: str, found: Measured, cpu: float, seconds: float) -> str:
@@ -266,7 +249,7 @@ def _line(name: str, found: Measured, cpu: float, seconds: float) -> str:
 def _other_lines(model: Model, others: dict[tuple[str, int], Measured], small: int) -> Iterator[str]:
     """What a job of another kind costs more is taken from the small torus, and predicted for the others."""
     for (name, nodes), found in others.items():
-        extra = others[name, small].cpu - model.cpu
+        extra = others[name, small].cpu - model.cpu_of(small)
         used = " (CPU calibrates)" if nodes == small else ""
         seconds = model.seconds(nodes, extra=extra, waits=not name.startswith("async"))
         yield _line(f"{name}{used}", found, model.cpu_of(nodes) + extra, seconds)

@@ -1,37 +1,39 @@
 """The arithmetic of the model of how fast a torus goes; nothing here is timed."""
 
-from dataclasses import astuple, replace
-
 import pytest
 
 from benchmarks.model import Measured, Model, beyond, crossing_share, error
 
-MODEL = Model(cpu=60e-6, cold=160e-6, wait=80e-6, least=16, cores=2.0, lost=0.0)
-LOSING = replace(MODEL, lost=0.02)
+
+def torus(nodes, cpu, cores=2.0):
+    return Measured(nodes, nodes / cores * cpu, cpu)
 
 
-def measured(model, nodes):
-    return Measured(nodes, model.seconds(nodes), model.cpu_of(nodes))
+MODEL = Model((torus(16, 60e-6), torus(64, 140e-6), torus(1024, 220e-6)), wait=80e-6)
 
 
-@pytest.mark.parametrize("model", [MODEL, LOSING])
-def test_it_finds_the_numbers_that_made_the_measurements(model):
-    alone = Measured(2, 20e-6 + 80e-6, 20e-6)
-    found = Model.fitted(measured(model, 16), measured(model, 1024), alone)
-    assert astuple(found) == pytest.approx(astuple(model))
+def test_it_is_what_was_measured():
+    sizes = [torus(1024, 220e-6, 1.4), torus(16, 60e-6, 2.0), torus(64, 140e-6, 1.9)]
+    model = Model.of(sizes, Measured(2, 20e-6 + 80e-6, 20e-6))
+    assert model.wait == pytest.approx(80e-6)
+    for size in sizes:
+        assert model.cores_of(size.nodes) == pytest.approx(size.cores)
+        assert model.cpu_of(size.nodes) == pytest.approx(size.cpu)
+        assert model.seconds(size.nodes) == pytest.approx(size.seconds)
 
 
-def test_the_kernel_takes_more_of_the_cores_the_more_processes_there_are():
-    assert LOSING.cores_of(4) == LOSING.cores_of(16) == 2.0
-    assert LOSING.cores_of(64) == pytest.approx(2.0 - 0.08)
-    assert LOSING.cores_of(1024) == pytest.approx(2.0 - 0.56)
-    assert LOSING.seconds(1024) > MODEL.seconds(1024)
+def test_the_cores_kept_busy_change_with_the_logarithm_of_the_nodes():
+    losing = Model((torus(16, 60e-6, 2.0), torus(1024, 220e-6, 1.4)), wait=80e-6)
+    assert losing.cores_of(4) == losing.cores_of(16) == 2.0
+    assert losing.cores_of(128) == pytest.approx(1.7)
+    assert losing.cores_of(4096) == 1.4
+    assert losing.seconds(1024) > MODEL.seconds(1024)
 
 
-def test_cpu_time_grows_with_the_processes_of_a_core_up_to_that_of_cold_caches():
-    assert MODEL.cpu_of(16, 2.0) == pytest.approx(60e-6)
-    assert MODEL.cpu_of(64, 2.0) == pytest.approx(60e-6 + 80e-6)
-    assert MODEL.cpu_of(1 << 40, 2.0) == pytest.approx(60e-6 + 160e-6, rel=1e-4)
+def test_cpu_time_is_a_power_of_the_processes_of_a_core_between_what_was_measured():
+    assert MODEL.cpu_of(32, 2.0) == pytest.approx((60e-6 * 140e-6) ** 0.5)
+    assert MODEL.cpu_of(256, 2.0) == pytest.approx((140e-6 * 220e-6) ** 0.5)
+    assert MODEL.cpu_of(1 << 40, 2.0) == pytest.approx(220e-6)
     assert MODEL.cpu_of(64, 8.0) == pytest.approx(60e-6)
     assert MODEL.cpu_of(2, 2.0) == pytest.approx(60e-6)
 
