@@ -21,7 +21,7 @@ from problems.file import parse
 _PROBLEM = 'kind = "function"\nname = "onemax"\ndimension = 64\n'
 _NEVER = -1.0  # no fitness is as low
 _WARM_UP = 50  # generations: pages are copied when a process first writes to them
-_LEAST = 300  # generations: beside 100, a job's own start and end would be a seventh of all
+_LEAST = 1000  # generations: beside 100, a job's own start and end would be a seventh of all
 _IDLE_SECONDS = 5.0
 _COLUMNS = (
     "torus",

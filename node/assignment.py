@@ -24,7 +24,8 @@ class Assignment:
     Attributes:
         links: to the neighbours in this world.
         news: messages for the cell; the network thread appends, for as long as the cell `hears`.
-        awaited: the neighbours that have sent nothing yet for the next exchange; the network thread removes.
+        awaited: in lockstep, of the neighbours whose messages the next exchange lacks, those of whom nothing at all has
+            come since; the network thread removes. With too few in it a step is in vain, with too many one is missed.
         core: which one the node should keep to, for now.
         turns: how long its turns on that core should be, in seconds; 0: as long as the kernel likes.
         hands_on: whether it breeds on that core only while it has the baton.
@@ -114,7 +115,7 @@ class Assignment:
     def _await(self) -> None:
         """Who has to be heard from before another step is of use; some may have been while the cell was at this one."""
         self.awaited = awaited = self.cell.inbox.missing()
-        if self.news:
+        if self.news:  # only now: whoever appends removes the sender afterwards, from the old set or from this one
             awaited.difference_update(sender for sender, _ in self.news[:])
 
     def _settle(self, seconds: float) -> None:

@@ -137,7 +137,7 @@ class Cell:
         self._tells_champion = plan.run.spy == "champion" or cell == ROOT
         self._out = np.empty(plan.limits.most_bytes, np.uint8)
         self._room = self._out.data  # the same; of an array each slice costs as much as a message
-        self._outbox = ((-1, b""), (-1, b""))  # the last two, with their generations, for neighbours that miss one
+        self._outbox: tuple[tuple[int, bytes], ...] = ()  # the last two, by generation, for neighbours that miss one
         self._complaints: set[tuple[int, str]] = set()
         self._answered = 0  # messages that had not come when they were asked for
         self._answers_of_no_use = 0
@@ -296,7 +296,7 @@ class Cell:
             self._end("stopped", None, actions)
 
     def _send(self, payload: bytes, actions: list[Action]) -> None:
-        self._outbox = (self._outbox[1], (self.rows.generation, payload))
+        self._outbox = (*self._outbox[-1:], (self.rows.generation, payload))
         actions.append(payload)
 
     def _end(self, state: Literal["stopped", "failed"], error: str | None, actions: list[Action]) -> None:

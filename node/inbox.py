@@ -40,7 +40,8 @@ _mark = struct.Struct("<2q").pack  # before a message where several are packed: 
 def _is_of_use(header: Any, interval: Any, latest: Any, number: Any, counts: Any) -> Any:
     """In lockstep: neither late, nor again, nor nonsense; a neighbour is at most one exchange ahead.
 
-    In async mode (an interval of 0): newer than the latest; it may come by two ways, or be overtaken.
+    In async mode (an interval of 0): newer than the latest; it may come by two ways, or be overtaken. In lockstep
+    ``latest`` is 1 for as long as a message has not come.
     """
     if interval == 0:
         return header[SENT] > latest[0, number]
@@ -103,12 +104,12 @@ def _take_in(table: Any, limits: Any, payload: Any, number: Any, counts: Any) ->
 
 
 @subroutine
-def _number(octets: Any, at: Any) -> Any:
-    """A little-endian number of eight bytes, wherever it lies."""
-    number = np.int64(0)
+def _integer_at(everything: Any, at: Any) -> Any:
+    """Eight bytes, the lowest first, wherever they lie."""
+    value = np.int64(0)
     for place in range(8):
-        number |= np.int64(octets[at + place]) << (8 * place)
-    return number
+        value |= np.int64(everything[at + place]) << (8 * place)
+    return value
 
 
 @kernel(types.int64(PAYLOAD, TABLE))
@@ -122,7 +123,7 @@ def hear(news: bytes, table: Table) -> int:
     start = np.int64(0)
     refused = 0
     while start < everything.size:
-        sender, size = _number(everything, start), _number(everything, start + 8)
+        sender, size = _integer_at(everything, start), _integer_at(everything, start + 8)
         start += 16
         for number in range(senders.size):
             if senders[number] == sender:

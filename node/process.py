@@ -130,8 +130,9 @@ class NodeProcess:
         assignment = self.assignment
         if assignment is None or not assignment.hears:
             return
-        news, awaited = assignment.news, assignment.awaited
+        news = assignment.news
         news.append((sender, payload))
+        awaited = assignment.awaited  # only now: whoever replaces it looks at the news afterwards
         awaited.discard(sender)
         if (not awaited or len(news) > _MOST_UNREAD) and assignment.in_lockstep:  # else it could only wait for more
             if assignment.brisk:

@@ -86,6 +86,11 @@ def test_it_reports_what_it_would_without(shape, name):
         assert reports_of(compiled) == reports_of(slow, mail=2), settings
 
 
+def test_generations_whose_number_takes_more_than_a_byte_are_noted_alike():
+    plan = plan_of("onemax", topology="torus 1x2", generations=300)
+    assert reports_of(plan) == simulated(plan)
+
+
 @pytest.mark.parametrize("interval", [1, 3])
 @pytest.mark.parametrize("name", PROBLEMS)
 @pytest.mark.parametrize("shape", SHAPES)

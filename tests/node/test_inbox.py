@@ -260,6 +260,20 @@ def test_a_cut_message_is_not_read_on_into_the_one_behind_it():
         assert (inbox.kept, inbox.refused) == (0, 2)
 
 
+def test_an_empty_message_is_refused_and_the_one_behind_it_read():
+    inbox = Inbox(plan_in(topology="torus 1x2"), 0, JOB)
+    payload = a_message(random.Random(1), 0).encode()
+    assert inbox.hear([(1, b""), (1, payload), (1, b"")]) == {(1, "not msgpack")}
+    assert (inbox.kept, inbox.refused) == (1, 2)
+
+
+def test_messages_of_cells_with_large_numbers():
+    plan = plan_in(topology="torus 20x20")
+    inbox, payload = Inbox(plan, 300, JOB), a_message(random.Random(1), 0).encode()
+    assert inbox.hear([(other, payload) for other in plan.topology.neighbours(300)]) == set()
+    assert inbox.missing() == set()
+
+
 def test_before_anything_is_heard_the_cell_stands_in_for_its_neighbours():
     inbox = Inbox(plan_in(mode="async"), 5, JOB)
     assert (inbox.take(0) <= TOLD).all()

@@ -87,6 +87,14 @@ def test_onemax_counts_zeros():
     assert problem.evaluate(genome)[0] == 4
 
 
+@pytest.mark.parametrize("length", [*range(1, 18), 63, 64, 65])
+def test_onemax_counts_the_zeros_of_any_number_of_bits(length):
+    problem = function(name="onemax", dimension=length)
+    bits = np.random.default_rng(length).integers(0, 2, (50, length))
+    bits[0], bits[1] = 0, 1
+    assert problem.evaluate(problem.coding.encode(bits)).tolist() == (length - bits.sum(axis=1)).tolist()
+
+
 @pytest.mark.parametrize("fields", EVERY, ids=label)
 def test_the_judge_agrees_with_the_evaluation(fields):
     problem = function(**fields)

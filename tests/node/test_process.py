@@ -1,0 +1,214 @@
+"""What a node's network thread does with each message in lockstep, without a network."""
+
+import math
+import queue
+from types import SimpleNamespace
+
+import pytest
+
+from node import Cell, Plan
+from node.assignment import Assignment
+from node.cell import Answered, Ask, Publish, Start, Waited
+from node.process import _MOST_UNREAD, NodeProcess
+from problems import Run
+from problems.function import Function
+from wire.control import Wiring
+
+NEIGHBOURS = (5, 8, 10, 13)  # of the cell 9
+PLAN = Plan(Function(kind="function", name="onemax", dimension=8), Run(topology="torus 4x4", generations=100))
+
+
+def told(plan, generations):
+    """What each cell publishes: by generation and cell."""
+    cells = [Cell(plan, number, job=1) for number in range(plan.topology.cells)]
+    said = [[cell.step(events=[Start()])[0] for cell in cells]]
+    for _ in range(generations - 1):
+        news = [[(other, said[-1][other]) for other in cell.neighbours] for cell in cells]
+        said.append([cell.step(each)[0] for cell, each in zip(cells, news, strict=True)])
+    return said
+
+
+SAID = told(PLAN, 5)
+
+
+class Counted(Assignment):
+    """It counts its steps."""
+
+    steps = 0
+
+    def step(self):
+        self.steps += 1
+        return super().step()
+
+
+class Node(NodeProcess):
+    """The cell 9 after its start, without links."""
+
+    def __init__(self, kind=Counted, brisk=True):
+        self.published = []
+        links = SimpleNamespace(cell=9, wiring=Wiring(0, tuple(range(16))), publish=self.published.append)
+        self.coming, self.mail = None, queue.SimpleQueue()
+        self._core, self._turns, self._stats_due = None, 0.0, math.inf
+        self.assignment = kind(Cell(PLAN, 9, job=1), links)
+        self.assignment.events.append(Start())
+        self.assignment.step()
+        self.assignment.brisk, self.assignment.steps = brisk, 0
+
+    @property
+    def generation(self):
+        return self.assignment.cell.rows.generation
+
+    def hears(self, sender, payload):
+        self._hear(sender, SimpleNamespace(payload=SimpleNamespace(to_bytes=lambda: payload)))
+
+    def hears_of(self, generation, *senders):
+        for sender in senders:
+            self.hears(sender, SAID[generation][sender])
+
+
+@pytest.fixture(autouse=True)
+def cores(monkeypatch):
+    monkeypatch.setattr("node.turns.CORES", list(range(16)))  # so many that nobody keeps to one
+
+
+def test_it_steps_once_for_all_neighbours():
+    node = Node()
+    node.hears_of(0, *NEIGHBOURS[:3])
+    assert (node.assignment.steps, node.generation) == (0, 0)
+    node.hears_of(0, NEIGHBOURS[3])
+    assert (node.assignment.steps, node.generation) == (1, 1)
+    assert node.published == [SAID[1][9]]
+    assert isinstance(node.published[0], Publish)
+
+
+def test_what_is_a_generation_ahead_takes_nobodys_place():
+    node = Node()
+    node.hears_of(0, *NEIGHBOURS[:3])
+    node.hears_of(1, *NEIGHBOURS[:3])
+    assert node.assignment.steps == 0
+    node.hears_of(0, NEIGHBOURS[3])
+    assert (node.assignment.steps, node.generation) == (1, 1)
+    assert node.assignment.awaited == {NEIGHBOURS[3]}
+    node.hears_of(1, NEIGHBOURS[3])
+    assert (node.assignment.steps, node.generation) == (2, 2)
+
+
+@pytest.mark.parametrize("useless", [SAID[0][5], b"", b"\xc1", SAID[4][5]], ids=["again", "empty", "bad", "too early"])
+def test_a_message_of_no_use_costs_a_step_and_no_more(useless):
+    node = Node()
+    node.hears_of(0, *NEIGHBOURS)
+    node.hears(5, useless)
+    node.hears_of(1, *NEIGHBOURS[1:])
+    assert (node.generation, node.assignment.awaited) == (1, {5})
+    node.hears_of(1, 5)
+    assert (node.generation, node.assignment.steps) == (2, 3)
+
+
+def test_a_message_that_was_lost_comes_as_an_answer():
+    node = Node()
+    node.hears_of(0, *NEIGHBOURS[1:])
+    node.hears_of(1, *NEIGHBOURS)  # also of whom the one before was lost
+    assert (node.generation, node.assignment.awaited) == (0, {5})
+    node.assignment.events.append(Waited())
+    assert node.assignment.step() == [Ask(5, 0)]
+    node.assignment.events.append(Answered(5, SAID[0][5]))
+    node.assignment.step()
+    while node.assignment.busy:
+        node.assignment.step()
+    assert (node.generation, node.assignment.awaited) == (2, set(NEIGHBOURS))
+
+
+def test_many_messages_are_read_whoever_has_sent_nothing():
+    node = Node()
+    for _ in range(_MOST_UNREAD):
+        node.hears(5, b"bad")
+    assert node.assignment.steps == 0
+    node.hears(5, b"bad")
+    assert (node.assignment.steps, node.assignment.news) == (1, [])
+    assert node.assignment.cell.inbox.refused == _MOST_UNREAD + 1
+
+
+def test_what_comes_while_another_thread_is_at_it_is_not_forgotten():
+    node = Node()
+    with node.assignment.turn:
+        node.hears_of(0, *NEIGHBOURS)
+    assert (node.assignment.steps, node.assignment.busy) == (0, True)
+    node.assignment.step()
+    assert node.generation == 1
+
+
+def test_the_main_thread_is_woken_for_generations_that_take_long():
+    node = Node(brisk=False)
+    node.hears_of(0, *NEIGHBOURS[:3])
+    assert node.mail.empty()
+    node.hears_of(0, NEIGHBOURS[3])
+    assert (node.mail.qsize(), node.assignment.steps, node.assignment.busy) == (1, 0, True)
+
+
+class Steps(list):
+    """News that is looked at by a step of the main thread as soon as there is any."""
+
+    def append(self, message):
+        super().append(message)
+        assignment, self.assignment = self.assignment, None
+        if assignment is not None:
+            assignment.step()
+
+
+class SteppedMeanwhile(Counted):
+    def __init__(self, cell, links):
+        super().__init__(cell, links)
+        self.news = Steps()
+        self.news.assignment = None
+
+
+def test_a_step_of_the_main_thread_between_a_message_and_its_note():
+    node = Node(SteppedMeanwhile)
+    node.hears_of(0, *NEIGHBOURS[:3])
+    node.assignment.news.assignment = node.assignment
+    node.hears_of(0, NEIGHBOURS[3])
+    assert node.generation == 1
+    node.hears_of(1, *NEIGHBOURS)
+    assert node.generation == 2
+
+
+class ComesMeanwhile(Cell):
+    """A message of the cell 5 comes while it steps."""
+
+    news = ()
+
+    def step(self, *arguments):
+        actions = super().step(*arguments)
+        self.heard.extend(self.news)
+        self.news = ()
+        return actions
+
+
+def test_who_sends_during_a_step_is_not_awaited_after_it():
+    node = Node()
+    assignment = node.assignment
+    cell = assignment.cell = ComesMeanwhile(PLAN, 9, job=1)
+    cell.heard, cell.news = assignment.news, [(5, SAID[0][5])]
+    assignment.events.append(Start())
+    assignment.step()
+    assert assignment.awaited == {8, 10, 13}
+    node.hears_of(0, 8, 10, 13)
+    assert node.generation == 1
+
+
+@pytest.mark.parametrize(
+    ("shape", "first"), [("torus 4x4", {1, 3, 4, 12}), ("torus 2x2", {1, 2}), ("torus 1x2", {1}), ("torus 1x1", set())]
+)
+@pytest.mark.parametrize("interval", [1, 3])
+def test_whom_a_cell_waits_for_from_the_start_on(shape, first, interval):
+    plan = Plan(PLAN.problem, Run(topology=shape, interval=interval, generations=100))
+    cells = plan.topology.cells
+    assignment = Assignment(Cell(plan, 0, job=1), SimpleNamespace(cell=0, wiring=Wiring(0, tuple(range(cells)))))
+    assert assignment.awaited == first
+    assignment.events.append(Start())
+    assignment.step()
+    assert (assignment.awaited, assignment.busy) == (first, not first)
+    assignment.news += [(other, told(plan, 1)[0][other]) for other in first]
+    assignment.step()
+    assert assignment.awaited == first
+    assert assignment.busy == (interval > 1 or not first)
