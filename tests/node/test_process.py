@@ -146,26 +146,25 @@ def test_the_main_thread_is_woken_for_generations_that_take_long():
 
 
 class Steps(list):
-    """News that is looked at by a step of the main thread as soon as there is any."""
+    """News, just before or just after the next of which the main thread steps."""
+
+    assignment, before = None, False
 
     def append(self, message):
-        super().append(message)
         assignment, self.assignment = self.assignment, None
-        if assignment is not None:
+        if assignment is not None and self.before:
+            assignment.step()
+        super().append(message)
+        if assignment is not None and not self.before:
             assignment.step()
 
 
-class SteppedMeanwhile(Counted):
-    def __init__(self, cell, links):
-        super().__init__(cell, links)
-        self.news = Steps()
-        self.news.assignment = None
-
-
-def test_a_step_of_the_main_thread_between_a_message_and_its_note():
-    node = Node(SteppedMeanwhile)
+@pytest.mark.parametrize("before", [True, False])
+def test_a_step_of_the_main_thread_while_a_message_comes(before):
+    node = Node()
+    news = node.assignment.news = Steps()
     node.hears_of(0, *NEIGHBOURS[:3])
-    node.assignment.news.assignment = node.assignment
+    news.assignment, news.before = node.assignment, before
     node.hears_of(0, NEIGHBOURS[3])
     assert node.generation == 1
     node.hears_of(1, *NEIGHBOURS)
