@@ -163,9 +163,9 @@ class Steps(list):
 def test_a_step_of_the_main_thread_while_a_message_comes(before):
     node = Node()
     news = node.assignment.news = Steps()
-    node.hears_of(0, *NEIGHBOURS[:3])
+    node.hears_of(0, *NEIGHBOURS[:2])
     news.assignment, news.before = node.assignment, before
-    node.hears_of(0, NEIGHBOURS[3])
+    node.hears_of(0, *NEIGHBOURS[2:])
     assert node.generation == 1
     node.hears_of(1, *NEIGHBOURS)
     assert node.generation == 2
