@@ -353,9 +353,12 @@ class Conductor:
             self._changes.append(mail)
 
     def _stop(self, number: int, reason: Reason) -> None:
-        """Propose a stop in that world, to the root unless that has ended: in async mode it may have, before others."""
+        """Propose a stop in that world: to the root, with which all others stop, or in async mode to all at once.
+
+        There each stops when it hears of it, and the root may have ended before others.
+        """
         world = self.worlds.of(number)
-        if world is None or world.root_has_stopped:
+        if world is None or world.root_has_stopped or world.file.run.mode == "async":
             self._stop_everywhere(number, reason)
         else:
             self.calls.tell(self.keys.control(self.nodes[ROOT]), ProposeStop(self.number, number, reason))
