@@ -358,7 +358,7 @@ class Conductor:
         There each stops when it hears of it, and the root may have ended before others.
         """
         world = self.worlds.of(number)
-        if world is None or world.root_has_stopped or world.file.run.mode == "async":
+        if world is None or world.file.run.mode == "async":
             self._stop_everywhere(number, reason)
         else:
             self.calls.tell(self.keys.control(self.nodes[ROOT]), ProposeStop(self.number, number, reason))

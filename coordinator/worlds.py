@@ -6,7 +6,6 @@ from typing import Any
 
 from problems import ProblemFile
 from spy.past import Lived, Past, lived_for
-from topologies import ROOT
 from wire.control import Wiring
 from wire.report import Report
 
@@ -53,11 +52,6 @@ class World:
     def settled(self) -> bool:
         """Whether no cell is at it any more."""
         return self.stopped or self.halted
-
-    @property
-    def root_has_stopped(self) -> bool:
-        """Whether the root has told of its end in it."""
-        return ROOT in self.reports
 
     @property
     def lived(self) -> Lived:
