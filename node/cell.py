@@ -119,7 +119,6 @@ class Cell:
     Attributes:
         awaits: how many messages must come, at least, before `step` breeds a generation without any further event;
             `NEVER` before the start and after the end.
-        ended: whether this cell has reported.
     """
 
     def __init__(self, plan: Plan, cell: int, job: int) -> None:
@@ -128,7 +127,6 @@ class Cell:
         self.job = job
         self.state: State = "prepared"
         self.awaits = NEVER
-        self.ended = False
         self.inbox = Inbox(plan, cell, job)
         self.neighbours = self.inbox.neighbours
         self.rows = Rows(plan, np.array([cell]), self.inbox.messages)
@@ -143,6 +141,11 @@ class Cell:
         self._answers_of_no_use = 0
         self._history = History(1, plan.run.deme, plan.coding.genome_bytes)
         self._live_on: Generations | None = None  # from the start on, where that is possible
+
+    @property
+    def ended(self) -> bool:
+        """Whether this cell has reported."""
+        return self.state in ("stopped", "failed")
 
     @property
     def compiled(self) -> bool:
@@ -300,7 +303,7 @@ class Cell:
         actions.append(payload)
 
     def _end(self, state: Literal["stopped", "failed"], error: str | None, actions: list[Action]) -> None:
-        self.state, self.awaits, self.ended = state, NEVER, True
+        self.state, self.awaits = state, NEVER
         sound = error is None
         actions.append(
             Report(

@@ -168,9 +168,8 @@ class NodeProcess:
 
     def _keep_to(self, assignment: Assignment) -> None:
         """Within its turn: stay where the assignment says, unless the node is at another by now."""
-        core, seconds = assignment.core, assignment.turns
-        if (core != self._core or seconds != self._turns) and assignment is self.assignment:
-            self._settle(core, seconds)
+        if assignment is self.assignment:
+            self._settle(assignment.core, assignment.turns)
 
     def _settle(self, core: int | None, seconds: float) -> None:
         """Let both threads stay on a core, or go wherever the kernel likes, and the main one take turns of so long."""
