@@ -20,7 +20,6 @@ import zenoh
 import topologies
 from node import turns
 from node.assignment import Assignment, Coming
-from node.baton import Baton
 from node.berth import Berth
 from node.cell import (
     Action,
@@ -39,6 +38,7 @@ from node.cell import Halt as Halted
 from node.fingerprint import fingerprint
 from node.links import Links, Task
 from node.plan import Plan
+from node.relay import Relay
 from problems import BadInput, ProblemFile
 from topologies import Topology
 from wire import control, sessions
@@ -55,6 +55,7 @@ _MOST_UNREAD = 1000  # messages, though some neighbour has sent nothing
 def live(berth: Berth) -> None:
     """Be a node until the process is ended."""
     sessions.use_runtime(sessions.NODE_RUNTIME)
+    sessions.log_nothing()
     turns.take_turns()
     NodeProcess(berth).run()
 
@@ -76,9 +77,7 @@ class NodeProcess:
         self._cluster_nodes = 1
         self._core: int | None = None  # that this node keeps to,
         self._turns = 0.0  # and how long its turns are there
-        self._baton: Baton | None = None  # the one that it has,
-        self._turn_ends = 0.0  # and until when
-        self._unsent: Task | None = None  # publishes its latest message
+        self._relay = Relay(berth.batons)
         self._network_thread = 0  # its number; until it is known, that of whoever asks
         self.control = sessions.client(berth.router)
         self.links: Links | None = None  # those of the latest wiring
@@ -207,7 +206,7 @@ class NodeProcess:
 
     def _attend_to(self, task: Task) -> None:
         """It may take long, so that others may breed meanwhile."""
-        self._hand_on()
+        self._relay.hand_on()
         task()
 
     def _idle_seconds(self) -> float | None:
@@ -224,64 +223,19 @@ class NodeProcess:
         return self._stats_due + (PATIENCE if assignment.brisk else 0.0)
 
     def _carry_on(self, assignment: Assignment) -> None:
-        if assignment.hands_on and self._baton is None and not assignment.events:  # such as to halt, at once
-            self._take_baton(assignment)
-        self._supersede(assignment.cell)
+        self._relay.take_over(assignment)
         with assignment.turn:
             for action in assignment.step():
                 if type(action) is Publish:
-                    self._publish(assignment, action)
+                    self._relay.publish(assignment, action)
                 else:
                     self._carry_out(assignment, action)
             self._keep_to(assignment)
-        if self._baton is not None and self._is_over(assignment):
-            self._hand_on()
+        self._relay.step_is_done(assignment)
         if not assignment.in_lockstep and assignment.turns != turns.LONG:
             # For the network thread and the neighbours, should they want this core (or Python): else a node breeds
             # hundreds of generations with the same immigrants until its turn is over.
             turns.stand_back()
-
-    def _take_baton(self, assignment: Assignment) -> None:
-        assert assignment.core is not None, "who hands a baton on keeps to a core"
-        baton = self.berth.batons.get(assignment.core)
-        if baton is not None:
-            baton.take()
-            self._baton, self._turn_ends = baton, time.monotonic() + turns.LONG
-
-    def _is_over(self, assignment: Assignment) -> bool:
-        """Whether this node's turn is."""
-        return assignment.bred_at >= self._turn_ends or not assignment.hands_on
-
-    def _hand_on(self) -> None:
-        if self._baton is not None:
-            self._send_unsent()
-            baton, self._baton = self._baton, None
-            baton.hand_on()
-
-    def _supersede(self, cell: Cell) -> None:
-        """What was not sent yet will not be: the next generation has news, but for the last one, which tells none."""
-        if self._unsent is None:
-            return
-        if cell.rows.generation + 1 < cell.rows.limit:
-            self._unsent = None
-            cell.take_back()
-        else:
-            self._send_unsent()
-
-    def _send_unsent(self) -> None:
-        if self._unsent is not None:
-            publish, self._unsent = self._unsent, None
-            publish()
-
-    def _publish(self, assignment: Assignment, payload: bytes) -> None:
-        """Of a turn's messages only the last: until it is over, most neighbours cannot read any.
-
-        Where some generations tell nothing, what is kept back might never be superseded.
-        """
-        if self._baton is None or assignment.cell.ended or assignment.cell.plan.run.interval > 1:
-            assignment.links.publish(payload)
-        else:
-            self._unsent = partial(assignment.links.publish, payload)
 
     def _mind_the_time(self, assignment: Assignment) -> None:
         """Now and then, as rarely as counters are told, since a cold look costs as much as some generations."""

@@ -43,6 +43,14 @@ def use_runtime(runtime: str) -> None:
     os.environ["ZENOH_RUNTIME"] = runtime
 
 
+def log_nothing() -> None:
+    """Unless the environment asks for a log (RUST_LOG), let Zenoh skip its spans and events.
+
+    As long as nobody has said what becomes of them it makes each one up and looks for another log: 2 % of an exchange.
+    """
+    zenoh.init_log_from_env_or("off")
+
+
 def unix_socket(folder: Path, name: str) -> str:
     """The endpoint of a Unix socket in ``folder``, which must be private and short (a path has at most 107 bytes)."""
     return f"unixsock-stream/{folder}/{name}.sock"

@@ -1,0 +1,122 @@
+"""What a node tells of its turns: of each the last, with no gap in its numbers."""
+
+from types import SimpleNamespace
+
+import msgpack
+
+from node import Cell, Plan
+from node.assignment import Assignment
+from node.baton import Baton
+from node.cell import Halt, Start
+from node.relay import Relay
+from problems import Run
+from problems.function import Function
+from wire.control import Wiring
+
+CORE = 3
+PATIENCE = 0.05  # seconds; who waits for it in vain makes another
+FUNCTION = Function(kind="function", name="onemax", dimension=64)
+
+
+class Node:
+    """The cell 9 of an asynchronous torus after its start, with a relay of its own."""
+
+    def __init__(self, generations=100, interval=1):
+        self.published = []
+        self.baton = Baton(PATIENCE)
+        self.relay = Relay({CORE: self.baton})
+        run = Run(topology="torus 4x4", mode="async", generations=generations, interval=interval)
+        links = SimpleNamespace(cell=9, wiring=Wiring(0, tuple(range(16))), publish=self.publish)
+        self.assignment = Assignment(Cell(Plan(FUNCTION, run), 9, job=1), links)
+        self.assignment.core, self.assignment.hands_on = CORE, True
+        self.assignment.cell.step(events=[Start()])  # publishes generation 0 and, waiting for nobody, the first
+
+    def publish(self, payload):
+        """Note the generation and the number of the message."""
+        fields = msgpack.unpackb(payload)
+        self.published.append((fields[3], fields[7][0]))
+
+    def breeds(self):
+        """One generation, as `node.process` does."""
+        self.relay.take_over(self.assignment)
+        for payload in self.assignment.cell.step():
+            if isinstance(payload, bytes):
+                self.relay.publish(self.assignment, payload)
+
+
+def test_without_a_baton_every_message_is_published_at_once():
+    node = Node()
+    node.assignment.hands_on = False
+    for _ in range(3):
+        node.breeds()
+    assert node.published == [(2, 3), (3, 4), (4, 5)]
+
+
+def test_of_a_turn_the_last_message_is_published_when_the_baton_is_handed_on():
+    node = Node()
+    for _ in range(3):
+        node.breeds()
+    assert node.published == []
+    node.relay.hand_on()
+    assert node.published == [(4, 3)]
+    node.breeds()
+    node.relay.hand_on()
+    assert node.published == [(4, 3), (5, 4)]
+
+
+def test_handing_on_gives_the_baton_back():
+    node = Node()
+    node.breeds()
+    node.relay.hand_on()
+    assert node.baton.take()
+
+
+def test_a_turn_is_over_when_its_time_is():
+    node = Node()
+    node.breeds()
+    node.assignment.bred_at = 0.0  # long before the turn's end
+    node.relay.step_is_done(node.assignment)
+    assert node.published == []
+    node.assignment.bred_at = float("inf")
+    node.relay.step_is_done(node.assignment)
+    assert node.published == [(2, 3)]
+
+
+def test_a_turn_is_over_when_the_node_leaves_the_relay():
+    node = Node()
+    node.breeds()
+    node.assignment.bred_at, node.assignment.hands_on = 0.0, False
+    node.relay.step_is_done(node.assignment)
+    assert node.published == [(2, 3)]
+
+
+def test_the_last_message_before_the_limit_is_published_although_a_generation_follows():
+    node = Node(generations=3)
+    node.breeds()
+    assert node.published == []
+    node.breeds()
+    assert node.assignment.cell.ended
+    assert node.published == [(2, 3)]
+
+
+def test_where_some_generations_tell_nothing_no_message_is_kept_back():
+    node = Node(interval=2)
+    for _ in range(4):
+        node.breeds()
+    assert node.published == [(2, 2), (4, 3)]
+
+
+def test_with_events_a_node_waits_for_no_baton():
+    node = Node()
+    assert node.baton.take()  # somebody else has it
+    node.assignment.events.append(Halt())
+    node.breeds()
+    assert node.published == [(2, 3)]
+    assert not node.baton.take()  # nobody has handed it on
+
+
+def test_on_a_core_without_a_baton_nobody_waits():
+    node = Node()
+    node.assignment.core = CORE + 1
+    node.breeds()
+    assert node.published == [(2, 3)]
