@@ -7,7 +7,7 @@ import msgpack
 from node import Cell, Plan
 from node.assignment import Assignment
 from node.baton import Baton
-from node.cell import Halt, Start
+from node.cell import Halt, Publish, Start
 from node.relay import Relay
 from problems import Run
 from problems.function import Function
@@ -39,9 +39,9 @@ class Node:
     def breeds(self):
         """One generation, as `node.process` does."""
         self.relay.take_over(self.assignment)
-        for payload in self.assignment.cell.step():
-            if isinstance(payload, bytes):
-                self.relay.publish(self.assignment, payload)
+        for action in self.assignment.cell.step():
+            if type(action) is Publish:
+                self.relay.publish(self.assignment, action)
 
 
 def test_without_a_baton_every_message_is_published_at_once():
