@@ -89,8 +89,7 @@ class Assignment:
     def step(self) -> list[Action]:
         """Let the cell take what is here now, but not what comes meanwhile; within ``turn`` only."""
         cell = self.cell
-        news = self.news[:]
-        del self.news[: len(news)]
+        news = self._taken()
         events = [self.events.popleft() for _ in range(len(self.events))] if self.events else ()
         generation = cell.rows.generation
         measured = self._unmeasured == 0 or (self._may_be_brisk and not self.brisk)
@@ -111,6 +110,16 @@ class Assignment:
         if cell.ended:
             self.hears, self.core, self.turns, self.hands_on = False, None, 0.0, False
         return actions
+
+    def take_in(self) -> list[Action]:
+        """Let the cell read what is here now, and no more; within ``turn`` only."""
+        return self.cell.hear(self._taken())
+
+    def _taken(self) -> list[Message]:
+        """The news so far, which are none any more."""
+        news = self.news[:]
+        del self.news[: len(news)]
+        return news
 
     def _await(self) -> None:
         """Who has to be heard from before another step is of use; some may have been while the cell was at this one."""

@@ -174,6 +174,12 @@ class Cell:
             self._end("failed", str(error), actions)
         return actions
 
+    def hear(self, news: Sequence[Message]) -> list[Action]:
+        """Take ``news`` and nothing else."""
+        actions: list[Action] = []
+        self._hear(news, actions)
+        return actions
+
     @property
     def sent(self) -> int:
         """How many messages this cell has published."""

@@ -49,7 +49,7 @@ from wire.report import Report
 from wire.strict import Rejected
 
 PATIENCE = 1.0  # seconds without a generation, at least, after which a lockstep node asks for what is missing
-_MOST_UNREAD = 1000  # messages, though some neighbour has sent nothing
+_MOST_UNREAD = 64  # messages: in async mode far more may come before the main thread gets a core
 
 
 def live(berth: Berth) -> None:
@@ -133,11 +133,22 @@ class NodeProcess:
         news.append((sender, payload))
         awaited = assignment.awaited  # only now: whoever replaces it looks at the news afterwards
         awaited.discard(sender)
-        if (not awaited or len(news) > _MOST_UNREAD) and assignment.in_lockstep:  # else it could only wait for more
+        if assignment.in_lockstep and not awaited:  # else it could only wait for more
             if assignment.brisk:
                 self._carry_on_briskly(assignment)
             else:
                 self.mail.put(_nothing)  # wakes the main thread
+        elif len(news) >= _MOST_UNREAD:
+            self._take_in(assignment)
+
+    def _take_in(self, assignment: Assignment) -> None:
+        """Read what has come, unless the main thread is at it: that one does so before it breeds."""
+        if assignment.turn.acquire(False):
+            try:
+                for action in assignment.take_in():
+                    self.mail.put(partial(self._carry_out, assignment, action))
+            finally:
+                assignment.turn.release()
 
     def _carry_on_briskly(self, assignment: Assignment) -> None:
         """Go on for as long as the cell can, unless the main thread is at it: that one looks again after its turn.

@@ -1,4 +1,4 @@
-"""What a node's network thread does with each message in lockstep, without a network."""
+"""What a node's network thread does with each message, without a network."""
 
 import math
 import queue
@@ -16,6 +16,7 @@ from wire.control import Wiring
 
 NEIGHBOURS = (5, 8, 10, 13)  # of the cell 9
 PLAN = Plan(Function(kind="function", name="onemax", dimension=8), Run(topology="torus 4x4", generations=100))
+IN_ASYNC = Plan(PLAN.problem, Run(topology="torus 4x4", mode="async", generations=100))
 
 
 def told(plan, generations):
@@ -44,12 +45,12 @@ class Counted(Assignment):
 class Node(NodeProcess):
     """The cell 9 after its start, without links."""
 
-    def __init__(self, kind=Counted, brisk=True):
+    def __init__(self, kind=Counted, brisk=True, plan=PLAN):
         self.published = []
         links = SimpleNamespace(cell=9, wiring=Wiring(0, tuple(range(16))), publish=self.published.append)
         self.coming, self.mail = None, queue.SimpleQueue()
         self._core, self._turns, self._stats_due = None, 0.0, math.inf
-        self.assignment = kind(Cell(PLAN, 9, job=1), links)
+        self.assignment = kind(Cell(plan, 9, job=1), links)
         self.assignment.events.append(Start())
         self.assignment.step()
         self.assignment.brisk, self.assignment.steps = brisk, 0
@@ -118,14 +119,30 @@ def test_a_message_that_was_lost_comes_as_an_answer():
     assert (node.generation, node.assignment.awaited) == (2, set(NEIGHBOURS))
 
 
-def test_many_messages_are_read_whoever_has_sent_nothing():
-    node = Node()
-    for _ in range(_MOST_UNREAD):
+@pytest.mark.parametrize("plan", [PLAN, IN_ASYNC], ids=["lockstep", "async"])
+def test_many_messages_are_read_whoever_has_sent_nothing(plan):
+    node = Node(plan=plan)
+    before = node.generation
+    for _ in range(_MOST_UNREAD - 1):
         node.hears(5, b"bad")
-    assert node.assignment.steps == 0
+    assert node.assignment.cell.inbox.refused == 0
     node.hears(5, b"bad")
-    assert (node.assignment.steps, node.assignment.news) == (1, [])
-    assert node.assignment.cell.inbox.refused == _MOST_UNREAD + 1
+    assert (node.generation, node.assignment.steps, node.assignment.news) == (before, 0, [])
+    assert node.assignment.cell.inbox.refused == _MOST_UNREAD
+    (complaint,) = Cell(plan, 9, job=1).hear([(5, b"bad")])
+    assert node.mail.get_nowait().args == (node.assignment, complaint)
+    assert node.mail.empty()
+
+
+def test_many_messages_wait_for_a_thread_that_is_at_it():
+    node = Node(plan=IN_ASYNC)
+    with node.assignment.turn:
+        for _ in range(2 * _MOST_UNREAD):
+            node.hears(5, b"bad")
+        assert len(node.assignment.news) == 2 * _MOST_UNREAD
+    node.hears_of(0, 5)
+    assert node.assignment.news == []
+    assert (node.assignment.cell.inbox.refused, node.assignment.cell.inbox.kept) == (2 * _MOST_UNREAD, 1)
 
 
 def test_what_comes_while_another_thread_is_at_it_is_not_forgotten():
