@@ -1,4 +1,4 @@
-"""A model of how fast a lockstep torus of single individuals goes, held against what is measured here.
+"""A model of how fast a torus of single individuals goes, held against what is measured here.
 
 Usage: python -m benchmarks.model [--calibrate 16,64,256,1024] [--predict 32,128,512] [--seconds 3] [--repeats 3]
 
@@ -19,7 +19,8 @@ With n cells on K cores, p = max(1, n / K) of them on each, a generation takes
 w is measured on the largest of 1x2, 2x2, 3x3 with no more cells than the machine has cores (nodes of 1x2 have one
 neighbour each). All other sizes that are printed are predicted. Left out: variation between generations and between
 machines (the slowest of many delays in each exchange, so for many cores this is a bound, not an estimate), and
-bandwidth. Async nodes wait for nobody: w = x = 0.
+bandwidth. Async nodes wait for nobody, so w = x = 0; they breed several generations in a turn if those are short, so
+their c(p) and K(n) are measured by themselves.
 
 Other work on the machine shows as fewer cores busy than K, and then only the CPU times can be held against the model.
 """
@@ -28,7 +29,7 @@ import argparse
 import os
 import statistics
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from math import exp, log
@@ -46,6 +47,7 @@ from problems.file import parse
 _SHORT = 5  # generations of the job that is taken off the longer ones: what it costs to prepare and to stop
 _SLOTS = 4
 _EVALUATIONS = 2 * _SLOTS  # of a node in a generation
+_MOST_OF_OTHERS = 256  # nodes of jobs other than the trivial one in lockstep: with more each takes minutes
 
 
 class Measured(NamedTuple):
@@ -131,17 +133,13 @@ class Variant(NamedTuple):
         return parse(text, self.name, Path()).with_run(target=-1.0, **self.run)
 
 
-PLAIN = Variant("lockstep", "", {})
+LOCKSTEP, ASYNC = Variant("lockstep", "", {}), Variant("async", "", {"mode": "async"})
 
 
-def variants(cost: float) -> list[Variant]:
-    """What is predicted beside the trivial fitness: one that takes ``cost`` µs, and both in async mode."""
+def costly(cost: float) -> list[Variant]:
+    """Both with a fitness that takes ``cost`` µs."""
     dear = f"cost_us = {cost:g}"
-    return [
-        Variant(f"lockstep, {cost:g} µs", dear, {}),
-        Variant("async", "", {"mode": "async"}),
-        Variant(f"async, {cost:g} µs", dear, {"mode": "async"}),
-    ]
+    return [Variant(f"{plain.name}, {cost:g} µs", dear, plain.run) for plain in (LOCKSTEP, ASYNC)]
 
 
 @contextmanager
@@ -187,28 +185,30 @@ def _nodes_cpu(cluster: LocalCluster) -> float:
 def main() -> None:
     """Calibrate, predict, compare, extrapolate."""
     options = _options()
-    small = options.calibrate[0]
     alone = max(square for square in (2, 4, 9) if square <= max(2, _cores()))
-    measured: dict[int, Measured] = {}
-    others: dict[tuple[str, int], Measured] = {}
+    measured: dict[tuple[str, int], Measured] = {}
     for nodes in sorted({alone, *options.calibrate, *options.predict}):
-        asked = variants(options.cost_us) if nodes == small or nodes in options.predict[:2] else []
+        asked = [LOCKSTEP, ASYNC, *costly(options.cost_us)] if alone < nodes <= _MOST_OF_OTHERS else [LOCKSTEP]
         with _cluster_of(nodes) as cluster:
-            measured[nodes] = measure(cluster, PLAIN, options.seconds, options.repeats)
             for each in asked:
-                others[each.name, nodes] = measure(cluster, each, options.seconds, options.repeats)
-    model = Model.of([measured[nodes] for nodes in options.calibrate], measured[alone])
-    print(_fit(model, alone), end="\n\n")
+                measured[each.name, nodes] = measure(cluster, each, options.seconds, options.repeats)
+    models = {
+        plain.name: Model.of(
+            [measured[plain.name, nodes] for nodes in options.calibrate if (plain.name, nodes) in measured],
+            measured[LOCKSTEP.name, alone],
+        )
+        for plain in (LOCKSTEP, ASYNC)
+    }
+    print("\n".join(_fit(name, model) for name, model in models.items()))
+    wait = models[LOCKSTEP.name].wait
+    print(f"{_cores()} cores here; w = {wait * 1e6:.0f} µs (on {torus_of(alone)}).", end="\n\n")
+    del measured[LOCKSTEP.name, alone]
     print("| | nodes | cores busy | CPU µs of a node | model | error | generations/s | model | error |")
     print("|---|---:|---:|---:|---:|---:|---:|---:|---:|")
-    for found in measured.values():
-        if found.nodes != alone:
-            used = " (calibrates)" if found.nodes in options.calibrate else ""
-            print(_line(f"lockstep{used}", found, model.cpu_of(found.nodes), model.seconds(found.nodes)))
-    for line in _other_lines(model, others, small):
+    for line in _lines(models, measured, options.calibrate):
         print(line)
     print()
-    print("\n".join(beyond(model, options.machines, options.machine_cores, options.network_us)))
+    print("\n".join(beyond(models[LOCKSTEP.name], options.machines, options.machine_cores, options.network_us)))
 
 
 def _options() -> argparse.Namespace:
@@ -217,7 +217,7 @@ def _options() -> argparse.Namespace:
 
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--calibrate", type=sizes, default=[16, 64, 256, 1024], help="of more nodes than cores")
-    parser.add_argument("--predict", type=sizes, default=[32, 128, 512], help="the first two also with other jobs")
+    parser.add_argument("--predict", type=sizes, default=[32, 128, 512], help="tori to predict and measure")
     parser.add_argument("--seconds", type=float, default=3.0, help="of a job")
     parser.add_argument("--repeats", type=int, default=3, help="medians of so many")
     parser.add_argument("--cost-us", type=float, default=50.0, help="of an evaluation that costs something")
@@ -231,11 +231,11 @@ def _cores() -> int:
     return len(os.sched_getaffinity(0))
 
 
-def _fit(model: Model, alone: int) -> str:
+def _fit(name: str, model: Model) -> str:
     sizes = ", ".join(
         f"{size.nodes / size.cores:.0f} processes on each {size.cpu * 1e6:.0f} µs" for size in model.sizes
     )
-    return f"{_cores()} cores here. Measured: with {sizes}; w = {model.wait * 1e6:.0f} µs (on {torus_of(alone)})."
+    return f"Measured, {name}: with {sizes}."
 
 
 def _line(name: str, found: Measured, cpu: float, seconds: float) -> str:
@@ -246,12 +246,20 @@ def _line(name: str, found: Measured, cpu: float, seconds: float) -> str:
     )
 
 
-def _other_lines(model: Model, others: dict[tuple[str, int], Measured], small: int) -> Iterator[str]:
-    """What a job of another kind costs more is taken from the small torus, and predicted for the others."""
-    for (name, nodes), found in others.items():
-        extra = others[name, small].cpu - model.cpu_of(small)
-        used = " (CPU calibrates)" if nodes == small else ""
-        seconds = model.seconds(nodes, extra=extra, waits=not name.startswith("async"))
+def _lines(
+    models: Mapping[str, Model], measured: Mapping[tuple[str, int], Measured], calibrate: Sequence[int]
+) -> Iterator[str]:
+    """What evaluations cost is taken from the smallest torus, and predicted for the others."""
+    small = calibrate[0]
+    for (name, nodes), found in measured.items():
+        mode = name.split(",")[0]
+        model, used = models[mode], ""
+        if name == mode and nodes in calibrate:
+            used = " (calibrates)"
+        elif nodes == small:
+            used = " (CPU calibrates)"
+        extra = 0.0 if name == mode else measured[name, small].cpu - model.cpu_of(small)
+        seconds = model.seconds(nodes, extra=extra, waits=mode == LOCKSTEP.name)
         yield _line(f"{name}{used}", found, model.cpu_of(nodes) + extra, seconds)
 
 
