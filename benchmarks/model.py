@@ -34,7 +34,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from math import exp, log
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -120,26 +120,26 @@ def error(predicted: float, measured: float) -> float:
 
 
 class Variant(NamedTuple):
-    """A kind of job."""
+    """A kind of job: which fitness, and in which mode."""
 
     name: str
     fields: str
-    run: dict[str, Any]
+    mode: str
 
     @property
     def file(self) -> ProblemFile:
         """The problem; its target is out of reach."""
         text = f'kind = "function"\nname = "onemax"\ndimension = 64\n{self.fields}\n'
-        return parse(text, self.name, Path()).with_run(target=-1.0, **self.run)
+        return parse(text, self.name, Path()).with_run(target=-1.0, mode=self.mode)
 
 
-LOCKSTEP, ASYNC = Variant("lockstep", "", {}), Variant("async", "", {"mode": "async"})
+LOCKSTEP, ASYNC = (Variant(mode, "", mode) for mode in ("lockstep", "async"))
 
 
 def costly(cost: float) -> list[Variant]:
     """Both with a fitness that takes ``cost`` µs."""
     dear = f"cost_us = {cost:g}"
-    return [Variant(f"{plain.name}, {cost:g} µs", dear, plain.run) for plain in (LOCKSTEP, ASYNC)]
+    return [Variant(f"{plain.name}, {cost:g} µs", dear, plain.mode) for plain in (LOCKSTEP, ASYNC)]
 
 
 @contextmanager
@@ -186,29 +186,29 @@ def main() -> None:
     """Calibrate, predict, compare, extrapolate."""
     options = _options()
     alone = max(square for square in (2, 4, 9) if square <= max(2, _cores()))
-    measured: dict[tuple[str, int], Measured] = {}
+    measured: dict[tuple[Variant, int], Measured] = {}
     for nodes in sorted({alone, *options.calibrate, *options.predict}):
         asked = [LOCKSTEP, ASYNC, *costly(options.cost_us)] if alone < nodes <= _MOST_OF_OTHERS else [LOCKSTEP]
         with _cluster_of(nodes) as cluster:
             for each in asked:
-                measured[each.name, nodes] = measure(cluster, each, options.seconds, options.repeats)
+                measured[each, nodes] = measure(cluster, each, options.seconds, options.repeats)
     models = {
-        plain.name: Model.of(
-            [measured[plain.name, nodes] for nodes in options.calibrate if (plain.name, nodes) in measured],
-            measured[LOCKSTEP.name, alone],
+        plain.mode: Model.of(
+            [measured[plain, nodes] for nodes in options.calibrate if (plain, nodes) in measured],
+            measured[LOCKSTEP, alone],
         )
         for plain in (LOCKSTEP, ASYNC)
     }
-    print("\n".join(_fit(name, model) for name, model in models.items()))
-    wait = models[LOCKSTEP.name].wait
+    print("\n".join(_fit(mode, model) for mode, model in models.items()))
+    wait = models[LOCKSTEP.mode].wait
     print(f"{_cores()} cores here; w = {wait * 1e6:.0f} µs (on {torus_of(alone)}).", end="\n\n")
-    del measured[LOCKSTEP.name, alone]
+    del measured[LOCKSTEP, alone]
     print("| | nodes | cores busy | CPU µs of a node | model | error | generations/s | model | error |")
     print("|---|---:|---:|---:|---:|---:|---:|---:|---:|")
     for line in _lines(models, measured, options.calibrate):
         print(line)
     print()
-    print("\n".join(beyond(models[LOCKSTEP.name], options.machines, options.machine_cores, options.network_us)))
+    print("\n".join(beyond(models[LOCKSTEP.mode], options.machines, options.machine_cores, options.network_us)))
 
 
 def _options() -> argparse.Namespace:
@@ -224,18 +224,21 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--machines", type=int, default=100, help="of the large computer")
     parser.add_argument("--machine-cores", type=int, default=100, help="of each of its machines")
     parser.add_argument("--network-us", type=float, default=30.0, help="one way, between them")
-    return parser.parse_args()
+    options = parser.parse_args()
+    if options.calibrate[0] > _MOST_OF_OTHERS:
+        parser.error(f"--calibrate: the smallest size may be {_MOST_OF_OTHERS} at most, found {options.calibrate[0]}")
+    return options
 
 
 def _cores() -> int:
     return len(os.sched_getaffinity(0))
 
 
-def _fit(name: str, model: Model) -> str:
+def _fit(mode: str, model: Model) -> str:
     sizes = ", ".join(
         f"{size.nodes / size.cores:.0f} processes on each {size.cpu * 1e6:.0f} µs" for size in model.sizes
     )
-    return f"Measured, {name}: with {sizes}."
+    return f"Measured, {mode}: with {sizes}."
 
 
 def _line(name: str, found: Measured, cpu: float, seconds: float) -> str:
@@ -247,20 +250,20 @@ def _line(name: str, found: Measured, cpu: float, seconds: float) -> str:
 
 
 def _lines(
-    models: Mapping[str, Model], measured: Mapping[tuple[str, int], Measured], calibrate: Sequence[int]
+    models: Mapping[str, Model], measured: Mapping[tuple[Variant, int], Measured], calibrate: Sequence[int]
 ) -> Iterator[str]:
     """What evaluations cost is taken from the smallest torus, and predicted for the others."""
     small = calibrate[0]
-    for (name, nodes), found in measured.items():
-        mode = name.split(",")[0]
-        model, used = models[mode], ""
-        if name == mode and nodes in calibrate:
+    for (variant, nodes), found in measured.items():
+        model, used = models[variant.mode], ""
+        is_plain = variant in (LOCKSTEP, ASYNC)
+        if is_plain and nodes in calibrate:
             used = " (calibrates)"
         elif nodes == small:
             used = " (CPU calibrates)"
-        extra = 0.0 if name == mode else measured[name, small].cpu - model.cpu_of(small)
-        seconds = model.seconds(nodes, extra=extra, waits=mode == LOCKSTEP.name)
-        yield _line(f"{name}{used}", found, model.cpu_of(nodes) + extra, seconds)
+        extra = 0.0 if is_plain else measured[variant, small].cpu - model.cpu_of(small)
+        seconds = model.seconds(nodes, extra=extra, waits=variant.mode == LOCKSTEP.mode)
+        yield _line(f"{variant.name}{used}", found, model.cpu_of(nodes) + extra, seconds)
 
 
 def beyond(model: Model, machines: int, cores: int, network_us: float) -> list[str]:

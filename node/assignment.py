@@ -23,14 +23,15 @@ class Assignment:
 
     Attributes:
         links: to the neighbours in this world.
-        news: messages for the cell; the network thread appends, for as long as the cell `hears`.
+        news: messages for the cell; the network thread appends, for as long as the cell `hears`, and who has the turn
+            takes them.
         awaited: in lockstep, of the neighbours whose messages the next exchange lacks, those of whom nothing at all has
             come since; the network thread removes. With too few in it a step is in vain, with too many one is missed.
         core: which one the node should keep to, for now.
         turns: how long its turns on that core should be, in seconds; 0: as long as the kernel likes.
         hands_on: whether it breeds on that core only while it has the baton.
         events: for the cell; any thread may append.
-        turn: held by the thread that carries the cell on.
+        turn: held by the thread that carries the cell on, or lets it read.
         brisk: whether that is the network thread, for now.
         begun: to be answered with the report.
         report: what the cell had to say when it stopped, encoded.

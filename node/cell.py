@@ -161,7 +161,7 @@ class Cell:
         actions: list[Action] = []
         try:
             if news and (events or self._live_on is None):
-                self._hear(news, actions)
+                actions += self.hear(news)
                 news = ()
             if events:
                 self._take(events, actions)
@@ -175,9 +175,10 @@ class Cell:
         return actions
 
     def hear(self, news: Sequence[Message]) -> list[Action]:
-        """Take ``news`` and nothing else."""
+        """Take ``news`` and nothing else; in lockstep `awaits` is true again after the next step only."""
         actions: list[Action] = []
-        self._hear(news, actions)
+        if not self.ended and (refusals := self.inbox.hear(news)):
+            self._complain(refusals, actions)
         return actions
 
     @property
@@ -204,7 +205,7 @@ class Cell:
         for event in events:
             if isinstance(event, Answered):
                 kept, of_no_use = self.inbox.kept, self.inbox.of_no_use
-                self._hear([(event.sender, event.payload)], actions)
+                actions += self.hear([(event.sender, event.payload)])
                 self._answered += self.inbox.kept - kept
                 self._answers_of_no_use += self.inbox.of_no_use - of_no_use
             elif isinstance(event, Asked):
@@ -230,10 +231,6 @@ class Cell:
             if rows.problems[0].judging is not None:
                 self._live_on = Generations(plan, rows, self.inbox, self._history, self._tells_champion, self._out)
             self._generation_done(actions)
-
-    def _hear(self, news: Sequence[Message], actions: list[Action]) -> None:
-        if not self.ended and (refusals := self.inbox.hear(news)):
-            self._complain(refusals, actions)
 
     def _complain(self, refusals: set[tuple[int, str]], actions: list[Action]) -> None:
         new = refusals - self._complaints
@@ -266,7 +263,7 @@ class Cell:
     def _advance_in_one_call(
         self, live_on: Generations, news: Sequence[Message], most: int, actions: list[Action]
     ) -> None:
-        """The same as `_hear` and `_advance`, compiled, and more than once if there is nothing to say."""
+        """The same as `hear` and `_advance`, compiled, and more than once if there is nothing to say."""
         rows, history = self.rows, self._history
         room = history.most - history.noted
         bred, flags, self.awaits, size, wrong = live_on(news, rows.generation, history.noted, min(most, room))

@@ -3,7 +3,7 @@
 Zenoh calls back on a network thread of its own. In lockstep the cell is carried on right there, by the call that brings
 the last neighbour's message: a generation then costs no change of threads, which is most of what an exchange would
 cost. The main thread does whatever may take long or block: commands, reports, questions, generations that take their
-time, and all of async mode, where breeding goes on while messages come in.
+time, and in async mode all of them: breeding goes on while messages come in.
 """
 
 import contextlib
@@ -49,7 +49,8 @@ from wire.report import Report
 from wire.strict import Rejected
 
 PATIENCE = 1.0  # seconds without a generation, at least, after which a lockstep node asks for what is missing
-_MOST_UNREAD = 64  # messages: in async mode far more may come before the main thread gets a core
+_MOST_UNREAD = 1000  # messages, though some neighbour has sent nothing
+_MANY_UNREAD = 64  # messages in async mode: far more may come before the main thread gets a core
 
 
 def live(berth: Berth) -> None:
@@ -133,20 +134,23 @@ class NodeProcess:
         news.append((sender, payload))
         awaited = assignment.awaited  # only now: whoever replaces it looks at the news afterwards
         awaited.discard(sender)
-        if assignment.in_lockstep and not awaited:  # else it could only wait for more
+        if not assignment.in_lockstep:
+            if len(news) >= _MANY_UNREAD:
+                self._take_in(assignment)
+        elif not awaited or len(news) > _MOST_UNREAD:  # else it could only wait for more
             if assignment.brisk:
                 self._carry_on_briskly(assignment)
             else:
                 self.mail.put(_nothing)  # wakes the main thread
-        elif len(news) >= _MOST_UNREAD:
-            self._take_in(assignment)
 
     def _take_in(self, assignment: Assignment) -> None:
-        """Read what has come, unless the main thread is at it: that one does so before it breeds."""
+        """In async mode read what has come, unless the main thread is at it: that one does so in its next step."""
         if assignment.turn.acquire(False):
             try:
                 for action in assignment.take_in():
                     self.mail.put(partial(self._carry_out, assignment, action))
+            except Exception as error:
+                self.mail.put(partial(_fail, error))
             finally:
                 assignment.turn.release()
 
