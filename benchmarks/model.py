@@ -8,7 +8,7 @@ With n cells on K cores, p = max(1, n / K) of them on each, a generation takes
 
 - c(p): CPU time of a node and generation without evaluations. Processes that share a core push each other's state out
   of its caches: where that begins, and how steeply it goes on, is the machine's. So it is measured at some sizes, and
-  a power of p between each two. Below the smallest size nothing is gained: a core of one's own can only be better.
+  a power of p between each two. Below the smallest size it is taken to be what it is there.
 - K(n): the cores that the nodes keep busy when there is work for all, measured likewise. The spy, the router and the
   kernel have the rest.
 - e: CPU time of its evaluations.
