@@ -60,6 +60,9 @@ export const postJson = async (address, value) => (await ask(address, {
 // For screen readers: the latest change.
 export const announce = (text) => setText(byId("live"), text);
 
+// And what the keyboard is at, which no change takes the place of.
+export const announceVisited = (text) => setText(byId("visited"), text);
+
 // Calls `show` with each snapshot of the cluster, while the page is seen: a browser has few connections to a host.
 // A page that shows no `nodes` is not sent them; another has those of before where there is no news of them.
 export function follow(show, { nodes }) {

@@ -1,6 +1,6 @@
 // The torus as a heat map: a square for each cell, with a cursor for the keyboard.
 
-import { announce, make, number } from "./common.js";
+import { announceVisited, make, number } from "./common.js";
 
 const SVG = "http://www.w3.org/2000/svg";
 const RAMP = [[68, 1, 84], [59, 82, 139], [33, 145, 140], [94, 201, 98], [253, 231, 37]];
@@ -99,7 +99,7 @@ export class Torus {
   #visit(cell) {
     if (!this.squares[cell]) return; // nothing is known yet
     this.#move(cell);
-    announce(this.describe(cell));
+    announceVisited(this.describe(cell));
   }
 
   #move(cell) {
