@@ -132,12 +132,13 @@ class NodeProcess:
             return
         news = assignment.news
         news.append((sender, payload))
-        awaited = assignment.awaited  # only now: whoever replaces it looks at the news afterwards
-        awaited.discard(sender)
         if not assignment.in_lockstep:
             if len(news) >= _MANY_UNREAD:
                 self._take_in(assignment)
-        elif not awaited or len(news) > _MOST_UNREAD:  # else it could only wait for more
+            return
+        awaited = assignment.awaited  # only now: whoever replaces it looks at the news afterwards
+        awaited.discard(sender)
+        if not awaited or len(news) > _MOST_UNREAD:  # else it could only wait for more
             if assignment.brisk:
                 self._carry_on_briskly(assignment)
             else:
