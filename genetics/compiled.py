@@ -80,6 +80,13 @@ def entry(function: Any) -> Callable[..., Any]:
     return code
 
 
+def c_function(signature: Any) -> Callable[[Function], Any]:
+    """Compile a function that code in C calls by its ``address``."""
+    compiler: Any = numba.cfunc
+    compiled: Callable[[Function], Any] = compiler(signature, cache=True, error_model="numpy")
+    return compiled
+
+
 def subroutine(function: Function) -> Function:
     """A function that only kernels call; it is compiled into them."""
     compiler: Any = numba.njit(error_model="numpy")

@@ -115,6 +115,18 @@ def octets(table: Any, place: Any) -> Any:
 
 
 @subroutine
+def integers_at(address: Any, rows: Any, columns: Any) -> Any:
+    """The int64 array at an address, such as a table."""
+    return carray(_pointer_to_integer(address), (rows, columns))
+
+
+@subroutine
+def octets_at(address: Any, size: Any) -> Any:
+    """So many bytes at an address."""
+    return carray(_pointer_to_octet(address), (size,))
+
+
+@subroutine
 def octets_of(payload: Any) -> Any:
     """The bytes of a payload, which must outlive the array: counting who uses it would take half of reading it."""
     counted = np.frombuffer(payload, np.uint8)

@@ -36,7 +36,7 @@ class Assignment:
         begun: to be answered with the report.
         report: what the cell had to say when it stopped, encoded.
         bred_at: when the latest generations were bred, on the monotonic clock,
-        gap: and how long after those before, in seconds.
+        gap: and how long an exchange took then, in seconds.
         most: generations that may be bred at once: as many as take little time.
         told: when counters were told last, on the same clock, and how many messages had been sent by then.
     """
@@ -62,6 +62,7 @@ class Assignment:
         plan = cell.plan
         self._core = core_of(links.wiring, links.cell)
         self._unmeasured = 0
+        self._bred = 0  # generations, at `bred_at`
         self._interval = plan.run.interval
         self.in_lockstep = plan.run.mode == "lockstep"
         self._may_be_brisk = self.in_lockstep and plan.problem.any_thread and plan.limits.most_bytes <= BRISK_BYTES
@@ -98,19 +99,35 @@ class Assignment:
         actions = cell.step(news, events, self.most)
         bred = cell.rows.generation - generation
         if bred:
-            now = time.monotonic()
-            self.gap, self.bred_at = now - self.bred_at, now
+            self.look_at_the_clock()
             self._unmeasured = (self._unmeasured + 1) % _MEASURED_EVERY
             if measured:
                 each = (time.thread_time() - used) / bred
                 self.most = max(1, int(BRISK_SECONDS / max(each, 1e-6)))
                 self.brisk = self._may_be_brisk and each * self._interval < BRISK_SECONDS
                 self._settle(each)
-        if self.in_lockstep:
-            self._await()
-        if cell.ended:
-            self.hears, self.core, self.turns, self.hands_on = False, None, 0.0, False
+        self._end_step()
         return actions
+
+    def went_on(self) -> list[Action]:
+        """After the fast path: what it left to be done; within ``turn`` only."""
+        actions = self.cell.went_on()
+        self._end_step()
+        return actions
+
+    def look_at_the_clock(self) -> None:
+        """Note when the latest generations were bred, as far as that is to be seen now."""
+        bred = self.cell.rows.generation - self._bred
+        if bred:
+            now = time.monotonic()
+            self.gap, self.bred_at = (now - self.bred_at) / max(1.0, bred / self._interval), now
+            self._bred += bred
+
+    def _end_step(self) -> None:
+        if self.in_lockstep:
+            self.await_messages()
+        if self.cell.ended:
+            self.hears, self.core, self.turns, self.hands_on = False, None, 0.0, False
 
     def take_in(self) -> list[Action]:
         """Let the cell read what is here now, and no more; within ``turn`` only."""
@@ -122,7 +139,7 @@ class Assignment:
         del self.news[: len(news)]
         return news
 
-    def _await(self) -> None:
+    def await_messages(self) -> None:
         """Who has to be heard from before another step is of use; some may have been while the cell was at this one."""
         self.awaited = awaited = self.cell.inbox.missing()
         if self.news:  # only now: whoever appends removes the sender afterwards, from the old set or from this one
@@ -134,7 +151,7 @@ class Assignment:
         Where nodes wait for each other and generations take long, the kernel knows better who needs a core. Where they
         wait for nobody and are in Python most of the time, the network thread would hardly ever get it on one core.
         """
-        goes_on_alone = not self.in_lockstep and self.most == 1 and self.cell.compiled
+        goes_on_alone = not self.in_lockstep and self.most == 1 and self.cell.generations is not None
         self.turns = LONG if goes_on_alone else 0.0
         self.core = self._core if self.brisk or goes_on_alone else None
         # Whose generations take longer than a turn would keep the others from theirs.

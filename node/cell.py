@@ -14,6 +14,7 @@ States:
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -23,6 +24,7 @@ from node.generation import REACHED, REFUSED, STALLED, STOPS, UNSOUND, Generatio
 from node.history import History
 from node.inbox import Inbox
 from node.kernels import OWN, TOLD
+from node.outbox import Outbox
 from node.plan import Plan
 from node.rows import Rows
 from problems import EvaluationFailed
@@ -117,8 +119,7 @@ class Cell:
     """The state machine of the cell number ``cell`` in one world of job number ``job``.
 
     Attributes:
-        awaits: how many messages must come, at least, before `step` breeds a generation without any further event;
-            `NEVER` before the start and after the end.
+        generations: from the start on, if they are bred in one compiled call, beside which others may run Python.
     """
 
     def __init__(self, plan: Plan, cell: int, job: int) -> None:
@@ -126,21 +127,18 @@ class Cell:
         self.cell = cell
         self.job = job
         self.state: State = "prepared"
-        self.awaits = NEVER
         self.inbox = Inbox(plan, cell, job)
         self.neighbours = self.inbox.neighbours
         self.rows = Rows(plan, np.array([cell]), self.inbox.messages)
         self.rows.messages.header[0, JOB], self.rows.messages.header[0, WORLD] = job, plan.world
         self._is_async = plan.run.mode == "async"
         self._tells_champion = plan.run.spy == "champion" or cell == ROOT
-        self._out = np.empty(plan.limits.most_bytes, np.uint8)
-        self._room = self._out.data  # the same; of an array each slice costs as much as a message
-        self._outbox: tuple[tuple[int, bytes], ...] = ()  # the last two, by generation, for neighbours that miss one
+        self._outbox = Outbox(plan.limits.most_bytes)
         self._complaints: set[tuple[int, str]] = set()
         self._answered = 0  # messages that had not come when they were asked for
         self._answers_of_no_use = 0
         self._history = History(1, plan.run.deme, plan.coding.genome_bytes)
-        self._live_on: Generations | None = None  # from the start on, where that is possible
+        self.generations: Generations | None = None
 
     @property
     def ended(self) -> bool:
@@ -148,9 +146,12 @@ class Cell:
         return self.state in ("stopped", "failed")
 
     @property
-    def compiled(self) -> bool:
-        """Whether generations are bred in one compiled call, beside which other threads may run Python."""
-        return self._live_on is not None
+    def awaits(self) -> int:
+        """How many messages must come, at least, before `step` breeds a generation without any further event.
+
+        `NEVER` before the start and after the end.
+        """
+        return self._lacking() if self.state == "running" else NEVER
 
     def step(self, news: Sequence[Message] = (), events: Sequence[Event] = (), most: int = 1) -> list[Action]:
         """Take ``news`` and ``events``, breed if ready, and say what is to be done.
@@ -160,22 +161,38 @@ class Cell:
         """
         actions: list[Action] = []
         try:
-            if news and (events or self._live_on is None):
+            if news and (events or self.generations is None):
                 actions += self.hear(news)
                 news = ()
             if events:
                 self._take(events, actions)
             if self.state == "running":
-                if self._live_on is None:
+                if self.generations is None:
                     self._advance(actions)
                 else:
-                    self._advance_in_one_call(self._live_on, news, most, actions)
+                    self.generations(news, min(most, self.room))
+                    self._went_on(self.generations, news, actions)
+        except EvaluationFailed as error:
+            self._end("failed", str(error), actions)
+        return actions
+
+    @property
+    def room(self) -> int:
+        """How many generations there is room for before the history is digested."""
+        return self._history.most - self._history.noted
+
+    def went_on(self) -> list[Action]:
+        """What is to be done after other compiled code has let the `generations` go on, with no news left."""
+        actions: list[Action] = []
+        assert self.generations is not None, "else nothing else could"
+        try:
+            self._went_on(self.generations, (), actions)
         except EvaluationFailed as error:
             self._end("failed", str(error), actions)
         return actions
 
     def hear(self, news: Sequence[Message]) -> list[Action]:
-        """Take ``news`` and nothing else; in lockstep `awaits` is true again after the next step only."""
+        """Take ``news`` and nothing else."""
         actions: list[Action] = []
         if not self.ended and (refusals := self.inbox.hear(news)):
             self._complain(refusals, actions)
@@ -209,7 +226,7 @@ class Cell:
                 self._answered += self.inbox.kept - kept
                 self._answers_of_no_use += self.inbox.of_no_use - of_no_use
             elif isinstance(event, Asked):
-                sent = dict(self._outbox).get(event.generation)
+                sent = self._outbox.of(event.generation)
                 if sent is not None:
                     actions.append(Answer(event.question, sent))
             elif isinstance(event, Start):
@@ -229,7 +246,9 @@ class Cell:
             rows, plan = self.rows, self.plan
             rows.begin(None if deme is None else deme[None])
             if rows.problems[0].judging is not None:
-                self._live_on = Generations(plan, rows, self.inbox, self._history, self._tells_champion, self._out)
+                self.generations = Generations(
+                    plan, rows, self.inbox, self._history, self._tells_champion, self._outbox
+                )
             self._generation_done(actions)
 
     def _complain(self, refusals: set[tuple[int, str]], actions: list[Action]) -> None:
@@ -257,22 +276,15 @@ class Cell:
             else:
                 rows.advance(None)
             self._generation_done(actions)
-        if self.state == "running":
-            self.awaits = self._lacking()
 
-    def _advance_in_one_call(
-        self, live_on: Generations, news: Sequence[Message], most: int, actions: list[Action]
-    ) -> None:
-        """The same as `hear` and `_advance`, compiled, and more than once if there is nothing to say."""
-        rows, history = self.rows, self._history
-        room = history.most - history.noted
-        bred, flags, self.awaits, size, wrong = live_on(news, rows.generation, history.noted, min(most, room))
-        rows.generation += bred
-        history.went_on(bred)
+    def _went_on(self, generations: Generations, news: Sequence[Message], actions: list[Action]) -> None:
+        """The same was done as by `hear` and `_advance`, compiled, and more than once if there was nothing to say."""
+        _, flags, size, wrong = generations.done()
+        self._history.went_on()
         if flags:
-            self._raise_flags(flags, live_on.offspring[wrong : wrong + 1], news, actions)
+            self._raise_flags(flags, generations.offspring[wrong : wrong + 1], news, actions)
         if size:
-            self._send(self._room[:size].tobytes(), actions)
+            actions.append(self._outbox.message(self.sent))
         if flags & STOPS:
             self._end("stopped", None, actions)
 
@@ -281,7 +293,7 @@ class Cell:
         if flags & REFUSED:
             self._complain(self.inbox.complaints(news), actions)
         if flags & UNSOUND:
-            self.rows.generation += 1
+            self.rows.clock += 1
             self.plan.evaluate(wrong)  # says what is wrong with it
             raise EvaluationFailed("the compiled fitness of an individual is none, though `evaluate` finds one")
         if flags & (REACHED | STALLED):
@@ -297,16 +309,13 @@ class Cell:
             rows.messages.header[OWN, SENT] += 1
             for array in rows.messages:
                 array[TOLD] = array[OWN]
-            self._send(rows.messages.encode(0, self._tells_champion, self._out), actions)
+            encode = partial(rows.messages.encode, 0, self._tells_champion)
+            actions.append(self._outbox.write(self.sent, rows.generation, encode))
         if stops:
             self._end("stopped", None, actions)
 
-    def _send(self, payload: bytes, actions: list[Action]) -> None:
-        self._outbox = (*self._outbox[-1:], (self.rows.generation, payload))
-        actions.append(payload)
-
     def _end(self, state: Literal["stopped", "failed"], error: str | None, actions: list[Action]) -> None:
-        self.state, self.awaits = state, NEVER
+        self.state = state
         sound = error is None
         actions.append(
             Report(

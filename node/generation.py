@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 from numba import types
 
-from genetics.arrays import Genomes
 from genetics.compiled import entry, kernel, subroutine
 from genetics.operators import (
     TABLE,
@@ -32,6 +31,7 @@ from genetics.selection import admit_to, first_unsound, leave_families, pair, pa
 from node.history import History
 from node.inbox import LACKING, NEXT, Inbox, hear, packed, turn
 from node.kernels import OWN, TOLD, believe_one, note_staleness, tell_one
+from node.outbox import Outbox
 from node.plan import Plan
 from node.rows import Rows
 from wire.exchange_kernels import PAYLOAD, SENT, STOP_AT, write_message
@@ -43,14 +43,16 @@ refused a message; an offspring's fitness is none."""
 # Places in the table.
 _HEADER, _GENOMES, _FITNESS, _WHENCES, _LATEST, _COUNTS, _USED, _STALENESS = range(8)
 _DEME, _DEME_FITNESS, _BETTER_AT, _COUPLES, _PARENTS, _OFFSPRING, _OFFSPRING_FITNESS = range(8, 15)
-_RECORDS, _OUT, _MATING_TABLE, _STRAYING_TABLE, _JUDGING_TABLE, _INBOX, _SETTINGS, _TARGET, _DONE = range(15, 24)
+_RECORDS, _NOTED, _OUT, _SAID, _MATING_TABLE, _STRAYING_TABLE, _JUDGING_TABLE = range(15, 22)
+_INBOX, _SETTINGS, _TARGET, _CLOCK, _DONE = range(22, 27)
+PLACES = 27
 
 # Columns of the settings.
 _MATING, _STRAYING, _JUDGING, _EACH, _ELITIST, _SEED, _CELL, _FIRST_EVALUATIONS, _EVALUATIONS = range(9)
 _INTERVAL, _LOCKSTEP, _CHAMPION, _WITNESS, _STALL, _STOP_DISTANCE, _LIMIT = range(9, 16)
 _FAMILIES, _BETTER_HALF, _MOST_SELECTIONS = range(16, 19)
 
-_BRED, _FLAGS, _LACKING, _SIZE, _WRONG = range(5)  # what a call has to say, see `Generations`
+_BRED, _FLAGS, _SIZE, _WRONG = range(4)  # what a call has to say, see `Generations`
 
 
 @subroutine
@@ -188,44 +190,74 @@ def _say(table: Any, settings: Any, now: Any, flags: Any, done: Any) -> Any:
     if drains or (now % settings[_INTERVAL] == 0 and not stops):
         header[OWN, SENT] += 1
         header[TOLD], genomes[TOLD], fitness[TOLD] = header[OWN], genomes[OWN], fitness[OWN]
-        champion, out = settings[_CHAMPION] != 0, octets(table, _OUT)[0]
+        place = header[OWN, SENT] % 2
+        champion, out, said = settings[_CHAMPION] != 0, octets(table, _OUT)[place], integers(table, _SAID)[place]
         done[_SIZE] = write_message(header[OWN], genomes[OWN], fitness[OWN], champion, out)
+        said[0], said[1] = now, done[_SIZE]
     done[_FLAGS] = flags | STOPS if stops else flags
 
 
 @subroutine
-def _lacking(table: Any, settings: Any, generation: Any) -> Any:
-    """How many messages have not come that the next generation needs."""
+def lacks(table: Any) -> Any:
+    """Whether messages have not come that the next generation needs."""
+    settings, generation = integers(table, _SETTINGS)[0], integers(table, _CLOCK)[0, 0]
     if not settings[_LOCKSTEP] or generation % settings[_INTERVAL] != 0:
-        return 0
-    return integers(table, _COUNTS)[0, LACKING]
+        return False
+    return integers(table, _COUNTS)[0, LACKING] > 0
 
 
-@kernel(types.void(TABLE, PAYLOAD, types.int64, types.int64, types.int64), may_be_long=True)
-def live_on(table: Table, news: bytes, generation: int, noted: int, most: int) -> None:
-    """Hear what has come, and breed from ``generation`` on until there is something to say or to wait for.
+@subroutine
+def breed_on(table: Any, most: Any) -> Any:
+    """Breed until there is something to say or to wait for, at most ``most`` generations; returns how many.
 
-    At most ``most`` generations are bred, and noted in the history from place ``noted`` on; an offspring without a
-    fitness ends it.
+    An offspring without a fitness ends it.
     """
     settings, done = integers(table, _SETTINGS)[0], integers(table, _DONE)[0]
+    clock, noted = integers(table, _CLOCK)[0], integers(table, _NOTED)[0]
     done[:] = 0
-    refused = len(news) > 0 and hear(news, integers(table, _INBOX)) > 0
-    while done[_BRED] < most and done[_SIZE] == 0 and done[_FLAGS] == 0 and _lacking(table, settings, generation) == 0:
-        generation += 1
-        whence = _listen(table, settings, generation)
-        done[_WRONG] = _breed(table, settings, whence, generation)
+    while done[_BRED] < most and done[_SIZE] == 0 and done[_FLAGS] == 0 and not lacks(table):
+        now = clock[0] + 1
+        whence = _listen(table, settings, now)
+        done[_WRONG] = _breed(table, settings, whence, now)
         if done[_WRONG] >= 0:
             done[_FLAGS] = UNSOUND
             break
-        flags = _tell(table, settings, generation)
-        record = octets(table, _RECORDS)[noted + done[_BRED]]
-        _record(record, generation, octets(table, _DEME), reals(table, _DEME_FITNESS)[0])
+        clock[0] = now
+        flags = _tell(table, settings, now)
+        record = octets(table, _RECORDS)[noted[0]]
+        _record(record, now, octets(table, _DEME), reals(table, _DEME_FITNESS)[0])
+        noted[0] += 1
         done[_BRED] += 1
-        _say(table, settings, generation, flags, done)
+        _say(table, settings, now, flags, done)
+    return done[_BRED]
+
+
+@subroutine
+def inbox_of(table: Any) -> Any:
+    """The table of the cell's inbox."""
+    return integers(table, _INBOX)
+
+
+@subroutine
+def nothing_bred(table: Any) -> Any:
+    """As `breed_on` would leave it."""
+    integers(table, _DONE)[0, :] = 0
+
+
+@subroutine
+def only_a_message(table: Any) -> Any:
+    """The latest message, if there is nothing else to say after `breed_on`; else none of its bytes."""
+    done, place = integers(table, _DONE)[0], integers(table, _HEADER)[OWN, SENT] % 2
+    return octets(table, _OUT)[place][: done[_SIZE] if done[_FLAGS] == 0 else 0]
+
+
+@kernel(types.void(TABLE, PAYLOAD, types.int64), may_be_long=True)
+def live_on(table: Table, news: bytes, most: int) -> None:
+    """Hear what has come, and `breed_on`."""
+    refused = len(news) > 0 and hear(news, integers(table, _INBOX)) > 0
+    breed_on(table, most)
     if refused:
-        done[_FLAGS] |= REFUSED
-    done[_LACKING] = _lacking(table, settings, generation)
+        integers(table, _DONE)[0, _FLAGS] |= REFUSED
 
 
 class Generations:
@@ -237,13 +269,14 @@ class Generations:
         inbox: the cell's.
         history: the cell's.
         champion: whether the cell tells its champion.
-        out: room for a message.
+        outbox: for its messages.
 
     Attributes:
         offspring: the latest.
+        table: of pointers to all that `live_on` works on.
     """
 
-    def __init__(self, plan: Plan, rows: Rows, inbox: Inbox, history: History, champion: bool, out: Genomes) -> None:
+    def __init__(self, plan: Plan, rows: Rows, inbox: Inbox, history: History, champion: bool, outbox: Outbox) -> None:
         judging, mating = rows.problems[0].judging, plan.coding.mating(plan.recipe)
         assert judging is not None, "only for a compiled fitness"
         straying = plan.coding.straying() if plan.recipe.mutation == ONE_BIT else None
@@ -251,7 +284,7 @@ class Generations:
         couples = plan.slots * plan.run.emigrants if alone else plan.recipe.couples(plan.run.deme)
         addresses = (mating.address, 0 if straying is None else straying.address, judging.address)
         self.offspring = np.zeros((2 * couples, plan.coding.genome_bytes), np.uint8)
-        done = np.zeros((1, 5), np.int64)
+        done = np.zeros((1, 4), np.int64)
         arrays = (
             *rows.messages,
             inbox.whences,
@@ -267,26 +300,34 @@ class Generations:
             self.offspring,
             np.zeros(2 * couples),
             history.records,
-            out,
+            history.counts,
+            outbox.room,
+            outbox.said,
             mating.table,
             mating.table if straying is None else straying.table,
             judging.table,
             inbox.table,
             _settings(plan, rows, champion, addresses),
             np.array([rows.target]),
+            rows.clock,
             done,
         )
+        assert len(arrays) == PLACES, "each has its place"
         self._kept = (mating, straying, judging, arrays, inbox)
-        self._live_on = partial(entry(live_on), pointers(*arrays))
+        self.table = pointers(*arrays)
+        self._live_on = partial(entry(live_on), self.table)
         self._done = done[0].data
 
-    def __call__(self, news: Sequence[tuple[int, bytes]], generation: int, noted: int, most: int) -> list[int]:
-        """See `live_on`.
+    def __call__(self, news: Sequence[tuple[int, bytes]], most: int) -> None:
+        """See `live_on`."""
+        self._live_on(packed(news) if news else b"", most)
 
-        Returns the generations bred, the flags above, how many messages are lacking for the next, the bytes of the
-        message to send (0: none), and after `UNSOUND` which offspring has no fitness.
+    def done(self) -> list[int]:
+        """What came of the latest call, or of `breed_on` in other compiled code.
+
+        Generations bred, the flags above, the bytes of the message to send (0: none), and after `UNSOUND` which
+        offspring has no fitness.
         """
-        self._live_on(packed(news) if news else b"", generation, noted, most)
         done: list[int] = self._done.tolist()
         return done
 

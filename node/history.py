@@ -17,7 +17,7 @@ class History:
     Attributes:
         records: room for those not digested yet, shape (rows, records, bytes): generation, genomes, fitness, packed. It
             is for so many rows at a time.
-        noted: how many there are; always less than `most`, so that there is room for another.
+        counts: `noted`, (1,), for compiled code.
         most: at so many they are digested.
     """
 
@@ -26,9 +26,14 @@ class History:
         fields = np.zeros((min(rows, _ROWS), max(1, min(_RECORDS, _BYTES // record.itemsize) // rows)), record)
         self._generation, self._genomes, self._fitness = fields["generation"], fields["genomes"], fields["fitness"]
         self.records = fields.view(np.uint8).reshape(*fields.shape, record.itemsize)
-        self.noted = 0
+        self.counts = np.zeros(1, np.int64)
         self.most = fields.shape[1]
         self._digests = [hashlib.sha256() for _ in range(rows)]
+
+    @property
+    def noted(self) -> int:
+        """How many records there are; always less than `most`, so that there is room for another."""
+        return self.counts.item()
 
     def note(self, generation: int, genomes: Genomes, fitness: Fitness) -> None:
         """Take in a generation: genomes (rows, deme, genome_bytes), fitness (rows, deme)."""
@@ -36,13 +41,13 @@ class History:
         if len(genomes) <= _ROWS:
             self._genomes[:, self.noted] = genomes
             self._fitness[:, self.noted] = fitness
+            self.counts += 1
             self.went_on()
         else:
             self._digest_now(genomes, fitness)
 
-    def went_on(self, records: int = 1) -> None:
-        """Some more have been written, here or by compiled code; no more than there was room for."""
-        self.noted += records
+    def went_on(self) -> None:
+        """Some more have been written and counted, here or by compiled code; no more than there was room for."""
         if self.noted == self.most:
             self._digest()
 
@@ -55,7 +60,7 @@ class History:
         if self.noted:
             for digest, records in zip(self._digests, self.records, strict=True):
                 digest.update(records[: self.noted].data)
-        self.noted = 0
+        self.counts[:] = 0
 
     def _digest_now(self, genomes: Genomes, fitness: Fitness) -> None:
         """A record of each row, so many rows at a time."""

@@ -79,7 +79,10 @@ def _swap(row: Any, whence: Any, names: Any, spare: Any, counts: Any) -> Any:
 
 @subroutine
 def _take_in(table: Any, limits: Any, payload: Any, number: Any, counts: Any) -> Any:
-    """Read a message of neighbour ``number`` into a spare row, and keep it if it is of use; False if it is refused."""
+    """Read a message of neighbour ``number`` into a spare row, and keep it if it is of use.
+
+    Returns minus the reason why it is refused, or whether it is of this world.
+    """
     spare = integers(table, _SPARES)[0]
     row = spare[counts[_SPARE] - 1]
     header, fitness = integers(table, _HEADER)[row], reals(table, _FITNESS)
@@ -87,11 +90,12 @@ def _take_in(table: Any, limits: Any, payload: Any, number: Any, counts: Any) ->
     genomes = octets(table, _GENOMES)[row * several : (row + 1) * several]
     mask, low, high = octets(table, _MASK)[0], reals(table, _LOW)[0], reals(table, _HIGH)[0]
     most_bytes, cells, items = limits[_MOST_BYTES], limits[_CELLS], integers(table, _ITEMS)[0]
-    if read_message(payload, most_bytes, cells, mask, low, high, items, header, genomes, fitness[row]) < 0:
-        return False
+    end = read_message(payload, most_bytes, cells, mask, low, high, items, header, genomes, fitness[row])
+    if end < 0:
+        return end
     latest = integers(table, _LATEST)
     if header[JOB] != limits[_JOB] or header[WORLD] != limits[_WORLD]:
-        return True
+        return 0
     if _is_of_use(header, limits[_INTERVAL], latest, number, counts):
         if not limits[_CHAMPIONS]:
             only_emigrants(header, genomes, fitness[row], integers(table, _SENDERS)[0, number])
@@ -100,7 +104,17 @@ def _take_in(table: Any, limits: Any, payload: Any, number: Any, counts: Any) ->
         counts[_KEPT] += 1
     else:
         counts[_OF_NO_USE] += 1
-    return True
+    return 1
+
+
+@subroutine
+def hear_one(table: Any, payload: Any, sender: Any) -> Any:
+    """Read a neighbour's message, and keep it if it is of use; False if it is refused or of another world."""
+    limits, counts, senders = integers(table, _LIMITS)[0], integers(table, _COUNTS)[0], integers(table, _SENDERS)[0]
+    for number in range(senders.size):
+        if senders[number] == sender:
+            return _take_in(table, limits, payload, number, counts) > 0
+    return False
 
 
 @subroutine
@@ -127,7 +141,7 @@ def hear(news: bytes, table: Table) -> int:
         start += 16
         for number in range(senders.size):
             if senders[number] == sender:
-                refused += not _take_in(table, limits, everything[start : start + size], number, counts)
+                refused += _take_in(table, limits, everything[start : start + size], number, counts) < 0
         start += size
     counts[_REFUSED] += refused
     return refused

@@ -26,8 +26,8 @@ _DIRECT_WITHIN = 30.0  # seconds that a direct link may take to come up; a thous
 
 _ROUTED_WITHIN = 90.0
 
-Hear = Callable[[int, zenoh.Sample], None]
-"""Called on Zenoh's thread with the sender's cell and its message."""
+Hear = Callable[[zenoh.Sample], None]
+"""Called on Zenoh's thread with a neighbour's message."""
 Task = Callable[[], None]
 
 
@@ -39,7 +39,7 @@ class Links:
         topology: who neighbours whom.
         wiring: who lives where; this node must be among them.
         control: the session through the router.
-        hear: takes a neighbour's message.
+        ear: makes what takes a neighbour's messages, of the sender's cell.
         later: runs a task on the main thread: on Zenoh's thread nothing may be declared.
         changed: notified when a neighbour is linked, and when ``given_up`` may have changed: a thousand nodes that
             looked for themselves would keep each other from starting.
@@ -56,7 +56,7 @@ class Links:
         topology: Topology,
         wiring: Wiring,
         control: zenoh.Session,
-        hear: Hear,
+        ear: Callable[[int], Hear],
         later: Callable[[Task], None],
         changed: threading.Condition,
         given_up: Callable[[], bool],
@@ -68,7 +68,7 @@ class Links:
         self.cell = wiring.nodes.index(berth.node)
         slots = topology.neighbours(self.cell)
         self.neighbours = tuple(dict.fromkeys(other for other in slots if other != self.cell))
-        self._hear = hear
+        self._ear = ear
         self._later = later
         self._given_up = given_up
         self._changed = changed
@@ -134,9 +134,7 @@ class Links:
         return endpoints[other] if both_listen else None
 
     def _subscribe(self, session: zenoh.Session, sender: int) -> Any:
-        return session.declare_subscriber(
-            self.keys.out(self.wiring.nodes[sender]), frequent(partial(self._hear, sender))
-        )
+        return session.declare_subscriber(self.keys.out(self.wiring.nodes[sender]), frequent(self._ear(sender)))
 
     def _see(self, neighbours: Mapping[str, int], sample: zenoh.Sample) -> None:
         """A direct link has come up or gone."""

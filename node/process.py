@@ -12,6 +12,7 @@ import os
 import queue
 import threading
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
@@ -35,8 +36,9 @@ from node.cell import (
     Waited,
 )
 from node.cell import Halt as Halted
+from node.fast_path import FastPath
 from node.fingerprint import fingerprint
-from node.links import Links, Task
+from node.links import Hear, Links, Task
 from node.plan import Plan
 from node.relay import Relay
 from problems import BadInput, ProblemFile
@@ -79,6 +81,7 @@ class NodeProcess:
         self._core: int | None = None  # that this node keeps to,
         self._turns = 0.0  # and how long its turns are there
         self._relay = Relay(berth.batons)
+        self._fast_path = FastPath()
         self._network_thread = 0  # its number; until it is known, that of whoever asks
         self.control = sessions.client(berth.router)
         self.links: Links | None = None  # those of the latest wiring
@@ -95,7 +98,7 @@ class NodeProcess:
         def given_up() -> bool:
             return order is not None and self._ordered is not order
 
-        return Links(self.berth, topology, wiring, self.control, self._hear, self.mail.put, self._changed, given_up)
+        return Links(self.berth, topology, wiring, self.control, self._ear, self.mail.put, self._changed, given_up)
 
     def _register(self) -> None:
         """The token comes last, since it means ready."""
@@ -123,13 +126,19 @@ class NodeProcess:
                 self._changed.notify_all()
         self.mail.put(partial(self._open_command, query, command))
 
+    def _ear(self, sender: int) -> Hear:
+        return self._fast_path.ear(sender, partial(self._hear, sender))
+
     def _hear(self, sender: int, sample: zenoh.Sample) -> None:
+        """The ordinary way of a message."""
         payload = sample.payload.to_bytes()
         if (coming := self.coming) is not None:  # each cell takes what is meant for its world
             coming.hear(sender, payload)
         assignment = self.assignment
         if assignment is None or not assignment.hears:
             return
+        if self._fast_path.close(assignment):
+            assignment.await_messages()
         news = assignment.news
         news.append((sender, payload))
         if not assignment.in_lockstep:
@@ -161,25 +170,44 @@ class NodeProcess:
         Nothing here may block, so all but small messages to the neighbours and counters is left to the main thread.
         """
         while assignment.turn.acquire(False):
-            try:
-                for action in assignment.step():
-                    if type(action) is Publish:
-                        assignment.links.publish(action)
-                    else:
-                        self.mail.put(partial(self._carry_out, assignment, action))
-                if assignment.bred_at >= self._stats_due:
-                    self._tell_counters(assignment)
-                self._keep_to(assignment)
-            except Exception as error:
-                self.mail.put(partial(_fail, error))
-                return
-            finally:
-                assignment.turn.release()
+            self._step_briskly(assignment, assignment.step)
             if not assignment.brisk:
                 self.mail.put(_nothing)
                 return
             if not assignment.busy:
                 return
+
+    def _go_on(self, assignment: Assignment) -> None:
+        """Do what the fast path left, which has taken the turn."""
+        self._step_briskly(assignment, assignment.went_on)
+        if assignment.busy:
+            self._carry_on_briskly(assignment)
+
+    def _step_briskly(self, assignment: Assignment, step: Callable[[], list[Action]]) -> None:
+        """A step within the turn, which ends with it."""
+        try:
+            self._fast_path.close(assignment)
+            for action in step():
+                if type(action) is Publish:
+                    assignment.links.publish(action)
+                else:
+                    self.mail.put(partial(self._carry_out, assignment, action))
+            if assignment.bred_at >= self._stats_due:
+                self._tell_counters(assignment)
+            self._keep_to(assignment)
+            self._open_fast_path(assignment)
+        except Exception as error:
+            self.mail.put(partial(_fail, error))
+        finally:
+            assignment.turn.release()
+
+    def _open_fast_path(self, assignment: Assignment) -> None:
+        """If that is possible, until the next step; within the turn."""
+        if assignment is self.assignment:
+            self._fast_path.open(assignment, self._go_on)
+            # Only now: what came before it was open goes the ordinary way.
+            if assignment.busy and self._fast_path.close(assignment):
+                assignment.await_messages()
 
     def _keep_to(self, assignment: Assignment) -> None:
         """Within its turn: stay where the assignment says, unless the node is at another by now."""
@@ -241,12 +269,14 @@ class NodeProcess:
     def _carry_on(self, assignment: Assignment) -> None:
         self._relay.take_over(assignment)
         with assignment.turn:
+            self._fast_path.close(assignment)
             for action in assignment.step():
                 if type(action) is Publish:
                     self._relay.publish(assignment, action)
                 else:
                     self._carry_out(assignment, action)
             self._keep_to(assignment)
+            self._open_fast_path(assignment)
         self._relay.step_is_done(assignment)
         if not assignment.in_lockstep and assignment.turns != turns.LONG:
             # For the network thread and the neighbours, should they want this core (or Python): else a node breeds
@@ -264,6 +294,7 @@ class NodeProcess:
 
     def _ask_if_it_waits(self, assignment: Assignment, now: float) -> None:
         """Ask for what a lockstep cell misses when it waits far longer than usual; less and less often."""
+        assignment.look_at_the_clock()
         waited, patience = now - assignment.bred_at, max(PATIENCE, 4 * assignment.gap)
         if waited >= patience:
             assignment.events.append(Waited())
@@ -415,6 +446,7 @@ class NodeProcess:
         assignment = self.assignment
         if assignment is not None and assignment.job == job:
             with assignment.turn:
+                self._fast_path.close(assignment)
                 self.assignment = None
                 self._settle(None, 0.0)
             self._leave_the_past()

@@ -27,6 +27,7 @@ class Rows:
 
     Attributes:
         problems: each row's own, if evaluating leaves a state; else all the same.
+        clock: their generation, (1,), for compiled code.
         messages: the rows' own, and after them any others that there was room for. What a row knows is what it tells:
             its message holds the champion, and the least stop, that it knows.
     """
@@ -34,9 +35,9 @@ class Rows:
     plan: Plan
     cells: Cells
     messages: Messages
-    generation: int = 0
     proposals: list[Proposal] = field(default_factory=list)
 
+    clock: Cells = field(init=False)  # (1,)
     genomes: Genomes = field(init=False)  # (rows, deme, genome_bytes)
     fitness: Fitness = field(init=False)  # (rows, deme)
     stop_at: Cells = field(init=False)  # (rows,): the least each row has heard of
@@ -44,6 +45,7 @@ class Rows:
 
     def __post_init__(self) -> None:
         rows, plan = len(self.cells), self.plan
+        self.clock = np.zeros(1, np.int64)
         self.limit = NEVER if plan.last_generation is None else plan.last_generation
         self.messages.header[:rows, STOP_AT] = self.limit
         self.messages.header[:rows, BORN] = NEVER
@@ -62,6 +64,11 @@ class Rows:
         self._coding, self._recipe = plan.coding, plan.recipe
         self.problems = [plan.problem.for_cell() for _ in range(rows)]
         self._evaluate = self._judges()
+
+    @property
+    def generation(self) -> int:
+        """That all rows are in."""
+        return self.clock.item()
 
     @property
     def evaluations(self) -> int:
@@ -86,7 +93,7 @@ class Rows:
         ``whence``, (rows, slots), says which message came to each slot; a slot that names the row's own number stands
         for the cell itself. Between exchanges an individual that lives alone breeds with the immigrants it had last.
         """
-        self.generation += 1
+        self.clock += 1
         if received is not None:
             assert whence is not None, "messages come from somewhere"
             believe(*self.messages, self.better_at, self.generation, *received, whence)

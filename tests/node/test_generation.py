@@ -6,6 +6,7 @@ from dataclasses import replace
 import numba
 import numpy as np
 import pytest
+from functions import DEMES, PROBLEMS, plan_of
 from lists import Adding, AddingSlowly
 from one_max import Bus, OneMax
 
@@ -17,13 +18,6 @@ from problems import Run
 from problems.function import Function
 from wire.report import Report
 
-PROBLEMS = {
-    "onemax": {"name": "onemax", "dimension": 30},
-    "trap": {"name": "trap", "dimension": 20},
-    "graph-partition": {"name": "graph-partition", "graph": {"vertices": 20, "parts": 3, "seed": 5}},
-    "rastrigin of reals": {"name": "rastrigin", "dimension": 3},
-    "rastrigin of bits": {"name": "rastrigin", "dimension": 3, "bits": 9},
-}
 SHAPES = ["torus 1x1", "torus 1x2", "torus 2x3", "torus 4x4"]
 ENDS = [
     {"target": -1.0, "generations": 20},
@@ -32,7 +26,6 @@ ENDS = [
     {"target": -1.0, "stall": 7},
     {"target": -1.0, "seconds": 1e6},  # until somebody outside proposes a stop
 ]
-DEMES = [{}, {"deme": 6, "emigrants": 2}, {"deme": 2}, {}, {"deme": 9, "replacement": "offspring"}]
 WISH = (11, "cancel")  # at which generation of the root
 MOST = (1 << 64) - 1
 
@@ -43,12 +36,6 @@ class Slow(Function):
     @property
     def judging(self):
         return None
-
-
-def plan_of(name, problem=Function, **run):
-    settings = Run(**run)
-    fields = {"kind": "function"} | PROBLEMS[name]
-    return Plan(problem.model_validate(fields).for_recipe(settings.recipe, settings.deme), settings)
 
 
 def choices(name, shape):

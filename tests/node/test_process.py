@@ -1,15 +1,14 @@
 """What a node's network thread does with each message, without a network."""
 
-import math
-import queue
 from types import SimpleNamespace
 
 import pytest
+from lone_node import LoneNode
 
 from node import Cell, Plan
 from node.assignment import Assignment
 from node.cell import Answered, Ask, Publish, Start, Waited
-from node.process import _MANY_UNREAD, _MOST_UNREAD, NodeProcess
+from node.process import _MANY_UNREAD, _MOST_UNREAD
 from problems import Run
 from problems.function import Function
 from wire.control import Wiring
@@ -32,35 +31,12 @@ def told(plan, generations):
 SAID = told(PLAN, 5)
 
 
-class Counted(Assignment):
-    """It counts its steps."""
+class Node(LoneNode):
+    """The cell 9 after its start."""
 
-    steps = 0
-
-    def step(self):
-        self.steps += 1
-        return super().step()
-
-
-class Node(NodeProcess):
-    """The cell 9 after its start, without links."""
-
-    def __init__(self, kind=Counted, brisk=True, plan=PLAN):
-        self.published = []
-        links = SimpleNamespace(cell=9, wiring=Wiring(0, tuple(range(16))), publish=self.published.append)
-        self.coming, self.mail = None, queue.SimpleQueue()
-        self._core, self._turns, self._stats_due = None, 0.0, math.inf
-        self.assignment = kind(Cell(plan, 9, job=1), links)
-        self.assignment.events.append(Start())
-        self.assignment.step()
-        self.assignment.brisk, self.assignment.steps = brisk, 0
-
-    @property
-    def generation(self):
-        return self.assignment.cell.rows.generation
-
-    def hears(self, sender, payload):
-        self._hear(sender, SimpleNamespace(payload=SimpleNamespace(to_bytes=lambda: payload)))
+    def __init__(self, plan=PLAN, **settings):
+        super().__init__(plan, 9, **settings)
+        self.published.clear()
 
     def hears_of(self, generation, *senders):
         for sender in senders:

@@ -1,0 +1,212 @@
+"""The fast path: the same lives as by the ordinary way, whatever comes between, and nothing swallowed."""
+
+import random
+import sys
+from types import SimpleNamespace
+
+import pytest
+from functions import DEMES, PROBLEMS, plan_of
+from lone_node import LoneNode
+
+from node import simulate
+from node.assignment import Coming
+from node.cell import Ask, Complain, Waited
+from wire.report import Report
+
+SHAPES = ["torus 1x2", "torus 2x3", "torus 4x4"]
+ENDS = [{"generations": 150}, {"target": -1.0, "stall": 70}, {}]  # the last: the problem's own target
+
+
+@pytest.fixture(autouse=True)
+def cores(monkeypatch):
+    monkeypatch.setattr("node.turns.CORES", list(range(16)))  # so many that nobody keeps to one
+
+
+class Torus:
+    """Nodes whose messages come in any order, but for those of one sender."""
+
+    def __init__(self, plan, seed, disturb=0.0):
+        self.nodes = [LoneNode(plan, cell) for cell in range(plan.topology.cells)]
+        self.random = random.Random(seed)
+        self.disturb = disturb
+        self.bad = 0  # messages of cells that had not ended
+        self.on_their_way = {
+            (other, node.assignment.cell.cell): [] for node in self.nodes for other in node.assignment.cell.neighbours
+        }
+
+    def run(self):
+        """What the nodes report."""
+        for number in range(len(self.nodes)):
+            self.collect(number)
+        while any(self.on_their_way.values()):
+            sender, number = self.random.choice([edge for edge, payloads in self.on_their_way.items() if payloads])
+            payload = self.on_their_way[sender, number].pop(0)
+            if self.random.random() < self.disturb:
+                self.disturb_it(number, sender, payload)
+            self.nodes[number].gets(sender, payload)
+            self.collect(number)
+        for node in self.nodes:
+            node.open_mail()
+        return [action for node in self.nodes for action in node.done if isinstance(action, Report)]
+
+    def collect(self, number):
+        node = self.nodes[number]
+        for payload in node.published:
+            for other in node.assignment.cell.neighbours:
+                self.on_their_way[number, other].append(payload)
+        node.published.clear()
+
+    def disturb_it(self, number, sender, payload):
+        node = self.nodes[number]
+        assignment = node.assignment
+        what = self.random.choice(["bad", "again", "waited", "main thread", "turn"])
+        if what == "bad":
+            self.bad += not assignment.cell.ended
+            node.gets(sender, payload[:-1])
+        elif what == "again":
+            node.gets(sender, payload)
+        elif what == "waited":
+            assignment.events.append(Waited())
+            node._carry_on(assignment)
+        elif what == "main thread":
+            node._carry_on(assignment)
+        else:
+            with assignment.turn:
+                node.gets(sender, payload)
+            while assignment.busy:
+                node._carry_on(assignment)
+
+
+@pytest.mark.parametrize("name", PROBLEMS)
+@pytest.mark.parametrize("shape", SHAPES)
+def test_nodes_report_what_the_simulator_does(shape, name):
+    number = SHAPES.index(shape) + list(PROBLEMS).index(name)
+    for spy in ("champion", "root"):
+        for interval in (1, 3):
+            number += 1
+            end = ENDS[number % len(ENDS)]
+            rule = {"topology": shape, "spy": spy, "interval": interval} | DEMES[number % len(DEMES)] | end
+            plan = plan_of(name, **rule)
+            torus = Torus(plan, number)
+            assert torus.run() == simulate(plan), rule
+            assert all(node.mail.empty() for node in torus.nodes)
+
+
+def test_hardly_any_generation_goes_the_ordinary_way():
+    plan = plan_of("onemax", topology="torus 4x4", target=-1.0, generations=640)
+    torus = Torus(plan, 1)
+    torus.run()
+    steps = sum(node.assignment.steps for node in torus.nodes) / len(torus.nodes)
+    assert 640 / 64 <= steps <= 20
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_whatever_comes_between_their_lives_are_the_same(seed):
+    name = list(PROBLEMS)[seed % len(PROBLEMS)]
+    plan = plan_of(name, topology="torus 2x3", interval=1 + seed % 2, target=-1.0, generations=90)
+    torus = Torus(plan, seed, disturb=0.15)
+    reports = torus.run()
+    assert [report.digest for report in reports] == [report.digest for report in simulate(plan)]
+    assert [report.received for report in reports] == [report.received for report in simulate(plan)]
+    assert sum(report.rejected for report in reports) == torus.bad > 0
+    done = [action for node in torus.nodes for action in node.done]
+    assert {type(action) for action in done} == {Report, Complain, Ask}
+
+
+@pytest.fixture
+def pair():
+    """Two neighbours on the fast path, the second with its message for the first still unsent."""
+    plan = plan_of("onemax", topology="torus 1x2", target=-1.0, generations=3000)
+    one, other = LoneNode(plan, 0), LoneNode(plan, 1)
+    for _ in range(5):
+        one.gets(1, other.published.pop(0))
+        other.gets(0, one.published.pop(0))
+    assert (one.generation, one.assignment.steps) == (5, 1)
+    return one, other
+
+
+def test_a_message_of_the_next_world_waits_for_it(pair):
+    one, other = pair
+    plan = plan_of("onemax", topology="torus 1x2", target=-1.0, generations=1000)
+    plan = type(plan)(plan.problem, plan.run, 1)
+    (early,) = LoneNode(plan, 1).published
+    one.coming = Coming(1, plan, None, None, b"")
+    one.gets(1, early)
+    assert (one.coming.news, one.generation) == ([(1, early)], 5)
+    one.gets(1, other.published.pop(0))
+    assert one.generation == 6
+
+
+def test_while_another_thread_has_the_turn_nothing_is_bred(pair):
+    one, other = pair
+    with one.assignment.turn:
+        one.gets(1, other.published.pop(0))
+        assert (one.generation, one.assignment.busy) == (5, True)
+    one._carry_on(one.assignment)
+    assert one.generation == 6
+
+
+def test_what_cannot_be_published_ends_the_process(pair):
+    one, other = pair
+
+    def breaks(_):
+        raise ZeroDivisionError
+
+    one.assignment.links.publish = breaks
+    one.gets(1, other.published.pop(0))
+    with pytest.raises(ZeroDivisionError):
+        one.open_mail()
+    assert not one.assignment.turn.locked()
+
+
+def test_who_publishes_may_change(pair):
+    one, other = pair
+    before, after = len(one.published), []
+    one.assignment.links.publish = after.append
+    one.gets(1, other.published.pop(0))
+    assert (len(one.published), len(after)) == (before, 1)
+
+
+def test_a_step_for_the_world_before_leaves_this_one_its_fast_path(pair):
+    one, other = pair
+    past = LoneNode(plan_of("onemax", topology="torus 1x2", generations=10), 0).assignment
+    one._carry_on(past)
+    one.gets(1, other.published.pop(0))
+    assert (one.generation, one.assignment.steps) == (6, 1)
+
+
+def test_a_job_that_is_forgotten_hears_nothing_more(pair):
+    one, other = pair
+    one.links, one.past = one.assignment.links, None
+    cell = one.assignment.cell
+    one._forget(1)
+    one.gets(1, other.published.pop(0))
+    assert (one.assignment, cell.rows.generation, cell.inbox.lacking()) == (None, 5, 1)
+
+
+def test_what_is_no_sample_is_an_error_of_the_caller(pair):
+    one, _ = pair
+    with pytest.raises(AttributeError, match="payload"):
+        one.ears[1](object())
+    with pytest.raises(TypeError):
+        one.ears[1](SimpleNamespace(payload=None))
+    with pytest.raises(TypeError):
+        one.ears[1]()
+
+
+def test_no_object_is_kept_or_given_back_twice(pair):
+    one, other = pair
+    objects = [None, True, False, "payload", "publish", one.assignment.links, one._go_on, one.assignment]
+    payloads = []
+    before = [sys.getrefcount(each) for each in objects]
+    for _ in range(2000):
+        payloads.append(other.published.pop(0))
+        one.gets(1, payloads[-1])
+        payloads.append(one.published.pop(0))
+        other.gets(0, payloads[-1])
+    after = [sys.getrefcount(each) for each in objects]
+    assert one.generation == 2005
+    # Others use None too, but not once for each message.
+    assert all(abs(more - less) < 500 for less, more in zip(before, after, strict=True))
+    alone = sys.getrefcount(bytes(100))
+    assert {sys.getrefcount(payloads[number]) for number in range(len(payloads))} == {alone + 1}
