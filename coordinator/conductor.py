@@ -339,7 +339,6 @@ class Conductor:
             world.reports[report.cell] = report
             if world.file.run.mode == "async" and report.proposals and not world.rescued:
                 # Without lockstep a lost message could leave a node that never hears of the stop.
-                world.rescued = True
                 self._stop_everywhere(number, report.proposals[0].reason)
         return report.error
 
@@ -364,6 +363,8 @@ class Conductor:
             self.calls.tell(self.keys.control(self.nodes[ROOT]), ProposeStop(self.number, number, reason))
 
     def _stop_everywhere(self, number: int, reason: Reason) -> None:
+        if (world := self.worlds.of(number)) is not None:
+            world.rescued = True
         self.calls.tell(self.keys.every_control, ProposeStop(self.number, number, reason))
 
     def _finish(self, error: str | None) -> Judgement:

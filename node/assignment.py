@@ -13,8 +13,9 @@ from node.plan import Plan
 from node.turns import LONG, core_of
 
 BRISK_SECONDS = 2e-3  # of processor time: what is bred between two exchanges in less may be on the network thread
+MANY_UNREAD = 64  # messages in async mode: far more may come before the main thread gets a core
 _MOST_EARLY = 1000  # messages: of the next world each neighbour sends one or two before this node comes there
-_MEASURED_EVERY = 16  # steps: to ask for the time used costs as much as a message
+_MEASURED_EVERY = 16  # generations: to ask for the time used costs as much as a message
 BRISK_BYTES = 1 << 14  # longer messages may have to wait for room to leave; on the network thread nothing may wait
 
 
@@ -61,7 +62,7 @@ class Assignment:
         self.told = (self.bred_at, 0)
         plan = cell.plan
         self._core = core_of(links.wiring, links.cell)
-        self._unmeasured = 0
+        self._measured_at = -_MEASURED_EVERY  # generation
         self._bred = 0  # generations, at `bred_at`
         self._interval = plan.run.interval
         self.in_lockstep = plan.run.mode == "lockstep"
@@ -82,6 +83,12 @@ class Assignment:
         """Whether there is something to do for the cell right now."""
         return self.cell.awaits == 0 or bool(self.news or self.events)
 
+    @property
+    def is_to_be_measured(self) -> bool:
+        """Whether it is time to see how long a generation takes, which a step does."""
+        unmeasured = self.cell.rows.generation - self._measured_at
+        return unmeasured >= _MEASURED_EVERY or (self._may_be_brisk and not self.brisk)
+
     def exchange_seconds(self) -> float:
         """From one message to the next, on average since this was asked last."""
         (before, had_sent), self.told = self.told, (time.monotonic(), self.cell.sent)
@@ -93,15 +100,14 @@ class Assignment:
         cell = self.cell
         news = self._taken()
         events = [self.events.popleft() for _ in range(len(self.events))] if self.events else ()
-        generation = cell.rows.generation
-        measured = self._unmeasured == 0 or (self._may_be_brisk and not self.brisk)
+        generation, measured = cell.rows.generation, self.is_to_be_measured
         used = time.thread_time() if measured else 0.0
         actions = cell.step(news, events, self.most)
         bred = cell.rows.generation - generation
         if bred:
             self.look_at_the_clock()
-            self._unmeasured = (self._unmeasured + 1) % _MEASURED_EVERY
             if measured:
+                self._measured_at = cell.rows.generation
                 each = (time.thread_time() - used) / bred
                 self.most = max(1, int(BRISK_SECONDS / max(each, 1e-6)))
                 self.brisk = self._may_be_brisk and each * self._interval < BRISK_SECONDS
@@ -112,6 +118,7 @@ class Assignment:
     def went_on(self) -> list[Action]:
         """After the fast path: what it left to be done; within ``turn`` only."""
         actions = self.cell.went_on()
+        self.look_at_the_clock()
         self._end_step()
         return actions
 

@@ -1,8 +1,9 @@
-"""The fast path of a lockstep exchange: from the last neighbour's message to the cell's own without Python in between.
+"""The fast path of an exchange: without Python from neighbours' messages to the cell's own.
 
-It takes the ordinary way's place only where a generation is nothing but an exchange, of messages that are sound, and
-breeding in compiled code that takes little time. Whatever else there is to do, and now and then anything, is left to
-the ordinary way (`node.process`), which opens this one and closes it.
+It takes the ordinary way's place (`node.process`, which opens it and closes it) only where there is nothing else to do
+for a while. In lockstep a generation is then one exchange, of messages that are sound, and breeding that takes little
+time; it is carried out where the last neighbour's message comes in. In async mode messages are put where they are
+taken from before the next generation, and a node with the baton breeds on to the end of its turn.
 """
 
 import struct
@@ -12,31 +13,53 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from numba import types
 
 from genetics.compiled import c_function, subroutine
 from genetics.operators import integers_at
-from node.assignment import Assignment
-from node.generation import PLACES, breed_on, inbox_of, lacks, nothing_bred, only_a_message
+from node.assignment import MANY_UNREAD, Assignment
+from node.generation import (
+    PLACES,
+    breed_on,
+    inbox_of,
+    lacks,
+    may_be_superseded,
+    nothing_bred,
+    only_a_message,
+    take_back,
+)
 from node.inbox import hear_one
 from wire.compiled_callbacks import (
     CALLBACK,
     PAYLOAD_NAME,
     BuiltIn,
     addresses,
+    append,
     attribute,
     call,
     call_without,
     content,
     drop,
     forget_exception,
+    integer,
     item,
+    item_of_list,
+    length,
+    let_others_run,
     message_of,
+    pair,
     payload_of,
+    remove_first,
+    run_again,
     same,
 )
 
 # What the path knows. The first is the address of the cell's table; 0: it is closed. The last are objects.
-_TABLE, _LEFT, _MOST, _ACQUIRE, _RELEASE, _LINKS, _GO_ON, _PAYLOAD, _PUBLISH, _NONE, _TRUE = range(11)
+_TABLE, _LEFT, _MOST, _OVER_AT, _SECONDS, _NANOSECONDS = range(6)
+_NEWS, _ACQUIRE, _RELEASE, _LINKS, _GO_ON, _PAYLOAD, _PUBLISH, _NONE, _TRUE = range(6, 15)
+_PLACES = 15
+_MONOTONIC = 1  # the clock
+_clock_gettime: Any = types.ExternalFunction("clock_gettime", types.int32(types.int32, types.intp))
 _PUBLISH_NAME = sys.intern("publish")
 _own = struct.Struct("<2q")  # of each function: the path's address and the sender's cell
 
@@ -82,17 +105,70 @@ def _carry_on(path: Any, table: Any) -> Any:
     return result
 
 
+@subroutine
+def _put_among_news(path: Any, sender: Any, payload: Any) -> Any:
+    """Another thread may be at the inbox; when there are many it is time to see whether it is."""
+    message = pair(sender, payload)
+    append(path[_NEWS], message)
+    drop(message)
+    drop(payload)
+    if length(path[_NEWS]) >= MANY_UNREAD:
+        return call_without(path[_GO_ON])
+    return same(path[_NONE])
+
+
+@subroutine
+def _take_news(path: Any, table: Any) -> Any:
+    """Read what has come; False if a message is refused or of another world, which is left there."""
+    news = path[_NEWS]
+    messages = length(news)
+    for number in range(messages):
+        message = item_of_list(news, number)
+        if not hear_one(inbox_of(table), content(item(message, 1)), integer(item(message, 0))):
+            remove_first(news, number)
+            return False
+    remove_first(news, messages)
+    return True
+
+
+@subroutine
+def _is_over(path: Any) -> Any:
+    """Whether the turn is."""
+    _clock_gettime(_MONOTONIC, path[_SECONDS:].ctypes.data)
+    return path[_SECONDS] * 1_000_000_000 + path[_NANOSECONDS] >= path[_OVER_AT]
+
+
+@c_function(CALLBACK)
+def _end_turn(own: int, path_at: int) -> Any:
+    """Take the news, breed to the end of the turn, and tell nobody before; True if anything was bred."""
+    path = integers_at(integer(path_at), 1, _PLACES)[0]
+    table = integers_at(path[_TABLE], PLACES, 3)
+    nothing_bred(table)
+    if not _take_news(path, table):
+        return same(path[_NONE])
+    while True:
+        thread = let_others_run()
+        breed_on(table, 1)
+        over = _is_over(path)
+        run_again(thread)
+        if over or not may_be_superseded(table) or not _take_news(path, table):
+            return same(path[_TRUE])
+        take_back(table)
+
+
 @c_function(CALLBACK)
 def _hear(own: int, sample: int) -> Any:
     """Take a neighbour's message."""
     its = content(item(own, 0)).view(np.int64)
-    path, otherwise = integers_at(its[0], 1, 11)[0], item(own, 1)
+    path, otherwise = integers_at(its[0], 1, _PLACES)[0], item(own, 1)
     if path[_TABLE] == 0:
         return call(otherwise, sample)
     table = integers_at(path[_TABLE], PLACES, 3)
     payload = payload_of(sample, path[_PAYLOAD])
     if payload == 0:
         return payload
+    if path[_NEWS] != 0:
+        return _put_among_news(path, item(own, 2), payload)
     heard = hear_one(inbox_of(table), content(payload), its[1])
     drop(payload)
     if not heard:
@@ -103,13 +179,16 @@ def _hear(own: int, sample: int) -> Any:
 
 
 _HEAR = BuiltIn("hear", _hear)
+_END_TURN = BuiltIn("end_turn", _end_turn)
+_end = _END_TURN.of(None)
 
 
 class FastPath:
     """One node's; it is open for one assignment at most."""
 
     def __init__(self) -> None:
-        self._path = np.zeros((1, 11), np.int64)
+        self._path = np.zeros((1, _PLACES), np.int64)
+        self._address: int = self._path.ctypes.data
         self._path[0, _PAYLOAD:] = addresses(PAYLOAD_NAME, _PUBLISH_NAME, None, True)
         self._for: Assignment | None = None
         self._objects: tuple[object, ...] = ()  # that the path knows by their addresses
@@ -117,30 +196,45 @@ class FastPath:
     def ear(self, sender: int, ordinary: Callable[[Any], None]) -> Callable[[Any], None]:
         """What to call with a sender's samples; it calls ``ordinary`` as long as the path is closed."""
         # The array must live as long as the function.
-        return _HEAR.of((_own.pack(self._path.ctypes.data, sender), ordinary, self._path))
+        return _HEAR.of((_own.pack(self._address, sender), ordinary, sender, self._path))
+
+    def is_open(self, assignment: Assignment) -> bool:
+        """Whether its messages are taken by the fast path."""
+        return assignment is self._for and self._path.item(_TABLE) != 0
 
     def close(self, assignment: Assignment) -> bool:
         """All messages for this assignment go the ordinary way from now on; returns whether they did not before."""
-        if assignment is not self._for or self._path[0, _TABLE] == 0:
-            return False
-        self._path[0, _TABLE] = 0
-        return True
+        was_open = self.is_open(assignment)
+        if was_open:
+            self._path[0, _TABLE] = 0
+        return was_open
 
     def open(self, assignment: Assignment, go_on: Callable[[Assignment], None]) -> None:
         """Messages are taken by the fast path, if the cell's next generations may be.
 
         Args:
-            assignment: what the node is at; it must be idle, and have nothing unread.
-            go_on: does what is not for the fast path; it is called with the turn, and must end it.
+            assignment: what the node is at; in lockstep it must be idle, and have nothing unread.
+            go_on: does what is not for the fast path. In lockstep it is called with the turn, which it must end; in
+                async mode when there are many unread messages.
         """
         generations = assignment.cell.generations
-        if not assignment.brisk or generations is None or assignment.cell.ended:
+        if generations is None or (assignment.in_lockstep and not assignment.brisk) or self.is_open(assignment):
             return
         if assignment is not self._for:
             turn = assignment.turn
-            self._for = assignment
-            self._objects = (partial(turn.acquire, False), turn.release, assignment.links, partial(go_on, assignment))
-            self._path[0, _ACQUIRE:_PAYLOAD] = addresses(*self._objects)
+            objects = (partial(turn.acquire, False), turn.release, assignment.links, partial(go_on, assignment))
+            self._path[0, _NEWS] = 0 if assignment.in_lockstep else id(assignment.news)
+            self._path[0, _ACQUIRE:_PAYLOAD] = addresses(*objects)
+            self._for, self._objects = assignment, objects
         # Until the history is to be digested: then Python looks at the clock too.
         self._path[0, _LEFT], self._path[0, _MOST] = assignment.cell.room - 1, assignment.most
         self._path[0, _TABLE] = generations.table.ctypes.data
+
+    def end_turn(self, over_at: float) -> bool:
+        """In async mode, while this path is open, take the news and breed, until then on the monotonic clock.
+
+        Nobody is told before the end; what the last of these generations has to say is for the assignment to ask.
+        Nothing is bred, and False returned, if some of the news is not for this path.
+        """
+        self._path[0, _OVER_AT] = int(over_at * 1e9)
+        return bool(_end(self._address))

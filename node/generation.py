@@ -245,6 +245,24 @@ def nothing_bred(table: Any) -> Any:
 
 
 @subroutine
+def may_be_superseded(table: Any) -> Any:
+    """Whether all that `breed_on` had to say is said better after the next generation, which there is room for.
+
+    The last generation tells nothing.
+    """
+    settings, done = integers(table, _SETTINGS)[0], integers(table, _DONE)[0]
+    room = integers(table, _NOTED)[0, 0] < octets(table, _RECORDS).shape[0]
+    plain = done[_FLAGS] == 0 and done[_SIZE] > 0
+    return plain and room and integers(table, _CLOCK)[0, 0] + 1 < settings[_LIMIT]
+
+
+@subroutine
+def take_back(table: Any) -> Any:
+    """In async mode: nobody was sent the latest message, so the next one takes its number."""
+    integers(table, _HEADER)[OWN, SENT] -= 1
+
+
+@subroutine
 def only_a_message(table: Any) -> Any:
     """The latest message, if there is nothing else to say after `breed_on`; else none of its bytes."""
     done, place = integers(table, _DONE)[0], integers(table, _HEADER)[OWN, SENT] % 2

@@ -20,7 +20,7 @@ import zenoh
 
 import topologies
 from node import turns
-from node.assignment import Assignment, Coming
+from node.assignment import MANY_UNREAD, Assignment, Coming
 from node.berth import Berth
 from node.cell import (
     Action,
@@ -51,8 +51,8 @@ from wire.report import Report
 from wire.strict import Rejected
 
 PATIENCE = 1.0  # seconds without a generation, at least, after which a lockstep node asks for what is missing
+_WORTH_TELLING = 8  # generations: by then a node that waits for its turn on a core has bred in two of them
 _MOST_UNREAD = 1000  # messages, though some neighbour has sent nothing
-_MANY_UNREAD = 64  # messages in async mode: far more may come before the main thread gets a core
 
 
 def live(berth: Berth) -> None:
@@ -142,7 +142,7 @@ class NodeProcess:
         news = assignment.news
         news.append((sender, payload))
         if not assignment.in_lockstep:
-            if len(news) >= _MANY_UNREAD:
+            if len(news) >= MANY_UNREAD:
                 self._take_in(assignment)
             return
         awaited = assignment.awaited  # only now: whoever replaces it looks at the news afterwards
@@ -203,7 +203,12 @@ class NodeProcess:
 
     def _open_fast_path(self, assignment: Assignment) -> None:
         """If that is possible, until the next step; within the turn."""
-        if assignment is self.assignment:
+        alone = self.coming is None or assignment.in_lockstep  # by whose way messages for other worlds are told apart
+        if assignment is not self.assignment or assignment.cell.ended or not alone:
+            self._fast_path.close(assignment)
+        elif not assignment.in_lockstep:
+            self._fast_path.open(assignment, self._take_in)
+        else:
             self._fast_path.open(assignment, self._go_on)
             # Only now: what came before it was open goes the ordinary way.
             if assignment.busy and self._fast_path.close(assignment):
@@ -269,8 +274,13 @@ class NodeProcess:
     def _carry_on(self, assignment: Assignment) -> None:
         self._relay.take_over(assignment)
         with assignment.turn:
-            self._fast_path.close(assignment)
-            for action in assignment.step():
+            if assignment.in_lockstep:
+                self._fast_path.close(assignment)
+            if self._may_end_turn(assignment) and self._fast_path.end_turn(self._relay.over_at):
+                actions = assignment.went_on()
+            else:
+                actions = assignment.step()
+            for action in actions:
                 if type(action) is Publish:
                     self._relay.publish(assignment, action)
                 else:
@@ -282,6 +292,16 @@ class NodeProcess:
             # For the network thread and the neighbours, should they want this core (or Python): else a node breeds
             # hundreds of generations with the same immigrants until its turn is over.
             turns.stand_back()
+
+    def _may_end_turn(self, assignment: Assignment) -> bool:
+        """Whether there is nothing to do in this turn but to breed, each generation telling something."""
+        return (
+            self._relay.has_turn
+            and self._fast_path.is_open(assignment)
+            and assignment.cell.plan.run.interval == 1
+            and not assignment.events
+            and not assignment.is_to_be_measured
+        )
 
     def _mind_the_time(self, assignment: Assignment) -> None:
         """Now and then, as rarely as counters are told, since a cold look costs as much as some generations."""
@@ -368,6 +388,8 @@ class NodeProcess:
         self._cluster_nodes = command.cluster_nodes
         if cell is None:
             self.coming = Coming(command.job, plan, links, command.since, command.deme)
+            if self.assignment is not None and not self.assignment.in_lockstep:
+                self._fast_path.close(self.assignment)  # it cannot tell which world a message is for
         else:
             self.assignment = Assignment(cell, links)
         return Done(json.dumps(fingerprint()))
@@ -491,7 +513,8 @@ class NodeProcess:
         self.control.put(self.keys.log, record.encode())
 
     def _tell_counters(self, assignment: Assignment) -> None:
-        self._stats_due = time.monotonic() + period_of_reports(self._cluster_nodes)
+        least = _WORTH_TELLING * assignment.gap if assignment.hands_on else 0.0
+        self._stats_due = time.monotonic() + max(period_of_reports(self._cluster_nodes), least)
         cell = assignment.cell
         counters = Counters(
             self.berth.node,

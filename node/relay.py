@@ -18,12 +18,15 @@ class Relay:
 
     Args:
         batons: those of the host's cores.
+
+    Attributes:
+        over_at: until when the node has the baton, on the monotonic clock.
     """
 
     def __init__(self, batons: Batons) -> None:
         self._batons = batons
         self._baton: Baton | None = None  # the one that this node has,
-        self._over_at = 0.0  # and until when, on the monotonic clock
+        self.over_at = 0.0
         self._unsent: Callable[[], None] | None = None  # publishes its latest message
 
     def take_over(self, assignment: Assignment) -> None:
@@ -33,7 +36,7 @@ class Relay:
             baton = self._batons.get(assignment.core)
             if baton is not None:
                 baton.take()
-                self._baton, self._over_at = baton, time.monotonic() + LONG
+                self._baton, self.over_at = baton, time.monotonic() + LONG
         self._supersede(assignment.cell)
 
     def publish(self, assignment: Assignment, payload: bytes) -> None:
@@ -46,9 +49,14 @@ class Relay:
         else:
             self._unsent = partial(assignment.links.publish, payload)
 
+    @property
+    def has_turn(self) -> bool:
+        """Whether the node has the baton, and nothing that it has to send before it breeds on."""
+        return self._baton is not None and self._unsent is None
+
     def step_is_done(self, assignment: Assignment) -> None:
         """After a step: hand the baton on if this turn is over."""
-        if assignment.bred_at >= self._over_at or not assignment.hands_on:
+        if assignment.bred_at >= self.over_at or not assignment.hands_on:
             self.hand_on()
 
     def hand_on(self) -> None:

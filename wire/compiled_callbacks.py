@@ -32,13 +32,30 @@ call: Any = _api("PyObject_CallOneArg", OBJECT, OBJECT, OBJECT)
 call_without: Any = _api("PyObject_CallNoArgs", OBJECT, OBJECT)
 attribute: Any = _api("PyObject_GetAttr", OBJECT, OBJECT, OBJECT)
 item: Any = _api("PyTuple_GetItem", OBJECT, OBJECT, types.intp)  # borrowed
+item_of_list: Any = _api("PyList_GetItem", OBJECT, OBJECT, types.intp)  # borrowed
+length: Any = _api("PyList_Size", types.intp, OBJECT)
+append: Any = _api("PyList_Append", types.int32, OBJECT, OBJECT)
+integer: Any = _api("PyLong_AsLongLong", types.int64, OBJECT)
 keep: Any = _api("Py_IncRef", types.void, OBJECT)
 drop: Any = _api("Py_DecRef", types.void, OBJECT)
 forget_exception: Any = _api("PyErr_Clear", types.void)
+let_others_run: Any = _api("PyEval_SaveThread", types.intp)
+run_again: Any = _api("PyEval_RestoreThread", types.void, types.intp)
+"""With what `let_others_run` returned: between the two no object may be touched."""
+_set_slice: Any = _api("PyList_SetSlice", types.int32, OBJECT, types.intp, types.intp, OBJECT)
+_new_tuple: Any = _api("PyTuple_New", OBJECT, types.intp)
+_set_item: Any = _api("PyTuple_SetItem", types.int32, OBJECT, types.intp, OBJECT)  # takes the reference
 _bytes_of: Any = _api("PyObject_Bytes", OBJECT, OBJECT)
 _new_bytes: Any = _api("PyBytes_FromStringAndSize", OBJECT, types.intp, types.intp)
 _size: Any = _api("PyBytes_Size", types.intp, OBJECT)
 _content: Any = _api("PyBytes_AsString", types.intp, OBJECT)
+
+
+@subroutine
+def same(its: Any) -> Any:
+    """An object once more, to be returned."""
+    keep(its)
+    return its
 
 
 @subroutine
@@ -65,10 +82,18 @@ def message_of(octets: Any) -> Any:
 
 
 @subroutine
-def same(its: Any) -> Any:
-    """An object once more, to be returned."""
-    keep(its)
+def pair(first: Any, second: Any) -> Any:
+    """A new tuple of two objects."""
+    its = _new_tuple(2)
+    _set_item(its, 0, same(first))
+    _set_item(its, 1, same(second))
     return its
+
+
+@subroutine
+def remove_first(its: Any, items: Any) -> Any:
+    """So many items of a list."""
+    _set_slice(its, 0, items, 0)
 
 
 PAYLOAD_NAME = sys.intern("payload")

@@ -64,6 +64,9 @@ class LoneNode(NodeProcess):
     def _carry_out(self, assignment, action):
         self.done.append(action)
 
+    def _keep_to(self, assignment):
+        """These threads are the test's."""
+
 
 class Payload:
     """As of a Zenoh sample."""

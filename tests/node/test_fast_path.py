@@ -2,15 +2,20 @@
 
 import random
 import sys
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
 from functions import DEMES, PROBLEMS, plan_of
 from lone_node import LoneNode
 
-from node import simulate
-from node.assignment import Coming
-from node.cell import Ask, Complain, Waited
+from node import Cell, Plan, simulate
+from node.assignment import MANY_UNREAD, Coming
+from node.baton import Baton
+from node.cell import Ask, Complain, Start, Waited
+from node.relay import Relay
+from problems import Run
+from problems.function import Function
 from wire.report import Report
 
 SHAPES = ["torus 1x2", "torus 2x3", "torus 4x4"]
@@ -51,6 +56,8 @@ class Torus:
 
     def collect(self, number):
         node = self.nodes[number]
+        while not node.assignment.brisk and node.assignment.busy:  # this machine has been slow for once
+            node._carry_on(node.assignment)
         for payload in node.published:
             for other in node.assignment.cell.neighbours:
                 self.on_their_way[number, other].append(payload)
@@ -111,6 +118,80 @@ def test_whatever_comes_between_their_lives_are_the_same(seed):
     assert sum(report.rejected for report in reports) == torus.bad > 0
     done = [action for node in torus.nodes for action in node.done]
     assert {type(action) for action in done} == {Report, Complain, Ask}
+
+
+def in_async(**run):
+    """A plan whose generations take so long that a node breeds a dozen in a turn."""
+    fields = {"kind": "function", "name": "onemax", "dimension": 30, "cost_us": 200}
+    return Plan(Function.model_validate(fields), Run(topology="torus 4x4", mode="async", **run))
+
+
+def waiting_for_turns(plan):
+    """The root of nodes that share one core."""
+    node = LoneNode(plan, 0, brisk=False)
+    node._relay = Relay({0: Baton(1.0)})
+    return node
+
+
+@pytest.mark.parametrize("bad", [False, True])
+@pytest.mark.parametrize("end", [{"target": -1.0, "generations": 150}, {"target": -1.0, "stall": 40}, {}])
+def test_a_turn_is_the_same_as_its_generations_one_by_one(one_core, end, bad):
+    plan, rng = in_async(seed=3, **end), random.Random(1)
+    node, cell = waiting_for_turns(plan), Cell(plan, 0, job=1)
+    assignment, wanted = node.assignment, cell.step(events=[Start()])
+    others = {other: Cell(plan, other, job=1) for other in cell.neighbours}
+    said = {other: each.step(events=[Start()]) for other, each in others.items()}
+    in_turns = 0
+    while not assignment.cell.ended:
+        for other in rng.sample(list(others), 2):
+            node.gets(other, said[other][-1])
+            said[other] += others[other].step() if not others[other].ended else []
+        if bad and rng.random() < 0.5:
+            node.gets(1, b"bad")
+        news, before = list(assignment.news), node.generation
+        node._carry_on(assignment)
+        in_turns += node.generation > before + 1
+        for generation in range(before, node.generation):
+            wanted += cell.step(news if generation == before else [])
+    reports = [action for action in (*node.done, *wanted) if isinstance(action, Report)]
+    assert [replace(report, sent=0) for report in reports] == [replace(reports[1], sent=0)] * 2
+    assert reports[0].sent == len(node.published) < node.generation / 2
+    assert in_turns > 2
+    assert (reports[0].rejected > 0) == bad
+    assert {type(action) for action in node.done} == ({Report, Complain} if bad else {Report})
+
+
+def test_in_async_mode_messages_are_put_among_the_news(one_core):
+    node = waiting_for_turns(in_async(generations=1000))
+    node._carry_on(node.assignment)
+    payloads = [bytes([number]) * 9 for number in range(MANY_UNREAD)]
+    for payload in payloads[:-1]:
+        node.gets(1, payload)
+    assert node.assignment.news == [(1, payload) for payload in payloads[:-1]]
+    alone = sys.getrefcount(bytes(100))
+    assert {sys.getrefcount(payloads[number]) for number in range(MANY_UNREAD - 2)} == {alone + 2}
+    with node.assignment.turn:
+        node.gets(1, payloads[-1])
+    assert len(node.assignment.news) == MANY_UNREAD
+    node.gets(1, payloads[-1])
+    assert (node.assignment.news, node.assignment.cell.inbox.refused) == ([], MANY_UNREAD + 1)
+
+
+def test_in_async_mode_a_world_to_come_hears_its_messages(one_core):
+    node = waiting_for_turns(in_async(generations=1000))
+    node._carry_on(node.assignment)
+    node.coming = Coming(1, node.assignment.cell.plan, None, None, b"")
+    node._carry_on(node.assignment)
+    node.gets(1, b"for any world")
+    assert node.coming.news == node.assignment.news == [(1, b"for any world")]
+    node.coming = None
+    node._carry_on(node.assignment)
+    assert node._fast_path.is_open(node.assignment)
+
+
+@pytest.fixture
+def one_core(monkeypatch):
+    monkeypatch.setattr("node.turns.CORES", [0])
 
 
 @pytest.fixture

@@ -6,9 +6,9 @@ import pytest
 from lone_node import LoneNode
 
 from node import Cell, Plan
-from node.assignment import Assignment
+from node.assignment import MANY_UNREAD, Assignment
 from node.cell import Answered, Ask, Publish, Start, Waited
-from node.process import _MANY_UNREAD, _MOST_UNREAD
+from node.process import _MOST_UNREAD
 from problems import Run
 from problems.function import Function
 from wire.control import Wiring
@@ -108,12 +108,12 @@ def test_many_messages_are_read_whoever_has_sent_nothing():
 def test_in_async_mode_many_messages_are_read_before_the_cell_breeds_again():
     node = Node(plan=IN_ASYNC)
     before = node.generation
-    for _ in range(_MANY_UNREAD - 1):
+    for _ in range(MANY_UNREAD - 1):
         node.hears(5, b"bad")
     assert node.assignment.cell.inbox.refused == 0
     node.hears_of(0, 8)
     assert (node.generation, node.assignment.steps, node.assignment.news) == (before, 0, [])
-    assert (node.assignment.cell.inbox.refused, node.assignment.cell.inbox.kept) == (_MANY_UNREAD - 1, 1)
+    assert (node.assignment.cell.inbox.refused, node.assignment.cell.inbox.kept) == (MANY_UNREAD - 1, 1)
     (complaint,) = Cell(IN_ASYNC, 9, job=1).hear([(5, b"bad")])
     assert node.mail.get_nowait().args == (node.assignment, complaint)
     assert node.mail.empty()
@@ -123,12 +123,12 @@ def test_in_async_mode_many_messages_are_read_before_the_cell_breeds_again():
 def test_in_async_mode_many_messages_wait_for_a_thread_that_is_at_it():
     node = Node(plan=IN_ASYNC)
     with node.assignment.turn:
-        for _ in range(2 * _MANY_UNREAD):
+        for _ in range(2 * MANY_UNREAD):
             node.hears(5, b"bad")
-        assert len(node.assignment.news) == 2 * _MANY_UNREAD
+        assert len(node.assignment.news) == 2 * MANY_UNREAD
     node.hears_of(0, 5)
     assert node.assignment.news == []
-    assert (node.assignment.cell.inbox.refused, node.assignment.cell.inbox.kept) == (2 * _MANY_UNREAD, 1)
+    assert (node.assignment.cell.inbox.refused, node.assignment.cell.inbox.kept) == (2 * MANY_UNREAD, 1)
 
 
 def test_what_goes_wrong_in_reading_ends_the_process(monkeypatch):
@@ -138,7 +138,7 @@ def test_what_goes_wrong_in_reading_ends_the_process(monkeypatch):
         raise ZeroDivisionError
 
     monkeypatch.setattr(node.assignment.cell.inbox, "hear", breaks)
-    for _ in range(_MANY_UNREAD):
+    for _ in range(MANY_UNREAD):
         node.hears_of(0, 5)
     with pytest.raises(ZeroDivisionError):
         node.mail.get_nowait()()
