@@ -50,6 +50,7 @@ from wire.news import Counters, LogRecord, period_of_reports
 from wire.report import Report
 from wire.strict import Rejected
 
+_FAST_PATH = FastPath()  # before nodes are forked: to make one in each touches forty pages there
 PATIENCE = 1.0  # seconds without a generation, at least, after which a lockstep node asks for what is missing
 _WORTH_TELLING = 8  # generations: by then a node that waits for its turn on a core has bred in two of them
 _MOST_UNREAD = 1000  # messages, though some neighbour has sent nothing
@@ -81,7 +82,7 @@ class NodeProcess:
         self._core: int | None = None  # that this node keeps to,
         self._turns = 0.0  # and how long its turns are there
         self._relay = Relay(berth.batons)
-        self._fast_path = FastPath()
+        self._fast_path = _FAST_PATH
         self._network_thread = 0  # its number; until it is known, that of whoever asks
         self.control = sessions.client(berth.router)
         self.links: Links | None = None  # those of the latest wiring
