@@ -39,7 +39,8 @@ class Assignment:
         bred_at: when the latest generations were bred, on the monotonic clock,
         gap: and how long an exchange took then, in seconds.
         most: generations that may be bred at once: as many as take little time.
-        told: when counters were told last, on the same clock, and how many messages had been sent by then.
+        told: when counters were told last, on the same clock, and how many messages had been sent and generations been
+            bred by then.
     """
 
     def __init__(self, cell: Cell, links: Links, news: list[Message] | None = None) -> None:
@@ -59,7 +60,7 @@ class Assignment:
         self.bred_at = time.monotonic()
         self.gap = 0.0
         self.most = 1
-        self.told = (self.bred_at, 0)
+        self.told = (self.bred_at, 0, 0)
         plan = cell.plan
         self._core = core_of(links.wiring, links.cell)
         self._measured_at = -_MEASURED_EVERY  # generation
@@ -89,11 +90,11 @@ class Assignment:
         unmeasured = self.cell.rows.generation - self._measured_at
         return unmeasured >= _MEASURED_EVERY or (self._may_be_brisk and not self.brisk)
 
-    def exchange_seconds(self) -> float:
-        """From one message to the next, on average since this was asked last."""
-        (before, had_sent), self.told = self.told, (time.monotonic(), self.cell.sent)
-        now, sent = self.told
-        return (now - before) / max(1, sent - had_sent)
+    def seconds_since_told(self) -> tuple[float, float]:
+        """From one message to the next, and from one generation to the next, on average since this was asked last."""
+        before, had_sent, had_bred = self.told
+        now, sent, bred = self.told = (time.monotonic(), self.cell.sent, self.cell.rows.generation)
+        return (now - before) / max(1, sent - had_sent), (now - before) / max(1, bred - had_bred)
 
     def step(self) -> list[Action]:
         """Let the cell take what is here now, but not what comes meanwhile; within ``turn`` only."""
@@ -124,11 +125,11 @@ class Assignment:
 
     def look_at_the_clock(self) -> None:
         """Note when the latest generations were bred, as far as that is to be seen now."""
-        bred = self.cell.rows.generation - self._bred
-        if bred:
+        generation = self.cell.rows.generation
+        if bred := generation - self._bred:
             now = time.monotonic()
             self.gap, self.bred_at = (now - self.bred_at) / max(1.0, bred / self._interval), now
-            self._bred += bred
+            self._bred = generation
 
     def _end_step(self) -> None:
         if self.in_lockstep:

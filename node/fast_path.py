@@ -112,9 +112,12 @@ def _put_among_news(path: Any, sender: Any, payload: Any) -> Any:
     append(path[_NEWS], message)
     drop(message)
     drop(payload)
-    if length(path[_NEWS]) >= MANY_UNREAD:
-        return call_without(path[_GO_ON])
-    return same(path[_NONE])
+    if length(path[_NEWS]) < MANY_UNREAD:
+        return same(path[_NONE])
+    go_on = same(path[_GO_ON])
+    result = call_without(go_on)
+    drop(go_on)
+    return result
 
 
 @subroutine
@@ -142,6 +145,8 @@ def _is_over(path: Any) -> Any:
 def _end_turn(own: int, path_at: int) -> Any:
     """Take the news, breed to the end of the turn, and tell nobody before; True if anything was bred."""
     path = integers_at(integer(path_at), 1, _PLACES)[0]
+    if path[_TABLE] == 0:  # closed since Python looked
+        return same(path[_NONE])
     table = integers_at(path[_TABLE], PLACES, 3)
     nothing_bred(table)
     if not _take_news(path, table):
@@ -209,11 +214,18 @@ class FastPath:
             self._path[0, _TABLE] = 0
         return was_open
 
+    def forget(self, assignment: Assignment) -> None:
+        """Close it for an assignment, and keep nothing of that."""
+        self.close(assignment)
+        if assignment is self._for:
+            self._for, self._objects = None, ()
+
     def open(self, assignment: Assignment, go_on: Callable[[Assignment], None]) -> None:
         """Messages are taken by the fast path, if the cell's next generations may be.
 
         Args:
-            assignment: what the node is at; in lockstep it must be idle, and have nothing unread.
+            assignment: what the node is at. In lockstep it must be idle; whoever opens looks afterwards whether it is,
+                and closes if not: messages that come the ordinary way are put among the news first, and then close.
             go_on: does what is not for the fast path. In lockstep it is called with the turn, which it must end; in
                 async mode when there are many unread messages.
         """

@@ -138,14 +138,14 @@ class NodeProcess:
         assignment = self.assignment
         if assignment is None or not assignment.hears:
             return
-        if self._fast_path.close(assignment):
-            assignment.await_messages()
         news = assignment.news
         news.append((sender, payload))
         if not assignment.in_lockstep:
             if len(news) >= MANY_UNREAD:
                 self._take_in(assignment)
             return
+        if self._fast_path.close(assignment):  # only now: who opens it looks at the news afterwards
+            assignment.await_messages()
         awaited = assignment.awaited  # only now: whoever replaces it looks at the news afterwards
         awaited.discard(sender)
         if not awaited or len(news) > _MOST_UNREAD:  # else it could only wait for more
@@ -427,7 +427,7 @@ class NodeProcess:
 
     def _start(self, assignment: Assignment, start: Start) -> None:
         assignment.bred_at = time.monotonic()
-        assignment.told = (assignment.bred_at, 0)
+        assignment.told = (assignment.bred_at, 0, 0)
         self._questions_due = assignment.bred_at + PATIENCE
         assignment.events.append(start)
 
@@ -469,7 +469,7 @@ class NodeProcess:
         assignment = self.assignment
         if assignment is not None and assignment.job == job:
             with assignment.turn:
-                self._fast_path.close(assignment)
+                self._fast_path.forget(assignment)
                 self.assignment = None
                 self._settle(None, 0.0)
             self._leave_the_past()
@@ -514,9 +514,9 @@ class NodeProcess:
         self.control.put(self.keys.log, record.encode())
 
     def _tell_counters(self, assignment: Assignment) -> None:
-        least = _WORTH_TELLING * assignment.gap if assignment.hands_on else 0.0
+        cell, (each_exchange, each_generation) = assignment.cell, assignment.seconds_since_told()
+        least = _WORTH_TELLING * each_generation if assignment.hands_on else 0.0
         self._stats_due = time.monotonic() + max(period_of_reports(self._cluster_nodes), least)
-        cell = assignment.cell
         counters = Counters(
             self.berth.node,
             cell.cell,
@@ -529,7 +529,7 @@ class NodeProcess:
             cell.lost,
             cell.inbox.refused,
             *cell.rows.vitals(),
-            assignment.exchange_seconds(),
+            each_exchange,
         )
         self.stats.put(counters.encode())
 

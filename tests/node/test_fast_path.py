@@ -2,6 +2,7 @@
 
 import random
 import sys
+import threading
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -189,6 +190,45 @@ def test_in_async_mode_a_world_to_come_hears_its_messages(one_core):
     assert node._fast_path.is_open(node.assignment)
 
 
+@pytest.mark.parametrize("payload", ["good", "bad"])
+def test_what_comes_during_a_turn_is_looked_at_in_it(one_core, payload):
+    plan = in_async(target=-1.0, generations=10**6)
+    node = waiting_for_turns(plan)
+    assignment, inbox = node.assignment, node.assignment.cell.inbox
+    sender = Cell(plan, 1, job=1)
+    said = sender.step(events=[Start()])[-1:]
+    turns = 0
+    for _ in range(1000):
+        if turns == 3:
+            break
+        said += sender.step()
+        over = threading.Event()
+        telling = threading.Thread(target=tell_in_turn, args=(node, said[-1] if payload == "good" else b"bad", over))
+        in_turn = assignment.hands_on and node._fast_path.is_open(assignment) and not assignment.is_to_be_measured
+        before, kept, refused = node.generation, inbox.kept, inbox.refused
+        telling.start()
+        node._carry_on(assignment)
+        over.set()
+        telling.join()
+        if in_turn and node.generation > before + 1 and payload == "good":
+            turns += inbox.kept > kept
+        elif in_turn and node.generation > before and payload == "bad":
+            assert inbox.refused == refused
+            turns += assignment.news[-1:] == [(1, b"bad")]
+        while assignment.news:
+            node._carry_on(assignment)
+    assert turns == 3
+    node._relay.hand_on()
+    assert assignment.cell.sent == len(node.published)
+
+
+def tell_in_turn(node, payload, over):
+    """As the network thread does, while the main thread is at it, or else afterwards."""
+    while not node.assignment.turn.locked() and not over.is_set():
+        pass
+    node.gets(1, payload)
+
+
 @pytest.fixture
 def one_core(monkeypatch):
     monkeypatch.setattr("node.turns.CORES", [0])
@@ -204,6 +244,41 @@ def pair():
         other.gets(0, one.published.pop(0))
     assert (one.generation, one.assignment.steps) == (5, 1)
     return one, other
+
+
+class Interrupted(list):
+    """News; the main thread steps just before or just after the next."""
+
+    steps, before = None, False
+
+    def append(self, message):
+        steps, self.steps = self.steps, None
+        if steps is not None and self.before:
+            steps()
+        super().append(message)
+        if steps is not None and not self.before:
+            steps()
+
+
+@pytest.mark.parametrize("before", [True, False])
+def test_the_path_opens_while_a_message_is_on_its_ordinary_way(before):
+    plan = plan_of("onemax", topology="torus 4x4", target=-1.0, generations=1000)
+    node = LoneNode(plan, 9)
+    news = node.assignment.news = Interrupted()
+    *first, third, last = [(other, LoneNode(plan, other).published[0]) for other in node.assignment.cell.neighbours]
+    for sender, payload in first:
+        node.gets(sender, payload)
+
+    def steps():
+        node.assignment.events.append(Waited())
+        node._carry_on(node.assignment)
+        assert node._fast_path.is_open(node.assignment)
+
+    news.steps, news.before = steps, before
+    node.hears(*third)
+    assert (node.generation, news.steps) == (0, None)
+    node.gets(*last)
+    assert node.generation == 1
 
 
 def test_a_message_of_the_next_world_waits_for_it(pair):
@@ -277,7 +352,7 @@ def test_what_is_no_sample_is_an_error_of_the_caller(pair):
 
 def test_no_object_is_kept_or_given_back_twice(pair):
     one, other = pair
-    objects = [None, True, False, "payload", "publish", one.assignment.links, one._go_on, one.assignment]
+    objects = [None, True, False, "payload", "publish", *one._fast_path._objects]
     payloads = []
     before = [sys.getrefcount(each) for each in objects]
     for _ in range(2000):
