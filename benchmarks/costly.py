@@ -21,7 +21,7 @@ def main() -> None:
     parser.add_argument("--torus", default="4x4,8x8,16x16", help="sizes")
     parser.add_argument("--demes", default="1,8", help="individuals on a node: it evaluates twice as many, 8 if alone")
     parser.add_argument("--microseconds", type=float, default=500.0, help="of each evaluation")
-    parser.add_argument("--seconds", type=float, default=60.0, help="of each run: its start and end take half a second")
+    parser.add_argument("--seconds", type=float, default=60.0, help="of each run: its start and end take a second")
     options = parser.parse_args()
     file = parse(_problem(options.microseconds), "benchmark", Path()).with_run(target=-1.0, seconds=options.seconds)
     cores = len(os.sched_getaffinity(0))

@@ -127,7 +127,7 @@ def _take_news(path: Any, table: Any) -> Any:
     messages = length(news)
     for number in range(messages):
         message = item_of_list(news, number)
-        if not hear_one(inbox_of(table), content(item(message, 1)), integer(item(message, 0))):
+        if hear_one(inbox_of(table), content(item(message, 1)), integer(item(message, 0))) <= 0:
             remove_first(news, number)
             return False
     remove_first(news, messages)
@@ -174,7 +174,7 @@ def _hear(own: int, sample: int) -> Any:
         return payload
     if path[_NEWS] != 0:
         return _put_among_news(path, item(own, 2), payload)
-    heard = hear_one(inbox_of(table), content(payload), its[1])
+    heard = hear_one(inbox_of(table), content(payload), its[1]) > 0
     drop(payload)
     if not heard:
         return call(otherwise, sample)

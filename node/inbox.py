@@ -109,12 +109,12 @@ def _take_in(table: Any, limits: Any, payload: Any, number: Any, counts: Any) ->
 
 @subroutine
 def hear_one(table: Any, payload: Any, sender: Any) -> Any:
-    """Read a neighbour's message, and keep it if it is of use; False if it is refused or of another world."""
+    """`_take_in` a message; 0 too if it is no neighbour's."""
     limits, counts, senders = integers(table, _LIMITS)[0], integers(table, _COUNTS)[0], integers(table, _SENDERS)[0]
     for number in range(senders.size):
         if senders[number] == sender:
-            return _take_in(table, limits, payload, number, counts) > 0
-    return False
+            return _take_in(table, limits, payload, number, counts)
+    return 0
 
 
 @subroutine
@@ -133,17 +133,14 @@ def hear(news: bytes, table: Table) -> int:
     What no neighbour has sent is passed over. Returns how many were refused.
     """
     everything = octets_of(news)
-    limits, counts, senders = integers(table, _LIMITS)[0], integers(table, _COUNTS)[0], integers(table, _SENDERS)[0]
     start = np.int64(0)
     refused = 0
     while start < everything.size:
         sender, size = _integer_at(everything, start), _integer_at(everything, start + 8)
         start += 16
-        for number in range(senders.size):
-            if senders[number] == sender:
-                refused += _take_in(table, limits, everything[start : start + size], number, counts) < 0
+        refused += hear_one(table, everything[start : start + size], sender) < 0
         start += size
-    counts[_REFUSED] += refused
+    integers(table, _COUNTS)[0, _REFUSED] += refused
     return refused
 
 
