@@ -5,11 +5,10 @@ thousand nodes cost at their start.
 """
 
 import ctypes
+import mmap
+from collections.abc import Iterator
 from pathlib import Path
 
-_MADV_HUGEPAGE = 14
-_MADV_COLLAPSE = 25  # Linux 6.1; an older one answers that it does not know it, and all stays as it was
-_HUGE = 1 << 21  # bytes
 _HOLES = (*(1 << power for power in range(16, 10, -1)), *range(1024, 0, -16))  # bytes; the largest first
 _LIBC = ctypes.CDLL(None)
 _LIBC.malloc.restype = _LIBC.sbrk.restype = ctypes.c_void_p
@@ -40,12 +39,20 @@ def fill_holes() -> None:
                 break
 
 
-def use_huge_pages() -> None:
-    """Ask the kernel to put anonymous memory into pages of 2 MB, as far as it can: 512 times fewer entries to copy."""
+def join_mappings() -> None:
+    """Let constants of compiled code have the permissions of the code around them, so that all of it is one mapping.
+
+    LLVM makes two for each kernel, and a fork describes every mapping anew.
+    """
+    for start, end, permissions in _anonymous_mappings():
+        if permissions == "r--p":
+            _LIBC.mprotect(ctypes.c_void_p(start), ctypes.c_size_t(end - start), mmap.PROT_READ | mmap.PROT_EXEC)
+
+
+def _anonymous_mappings() -> Iterator[tuple[int, int, str]]:
+    """Start, end and permissions of each."""
     for line in Path("/proc/self/maps").read_text().splitlines():
         addresses, permissions, _, _, inode, *name = line.split(maxsplit=5)
-        start, end = (int(address, 16) for address in addresses.split("-"))
-        anonymous = inode == "0" and (not name or name[0] == "[heap]")
-        if anonymous and permissions == "rw-p" and end - start >= _HUGE:
-            for advice in (_MADV_HUGEPAGE, _MADV_COLLAPSE):
-                _LIBC.madvise(ctypes.c_void_p(start), ctypes.c_size_t(end - start), advice)
+        if inode == "0" and (not name or name[0] == "[heap]"):
+            start, end = (int(address, 16) for address in addresses.split("-"))
+            yield start, end, permissions

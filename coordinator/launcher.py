@@ -16,12 +16,16 @@ from pathlib import Path
 
 import topologies
 from coordinator.errors import ClusterFailed
-from coordinator.zygote import CROWD
 
 _PREFIX = "supernode-"
 _IN_MEMORY = Path("/dev/shm")
 _END_WITHIN = 60.0  # seconds: a thousand processes are gone in three, but machines may be busy
 _YOUNG = 5.0  # seconds
+_CROWD = 100
+"""Nodes. As many would leave next to nothing of the cores to others of their session. So, where Linux shares cores out
+among sessions first (autogroup), the nodes have one of their own, and so have the router, the spy and the coordinator.
+Fewer nodes do better in the caller's: on Linux 6.18 small clusters in many sessions keep each other waiting for long.
+"""
 _LONGEST_HOME = 60  # bytes
 ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
@@ -81,14 +85,14 @@ class Launcher:
         self._closing = False
         told = None if service is None else asdict(service) | {"state": (service.state or self.folder).absolute()}
         config = {"cluster": cluster, "topology": topology, "folder": self.folder, "service": told}
-        crowded = topologies.parse(topology).cells >= CROWD
+        crowded = topologies.parse(topology).cells >= _CROWD
         self._zygote = subprocess.Popen(
             [sys.executable, "-P", "-m", "coordinator.zygote", json.dumps(config, default=str)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             env=os.environ | ONE_THREAD,
             pass_fds=[lock],  # held by every process of the cluster: the folder is stale once none lives
-            start_new_session=crowded,  # see `CROWD`
+            start_new_session=crowded,  # see `_CROWD`
             process_group=None if crowded else 0,  # Ctrl-C is the caller's business
         )
         self._reader = threading.Thread(target=self._read, name="zygote reader", daemon=True)

@@ -39,14 +39,6 @@ _MOST_DEATHS = 20  # more than each process once: something is wrong that no new
 _WAKING = {signal.SIGCHLD, signal.SIGIO}
 _LIBC = ctypes.CDLL(None)
 
-CROWD = 100
-"""Nodes. As many save a millisecond or two each by huge pages, which take up to 0.3 s to make.
-
-And as many would leave next to nothing of the cores to others of their session. So, where Linux shares cores out among
-sessions first (autogroup), the nodes have one of their own, and so have the router, the spy and the coordinator. Fewer
-nodes do better in the caller's: on Linux 6.18 small clusters in many sessions keep each other waiting for seconds.
-"""
-
 
 def main() -> None:
     """Run as ``python -m coordinator.zygote CONFIG`` by the launcher."""
@@ -119,6 +111,7 @@ class Zygote:
 
     def _warm_up(self, nodes: int) -> None:
         """Import all that a child will need, and no more garbage collection of it: children share its pages."""
+        gc.disable()  # hardly anything of what is imported is garbage
         import_all()
         import node.baton
         import node.process
@@ -127,11 +120,11 @@ class Zygote:
 
         self._batons = node.baton.for_all_cores(nodes)
         self._spy_watch, self._node_live = spy.process.watch, node.process.live
+        gc.enable()
         gc.collect()
         gc.freeze()
         fork_memory.fill_holes()
-        if nodes >= CROWD:
-            fork_memory.use_huge_pages()
+        fork_memory.join_mappings()
 
     def _fork_router(self) -> str | None:
         """The router first: when it listens, the others need not try twice. Why it does not, if so."""

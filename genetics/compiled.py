@@ -18,6 +18,8 @@ os.environ.setdefault("NUMBA_DISABLE_INTEL_SVML", "1")
 
 import numba
 
+from genetics.quick_loading import load_quickly
+
 if getattr(numba.config, "USING_SVML", False):  # somebody imported it before this project
     raise ImportError("numba uses Intel SVML, whose bits differ: set NUMBA_DISABLE_INTEL_SVML=1 before it is imported")
 
@@ -55,6 +57,7 @@ def _use_cache_of_these_sources() -> None:
 
 
 _use_cache_of_these_sources()
+load_quickly()
 
 
 def kernel(signature: Any, may_be_long: bool = False) -> Callable[[Function], Function]:

@@ -50,7 +50,10 @@ PURE = [
     *(ROOT / "node" / f"{name}.py" for name in ("cell", "generation", "history", "inbox", "kernels", "plan", "rows")),
     *(ROOT / "coordinator" / f"{name}.py" for name in ("scheduler", "states")),
 ]
-STATED_EXCEPTIONS = {"genetics/compiled.py": {"os", "shutil", "pathlib"}}  # it looks after the folder of its cache
+STATED_EXCEPTIONS = {
+    "genetics/compiled.py": {"os", "shutil", "pathlib"},  # it looks after the folder of its cache
+    "genetics/quick_loading.py": {"importlib", "llvmlite", "sys"},  # it looks after what numba loads
+}
 
 
 def name_of(path):

@@ -31,7 +31,7 @@ def test_what_comes_after_the_holes_are_filled_lies_side_by_side():
     assert pages_of_what_comes("fork_memory.fill_holes()") < 1.1 * needed + 4
 
 
-@pytest.mark.parametrize("function", ["fill_holes", "use_huge_pages"])
+@pytest.mark.parametrize("function", ["fill_holes", "join_mappings"])
 def test_nothing_that_is_in_memory_changes(function):
     script = f"""
 import ctypes, hashlib
@@ -45,3 +45,29 @@ print(hashlib.sha256(b"".join(kept)).digest() == before)
 """
     done = subprocess.run([sys.executable, "-c", script], check=True, capture_output=True, text=True)
     assert done.stdout == "True\n"
+
+
+def test_compiled_code_and_its_constants_are_one_mapping_and_run_as_before():
+    script = """
+import pathlib
+import numba
+import problems.function.kernels
+from coordinator import fork_memory
+
+def mappings():
+    return len(pathlib.Path("/proc/self/maps").read_text().splitlines())
+
+before = mappings()
+fork_memory.join_mappings()
+after = mappings()
+
+@numba.njit("float64(float64)")
+def third(number):
+    return number / 3
+
+print(before - after, third(6.0))
+"""
+    done = subprocess.run([sys.executable, "-c", script], check=True, capture_output=True, text=True)
+    fewer, two = done.stdout.split()
+    assert int(fewer) > 10
+    assert two == "2.0"

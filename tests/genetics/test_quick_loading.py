@@ -1,0 +1,110 @@
+"""What is not loaded with the kernels is there when something needs it, in processes of their own."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+LEAVES = """\
+from genetics.compiled import kernel
+
+@kernel("float64(float64)")
+def half(number):
+    return number / 2
+"""
+CALLS_IT = """\
+from genetics.compiled import kernel
+from leaves import half
+
+@kernel("float64(float64)")
+def quarter(number):
+    return half(half(number))
+"""
+LOOKS = """
+import json, sys
+from numba.core.dispatcher import Dispatcher
+
+def read(kernel):
+    (compiled,) = kernel.overloads.values()
+    return compiled.library._shared_module is not None
+"""
+
+
+@pytest.fixture
+def tell(tmp_path):
+    """Runs a program that prints JSON, with a cache that is its own, beside the two modules."""
+    (tmp_path / "leaves.py").write_text(LEAVES)
+    (tmp_path / "calls.py").write_text(CALLS_IT)
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": f"{ROOT}:{tmp_path}"}
+
+    def run(program: str) -> Any:
+        command = [sys.executable, "-c", LOOKS + program]
+        done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+        return json.loads(done.stdout)
+
+    return run
+
+
+def test_intermediate_code_is_read_only_when_a_kernel_is_compiled_into_another(tell):
+    tell("import leaves; print(1)")
+    load = "import leaves; hits = sum(leaves.half.stats.cache_hits.values());"
+    assert tell(load + "print(json.dumps([hits, read(leaves.half), leaves.half(3.0)]))") == [1, False, 1.5]
+    compile_another = "import calls; print(json.dumps([read(leaves.half), calls.quarter(3.0)]))"
+    assert tell(load + compile_another) == [True, 0.75]
+    assert tell(load + compile_another) == [False, 0.75], "now that one is in the cache too"
+
+
+def test_a_kernel_becomes_part_of_another_whether_it_was_compiled_or_loaded(tell, tmp_path):
+    show = "import calls; print(json.dumps(calls.quarter.inspect_asm(calls.quarter.signatures[0])))"
+
+    def jumps_to_half(code):
+        return [line for line in code.splitlines() if "half" in line and ("call" in line or "movabs" in line)]
+
+    assert jumps_to_half(tell(show)) == []
+    for each in (tmp_path / "cache").rglob("calls.*"):
+        each.unlink()
+    assert jumps_to_half(tell(show)) == []
+
+
+def test_linear_algebra_is_there_for_who_compiles_it(tell):
+    program = """
+import leaves
+import numba, numpy
+before = "scipy.linalg" in sys.modules
+
+@numba.njit
+def use_blas(matrix, vector):
+    return numpy.linalg.solve(matrix, vector) + matrix @ vector + numpy.convolve(vector, vector)[:3]
+
+matrix, vector = numpy.array([[4.0, 1, 0], [1, 3, 1], [0, 1, 2]]), numpy.array([1.0, 2, 3])
+found = use_blas(matrix, vector)
+same = numpy.allclose(found, use_blas.py_func(matrix, vector))
+print(json.dumps([before, bool(same), "scipy.linalg.cython_blas" in sys.modules]))
+"""
+    assert tell(program) == [False, True, True]
+
+
+def test_what_a_library_defines_is_told_by_its_machine_code_too(tell):
+    tell("import calls; print(1)")
+    program = """
+import leaves, calls
+from llvmlite import binding
+
+def compare(kernel):
+    (compiled,) = kernel.overloads.values()
+    module = binding.parse_bitcode(compiled.library._intermediate_code)
+    defined = {each.name for each in [*module.functions, *module.global_variables] if not each.is_declaration}
+    known = compiled.library._codegen._engine._defined_symbols
+    return [len(defined), len(defined - known)]
+
+print(json.dumps([compare(leaves.half), compare(calls.quarter)]))
+"""
+    for defined, unknown in tell(program):
+        assert defined > 3
+        assert unknown == 0
