@@ -117,7 +117,10 @@ class Zygote:
         import node.process
         import spy.process
         from coordinator import fork_memory
+        from wire import sessions
 
+        sessions.use_runtime(sessions.NODE_RUNTIME)  # here, not in each child: there it would touch 50 pages more
+        sessions.log_nothing()
         self._batons = node.baton.for_all_cores(nodes)
         self._spy_watch, self._node_live = spy.process.watch, node.process.live
         gc.enable()

@@ -58,8 +58,6 @@ _MOST_UNREAD = 1000  # messages, though some neighbour has sent nothing
 
 def live(berth: Berth) -> None:
     """Be a node until the process is ended."""
-    sessions.use_runtime(sessions.NODE_RUNTIME)
-    sessions.log_nothing()
     turns.take_turns()
     NodeProcess(berth).run()
 
