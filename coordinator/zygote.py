@@ -270,10 +270,14 @@ def _be_a_child(parent: int, name: str) -> None:
 
 def import_all() -> None:
     """Everything that router, spy and nodes need, with all compiled kernels."""
+    import numpy.ma  # numba asks whether an array is one of these  # noqa: F401
+
     import problems.registry
     import spy.process  # noqa: F401
+    from node.fingerprint import fingerprint
 
     problems.registry.warm_up()
+    fingerprint()
 
 
 def _how(status: int) -> str:

@@ -97,12 +97,16 @@ def _module(name: str, folder: Path | None) -> ModuleType:
 def kernels() -> tuple[str, ...]:
     """The modules that compile something, those first that others use."""
     shared = ("bit_kernels", "real_kernels", "selection", "sequence_kernels")
-    packages = [target.partition(":")[0] for target in _BUILT_IN.values()]
-    own = [f"{package}.{name}" for name in ("kernels", "coding_kernels") for package in packages]
-    return (*(f"genetics.{name}" for name in shared), *(name for name in own if importlib.util.find_spec(name)))
+    return (*(f"genetics.{name}" for name in shared), *_in_packages("kernels"), *_in_packages("coding_kernels"))
+
+
+def _in_packages(module: str) -> list[str]:
+    """The modules of that name; to look for them imports the packages."""
+    names = [f"{target.partition(':')[0]}.{module}" for target in _BUILT_IN.values()]
+    return [name for name in names if importlib.util.find_spec(name)]
 
 
 def warm_up() -> None:
-    """Import every built-in kind with its compiled kernels, so that a forked process has them all."""
-    for name in kernels():  # which imports the packages, to find what is in them
+    """Import every built-in kind with all that breeding needs, so that a forked process has it."""
+    for name in (*kernels(), *_in_packages("coding")):
         importlib.import_module(name)

@@ -222,17 +222,19 @@ def test_what_cannot_be_solved_ends_as_stalled_with_the_best_found(plan):
     assert (judgement.status, judgement.best is not None) == ("stalled", True)
 
 
-def test_a_forked_node_has_all_that_it_needs_compiled(file):
-    """What only a node's generations import would be compiled, or loaded, by each of a thousand nodes."""
+def test_a_forked_node_has_all_that_it_needs(file):
+    """What only a node's generations import would be loaded, or compiled, by each of a thousand nodes."""
     script = (
-        "import sys; from pathlib import Path\n"
-        "from problems.registry import warm_up; import node.process; warm_up()\n"
+        "import sys\n"
+        "from coordinator.zygote import import_all; import node.process; import_all()\n"
         "from problems.file import ProblemFile\n"
         "from node import Plan, simulate\n"
+        "from node.fingerprint import fingerprint\n"
         "file = ProblemFile.from_json(sys.argv[1]).with_run(generations=2, target=-1.0)\n"
-        "before = set(sys.modules); simulate(Plan.of(file))\n"
-        "late = {name for name in set(sys.modules) - before if name.startswith(('problems.', 'genetics.', 'node.'))}\n"
-        "assert not any('@kernel' in Path(sys.modules[name].__file__).read_text() for name in late), late\n"
+        "users = file.kind.partition(':')[0]\n"
+        "before = set(sys.modules); simulate(Plan.of(file)); fingerprint()\n"
+        "late = set(sys.modules) - before - {users, 'supernode'}\n"
+        "assert not late, late\n"
     )
     done = subprocess.run([sys.executable, "-c", script, file.to_json()], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
