@@ -6,7 +6,6 @@ thousand nodes cost at their start.
 
 import ctypes
 import mmap
-from collections.abc import Iterator
 from pathlib import Path
 
 _HOLES = (*(1 << power for power in range(16, 10, -1)), *range(1024, 0, -16))  # bytes; the largest first
@@ -40,19 +39,15 @@ def fill_holes() -> None:
 
 
 def join_mappings() -> None:
-    """Let constants of compiled code have the permissions of the code around them, so that all of it is one mapping.
+    """Let constants of compiled code have the permissions of the code beside them, so that both are one mapping.
 
     LLVM makes two for each kernel, and a fork describes every mapping anew.
     """
-    for start, end, permissions in _anonymous_mappings():
-        if permissions == "r--p":
+    mappings = [line.split(maxsplit=5) for line in Path("/proc/self/maps").read_text().splitlines()]
+    # The last word of a line is the inode, 0, where no file and no name follows.
+    anonymous = [(addresses.split("-"), permissions) for addresses, permissions, *_, last in mappings if last == "0"]
+    of_code = {each for addresses, permissions in anonymous if permissions == "r-xp" for each in addresses}
+    for addresses, permissions in anonymous:
+        if permissions == "r--p" and of_code.intersection(addresses):
+            start, end = (int(address, 16) for address in addresses)
             _LIBC.mprotect(ctypes.c_void_p(start), ctypes.c_size_t(end - start), mmap.PROT_READ | mmap.PROT_EXEC)
-
-
-def _anonymous_mappings() -> Iterator[tuple[int, int, str]]:
-    """Start, end and permissions of each."""
-    for line in Path("/proc/self/maps").read_text().splitlines():
-        addresses, permissions, _, _, inode, *name = line.split(maxsplit=5)
-        if inode == "0" and (not name or name[0] == "[heap]"):
-            start, end = (int(address, 16) for address in addresses.split("-"))
-            yield start, end, permissions

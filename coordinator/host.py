@@ -116,6 +116,7 @@ def attend(host: Host, keys: Keys, router: str, tell: Callable[[tuple[int, ...]]
     Raises:
         ClusterFailed: if the cluster does not let the host in.
     """
+    sessions.use_runtime(sessions.NODE_RUNTIME)
     session = sessions.client(router)
     here = [host]
 

@@ -8,6 +8,7 @@ early. Both do later, and only if it is asked for, what numba would have done at
 import importlib
 import struct
 import sys
+from collections.abc import Callable
 from typing import Any
 
 from llvmlite import binding as llvm
@@ -45,14 +46,16 @@ class Library(JITCodeLibrary):
     def _get_module_for_linking(self) -> Any:
         if self._shared_module is None and self._intermediate_code is not None:
             self._shared_module = llvm.parse_bitcode(self._intermediate_code)
+            self._intermediate_code = None
         return super()._get_module_for_linking()  # type: ignore[no-untyped-call]
 
 
 def _symbols(machine_code: bytes) -> set[str]:
     """What an object file defines."""
-    sections = {each.name(): each.data() for each in llvm.ObjectFileRef.from_data(machine_code).sections()}
-    names = sections[b".strtab"]
-    found = ((at, section) for at, _, _, section, _, _ in _SYMBOL.iter_unpack(sections[b".symtab"]))
+    sections = llvm.ObjectFileRef.from_data(machine_code).sections()
+    tables = {each.name(): each.data() for each in sections if each.name() in (b".strtab", b".symtab")}
+    names = tables[b".strtab"]
+    found = ((at, section) for at, _, _, section, _, _ in _SYMBOL.iter_unpack(tables[b".symtab"]))
     return {names[at : names.index(0, at)].decode() for at, section in found if section != _DEFINED_ELSEWHERE}
 
 
@@ -65,7 +68,7 @@ def load_quickly() -> None:
 def _leave_blas_for_later() -> None:
     """Numba imports all of SciPy's linear algebra, 130 modules, only to see whether it is there.
 
-    It is, and is imported when somebody compiles what uses it.
+    That it looks for when it compiles what might use it. Compiled code that does use it imports it when it first runs.
     """
     if _BLAS in sys.modules or _ARRAYS in sys.modules:
         return
@@ -74,4 +77,15 @@ def _leave_blas_for_later() -> None:
         arrays: Any = importlib.import_module(_ARRAYS)
     finally:
         del sys.modules[_BLAS]
-    arrays._HAVE_BLAS = True  # numba's own: what it would have found
+    own: dict[str, Any] = arrays._get_inner_prod.__globals__  # the module's, which may have got another name
+    own["_HAVE_BLAS"] = _Asked(own["_check_blas"])
+
+
+class _Asked:
+    """What a function says, each time that it matters."""
+
+    def __init__(self, ask: Callable[[], bool]) -> None:
+        self._ask = ask
+
+    def __bool__(self) -> bool:
+        return self._ask()

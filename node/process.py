@@ -58,6 +58,7 @@ _MOST_UNREAD = 1000  # messages, though some neighbour has sent nothing
 
 def live(berth: Berth) -> None:
     """Be a node until the process is ended."""
+    sessions.use_runtime(sessions.NODE_RUNTIME)
     turns.take_turns()
     NodeProcess(berth).run()
 

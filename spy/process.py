@@ -39,6 +39,7 @@ _LINKED_WITHIN = 5.0  # seconds; the root is there before it is said to be, unle
 
 def watch(berth: Berth) -> None:
     """Be the spy until the process is ended; ``berth.node`` is the root's number."""
+    sessions.use_runtime(sessions.NODE_RUNTIME)
     SpyProcess(berth).run()
 
 
