@@ -119,8 +119,7 @@ class Zygote:
         from coordinator import fork_memory
         from wire import sessions
 
-        sessions.use_runtime(sessions.NODE_RUNTIME)  # for all but the router; here, so that no child has to write it
-        sessions.log_nothing()
+        sessions.log_nothing()  # here, since in each child it would touch forty pages
         self._batons = node.baton.for_all_cores(nodes)
         self._spy_watch, self._node_live = spy.process.watch, node.process.live
         gc.enable()

@@ -39,12 +39,8 @@ _ALWAYS: dict[str, Any] = {
 
 
 def use_runtime(runtime: str) -> None:
-    """Choose the threads of this process; Zenoh reads this once, at the first session.
-
-    Where that is chosen already nothing is written to: a forked process would have to copy what is.
-    """
-    if os.environ.get("ZENOH_RUNTIME") != runtime:
-        os.environ["ZENOH_RUNTIME"] = runtime
+    """Choose the threads of this process; Zenoh reads this once, at the first session."""
+    os.environ["ZENOH_RUNTIME"] = runtime
 
 
 def log_nothing() -> None:

@@ -27,6 +27,7 @@ import ctypes, json, os, signal, sys
 from pathlib import Path
 ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # none outlives the test
 import node.links
+from coordinator.zygote import import_all
 from node.berth import Berth
 role, folder, node_number, router = json.loads(sys.argv[1])
 node.links._DIRECT_WITHIN = 0.5
@@ -36,9 +37,11 @@ if role == "router":
     route([router], 1)
 elif role == "spy":
     from spy.process import watch
+    import_all()
     watch(berth)
 else:
     from node.process import live
+    import_all()  # as those that fork nodes do; else each would import what it lacks while others breed
     live(berth)
 """
 

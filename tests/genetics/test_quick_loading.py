@@ -28,7 +28,6 @@ def quarter(number):
 """
 LOOKS = """
 import json, sys
-from numba.core.dispatcher import Dispatcher
 
 def read(kernel):
     (compiled,) = kernel.overloads.values()
