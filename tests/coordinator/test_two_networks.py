@@ -104,8 +104,8 @@ def test_cells_on_two_networks_hear_each_other_through_the_router_until_they_can
     def run(number, file):
         return dispatcher.submit(Order(number, file)).result(timeout=60)
 
-    loose = run(1, file.with_run(mode="async", generations=400))  # so long that all run most of the time at once
-    assert (loose.status, loose.generations) == ("exhausted", 400)
+    loose = run(1, file.with_run(mode="async", generations=4000))  # so long that all run most of the time at once
+    assert (loose.status, loose.generations) == ("exhausted", 4000)
     assert loose.messages["received"] > loose.messages["sent"] > 1000, "each has two neighbours"
     routed = run(2, file)
     wait_for(session, {keys.routed(cell) for cell in range(4)}, zenoh.SampleKind.DELETE, join)
