@@ -38,6 +38,10 @@ _LATELY = 60.0  # seconds
 _MOST_DEATHS = 20  # more than each process once: something is wrong that no new process mends
 _WAKING = {signal.SIGCHLD, signal.SIGIO}
 _LIBC = ctypes.CDLL(None)
+# What each child calls before it is one: looked up once, and in no other terms than the C library's.
+_prctl, _sigmask = _LIBC.prctl, _LIBC.pthread_sigmask
+_SIGKILL, _SET_MASK = int(signal.SIGKILL), int(signal.SIG_SETMASK)
+_NO_SIGNALS = ctypes.create_string_buffer(128)  # an empty sigset_t, which is no longer than that
 
 
 def main() -> None:
@@ -85,6 +89,7 @@ class Zygote:
         self.service = service  # `coordinator.launcher.ServiceOptions`, as JSON has them
         self.children: dict[int, str] = {}  # process id to name
         self._batons: Batons = {}
+        self._nothing = os.open(os.devnull, os.O_RDWR)
         self._deaths: list[float] = []  # of late, on the monotonic clock
 
     def run(self) -> None:
@@ -95,6 +100,7 @@ class Zygote:
         topology.neighbours(topologies.ROOT)  # a random graph is built here, not in each child
         self._warm_up(topology.cells)
         signal.pthread_sigmask(signal.SIG_BLOCK, _WAKING)
+        signal.signal(signal.SIGIO, signal.SIG_DFL)  # from now on it is waited for
         complaint = self._fork_router()
         if complaint is not None:
             _tell({"died": "router", "how": complaint})
@@ -111,7 +117,7 @@ class Zygote:
 
     def _warm_up(self, nodes: int) -> None:
         """Import all that a child will need, and no more garbage collection of it: children share its pages."""
-        gc.disable()  # hardly anything of what is imported is garbage
+        gc.disable()  # next to nothing of what is imported is garbage
         import_all()
         import node.baton
         import node.process
@@ -123,10 +129,11 @@ class Zygote:
         self._batons = node.baton.for_all_cores(nodes)
         self._spy_watch, self._node_live = spy.process.watch, node.process.live
         gc.enable()
-        gc.collect()
         gc.freeze()
+        fork_memory.forget_lookups()
         fork_memory.fill_holes()
         fork_memory.join_mappings()
+        fork_memory.move_to_files()
 
     def _fork_router(self) -> str | None:
         """The router first: when it listens, the others need not try twice. Why it does not, if so."""
@@ -178,7 +185,7 @@ class Zygote:
             self.children[process] = name
             return
         try:
-            _be_a_child(parent, name)
+            _be_a_child(parent, name, self._nothing)
             live()
         except BaseException as error:
             self._log("error", f"{type(error).__name__}: {error}", name, name)
@@ -251,17 +258,15 @@ class Zygote:
         shutil.rmtree(self.folder, ignore_errors=True)
 
 
-def _be_a_child(parent: int, name: str) -> None:
+def _be_a_child(parent: int, name: str, nothing: int) -> None:
     """Die with the zygote, take signals as any process does, leave its pipes alone, and be known by name to `ps`."""
-    _LIBC.prctl(_PR_SET_NAME, f"sn {name}".encode())
-    _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    _prctl(_PR_SET_NAME, f"sn {name}".encode())
+    _prctl(_PR_SET_PDEATHSIG, _SIGKILL)
     if os.getppid() != parent:
         os._exit(1)
     if os.getsid(0) == parent and not name.startswith("node "):  # the zygote leads the session of a crowd
         os.setsid()
-    signal.signal(signal.SIGIO, signal.SIG_DFL)
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, _WAKING)
-    nothing = os.open(os.devnull, os.O_RDWR)
+    _sigmask(_SET_MASK, _NO_SIGNALS, None)
     os.dup2(nothing, 0)
     os.dup2(nothing, 1)
     os.close(nothing)

@@ -26,7 +26,7 @@ if getattr(numba.config, "USING_SVML", False):  # somebody imported it before th
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 _ROOT = Path(__file__).resolve().parent.parent
-_PACKAGES = ("genetics", "problems", "wire", "node")
+_PACKAGES = ("genetics", "problems", "wire", "node")  # `coordinator` has one kernel, that none of another file calls
 _GENERATIONS_KEPT = 4
 
 

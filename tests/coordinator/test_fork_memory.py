@@ -1,8 +1,11 @@
 """What a process does about its memory before it forks, in processes of their own."""
 
 import json
+import os
 import subprocess
 import sys
+
+ONE_THREAD = os.environ | {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
 
 PUT_SMALL_THINGS = """
 import ctypes
@@ -19,9 +22,14 @@ print(len({{address // 4096 for address in mine}}))
 """
 
 
+def run(script):
+    """What it prints."""
+    done = subprocess.run([sys.executable, "-c", script], check=True, capture_output=True, text=True, env=ONE_THREAD)
+    return done.stdout
+
+
 def pages_of_what_comes(prepare):
-    script = PUT_SMALL_THINGS.format(prepare=prepare)
-    return int(subprocess.run([sys.executable, "-c", script], check=True, capture_output=True, text=True).stdout)
+    return int(run(PUT_SMALL_THINGS.format(prepare=prepare)))
 
 
 def test_what_comes_after_the_holes_are_filled_lies_side_by_side():
@@ -30,19 +38,134 @@ def test_what_comes_after_the_holes_are_filled_lies_side_by_side():
     assert pages_of_what_comes("fork_memory.fill_holes()") < 1.1 * needed + 4
 
 
+PUT_SMALL_OBJECTS = """
+from coordinator import fork_memory
+
+sizes = range(40, 500, 20)
+objects = [bytes(size) for size in sizes for _ in range(2000)]
+del objects[::2]
+{prepare}
+mine = [bytes(size) for size in sizes for _ in range(200)]
+print(len({{id(each) // 4096 for each in mine}}))
+"""
+
+
+def test_pools_of_small_objects_have_no_holes_either():
+    def pages(prepare):
+        script = PUT_SMALL_OBJECTS.format(prepare=prepare)
+        return int(run(script))
+
+    sizes = range(40, 500, 20)
+    needed = sum(200 * (size + 33) / 4096 for size in sizes)
+    assert pages("") > 1.5 * needed, "or else this shows nothing"
+    assert pages("fork_memory.fill_holes()") < 1.1 * needed + 2 * len(sizes)
+
+
+def test_a_child_that_looks_attributes_up_does_not_write_to_the_names_of_others():
+    script = """
+import os, resource
+from coordinator import fork_memory
+
+class Wide:
+    pass
+
+# On a page each: as many others of that length between them. Longer ones than 100 are not kept.
+strings = [f"{each:06}" + "." * 80 for each in range(10_000 * 30)]
+names = strings[::30]
+for name in names:
+    setattr(Wide, name, None)
+few = names[:300]
+for name in few:  # the first time may write elsewhere too
+    getattr(Wide, name)
+for name in names:
+    getattr(Wide, name)
+%s
+
+def pages_copied():
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+    for name in few:
+        getattr(Wide, name)
+    return resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before
+
+told, tell = os.pipe()
+if os.fork() == 0:
+    os.write(tell, str(pages_copied()).encode())
+    os._exit(0)
+print(os.read(told, 99).decode())
+os.wait()
+"""
+    full = int(run(script % ""))
+    assert full > 200, "or else this shows nothing"
+    assert int(run(script % "fork_memory.forget_lookups()")) < 0.7 * full
+
+
 def test_nothing_that_is_in_memory_changes():
     script = """
 import ctypes, hashlib
+import numpy as np
 from coordinator import fork_memory
 kept = [bytes([each % 256]) * (each % 5000) for each in range(20_000)]
+numbers = np.arange(1_000_000)
 before = hashlib.sha256(b"".join(kept)).digest()
-fork_memory.fill_holes()
-fork_memory.fill_holes()
+for _ in range(2):
+    fork_memory.forget_lookups()
+    fork_memory.fill_holes()
+    fork_memory.join_mappings()
+    fork_memory.move_to_files()
 more = [bytes([255]) * each for each in range(3000)]
-print(hashlib.sha256(b"".join(kept)).digest() == before)
+same = hashlib.sha256(b"".join(kept)).digest() == before
+import decimal  # another library, and memory from the system
+print(same, numbers.sum(), decimal.Decimal(1) / 8)
 """
-    done = subprocess.run([sys.executable, "-c", script], check=True, capture_output=True, text=True)
-    assert done.stdout == "True\n"
+    assert run(script) == "True 499999500000 0.125\n"
+
+
+IN_FILES = """
+import json, os, re, threading
+from pathlib import Path
+import problems.registry
+from coordinator import fork_memory
+
+problems.registry.warm_up()
+
+def anonymous():  # kB
+    return int(re.search(r"RssAnon:\\s+(\\d+)", Path("/proc/self/status").read_text())[1])
+
+kept = [bytearray(b"kept") for _ in range(10_000)]
+before = anonymous()
+{prepare}
+fork_memory.move_to_files()
+after = anonymous()
+
+told, tell = os.pipe()
+child = os.fork()
+if child == 0:
+    of_child = anonymous()
+    kept[7][:] = b"mine"
+    os.write(tell, json.dumps([of_child, kept[6].decode(), kept[7].decode()]).encode())
+    os._exit(0)
+of_child, others, mine = json.loads(os.read(told, 999))
+os.waitpid(child, 0)
+print(json.dumps([before, after, of_child, others, mine, kept[7].decode()]))
+"""
+
+
+def test_a_fork_leaves_alone_what_was_there_before():
+    before, after, of_child, *contents = json.loads(run(IN_FILES.format(prepare="")))
+    assert before > 40_000, "or else this shows nothing"
+    assert after < 0.2 * before
+    assert of_child < 0.2 * before
+    assert contents == ["kept", "mine", "kept"]
+
+
+def test_memory_stays_as_it_is_where_there_can_be_no_files_or_there_is_another_thread():
+    for prepare in (
+        "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))",
+        "threading.Thread(target=threading.Event().wait, daemon=True).start()",
+    ):
+        before, after, _, *contents = json.loads(run(IN_FILES.format(prepare=prepare)))
+        assert after >= before
+        assert contents == ["kept", "mine", "kept"]
 
 
 def test_compiled_code_and_its_constants_are_one_mapping_and_run_as_before():
@@ -81,8 +204,7 @@ def third(number):
 
 print(json.dumps([before - len(mappings()), they_were_apart, run() == found, third(6.0)]))
 """
-    done = subprocess.run([sys.executable, "-c", script], check=True, capture_output=True, text=True)
-    fewer, they_were_apart, same, two = json.loads(done.stdout)
+    fewer, they_were_apart, same, two = json.loads(run(script))
     assert they_were_apart > 50, "or else this shows nothing"
     assert fewer > 50
     assert same
