@@ -23,8 +23,10 @@ _HOLES = (*(1 << power for power in range(16, 10, -1)), *range(1024, 0, -16))  #
 _POOL = 1 << 14
 _HEAD = 48  # before its first piece, beginning with how many are in use
 _SMALL = range(16, 513, 16)  # bytes: the sizes that pools are for
-_ARENA = 1 << 20  # bytes of anonymous memory that pools come from, at least; what is smaller is not worth a file
-_PAGE = mmap.PAGESIZE
+_MOST_HOLES = 1 << 20  # bytes of each size, in pools; should Python's allocator be another one, it ends there
+_LARGE = 1 << 20  # bytes of anonymous memory, as those that pools come from; what is smaller is not worth a file
+_ROOM = 1 << 36  # bytes, none of them in memory: realloc(3) lets a mapping grow, and behind its file is nothing
+_SMAPS = Path("/proc/self/smaps")
 _MAPPING = re.compile(  # in /proc/self/smaps: ends, permissions, name, and how much of it is in no file
     r"^([0-9a-f]+)-([0-9a-f]+) (\S+) \S+ \S+ \S+ *(.*)(?:\n[A-Z].*)*?\nAnonymous: +(\d+) kB", re.MULTILINE
 )
@@ -38,6 +40,7 @@ _take_small.restype = ctypes.c_void_p
 _mmap: Any = types.ExternalFunction(
     "mmap", types.intp(types.intp, types.intp, types.int32, types.int32, types.int32, types.intp)
 )
+_madvise: Any = types.ExternalFunction("madvise", types.int32(types.intp, types.intp, types.int32))
 _pwrite: Any = types.ExternalFunction("pwrite", types.intp(types.int32, types.intp, types.intp, types.intp))
 
 
@@ -50,8 +53,8 @@ class _Heap(ctypes.Structure):
 def forget_lookups() -> None:
     """Let Python's cache of the attributes of types hold no name.
 
-    It is full of names that a child will never look up, and for each that takes the place of another it would write to
-    both: the pages of some hundred strings.
+    It is full of names that a child will never look up. Where Python counts who uses a name, a child would write to two
+    strings for each that takes the place of another.
     """
     ctypes.pythonapi.PyType_ClearCache()
 
@@ -62,7 +65,7 @@ def fill_holes() -> None:
     What it asks for afterwards lies side by side, on pages of its own; the holes, about a megabyte, are lost.
     """
     for size in _SMALL:
-        for _ in range(_ARENA // size):  # which also ends should Python's allocator be another
+        for _ in range(_MOST_HOLES // size):
             piece = _take_small(ctypes.c_size_t(size))
             if piece % _POOL == _HEAD and ctypes.c_uint.from_address(piece - _HEAD).value == 1:
                 break  # the first one of a new pool: none was left in others
@@ -101,16 +104,16 @@ def move_to_files() -> None:
     The addresses, what is there and who may write to it stay as they are. But a fork leaves pages of a file alone that
     nobody has written to: a child finds them when it needs them. Done for the heap, for Python's arenas, and for what
     the dynamic linker has written and sealed in libraries. Where there can be no such file all stays as it was, and
-    where there is another thread, since it would write meanwhile.
+    where there is another thread, since it would write meanwhile; so would the handler of a signal.
     """
-    if len(list(Path("/proc/self/task").iterdir())) > 1:
+    if not hasattr(os, "memfd_create") or not _SMAPS.exists() or len(list(Path("/proc/self/task").iterdir())) > 1:
         return
     for start, end, protection in _worth_a_file():
         with contextlib.suppress(OSError):
             file = os.memfd_create("before the fork")
             try:
-                os.ftruncate(file, end - start)
-                _move(start, end - start, protection, file)
+                os.ftruncate(file, end - start + _ROOM)
+                _move(start, end - start, mmap.PAGESIZE, protection, file)
             finally:
                 os.close(file)
 
@@ -118,20 +121,22 @@ def move_to_files() -> None:
 def _worth_a_file() -> list[tuple[int, int, int]]:
     """Mappings, each its two ends and its protection."""
     found = []
-    for start, end, permissions, name, anonymous in _MAPPING.findall(Path("/proc/self/smaps").read_text()):
+    for start, end, permissions, name, anonymous in _MAPPING.findall(_SMAPS.read_text()):
         ends = int(start, 16), int(end, 16)
-        if permissions == "rw-p" and (name == "[heap]" or (not name and ends[1] - ends[0] >= _ARENA)):
+        if permissions == "rw-p" and (name == "[heap]" or (not name and ends[1] - ends[0] >= _LARGE)):
             found.append((*ends, mmap.PROT_READ | mmap.PROT_WRITE))
         elif permissions == "r--p" and name.startswith("/") and anonymous != "0":
             found.append((*ends, mmap.PROT_READ))
     return found
 
 
-@kernel("boolean(int64, int64, int32, int32)")
-def _move(start: int, size: int, protection: int, file: int) -> bool:
-    """Whether it worked. Compiled code writes nowhere but to the stack: what was written meanwhile would be lost."""
-    for place in range(0, size, _PAGE):
-        used = octets_at(start + place, _PAGE).view(np.int64).any()
-        if used and _pwrite(file, start + place, _PAGE, place) != _PAGE:
-            return False
-    return bool(_mmap(start, size, protection, _PRIVATE_AND_THERE, file, 0) == start)
+@kernel("void(int64, int64, int64, int32, int32)")
+def _move(start: int, size: int, page: int, protection: int, file: int) -> None:
+    """Of one mapping. Compiled code writes nowhere but to the stack: what was written meanwhile would be lost."""
+    if _madvise(start, size, 0) != 0:  # a part has gone since it was listed
+        return
+    for place in range(0, size, page):
+        used = octets_at(start + place, page).view(np.int64).any()
+        if used and _pwrite(file, start + place, page, place) != page:
+            return
+    _mmap(start, size, protection, _PRIVATE_AND_THERE, file, 0)

@@ -40,8 +40,11 @@ _WAKING = {signal.SIGCHLD, signal.SIGIO}
 _LIBC = ctypes.CDLL(None)
 # What each child calls before it is one: looked up once, and in no other terms than the C library's.
 _prctl, _sigmask = _LIBC.prctl, _LIBC.pthread_sigmask
-_SIGKILL, _SET_MASK = int(signal.SIGKILL), int(signal.SIG_SETMASK)
-_NO_SIGNALS = ctypes.create_string_buffer(128)  # an empty sigset_t, which is no longer than that
+_SIGKILL, _SIG_UNBLOCK = int(signal.SIGKILL), int(signal.SIG_UNBLOCK)
+_WAKING_SET = ctypes.create_string_buffer(128)  # a sigset_t, which is no longer than that
+_LIBC.sigemptyset(_WAKING_SET)
+for _each in _WAKING:
+    _LIBC.sigaddset(_WAKING_SET, int(_each))
 
 
 def main() -> None:
@@ -266,7 +269,7 @@ def _be_a_child(parent: int, name: str, nothing: int) -> None:
         os._exit(1)
     if os.getsid(0) == parent and not name.startswith("node "):  # the zygote leads the session of a crowd
         os.setsid()
-    _sigmask(_SET_MASK, _NO_SIGNALS, None)
+    _sigmask(_SIG_UNBLOCK, _WAKING_SET, None)
     os.dup2(nothing, 0)
     os.dup2(nothing, 1)
     os.close(nothing)

@@ -5,6 +5,8 @@ import os
 import subprocess
 import sys
 
+import pytest
+
 ONE_THREAD = os.environ | {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
 
 PUT_SMALL_THINGS = """
@@ -63,7 +65,7 @@ def test_pools_of_small_objects_have_no_holes_either():
 
 def test_a_child_that_looks_attributes_up_does_not_write_to_the_names_of_others():
     script = """
-import os, resource
+import os, resource, sys
 from coordinator import fork_memory
 
 class Wide:
@@ -72,6 +74,9 @@ class Wide:
 # On a page each: as many others of that length between them. Longer ones than 100 are not kept.
 strings = [f"{each:06}" + "." * 80 for each in range(10_000 * 30)]
 names = strings[::30]
+if sys.getrefcount(sys.intern(strings[1])) > 1 << 30:  # not counted, as in Python 3.12
+    print("immortal")
+    sys.exit()
 for name in names:
     setattr(Wide, name, None)
 few = names[:300]
@@ -94,6 +99,8 @@ if os.fork() == 0:
 print(os.read(told, 99).decode())
 os.wait()
 """
+    if run(script % "") == "immortal\n":
+        pytest.skip("names are not counted")
     full = int(run(script % ""))
     assert full > 200, "or else this shows nothing"
     assert int(run(script % "fork_memory.forget_lookups()")) < 0.7 * full
@@ -115,9 +122,27 @@ for _ in range(2):
 more = [bytes([255]) * each for each in range(3000)]
 same = hashlib.sha256(b"".join(kept)).digest() == before
 import decimal  # another library, and memory from the system
+assert "memfd:before" in open("/proc/self/maps").read(), "or else this shows nothing"
 print(same, numbers.sum(), decimal.Decimal(1) / 8)
 """
     assert run(script) == "True 499999500000 0.125\n"
+
+
+def test_a_piece_of_memory_may_grow_afterwards():
+    script = """
+import ctypes
+from coordinator import fork_memory
+
+libc = ctypes.CDLL(None)
+libc.malloc.restype = libc.realloc.restype = ctypes.c_void_p
+before = libc.malloc(ctypes.c_size_t(40 << 20))  # a mapping of its own
+ctypes.memset(before, 7, 40 << 20)
+fork_memory.move_to_files()
+after = libc.realloc(ctypes.c_void_p(before), ctypes.c_size_t(120 << 20))
+ctypes.memset(after + (100 << 20), 8, 1 << 20)
+print(ctypes.string_at(after + (39 << 20), 1)[0], ctypes.string_at(after + (100 << 20), 1)[0])
+"""
+    assert run(script) == "7 8\n"
 
 
 IN_FILES = """
@@ -161,10 +186,11 @@ def test_a_fork_leaves_alone_what_was_there_before():
 def test_memory_stays_as_it_is_where_there_can_be_no_files_or_there_is_another_thread():
     for prepare in (
         "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))",
+        "del os.memfd_create",
         "threading.Thread(target=threading.Event().wait, daemon=True).start()",
     ):
         before, after, _, *contents = json.loads(run(IN_FILES.format(prepare=prepare)))
-        assert after >= before
+        assert after > 0.9 * before
         assert contents == ["kept", "mine", "kept"]
 
 
