@@ -27,7 +27,7 @@ _MOST_HOLES = 1 << 20  # bytes of each size, in pools; should Python's allocator
 _LARGE = 1 << 20  # bytes of anonymous memory, as those that pools come from; what is smaller is not worth a file
 _ROOM = 1 << 36  # bytes, none of them in memory: realloc(3) lets a mapping grow, and behind its file is nothing
 _SMAPS = Path("/proc/self/smaps")
-_MAPPING = re.compile(  # in /proc/self/smaps: ends, permissions, name, and how much of it is in no file
+_MAPPING = re.compile(
     r"^([0-9a-f]+)-([0-9a-f]+) (\S+) \S+ \S+ \S+ *(.*)(?:\n[A-Z].*)*?\nAnonymous: +(\d+) kB", re.MULTILINE
 )
 _PRIVATE_AND_THERE = mmap.MAP_PRIVATE | 0x10  # MAP_FIXED
@@ -88,13 +88,10 @@ def join_mappings() -> None:
 
     LLVM makes two for each kernel, and a fork describes every mapping anew.
     """
-    mappings = [line.split(maxsplit=5) for line in Path("/proc/self/maps").read_text().splitlines()]
-    # The last word of a line is the inode, 0, where no file and no name follows.
-    anonymous = [(addresses.split("-"), permissions) for addresses, permissions, *_, last in mappings if last == "0"]
-    of_code = {each for addresses, permissions in anonymous if permissions == "r-xp" for each in addresses}
-    for addresses, permissions in anonymous:
-        if permissions == "r--p" and of_code.intersection(addresses):
-            start, end = (int(address, 16) for address in addresses)
+    anonymous = [(ends, permissions) for *ends, permissions, name, _ in _mappings() if not name]
+    of_code = {end for ends, permissions in anonymous if permissions == "r-xp" for end in ends}
+    for (start, end), permissions in anonymous:
+        if permissions == "r--p" and of_code.intersection((start, end)):
             _LIBC.mprotect(ctypes.c_void_p(start), ctypes.c_size_t(end - start), mmap.PROT_READ | mmap.PROT_EXEC)
 
 
@@ -106,7 +103,7 @@ def move_to_files() -> None:
     the dynamic linker has written and sealed in libraries. Where there can be no such file all stays as it was, and
     where there is another thread, since it would write meanwhile; so would the handler of a signal.
     """
-    if not hasattr(os, "memfd_create") or not _SMAPS.exists() or len(list(Path("/proc/self/task").iterdir())) > 1:
+    if not hasattr(os, "memfd_create") or len(list(Path("/proc/self/task").iterdir())) > 1:
         return
     for start, end, protection in _worth_a_file():
         with contextlib.suppress(OSError):
@@ -121,13 +118,20 @@ def move_to_files() -> None:
 def _worth_a_file() -> list[tuple[int, int, int]]:
     """Mappings, each its two ends and its protection."""
     found = []
-    for start, end, permissions, name, anonymous in _MAPPING.findall(_SMAPS.read_text()):
-        ends = int(start, 16), int(end, 16)
-        if permissions == "rw-p" and (name == "[heap]" or (not name and ends[1] - ends[0] >= _LARGE)):
-            found.append((*ends, mmap.PROT_READ | mmap.PROT_WRITE))
-        elif permissions == "r--p" and name.startswith("/") and anonymous != "0":
-            found.append((*ends, mmap.PROT_READ))
+    for start, end, permissions, name, changed in _mappings():
+        if permissions == "rw-p" and (name == "[heap]" or (not name and end - start >= _LARGE)):
+            found.append((start, end, mmap.PROT_READ | mmap.PROT_WRITE))
+        elif permissions == "r--p" and name.startswith("/") and changed:
+            found.append((start, end, mmap.PROT_READ))
     return found
+
+
+def _mappings() -> list[tuple[int, int, str, str, int]]:
+    """Of this process: ends, permissions, name, and how many kilobytes of each are in no file; none if unknown."""
+    if not _SMAPS.exists():
+        return []
+    found = _MAPPING.findall(_SMAPS.read_text())
+    return [(int(start, 16), int(end, 16), *words, int(kilobytes)) for start, end, *words, kilobytes in found]
 
 
 @kernel("void(int64, int64, int64, int32, int32)")

@@ -43,8 +43,8 @@ _prctl, _sigmask = _LIBC.prctl, _LIBC.pthread_sigmask
 _SIGKILL, _SIG_UNBLOCK = int(signal.SIGKILL), int(signal.SIG_UNBLOCK)
 _WAKING_SET = ctypes.create_string_buffer(128)  # a sigset_t, which is no longer than that
 _LIBC.sigemptyset(_WAKING_SET)
-for _each in _WAKING:
-    _LIBC.sigaddset(_WAKING_SET, int(_each))
+_LIBC.sigaddset(_WAKING_SET, int(signal.SIGCHLD))
+_LIBC.sigaddset(_WAKING_SET, int(signal.SIGIO))
 
 
 def main() -> None:

@@ -30,14 +30,14 @@ def run(script):
     return done.stdout
 
 
-def pages_of_what_comes(prepare):
-    return int(run(PUT_SMALL_THINGS.format(prepare=prepare)))
+def pages_of_what_comes(script, prepare):
+    return int(run(script.format(prepare=prepare)))
 
 
 def test_what_comes_after_the_holes_are_filled_lies_side_by_side():
     needed = 100 * (40 + 200 + 700 + 3000) / 4096
-    assert pages_of_what_comes("") > 1.5 * needed, "or else this shows nothing"
-    assert pages_of_what_comes("fork_memory.fill_holes()") < 1.1 * needed + 4
+    assert pages_of_what_comes(PUT_SMALL_THINGS, "") > 1.5 * needed, "or else this shows nothing"
+    assert pages_of_what_comes(PUT_SMALL_THINGS, "fork_memory.fill_holes()") < 1.1 * needed + 4
 
 
 PUT_SMALL_OBJECTS = """
@@ -53,14 +53,10 @@ print(len({{id(each) // 4096 for each in mine}}))
 
 
 def test_pools_of_small_objects_have_no_holes_either():
-    def pages(prepare):
-        script = PUT_SMALL_OBJECTS.format(prepare=prepare)
-        return int(run(script))
-
     sizes = range(40, 500, 20)
     needed = sum(200 * (size + 33) / 4096 for size in sizes)
-    assert pages("") > 1.5 * needed, "or else this shows nothing"
-    assert pages("fork_memory.fill_holes()") < 1.1 * needed + 2 * len(sizes)
+    assert pages_of_what_comes(PUT_SMALL_OBJECTS, "") > 1.5 * needed, "or else this shows nothing"
+    assert pages_of_what_comes(PUT_SMALL_OBJECTS, "fork_memory.fill_holes()") < 1.1 * needed + 2 * len(sizes)
 
 
 def test_a_child_that_looks_attributes_up_does_not_write_to_the_names_of_others():
