@@ -12,36 +12,38 @@ from pathlib import Path
 import supernode
 from coordinator.scaling.measure import memory_of_nodes
 from problems.file import parse
+from wire.news import Statistics
 
 _PROBLEM = 'kind = "function"\nname = "onemax"\ndimension = 64\n'
 
 
 def main() -> None:
-    """Print a line before the job, one each minute, one after it, and what came of it."""
+    """Print a line before the job, one in each minute, one after it, and what came of it."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--torus", default="32x32", help="its size")
     parser.add_argument("--minutes", type=int, default=10, help="of the job")
     options = parser.parse_args()
     file = parse(_PROBLEM, "benchmark", Path()).with_run(target=-1.0, mode="async", seconds=60.0 * options.minutes)
     with supernode.LocalCluster(topology=f"torus {options.torus}") as cluster:
-        print("| minute | processes alive | PSS of a node, MB | descriptors |")
-        print("|---:|---:|---:|---:|")
-        _look(cluster, "before")
-        job, start = cluster.submit(file), time.monotonic()
-        for minute in range(1, options.minutes):
-            time.sleep(max(0.0, start + 60.0 * minute - time.monotonic()))
-            _look(cluster, str(minute))
+        print("| minute | processes alive | PSS of a node, MB | descriptors | messages lost |")
+        print("|---:|---:|---:|---:|---:|")
+        _look(cluster, "before", 0)
+        job, start, minute = cluster.submit(file), time.monotonic(), 1
+        for event in job.events():
+            if isinstance(event, Statistics) and minute < options.minutes and time.monotonic() >= start + 60.0 * minute:
+                _look(cluster, str(minute), event.lost)
+                minute += 1
         result = job.result()
-        _look(cluster, "after")
+        _look(cluster, "after", result.messages["lost"])
         print(f"\n{result.evaluations:,} evaluations in {result.seconds:.0f} s; messages: {result.messages}")
 
 
-def _look(cluster: supernode.LocalCluster, when: str) -> None:
+def _look(cluster: supernode.LocalCluster, when: str, lost: int) -> None:
     """At all processes but the coordinator."""
     folders = [Path(f"/proc/{process}/fd") for process in cluster.processes.values()]
     alive = [list(folder.iterdir()) for folder in folders if folder.exists()]
-    descriptors = sum(map(len, alive))
-    print(f"| {when} | {len(alive)} | {memory_of_nodes(cluster) / 1e6:.2f} | {descriptors} |", flush=True)
+    memory, descriptors = memory_of_nodes(cluster) / 1e6, sum(map(len, alive))
+    print(f"| {when} | {len(alive)} | {memory:.2f} | {descriptors} | {lost} |", flush=True)
 
 
 if __name__ == "__main__":
