@@ -1,16 +1,12 @@
-"""How hot loops are compiled: when their module is imported, once, and kept on disk.
+"""How hot loops are compiled: when their module is imported, once, and kept on disk (`genetics.kernel_cache`).
 
 Kernels carry explicit signatures, so that importing a module compiles it (or loads it from the cache) and a process
-forked afterwards never compiles. Numba notices a change of a kernel's own file, but not of the kernels that it calls
-in other files: a stale copy would silently break bit-identical replay. So the cache folder is named by a digest of all
-sources that may hold kernels.
+forked afterwards never compiles.
 """
 
-import hashlib
+import inspect
 import os
-import shutil
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any, TypeVar
 
 # Bits must not depend on whether Intel's vector mathematics happens to be installed; numba asks when it is imported.
@@ -18,6 +14,7 @@ os.environ.setdefault("NUMBA_DISABLE_INTEL_SVML", "1")
 
 import numba
 
+from genetics.kernel_cache import ModuleLocator, keep_kernels_of
 from genetics.quick_loading import load_quickly
 
 if getattr(numba.config, "USING_SVML", False):  # somebody imported it before this project
@@ -25,38 +22,19 @@ if getattr(numba.config, "USING_SVML", False):  # somebody imported it before th
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
-_ROOT = Path(__file__).resolve().parent.parent
-_PACKAGES = ("genetics", "problems", "wire", "node")  # `coordinator` has one kernel, that none of another file calls
-_GENERATIONS_KEPT = 4
+_NUMBAS_LOCATORS = (
+    "UserProvidedCacheLocator,InTreeCacheLocator,UserWideCacheLocator,IPythonCacheLocator,ZipCacheLocator"
+)
 
 
-def _sources_digest() -> str:
-    digest = hashlib.sha256(numba.__version__.encode())
-    for package in _PACKAGES:
-        for source in sorted((_ROOT / package).rglob("*.py")):
-            status = source.stat()
-            digest.update(f"{source}:{status.st_mtime_ns}:{status.st_size}\n".encode())
-    return digest.hexdigest()[:16]
-
-
-def _use_cache_of_these_sources() -> None:
-    if "NUMBA_CACHE_DIR" in os.environ:
-        return
-    home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "supernode"
-    folder = home / f"kernels-{_sources_digest()}"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        os.utime(folder)
-        by_age = sorted(home.glob("kernels-*"), key=lambda path: path.stat().st_mtime, reverse=True)
-    except OSError:
-        return  # no home to write to: numba falls back to its own choice
-    for old in by_age[_GENERATIONS_KEPT:]:
-        shutil.rmtree(old, ignore_errors=True)
+def _use_our_cache() -> None:
+    """Ask this project's locator first; if it knows nothing of a function, numba's own ones."""
     numba.config.reload_config()  # type: ignore[no-untyped-call] # else it would later, and forget what follows
-    setattr(numba.config, "CACHE_DIR", str(folder))  # noqa: B010 - numba makes its settings when imported
+    locator = f"{ModuleLocator.__module__}.{ModuleLocator.__name__}"
+    setattr(numba.config, "CACHE_LOCATOR_CLASSES", f"{locator},{_NUMBAS_LOCATORS}")  # noqa: B010 - made when imported
 
 
-_use_cache_of_these_sources()
+_use_our_cache()
 load_quickly()
 
 
@@ -70,6 +48,7 @@ def kernel(signature: Any, may_be_long: bool = False) -> Callable[[Function], Fu
     compiler: Any = numba.njit(signature, cache=True, error_model="numpy", nogil=may_be_long)
 
     def compile_now(function: Function) -> Function:
+        keep_kernels_of(inspect.getfile(function))
         compiled: Function = compiler(function)
         return compiled
 
@@ -85,9 +64,13 @@ def entry(function: Any) -> Callable[..., Any]:
 
 def c_function(signature: Any) -> Callable[[Function], Any]:
     """Compile a function that code in C calls by its ``address``."""
-    compiler: Any = numba.cfunc
-    compiled: Callable[[Function], Any] = compiler(signature, cache=True, error_model="numpy")
-    return compiled
+    compiler: Any = numba.cfunc(signature, cache=True, error_model="numpy")
+
+    def compile_now(function: Function) -> Any:
+        keep_kernels_of(inspect.getfile(function))
+        return compiler(function)
+
+    return compile_now
 
 
 def subroutine(function: Function) -> Function:

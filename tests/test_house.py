@@ -51,7 +51,8 @@ PURE = [
     *(ROOT / "coordinator" / f"{name}.py" for name in ("scheduler", "states")),
 ]
 STATED_EXCEPTIONS = {
-    "genetics/compiled.py": {"os", "shutil", "pathlib"},  # it looks after the folder of its cache
+    "genetics/compiled.py": {"inspect", "os"},  # it tells the cache which file a kernel is from
+    "genetics/kernel_cache.py": {"os", "pathlib", "shutil"},  # it looks after the folders of compiled kernels
     "genetics/quick_loading.py": {"importlib", "llvmlite", "sys"},  # it looks after what numba loads
 }
 
