@@ -175,6 +175,19 @@ class Problem(Table):
         """A champion of this fitness or less solves the problem; None if there is no such figure."""
         return None
 
+    def next_attempt(self, attempt: int) -> dict[str, Any] | None:
+        """The fields to change for another attempt at this problem; ``{}``: none; None: it is not tried again.
+
+        Asked of the problem of the attempt before, which may stall without reaching its target. The next attempt begins
+        with new individuals, and with another seed. What is changed may alter how solutions are coded, not what they
+        are: the fitness stays comparable, and `check` of the problem without these changes accepts what is found with
+        them. Every process asks, some more than once: this is to be cheap, and the same each time.
+
+        Args:
+            attempt: its number; 1 is the first restart.
+        """
+        return None
+
     def for_recipe(self, name: RecipeName, deme: int) -> Self:
         """This problem with whatever the recipe leaves open filled in (such as the code of its bits)."""
         return self
