@@ -32,13 +32,15 @@ class LocalCluster:
     Args:
         torus: rows and columns.
         topology: instead of ``torus``, a text such as ``"torus 4x4"``.
+        force: start it even if this machine cannot hold so many nodes.
 
     Raises:
         ValueError: if there is no such topology.
+        BadInput: if this machine cannot hold so many nodes.
         ClusterFailed: if a process dies before all are ready.
     """
 
-    def __init__(self, torus: tuple[int, int] = (4, 4), *, topology: str | None = None) -> None:
+    def __init__(self, torus: tuple[int, int] = (4, 4), *, topology: str | None = None, force: bool = False) -> None:
         called = time.monotonic()
         self.topology = topologies.parse(topology or f"torus {torus[0]}x{torus[1]}")
         self.keys = Keys(secrets.token_hex(4))
@@ -47,7 +49,7 @@ class LocalCluster:
         self._submitted = 0
         self._closed = False
         self._dispatcher: Dispatcher | None = None
-        self._launcher = Launcher(self.keys.cluster, self.topology.spec, self._on_death)
+        self._launcher = Launcher(self.keys.cluster, self.topology.spec, self._on_death, force=force)
         self._session: zenoh.Session | None = None
         try:
             session = self._connect()

@@ -14,6 +14,7 @@ from functools import partial
 
 import zenoh
 
+from coordinator import capacity
 from coordinator.errors import ClusterFailed
 from coordinator.launcher import make_folder
 from coordinator.zygote import Zygote
@@ -39,9 +40,14 @@ class HostZygote(Zygote):
         cluster: the name of the cluster.
         router: the endpoint of its router.
         host: this one, which has no numbers yet.
+        force: start its nodes even if this machine cannot hold so many.
+
+    Raises:
+        BadInput: if it cannot; says how many it can.
     """
 
-    def __init__(self, cluster: str, router: str, host: Host) -> None:
+    def __init__(self, cluster: str, router: str, host: Host, *, force: bool = False) -> None:
+        capacity.check(host.wants, force=force, has_router=False)
         folder, self._lock = make_folder()
         super().__init__(cluster, "", folder)
         self._router = router

@@ -15,6 +15,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import topologies
+from coordinator import capacity
 from coordinator.errors import ClusterFailed
 
 _PREFIX = "supernode-"
@@ -64,6 +65,10 @@ class Launcher:
         topology: how nodes are linked until a job says otherwise.
         on_death: called with why the cluster is no use any more, or with None if a client has ended it.
         service: for a cluster that stays up.
+        force: start it even if this machine cannot hold so many nodes.
+
+    Raises:
+        BadInput: if it cannot; says how many it can.
 
     Attributes:
         folder: private, holds the Unix sockets; gone when the cluster has ended.
@@ -76,7 +81,11 @@ class Launcher:
         topology: str,
         on_death: Callable[[str | None], None],
         service: ServiceOptions | None = None,
+        *,
+        force: bool = False,
     ) -> None:
+        nodes = topologies.parse(topology).cells
+        capacity.check(nodes, force=force)
         self.folder, lock = make_folder()
         self._lock: int | None = lock
         self.processes: dict[str, int] = {}
@@ -85,7 +94,7 @@ class Launcher:
         self._closing = False
         told = None if service is None else asdict(service) | {"state": (service.state or self.folder).absolute()}
         config = {"cluster": cluster, "topology": topology, "folder": self.folder, "service": told}
-        crowded = topologies.parse(topology).cells >= _CROWD
+        crowded = nodes >= _CROWD
         self._zygote = subprocess.Popen(
             [sys.executable, "-P", "-m", "coordinator.zygote", json.dumps(config, default=str)],
             stdin=subprocess.PIPE,

@@ -2,6 +2,7 @@
 
 import os
 import re
+import resource
 import signal
 from collections.abc import Sequence
 
@@ -19,6 +20,8 @@ def route(endpoints: Sequence[str], ready: int) -> None:
     Raises:
         ClusterFailed: if it cannot listen there.
     """
+    _, most_files = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (most_files, most_files))  # one for each node; 1024 by default
     sessions.use_runtime(sessions.ROUTER_RUNTIME)
     try:
         session = sessions.router(endpoints)

@@ -38,6 +38,7 @@ class Wish:
     topology: str
     service: ServiceOptions
     dashboard: "Door | None" = None
+    force: bool = False
 
 
 @dataclass(frozen=True)
@@ -79,7 +80,7 @@ def wish_of(options: argparse.Namespace, folder: Path) -> Wish:
         keep_records=keep_records,
         allow_modules=tuple(options.allow_module),
     )
-    return Wish(_topology(options), service, wished_door(options))
+    return Wish(_topology(options), service, wished_door(options), options.force)
 
 
 def check_library(command: str) -> None:
@@ -175,12 +176,13 @@ class Upkeep:
         """The cluster, from when it answers on.
 
         Raises:
-            BadInput: if its dashboard cannot be where it should.
+            BadInput: if its dashboard cannot be where it should, or this machine cannot hold so many nodes.
             ClusterFailed: if it does not come up.
         """
         cluster = secrets.token_hex(4)
         with self._dashboard() as dashboard:
-            launcher = Launcher(cluster, self._wish.topology, self._ends.put, service=self._wish.service)
+            wish = self._wish
+            launcher = Launcher(cluster, wish.topology, self._ends.put, service=wish.service, force=wish.force)
             try:
                 if not launcher.started.wait(_READY_WITHIN):
                     raise ClusterFailed(f"not ready within {_READY_WITHIN:.0f} s")

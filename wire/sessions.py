@@ -16,7 +16,7 @@ import zenoh
 NODE_RUNTIME = "(rx:(handover:net),acc:(handover:net),tx:(handover:net),app:(handover:net),net:(worker_threads:1))"
 ROUTER_RUNTIME = "(rx:(worker_threads:1),acc:(handover:net),tx:(handover:net),app:(handover:net))"
 
-_MOST_SESSIONS = 10_000
+MOST_SESSIONS = 10_000
 _SLOW_MS = 60_000
 _MOST_MESSAGE_BYTES = 64 << 20  # the longest answer to a client
 _ALWAYS: dict[str, Any] = {
@@ -27,8 +27,8 @@ _ALWAYS: dict[str, Any] = {
     "transport/link/tx/lease": _SLOW_MS,
     "transport/link/tx/keep_alive": 2,
     "transport/link/rx/max_message_size": _MOST_MESSAGE_BYTES,
-    "transport/unicast/max_sessions": _MOST_SESSIONS,
-    "transport/unicast/accept_pending": _MOST_SESSIONS,
+    "transport/unicast/max_sessions": MOST_SESSIONS,
+    "transport/unicast/accept_pending": MOST_SESSIONS,
     "transport/unicast/open_timeout": _SLOW_MS,
     "transport/unicast/accept_timeout": _SLOW_MS,
     # Neighbours start in any order: keep trying, at once and patiently.

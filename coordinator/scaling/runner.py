@@ -25,9 +25,18 @@ class Runner:
 
     Args:
         say: told of each step, in one line.
+        force: launch clusters even if this machine cannot hold so many nodes.
     """
 
-    def __init__(self, file: ProblemFile, parameters: Parameters, journal: Journal, say: Callable[[str], None]) -> None:
+    def __init__(
+        self,
+        file: ProblemFile,
+        parameters: Parameters,
+        journal: Journal,
+        say: Callable[[str], None],
+        *,
+        force: bool = False,
+    ) -> None:
         self.file = file
         self.parameters = parameters
         self.journal = journal
@@ -36,6 +45,7 @@ class Runner:
         self._all = len(cases)
         self._done = sum(not journal.lacks(case) for case in cases)
         self._failures = 0
+        self._force = force
 
     def run(self) -> None:
         """Make every run that is missing.
@@ -84,12 +94,12 @@ class Runner:
         """Launches beyond the one that is needed, if a sample is wanted."""
         done = sum(record["nodes"] == nodes for record in self.journal.of_type("launch"))
         for _ in range(done, self.parameters.launches - 1):
-            with LocalCluster(topology=torus_of(nodes)) as cluster:
+            with LocalCluster(topology=torus_of(nodes), force=self._force) as cluster:
                 self._keep_launch(cluster, nodes)
 
     def _serve(self, nodes: int, waiting: "deque[Case]") -> str | None:
         """Launch a cluster and let it make runs, until all are made or one fails; why that one did."""
-        with LocalCluster(topology=torus_of(nodes)) as cluster:
+        with LocalCluster(topology=torus_of(nodes), force=self._force) as cluster:
             self._keep_launch(cluster, nodes)
             preparation = self._preparation(cluster, waiting[0])
             while waiting:

@@ -22,6 +22,11 @@ def add_place(parser: "argparse._ActionsContainer") -> None:
     where.add_argument("--connect", metavar="ENDPOINT", help="that of a running cluster: tcp/192.168.1.7:7447")
 
 
+def add_force(parser: "argparse._ActionsContainer") -> None:
+    """Whether to start more nodes than the machine can hold."""
+    parser.add_argument("--force", action="store_true", help="start the nodes even if this machine cannot hold so many")
+
+
 def add_job(parser: argparse.ArgumentParser, **more: Any) -> None:
     """Which job."""
     parser.add_argument("job", metavar="JOB", help="the job's id, as `submit` printed it", **more)

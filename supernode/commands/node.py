@@ -3,6 +3,7 @@
 import argparse
 
 from supernode import exits
+from supernode.commands.cluster_options import add_force
 from supernode.commands.role_options import (
     add_membership,
     add_option,
@@ -30,6 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         " tcp/192.168.1.8:7450; 0.0.0.0 stands for this machine's own address (links between hosts by the router)",
         metavar="ENDPOINT",
     )
+    add_force(parser)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -45,7 +47,8 @@ def run(options: argparse.Namespace) -> int:
     from wire.hosts import Host
 
     name = options.host or f"{socket.gethostname()}-{os.getpid()}"
-    HostZygote(cluster, router, Host(secrets.token_hex(4), name, nodes, listen)).run()
+    host = Host(secrets.token_hex(4), name, nodes, listen)
+    HostZygote(cluster, router, host, force=options.force).run()
     return exits.OK
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from supernode import exits
+from supernode.commands.cluster_options import add_force
 
 if TYPE_CHECKING:
     from coordinator.scaling.experiment import Parameters
@@ -52,6 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--output", metavar="DIR", required=True, help="the folder of the experiment")
     _add_grid(parser.add_argument_group("what to compare (lists are separated by commas)"))
     _add_run(parser.add_argument_group("how to run (each wins over the file's [run] table)"))
+    add_force(parser)
     out = parser.add_argument_group("what to tell")
     out.add_argument("--json", action="store_true", help="print the summary as one JSON object")
     out.add_argument("--quiet", action="store_true", help="no progress on stderr")
@@ -96,12 +98,14 @@ def _add_run(run: argparse._ArgumentGroup) -> None:
 def run(options: argparse.Namespace) -> int:
     """Make the missing runs, write everything that is derived from all, and print the summary."""
     _check_libraries()
+    from coordinator import capacity
     from coordinator.scaling.experiment import design
     from problems import load
 
     file = load(options.problem)
     with contextlib.redirect_stdout(sys.stderr):  # a user's module may print
         parameters = design(file, **_given(options))
+        capacity.check(max(parameters.nodes), force=options.force)  # before hours of smaller sizes
         text = _experiment(file, parameters, options)
     print(text)
     return exits.OK
@@ -136,7 +140,7 @@ def _experiment(file: "ProblemFile", parameters: "Parameters", options: argparse
 
     with Journal(Path(options.output), describe(file, parameters)) as journal:
         try:
-            Runner(file, parameters, journal, say).run()
+            Runner(file, parameters, journal, say, force=options.force).run()
         except KeyboardInterrupt:
             say(f"interrupted; the same command goes on from here, {len(journal.runs)} runs are in {journal.folder}")
             raise

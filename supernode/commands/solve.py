@@ -10,7 +10,7 @@ import resource
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from supernode.commands.cluster_options import add_place, connected
+from supernode.commands.cluster_options import add_force, add_place, connected
 from supernode.commands.dashboard_options import add_dashboard
 from supernode.commands.run_options import add_run_options, chosen_file
 
@@ -30,7 +30,9 @@ _DRAIN_SECONDS = 3.0  # what cells get to stop in after Ctrl-C
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of a run, and where."""
     add_run_options(parser)
-    add_place(parser.add_argument_group("where (by default on a cluster of its own)"))
+    where = parser.add_argument_group("where (by default on a cluster of its own)")
+    add_place(where)
+    add_force(where)
     add_dashboard(parser)
 
 
@@ -69,7 +71,8 @@ def _on_a_shown_one(file: "ProblemFile", options: argparse.Namespace, door: "Doo
     check_library("solve --dashboard")
     module, own, _ = file.kind.partition(":")
     service = ServiceOptions(max_queue=0, allow_modules=(module,) if own else (), modules=file.folder)
-    with Upkeep(Wish(file.run.topology, service, door)).up() as up, Client(Place.at(up.endpoint)) as client:
+    wish = Wish(file.run.topology, service, door, options.force)
+    with Upkeep(wish).up() as up, Client(Place.at(up.endpoint)) as client:
         if not options.quiet:
             print(f"dashboard of this run: {up.dashboard}", file=sys.stderr)
         result, interrupted = _followed(client, file, options)
@@ -101,7 +104,7 @@ def _on_its_own(file: "ProblemFile", options: argparse.Namespace) -> int:
     topology = topologies.parse(file.run.topology)
     with Terminal(topology, options.quiet) as terminal:
         terminal.say(f"starting nodes: {topology.cells} ({topology.spec})")
-        with LocalCluster(topology=topology.spec) as cluster:
+        with LocalCluster(topology=topology.spec, force=options.force) as cluster:
             terminal.say(f"ready after {cluster.seconds_to_ready:.2f} s")
             result, interrupted = _follow(cluster, cluster.submit(file, log=log), terminal)
     return present(replace(result, cpu_seconds=_cpu_seconds()), file, options, interrupted)

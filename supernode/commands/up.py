@@ -4,6 +4,7 @@ import argparse
 from typing import TYPE_CHECKING
 
 from supernode import exits
+from supernode.commands.cluster_options import add_force
 from supernode.commands.dashboard_options import add_dashboard
 from supernode.commands.role_options import add_log_json
 from supernode.commands.run_options import torus, whole
@@ -48,6 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="let jobs name problems of this module of yours (none)",
     )
     add_dashboard(parser)
+    add_force(parser)
     parser.add_argument("--detach", action="store_true", help="return when the cluster is ready, and leave it running")
 
 

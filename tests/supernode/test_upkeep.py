@@ -27,7 +27,7 @@ class FakeLauncher:
 
     latest = None
 
-    def __init__(self, cluster, topology, on_death, *, service):
+    def __init__(self, cluster, topology, on_death, *, service, force):
         FakeLauncher.latest = self
         self.asked = (topology, service)
         self.on_death = on_death
