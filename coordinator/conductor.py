@@ -127,6 +127,7 @@ class Conductor:
 
     def _tell(self, better: Improvement) -> None:
         self.best = better
+        self.job.log.improvement(self.world.topology, better)
         self.job.tell(better)
         self.dispatch.improved(self.job, better)
 
@@ -257,7 +258,7 @@ class Conductor:
     def _preparation_of_the_spy(self, world: World) -> Prepare:
         best = self._answer_for(world)
         encoded = b"" if best is None else best.encode()
-        return replace(self._preparation(world), log=self.job.order.log, best=encoded)
+        return replace(self._preparation(world), best=encoded)
 
     def _show_to_the_spy(self, world: World) -> None:
         """It forgets the world before, and listens to the root, whose links are those of this world by now."""
@@ -278,6 +279,7 @@ class Conductor:
         placing = Placing(world.number, world.file, self.nodes, world.wiring.number, world.why, self.worlds.past)
         self.dispatch.changed(self.job, "running")
         self.dispatch.placed(self.job, placing)  # both are written now: whoever takes over goes on from here
+        self.job.log.write("start", job=self.number, world=world.number, run=world.file.run.model_dump())
         if self.best is not None and self.best is not before:  # nodes have not begun, so there is none but this one
             self._tell(self.best)
         self._ask_for_reports(world)
@@ -383,7 +385,11 @@ class Conductor:
         (answer,) = self.calls.ask([(self.keys.spy_control, command)], give_up=False)
         if not isinstance(answer, Judged):
             raise ClusterFailed("the spy did not judge the run")
-        return Judgement.of(answer)
+        judgement = Judgement.of(answer)
+        if judgement.best is not None:
+            self.improve(judgement.best)  # its news may still be on their way
+        self.job.log.end(judgement, command.generation)
+        return judgement
 
     # From one world to the next ---------------------------------------------------------------------------------------
     def _change(self, change: Change) -> None:

@@ -120,6 +120,7 @@ class Dispatcher:
             TooLarge: if there will never be.
             QueueFull: if too many wait.
             ClusterFailed: if the cluster has failed, or is closed.
+            BadInput: if the job's log cannot be written.
         """
         job = JobEntry(order, self._told, self.cancel)
         topology = topologies.parse(order.file.run.topology)
@@ -270,7 +271,11 @@ class Dispatcher:
 
     def _hear_log(self, sample: zenoh.Sample) -> None:
         with contextlib.suppress(Rejected):
-            self.hooks.logged(LogRecord.decode(sample.payload.to_bytes()))
+            record = LogRecord.decode(sample.payload.to_bytes())
+            for job in list(self.jobs.values()):
+                if record.job in (None, job.order.number):
+                    job.log.record(record)
+            self.hooks.logged(record)
 
     # For conductors, on their threads ---------------------------------------------------------------------------------
     @property

@@ -11,6 +11,7 @@ from coordinator.errors import ClusterFailed
 from problems import ProblemFile, Run
 from spy.past import Past
 from spy.result import Result
+from spy.run_log import RunLog
 from wire.news import Improvement, Statistics
 
 _LOOK_AGAIN = 0.2  # seconds
@@ -185,10 +186,14 @@ class JobEntry(Job):
     Args:
         told: whether somebody may ask for its events.
         cancel: how it is cancelled, even while it is queued; if not given, its conductor is told.
+
+    Raises:
+        BadInput: if the run log cannot be written.
     """
 
     def __init__(self, order: Order, told: bool = True, cancel: Callable[[int], None] | None = None) -> None:
         super().__init__(order)
+        self.log = RunLog(order.log)
         self._told = told
         self._cancel = cancel
 
@@ -201,6 +206,8 @@ class JobEntry(Job):
 
     def tell(self, event: Improvement | Statistics) -> None:
         """Pass on what happens."""
+        if isinstance(event, Statistics):
+            self.log.statistics(event)
         if self._told:
             self._news.put(event)
 
@@ -210,5 +217,6 @@ class JobEntry(Job):
             self._error = outcome
         else:
             self._result = outcome
+        self.log.close()
         self._ended.set()
         self._news.put(None)

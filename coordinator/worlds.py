@@ -2,10 +2,13 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
+import topologies
 from problems import ProblemFile
 from spy.past import Lived, Past, lived_for
+from topologies import Topology
 from wire.control import Wiring
 from wire.report import Report
 
@@ -32,6 +35,11 @@ class World:
     rescued: bool = False
     dead: set[int] = field(default_factory=set)
     asked: int = -1
+
+    @cached_property
+    def topology(self) -> Topology:
+        """Who neighbours whom."""
+        return topologies.parse(self.file.run.topology)
 
     @property
     def cells(self) -> int:

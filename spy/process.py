@@ -3,7 +3,7 @@
 It hears what the root publishes, believes a champion once it has evaluated and checked it, and tells the world. The
 root publishes thousands of messages a second, most of them with the same champion as before: they are read on the
 network thread, and only a new champion is mail for the main thread. Several jobs may run at once, each with a root of
-its own. The control session also gathers the nodes' counters and log records. Twice a second it adds up the counters,
+its own. The control session also gathers the nodes' counters. Twice a second it adds up the counters,
 and passes them on together: who shows them would have to wake for each of 256 a second otherwise.
 """
 
@@ -22,14 +22,13 @@ from node.plan import Plan
 from problems import BadInput, ProblemFile
 from spy.collector import Collector
 from spy.judge import judge
-from spy.run_log import RunLog
 from spy.tally import added_up
 from topologies import ROOT
 from wire import control, sessions
 from wire.callbacks import direct, frequent
 from wire.control import Answer, Begin, Done, Drop, Finish, Judged, Prepare, Refused, Wiring
 from wire.exchange import Champion, Messages
-from wire.news import Counters, Improvement, LogRecord
+from wire.news import Counters, Improvement
 from wire.strict import Rejected
 
 STATISTICS_PERIOD = 0.5  # seconds
@@ -83,7 +82,6 @@ class _Assignment:
     problem: str  # its digest
     wiring: Wiring
     collector: Collector
-    log: RunLog
     root: _Root
     latest: Champion | None = None
     began: float | None = None  # on the monotonic clock
@@ -145,7 +143,7 @@ class SpyProcess:
     def __init__(self, berth: Berth) -> None:
         self.berth = berth
         self.keys = berth.keys
-        self.mail: queue.SimpleQueue[_Assignment | LogRecord | zenoh.Query | None] = queue.SimpleQueue()
+        self.mail: queue.SimpleQueue[_Assignment | zenoh.Query | None] = queue.SimpleQueue()
         self._counted: list[tuple[bytes, float]] = []  # counters, with their times; the network thread appends
         self.alive: set[str] = set()
         self.assignments: dict[int, _Assignment] = {}  # by job: its latest world
@@ -171,7 +169,6 @@ class SpyProcess:
         liveliness = self.control.liveliness()
         self._subscribers = [
             self.control.declare_subscriber(self.keys.any_stats, direct(self._count)),
-            self.control.declare_subscriber(self.keys.log, direct(self._read_log)),
             liveliness.declare_subscriber(self.keys.any_node, direct(self._see), history=True),
         ]
         self._queryable = self.control.declare_queryable(self.keys.spy_control, direct(self.mail.put))
@@ -184,10 +181,6 @@ class SpyProcess:
         self._counted.append((sample.payload.to_bytes(), time.monotonic()))
         if len(self._counted) == 1:
             self.mail.put(None)
-
-    def _read_log(self, sample: zenoh.Sample) -> None:
-        with contextlib.suppress(Rejected):  # not one of ours
-            self.mail.put(LogRecord.decode(sample.payload.to_bytes()))
 
     def _see(self, sample: zenoh.Sample) -> None:
         if sample.kind == zenoh.SampleKind.PUT:
@@ -226,26 +219,21 @@ class SpyProcess:
         for message in Counters.encode_all(latest.values()):
             self.control.put(self.keys.spy_counters, message)
 
-    def _open(self, mail: _Assignment | LogRecord | zenoh.Query | None) -> None:
+    def _open(self, mail: _Assignment | zenoh.Query | None) -> None:
         if mail is None:  # after a silence: the others' counters are on their way
             self._due = max(self._due, time.monotonic() + STATISTICS_PERIOD / 2)
         elif isinstance(mail, zenoh.Query):
             self._open_command(mail)
-        elif isinstance(mail, LogRecord):
-            for assignment in self.assignments.values():
-                if mail.job in (None, assignment.job):
-                    assignment.log.record(mail)
         elif self.assignments.get(mail.job) is mail:
             self._hear(mail, mail.latest)
 
     def _hear(self, assignment: _Assignment, champion: Champion | None) -> None:
         better = assignment.collector.hear(champion, assignment.seconds)
         if better is not None:
-            self._tell(assignment, better)
+            self._tell(better)
 
-    def _tell(self, assignment: _Assignment, better: Improvement) -> None:
+    def _tell(self, better: Improvement) -> None:
         self.control.put(self.keys.best, better.encode())
-        assignment.log.improvement(assignment.plan.topology, better)
 
     def _open_command(self, query: zenoh.Query) -> None:
         payload = query.payload.to_bytes() if query.payload is not None else b""
@@ -272,10 +260,9 @@ class SpyProcess:
             return self._finish(assignment, command)
         self._listen_to(assignment)
         assignment.began = time.monotonic()
-        plan, best = assignment.plan, assignment.collector.best
-        assignment.log.write("start", job=command.job, world=plan.world, run=plan.run.model_dump())
+        best = assignment.collector.best
         if best is not None:  # an answer in this world too
-            self._tell(assignment, best)
+            self._tell(best)
         return Done()
 
     def _prepare(self, command: Prepare) -> Done | Refused:
@@ -284,16 +271,13 @@ class SpyProcess:
         try:
             file = ProblemFile.from_json(command.file)
             plan = Plan.of(file, command.world)
-            log = RunLog(command.log) if before is None else before.log
             best = _better(command.best, before, file.sha256)
         except BadInput as error:
             return Refused(str(error), "input")
         except Exception as error:
             return Refused(f"spy: {type(error).__name__}: {error}")
         collector, root = Collector(plan, command.job, best), _Root(plan, command.job)
-        self.assignments[command.job] = _Assignment(
-            command.job, plan, file.sha256, command.wiring, collector, log, root
-        )
+        self.assignments[command.job] = _Assignment(command.job, plan, file.sha256, command.wiring, collector, root)
         self._stop_listening_to(before)
         return Done()
 
@@ -313,13 +297,11 @@ class SpyProcess:
         self._pass_on_counters()
         assignment.rates.clear()  # nobody sends any more, though the job may be kept alive
         judgement = judge(collector, command.generation, reasons, command.error, dict(command.states), command.since)
-        assignment.log.end(judgement, command.generation)
         return judgement.answer()
 
     def _forget(self, job: int) -> None:
         assignment = self.assignments.pop(job, None)
         if assignment is not None:
-            assignment.log.close()
             self._stop_listening_to(assignment)
 
     def _tell_statistics(self, assignment: _Assignment) -> None:
@@ -330,7 +312,6 @@ class SpyProcess:
             messages_per_second=sum(assignment.rates.values(), 0.0),
         )
         self.control.put(self.keys.spy_stats, statistics.encode())
-        assignment.log.statistics(statistics)
 
 
 def _better(told: bytes, before: _Assignment | None, problem: str) -> Improvement | None:

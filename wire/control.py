@@ -43,7 +43,6 @@ class Prepare:
         file: the problem file as JSON; its run settings name the topology.
         since: generations of the job before this world; None: as many as the node has bred, with the deme that it has.
         deme: to begin with, for a node that has none of its own: each individual whole, one after the other.
-        log: where the spy keeps its run log.
         best: for the spy: the best answer to the same problem so far, as an improvement travels; empty without any.
         cluster_nodes: how many nodes the whole cluster has, at any job or at none: the more, the less often each tells.
     """
@@ -55,7 +54,6 @@ class Prepare:
     wiring: Wiring
     since: int | None = None
     deme: bytes = b""
-    log: str | None = None
     best: bytes = b""
     cluster_nodes: int = 0
 
@@ -276,7 +274,7 @@ def _at_least_two(value: list[Any]) -> list[Any]:
 
 _text, _octets, _maybe_text = partial(of, str), partial(of, bytes), partial(_maybe, str)
 _COMMANDS: dict[str, tuple[Callable[..., Command], tuple[Callable[[Any], Any], ...]]] = {
-    Prepare.name: (Prepare, (count, count, _text, _wiring, _maybe_count, _octets, _maybe_text, _octets, count)),
+    Prepare.name: (Prepare, (count, count, _text, _wiring, _maybe_count, _octets, _octets, count)),
     Begin.name: (Begin, (count, count)),
     ProposeStop.name: (ProposeStop, (count, count, reason_of)),
     Halt.name: (Halt, (count, count)),

@@ -198,6 +198,12 @@ def test_the_run_log_has_a_line_for_each_improvement(cluster, own_problem, tmp_p
     assert (events[-1]["event"], events[-1]["status"]) == ("end", "solved")
 
 
+def test_a_log_that_cannot_be_written_is_refused_at_once(cluster, own_problem, tmp_path):
+    with pytest.raises(supernode.BadInput, match="--log: expected a file that can be written"):
+        cluster.submit(supernode.load(own_problem()), log=str(tmp_path))
+    assert cluster.submit(supernode.load(own_problem())).result(timeout=30).solved
+
+
 @pytest.mark.parametrize("shape", ["1x1", "1x2", "2x2", "1x3"])
 def test_small_shapes_where_neighbours_coincide(own_problem, shape):
     file = supernode.load(own_problem())
