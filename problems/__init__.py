@@ -3,12 +3,13 @@
 from problems.errors import BadInput, EvaluationFailed
 from problems.file import ProblemFile, load
 from problems.guard import guarded
-from problems.problem import Answer, Problem, RecipeName, Solution, Table, Verdict, quantity
+from problems.problem import Answer, Clearance, Problem, RecipeName, Solution, Table, Verdict, quantity
 from problems.run import Run
 
 __all__ = [
     "Answer",
     "BadInput",
+    "Clearance",
     "EvaluationFailed",
     "Problem",
     "ProblemFile",

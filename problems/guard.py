@@ -10,7 +10,7 @@ import numpy as np
 from genetics.arrays import Evaluate, Fitness, Genomes
 from problems.errors import BadInput, EvaluationFailed, shorten
 from problems.motion import Motion, Pace
-from problems.problem import MOST_REPORT_BYTES, Answer, Problem, Solution, Verdict
+from problems.problem import MOST_REPORT_BYTES, Answer, Clearance, Problem, Solution, Verdict
 
 _ANYTHING = (Exception, SystemExit)
 
@@ -98,7 +98,30 @@ def checked(problem: Problem, solution: Solution) -> Verdict:
         raise EvaluationFailed(
             f"{problem.kind}: check must return a supernode.Verdict of a fitness and objections, got {verdict!r}"
         )
+    if verdict.clearance is not None and not _is_measured(verdict.clearance):
+        raise EvaluationFailed(
+            f"{problem.kind}: check must return a supernode.Clearance of a number and plain JSON values, got"
+            f" {verdict.clearance!r}"
+        )
     return verdict
+
+
+def cleared(problem: Problem, verdict: Verdict) -> dict[str, Any] | None:
+    """The clearance that a verdict tells, as results hold it.
+
+    Returns:
+        ``"least"`` (None if there is nothing to come close to), ``"where"`` and ``"required"``, which is the field
+        ``clearance`` of the problem, or 0; None if the verdict tells of no clearance.
+    """
+    clearance = verdict.clearance
+    if clearance is None:
+        return None
+    required = getattr(problem, "clearance", 0.0)
+    return {
+        "least": float(clearance.least) if math.isfinite(clearance.least) else None,
+        "where": clearance.where,
+        "required": float(required) if isinstance(required, float | int) else 0.0,
+    }
 
 
 def foretold(problem: Problem) -> Answer:
@@ -172,6 +195,19 @@ def solved_at(problem: Problem) -> float | None:
     if isinstance(fitness, bool) or not isinstance(fitness, float | int | np.floating) or math.isnan(fitness):
         raise BadInput(f"{problem.kind}: solved_at must be a number or None, got {fitness!r}")
     return float(fitness)
+
+
+def _is_measured(clearance: Any) -> bool:
+    """Whether this is a clearance that can be told: a number, though perhaps +inf, at a place of JSON values."""
+    if not (isinstance(clearance, Clearance) and isinstance(clearance.least, float | int)):
+        return False
+    if math.isnan(clearance.least) or clearance.least == -math.inf or not isinstance(clearance.where, dict):
+        return False
+    try:
+        json.dumps(clearance.where, allow_nan=False)
+    except (TypeError, ValueError, RecursionError):
+        return False
+    return True
 
 
 def _plain(problem: Problem, what: str, solution: Solution) -> Solution:

@@ -38,16 +38,33 @@ MOST_REPORT_BYTES = 1 << 12  # a thousand cells report at once
 
 
 @dataclass(frozen=True)
+class Clearance:
+    """How close a solution comes to an obstacle, or to whatever else it must not touch.
+
+    Attributes:
+        least: the least distance, in the unit of the planner's space (m where there is one); negative where bodies
+            overlap, if the planner measures by how much; +inf if there is nothing to come close to.
+        where: what is that close, and at which point of the solution, as plain JSON values such as
+            ``{"configuration": [0.1, 0.2], "link": 2, "obstacle": 0}``.
+    """
+
+    least: float
+    where: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
 class Verdict:
     """What a check found.
 
     Attributes:
         fitness: the fitness of the solution, computed without the code that found it.
         objections: why the solution is not acceptable, in words; none if it is feasible.
+        clearance: of the solution, as the check measured it; None if this kind of problem has none.
     """
 
     fitness: float
     objections: tuple[str, ...] = ()
+    clearance: Clearance | None = None
 
     @property
     def feasible(self) -> bool:

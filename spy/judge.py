@@ -3,11 +3,11 @@
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 from node.plan import Plan
 from problems import BadInput, EvaluationFailed
-from problems.guard import checked, described, merged, solved_at
+from problems.guard import checked, cleared, described, merged, solved_at
 from spy.collector import Collector
 from wire.control import Judged
 from wire.news import Improvement
@@ -32,6 +32,7 @@ class Judgement:
         best: the best verified answer, if there is one.
         words: the solution in words.
         target: the fitness that counts as solved, if there is one.
+        clearance: of the solution, see `problems.guard.cleared`.
     """
 
     status: Status
@@ -40,11 +41,12 @@ class Judgement:
     best: Improvement | None
     words: str | None = None
     target: float | None = None
+    clearance: dict[str, Any] | None = None
 
     def answer(self) -> Judged:
         """As it travels."""
         best = None if self.best is None else self.best.encode()
-        return Judged(self.status, self.feasible, self.message, best, self.words, self.target)
+        return Judged(self.status, self.feasible, self.message, best, self.words, self.target, self.clearance)
 
     @staticmethod
     def of(answer: Judged) -> "Judgement":
@@ -56,7 +58,8 @@ class Judgement:
         for status in get_args(Status):
             if answer.status == status:
                 best = None if answer.best is None else Improvement.decode(answer.best)
-                return Judgement(status, answer.feasible, answer.message, best, answer.words, answer.target)
+                told = answer.feasible, answer.message, best, answer.words, answer.target, answer.clearance
+                return Judgement(status, *told)
         raise Rejected("no such status")
 
 
@@ -85,8 +88,8 @@ def judge(
         best = replace(best, solution=merged(plan.problem, best.solution, states or {}, best.cell))
     except EvaluationFailed as failure:
         return Judgement("failed", False, str(failure), best)
-    status, feasible, message = _checked(plan, status, best)
-    return Judgement(status, feasible, message, best, described(plan.problem, best.solution), plan.target)
+    judgement = _checked(plan, status, best)
+    return replace(judgement, words=described(plan.problem, best.solution), target=plan.target)
 
 
 def _status(plan: Plan, best: Improvement | None, generation: int, reasons: set[Reason]) -> Status:
@@ -100,20 +103,23 @@ def _status(plan: Plan, best: Improvement | None, generation: int, reasons: set[
     return "failed"
 
 
-def _checked(plan: Plan, status: Status, best: Improvement) -> tuple[Status, bool, str | None]:
-    """The status, whether the solution is feasible, and the message, once the planner's check has spoken."""
+def _checked(plan: Plan, status: Status, best: Improvement) -> Judgement:
+    """The judgement once the planner's check has spoken: its status, whether ``best`` is feasible, and the message."""
     try:
         verdict = checked(plan.problem, best.solution)
     except BadInput as error:
-        return "failed", False, f"the check cannot read the solution: {error}"
+        return Judgement("failed", False, f"the check cannot read the solution: {error}", best)
     except EvaluationFailed as error:
-        return "failed", False, str(error)
-    objections = "; ".join(verdict.objections) or None
+        return Judgement("failed", False, str(error), best)
+    objections, clearance = "; ".join(verdict.objections) or None, cleared(plan.problem, verdict)
+    judgement = Judgement(status, verdict.feasible, objections, best, clearance=clearance)
     if not same_fitness(verdict.fitness, best.fitness):
-        return "failed", False, f"the check finds a fitness of {verdict.fitness:.9g}, the run claims {best.fitness:.9g}"
-    if status == "solved" and not verdict.feasible and _is_claim(plan, best):
-        return "failed", False, f"the check refuses the solution: {objections}"
-    return status, verdict.feasible, objections
+        message = f"the check finds a fitness of {verdict.fitness:.9g}, the run claims {best.fitness:.9g}"
+    elif status == "solved" and not verdict.feasible and _is_claim(plan, best):
+        message = f"the check refuses the solution: {objections}"
+    else:
+        return judgement
+    return replace(judgement, status="failed", feasible=False, message=message)
 
 
 def same_fitness(one: float, other: float) -> bool:

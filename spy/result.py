@@ -37,6 +37,8 @@ class Result:
         history_sha256: equal for equal lockstep runs; None if the run failed, or not all of it is known.
         message: why it failed, or what the check has against the solution.
         target: the fitness that counts as solved, if there is one.
+        clearance: how close the solution comes to what it must not touch: the ``"least"`` distance (None if there is
+            nothing to come close to), ``"where"`` that is, and what was ``"required"``; None if this kind has none.
     """
 
     job: str
@@ -66,6 +68,7 @@ class Result:
     history_sha256: str | None
     message: str | None = None
     target: float | None = None
+    clearance: dict[str, Any] | None = None
     words: str | None = field(default=None, repr=False)  # the solution in words
     demes: list[bytes] = field(default_factory=list, repr=False)  # the last individuals of each cell, for pictures
 
@@ -139,6 +142,7 @@ def result_of(
         history_sha256=whole.history if judgement.status != "failed" else None,
         message=judgement.message,
         target=judgement.target,
+        clearance=judgement.clearance,
         words=judgement.words,
         demes=[report.deme for report in sorted(world.reports, key=lambda report: report.cell)],
     )

@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from coordinator import ClusterFailed, Job, LocalCluster
     from genetics import BitString, RealVector, Recipe
-    from problems import Answer, BadInput, Problem, ProblemFile, Table, Verdict, load, quantity
+    from problems import Answer, BadInput, Clearance, Problem, ProblemFile, Table, Verdict, load, quantity
     from spy.result import Result
     from supernode.client import AsyncClient, AsyncClientJob, Client, ClientJob, connect, connect_async
     from wire.news import Improvement
@@ -37,6 +37,7 @@ _HOMES = {
     "AsyncClientJob": "supernode.client",
     "BadInput": "problems",
     "BitString": "genetics",
+    "Clearance": "problems",
     "Client": "supernode.client",
     "ClientJob": "supernode.client",
     "ClusterFailed": "coordinator",
@@ -62,6 +63,7 @@ __all__ = [
     "AsyncClientJob",
     "BadInput",
     "BitString",
+    "Clearance",
     "Client",
     "ClientJob",
     "ClusterFailed",

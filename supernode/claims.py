@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from problems import BadInput, Problem, ProblemFile, Solution, Verdict
-from problems.guard import checked, solved_at
+from problems.guard import checked, cleared, solved_at
 from spy.judge import same_fitness
 from supernode.results import read_table
 
@@ -22,12 +22,14 @@ class Judgement:
         solution: the claimed one, if there is one.
         fitness: that the check finds.
         objections: all that is wrong with the claim.
+        clearance: that the check measures, see `problems.guard.cleared`.
     """
 
     problem: Problem
     solution: Solution | None
     fitness: float
     objections: list[str]
+    clearance: dict[str, Any] | None = None
 
 
 def judged(file: ProblemFile, result: str) -> Judgement:
@@ -51,7 +53,8 @@ def _judged(file: ProblemFile, claim: dict[str, Any]) -> Judgement:
     if solution is None:
         return Judgement(problem, None, math.inf, ["there is no solution"])
     verdict = checked(problem, solution)
-    return Judgement(problem, solution, verdict.fitness, [*verdict.objections, *_false_claims(claim, verdict, file)])
+    objections = [*verdict.objections, *_false_claims(claim, verdict, file)]
+    return Judgement(problem, solution, verdict.fitness, objections, cleared(problem, verdict))
 
 
 def _as_it_was_run(file: ProblemFile, claim: dict[str, Any]) -> ProblemFile:

@@ -5,6 +5,8 @@ import contextlib
 import json
 import math
 import sys
+from collections.abc import Mapping
+from typing import Any
 
 from problems import BadInput, ProblemFile
 from spy.result import Result
@@ -59,9 +61,26 @@ def _words(result: Result) -> str:
             f"  immigrants were {result.staleness['mean']:.2f} generations behind on average, at most "
             f"{result.staleness['max']:,}; {result.staleness['again']:.0%} had been bred with before"
         )
+    if result.clearance is not None:
+        lines.append(f"  {clearance_words(result.clearance)}")
     if result.words is not None:
         lines += [f"  {line}" for line in result.words.splitlines()]
     return "\n".join(lines)
+
+
+def clearance_words(clearance: Mapping[str, Any]) -> str:
+    """Such as ``"least clearance 0.031 m (0.02 m required), at link 2, obstacle 0"``."""
+    least = "nothing to come close to" if clearance["least"] is None else f"least clearance {clearance['least']:.3g} m"
+    required = f" ({clearance['required']:g} m required)" if clearance["required"] else ""
+    where = ", ".join(f"{name} {_short(value)}" for name, value in clearance["where"].items())
+    return f"{least}{required}{', at ' + where if where else ''}"
+
+
+def _short(value: object) -> str:
+    """Plain values with as many digits as people read."""
+    if isinstance(value, list):
+        return f"[{', '.join(_short(each) for each in value)}]"
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
 def _headline(result: Result) -> str:

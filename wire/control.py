@@ -8,6 +8,7 @@ then whatever an update changes. Each world has a beginning and a stop of its ow
 """
 
 import dataclasses
+import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -15,7 +16,7 @@ from typing import Any, ClassVar
 
 from wire.exchange import VERSION, Champion
 from wire.report import Reason, reason_of
-from wire.strict import Kind, Rejected, count, fields, of, pack, unpack
+from wire.strict import Kind, Rejected, count, fields, of, pack, table, unpack
 
 
 @dataclass(frozen=True)
@@ -167,6 +168,7 @@ class Judged:
         best: the best verified answer, an encoded `wire.news.Improvement`.
         words: the solution in words.
         target: the fitness that counts as solved.
+        clearance: of the solution: ``"least"``, ``"where"`` and ``"required"``, see `spy.result.Result`.
     """
 
     status: str
@@ -175,6 +177,7 @@ class Judged:
     best: bytes | None
     words: str | None
     target: float | None
+    clearance: dict[str, Any] | None = None
 
 
 Answer = Done | Judged | Refused
@@ -187,6 +190,8 @@ def encode(command: Command) -> bytes:
 
 
 def _plain(value: object) -> object:
+    if isinstance(value, dict):
+        return json.dumps(value)
     if not isinstance(value, Wiring):
         return value
     places = (value.hosts, value.endpoints)
@@ -210,7 +215,7 @@ def decode(payload: bytes) -> Command:
 
 def encode_answer(answer: Answer) -> bytes:
     """As msgpack."""
-    values = [getattr(answer, field.name) for field in dataclasses.fields(answer)]
+    values = [_plain(getattr(answer, field.name)) for field in dataclasses.fields(answer)]
     return pack([type(answer).__name__.lower(), *values])
 
 
@@ -225,10 +230,9 @@ def decode_answer(payload: bytes) -> Answer:
             return Done(note)
         case ["refused", str(message), str(blame)]:
             return Refused(message, blame)
-        case ["judged", str(status), bool(feasible), message, best, words, target]:
-            return Judged(
-                status, feasible, _maybe(str, message), _maybe(bytes, best), _maybe(str, words), _maybe(float, target)
-            )
+        case ["judged", str(status), bool(feasible), message, best, words, target, clearance]:
+            texts = _maybe(str, message), _maybe(bytes, best), _maybe(str, words)
+            return Judged(status, feasible, *texts, _maybe(float, target), _clearance(clearance))
     raise Rejected("no such answer")
 
 
@@ -239,6 +243,18 @@ def _wiring(value: object) -> Wiring:
     if {len(texts) for texts in told} - {0, len(numbers)}:
         raise Rejected("wrong shape")
     return Wiring(count(number), numbers, *told)
+
+
+def _clearance(value: object) -> dict[str, Any] | None:
+    if value is None:
+        return None
+    clearance = table(value)
+    if clearance.keys() != {"least", "where", "required"}:
+        raise Rejected("wrong shape")
+    _maybe(float, clearance["least"])
+    of(dict, clearance["where"])
+    of(float, clearance["required"])
+    return clearance
 
 
 def _state(value: object) -> tuple[int, bytes]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 from wire.plain import plain
-from wire.strict import Rejected, count, fields, fitness, of, pack, unpack
+from wire.strict import Rejected, count, fields, fitness, of, pack, table, unpack
 
 _LATEST = 1e11  # Unix time, seconds
 
@@ -68,7 +68,7 @@ class Improvement:
             count(cell),
             fitness(its_fitness),
             of(bool, feasible),
-            _table(solution),
+            table(solution),
         )
 
 
@@ -223,21 +223,6 @@ class LogRecord(NamedTuple):
             raise Rejected("no time of ours")
         places = (None if each is None else count(each) for each in about)
         return LogRecord(level, of(str, process), of(str, text), fitness(at), *places)
-
-
-def _table(value: object) -> dict[str, Any]:
-    """The JSON object in ``value``."""
-    try:
-        table = json.loads(of(str, value), parse_constant=_no_json)
-    except Rejected:
-        raise
-    except (ValueError, RecursionError) as error:
-        raise Rejected("not JSON") from error
-    return of(dict, table)
-
-
-def _no_json(word: str) -> None:
-    raise ValueError(f"JSON has no {word}")
 
 
 def period_of_reports(nodes: int) -> float:

@@ -1,5 +1,6 @@
 """Strict msgpack: the length is checked before anything is unpacked, every limit is set, and types are exact."""
 
+import json
 import math
 from typing import Any, TypeVar
 
@@ -63,6 +64,21 @@ def of(kind: type[Kind], value: Any) -> Kind:
     if type(value) is not kind:
         raise Rejected("wrong type")
     return value
+
+
+def table(value: Any) -> dict[str, Any]:
+    """The JSON object in ``value``, a text."""
+    try:
+        found = json.loads(of(str, value), parse_constant=_no_json)
+    except Rejected:
+        raise
+    except (ValueError, RecursionError) as error:
+        raise Rejected("not JSON") from error
+    return of(dict, found)
+
+
+def _no_json(word: str) -> None:
+    raise ValueError(f"JSON has no {word}")
 
 
 def count(value: Any, below: int = 1 << 62) -> int:

@@ -3,8 +3,12 @@
 import argparse
 import json
 import math
+from typing import TYPE_CHECKING, Any
 
 from supernode import exits
+
+if TYPE_CHECKING:
+    from supernode.claims import Judgement
 
 EXAMPLE = "supernode check examples/mobile-robot.toml result.json"
 
@@ -22,15 +26,23 @@ def run(options: argparse.Namespace) -> int:
     from supernode.claims import judged
 
     judgement = judged(load(options.problem), options.result)
-    _print(options.json, judgement.objections, judgement.fitness)
+    print(json.dumps(_plain(judgement)) if options.json else _words(judgement))
     return exits.NOT_REACHED if judgement.objections else exits.OK
 
 
-def _print(as_json: bool, objections: list[str], fitness: float) -> None:
-    if as_json:
-        finite = fitness if math.isfinite(fitness) else None
-        print(json.dumps({"accepted": not objections, "fitness": finite, "objections": objections}))
-    elif objections:
-        print("rejected: " + "; ".join(objections))
-    else:
-        print(f"accepted: fitness {fitness:.6g}")
+def _plain(judgement: "Judgement") -> dict[str, Any]:
+    return {
+        "accepted": not judgement.objections,
+        "fitness": judgement.fitness if math.isfinite(judgement.fitness) else None,
+        "objections": judgement.objections,
+        "clearance": judgement.clearance,
+    }
+
+
+def _words(judgement: "Judgement") -> str:
+    from supernode.present import clearance_words
+
+    if judgement.objections:
+        return "rejected: " + "; ".join(judgement.objections)
+    clearance = "" if judgement.clearance is None else f", {clearance_words(judgement.clearance)}"
+    return f"accepted: fitness {judgement.fitness:.6g}{clearance}"

@@ -9,7 +9,7 @@ import pytest
 from one_max import OneMax, plan_of
 
 from node import Plan
-from problems import BadInput, ProblemFile, Run, Verdict
+from problems import BadInput, Clearance, ProblemFile, Run, Verdict
 from spy.collector import Collector
 from spy.judge import Judgement, judge
 from spy.past import Lived, Past, best_known, stopped_after
@@ -100,6 +100,33 @@ def test_nothing_feasible():
 def test_a_judgement_travels():
     judgement = judge(collected(plan_of(), Champion(0.0, 3, 5, FULL)), 8, ["target"])
     assert Judgement.of(decode_answer(encode_answer(judgement.answer()))) == judgement
+
+
+class Measured(OneMax):
+    """A problem whose check measures a clearance."""
+
+    clearance: float = 0.02
+    least: float | str = 0.031
+
+    def check(self, solution):
+        where = {"link": 2, "x": [np.inf]} if self.least == "nowhere" else {"link": 2}
+        return Verdict(0.0, (), Clearance({"wide": np.inf, "nowhere": 0.5}.get(self.least, self.least), where))
+
+
+@pytest.mark.parametrize(("least", "told"), [(0.031, 0.031), ("wide", None)])
+def test_a_judgement_tells_of_the_clearance_that_the_check_measured(least, told):
+    plan = Plan(Measured(kind="measured", least=least), Run())
+    judgement = judge(collected(plan, Champion(0.0, 3, 5, FULL)), 8, ["target"])
+    assert judgement.clearance == {"least": told, "where": {"link": 2}, "required": 0.02}
+    assert Judgement.of(decode_answer(encode_answer(judgement.answer()))) == judgement
+
+
+@pytest.mark.parametrize("least", ["much", "nowhere"])
+def test_a_clearance_that_cannot_be_told_is_a_failure(least):
+    plan = Plan(Measured(kind="measured", least=least), Run())
+    judgement = judge(collected(plan, Champion(0.0, 3, 5, FULL)), 8, ["target"])
+    assert judgement.status == "failed"
+    assert "check must return a supernode.Clearance of a number and plain JSON values" in judgement.message
 
 
 class Checked(OneMax):

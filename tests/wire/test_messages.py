@@ -82,6 +82,8 @@ COMMANDS = st.one_of(
         counts,
     ),
 )
+metres = st.floats(allow_nan=False, allow_infinity=False)
+wheres = st.dictionaries(st.text(), st.none() | metres | st.integers() | st.lists(metres, max_size=3), max_size=3)
 ANSWERS = st.one_of(
     st.builds(Done, st.text()),
     st.builds(Refused, st.text(), st.sampled_from(["input", "failure", "stranger"])),
@@ -93,6 +95,7 @@ ANSWERS = st.one_of(
         st.none() | st.binary(max_size=40),
         st.none() | st.text(),
         st.none() | st.floats(allow_nan=False),
+        st.none() | st.fixed_dictionaries({"least": st.none() | metres, "where": wheres, "required": metres}),
     ),
 )
 REPORTS = st.builds(
@@ -148,6 +151,7 @@ COUNTERS = Counters(*range(1, 11), 0.5, 1.5, 2.5, 0.5, 3, 4, 0.25)
 IMPROVEMENT = Improvement(3, 1, 0.25, 7, 2, 0.5, True, {"angles": [0.1, 0.2], "tip": {"x": 1}})
 
 # How each kind of message is read, and one that is right.
+JUDGED = Judged("solved", True, None, b"\x12", "in words", 0.5, {"least": 0.25, "where": {"link": 2}, "required": 0.0})
 READERS = {
     "command": (control.decode, control.encode(PREPARE)),
     "finish": (control.decode, control.encode(FINISH)),
@@ -158,7 +162,7 @@ READERS = {
     "missed": (control.decode, control.encode(Missed(3, 1, 9))),
     "answer": (control.decode_answer, control.encode_answer(Done('{"a": 1}'))),
     "refusal": (control.decode_answer, control.encode_answer(Refused("no", "input"))),
-    "judgement": (control.decode_answer, control.encode_answer(Judged("solved", True, None, b"\x12", "in words", 0.5))),
+    "judgement": (control.decode_answer, control.encode_answer(JUDGED)),
     "report": (Report.decode, REPORT.encode()),
     "improvement": (Improvement.decode, IMPROVEMENT.encode()),
     "counters": (Counters.decode, COUNTERS.encode()),
@@ -384,6 +388,16 @@ def test_the_number_of_a_commands_fields_is_exact(kind):
         ("judgement", 4, "text", "wrong type"),
         ("judgement", 5, b"bytes", "wrong type"),
         ("judgement", 6, 1, "wrong type"),
+        ("judgement", 7, {}, "wrong type"),
+        ("judgement", 7, b"{}", "wrong type"),
+        ("judgement", 7, "{", "not JSON"),
+        ("judgement", 7, "[]", "wrong type"),
+        ("judgement", 7, '{"least": 0.5, "where": {}}', "wrong shape"),
+        ("judgement", 7, '{"least": 0.5, "where": {}, "required": 0.0, "more": 1}', "wrong shape"),
+        ("judgement", 7, '{"least": 1, "where": {}, "required": 0.0}', "wrong type"),
+        ("judgement", 7, '{"least": NaN, "where": {}, "required": 0.0}', "not JSON"),
+        ("judgement", 7, '{"least": 0.5, "where": [], "required": 0.0}', "wrong type"),
+        ("judgement", 7, '{"least": 0.5, "where": {}, "required": null}', "wrong type"),
         ("report", 0, True, "wrong type"),
         ("report", 1, -1, "out of bounds"),
         ("report", 2, "text", "wrong type"),
