@@ -3,6 +3,7 @@
 import contextlib
 import os
 import random
+import signal
 
 import pytest
 from hypothesis import settings
@@ -12,10 +13,13 @@ settings.load_profile("busy")
 
 
 def pytest_configure():
-    """Have a session if the caller has none, as some containers and services that run tests.
+    """Take what tests rely on, whoever runs them: a session of their own, and Ctrl-C.
 
-    Linux lets each process without one count as much as the whole session of the browser, which always has its own.
+    Some containers and services run tests without a session. Linux lets each process without one count as much as the
+    whole session of the browser, which always has its own. A shell starts background jobs with SIGINT ignored, and the
+    processes that tests start would inherit that.
     """
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     if os.getsid(0) == 0:
         with contextlib.suppress(PermissionError):  # it leads a group of processes
             os.setsid()
