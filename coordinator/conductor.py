@@ -19,8 +19,9 @@ import zenoh
 import topologies
 from coordinator.calls import ASK_AGAIN, Calls, GivenUpError, ReplacedError, Reported
 from coordinator.errors import ClusterFailed
-from coordinator.job import Change, JobEntry, Placing, Replaced, Wish
+from coordinator.job import BegunAnew, Change, JobEntry, Placing, Replaced, Wish
 from coordinator.worlds import World, Worlds
+from node.plan import retry
 from problems import BadInput, ProblemFile
 from spy.judge import STATUS_OF, Judgement
 from spy.past import Lived, lived_for, stopped_after
@@ -33,7 +34,7 @@ from wire.report import Reason, Report
 
 _FOUND_WITHIN = 1.0  # seconds: nodes that live find a new router in a fifth of it
 _HALTED_WITHIN = 60.0  # seconds
-_LASTING = ("solved", "stalled", "exhausted")  # how a world can end that a job kept alive goes on after
+_LASTING = ("solved", "stalled", "exhausted")  # how the search can end that a job kept alive waits after
 
 
 class Dispatch(Protocol):
@@ -133,10 +134,10 @@ class Conductor:
 
     def _answer_for(self, world: World) -> Improvement | None:
         """The best so far, unless ``world`` is another than its own and has another problem than the one before."""
-        best = self.best
-        if best is None or (best.world < world.number and world.why.get("do") == "update"):
+        best, do = self.best, world.why.get("do")
+        if best is None or (best.world < world.number and do == "update"):
             return None
-        return best.carried_to(world.number)
+        return best if do == "retry" else best.carried_to(world.number)
 
     def _judgement(self) -> Judgement:
         """What came of it, whatever goes wrong."""
@@ -169,10 +170,15 @@ class Conductor:
         try:
             while True:
                 judgement = self._live()
-                if not (self.world.file.run.keep_alive and judgement.status in _LASTING and self._wish is None):
+                seeks, waits = judgement.next_attempt is not None, self.world.file.run.keep_alive
+                if judgement.status not in _LASTING or not (seeks or waits):
                     return judgement
-                if not self._wait_for_a_change():
-                    return self._ended_waiting(judgement)
+                if self._wish is not None:
+                    return self._ended_as_wished(judgement) if seeks else judgement
+                if seeks:
+                    self._try_again(judgement)
+                elif not self._wait_for_a_change():
+                    return self._ended_as_wished(judgement)
         finally:
             self.seconds = time.monotonic() - began
 
@@ -237,7 +243,8 @@ class Conductor:
         """Every node gets ready; with the ``demes`` of cells that have none of their own, each is told by itself."""
         wiring = world.wiring
         if demes is None:
-            questions = [(self.keys.every_control, self._preparation(world))]
+            since = world.since if world.is_fresh else None
+            questions = [(self.keys.every_control, self._preparation(world, since))]
         else:
             questions = [
                 (self.keys.control(node), self._preparation(world, world.since, demes.get(cell, b"")))
@@ -252,8 +259,8 @@ class Conductor:
         self.versions = json.loads(min(fingerprints))
 
     def _preparation(self, world: World, since: int | None = None, deme: bytes = b"") -> Prepare:
-        nodes = self.dispatch.cluster_nodes
-        return Prepare(self.number, world.number, world.file.to_json(), world.wiring, since, deme, cluster_nodes=nodes)
+        place = self.number, world.number, world.file.to_json(), world.wiring
+        return Prepare(*place, since, deme, cluster_nodes=self.dispatch.cluster_nodes, fresh=world.is_fresh)
 
     def _preparation_of_the_spy(self, world: World) -> Prepare:
         best = self._answer_for(world)
@@ -277,7 +284,7 @@ class Conductor:
             before, self.best = self.best, self._answer_for(world)
             self.worlds.add(world)
         placing = Placing(world.number, world.file, self.nodes, world.wiring.number, world.why, self.worlds.past)
-        self.dispatch.changed(self.job, "running")
+        self.dispatch.changed(self.job, world.state)
         self.dispatch.placed(self.job, placing)  # both are written now: whoever takes over goes on from here
         self.job.log.write("start", job=self.number, world=world.number, run=world.file.run.model_dump())
         if self.best is not None and self.best is not before:  # nodes have not begun, so there is none but this one
@@ -425,6 +432,35 @@ class Conductor:
         self._stop(before.number, "update")
         change.answer.put(world.number)
 
+    def _try_again(self, judgement: Judgement) -> None:
+        """The world has stalled without an answer: begin anew, with new individuals, once all are prepared for it.
+
+        Raises:
+            ClusterFailed: if the problem asks for an attempt that cannot be.
+        """
+        before, best, fields = self.world, judgement.best, judgement.next_attempt or {}
+        if best is not None and best.world == before.number:
+            self.improve(best)
+            self.best = best  # as it was judged: what the cells had to say of it is in it now
+        try:
+            file, fresh = before.file.next_attempt(fields), False
+        except BadInput as error:
+            raise ClusterFailed(str(error)) from error
+        why = retry(file, before.number + 1, fields)
+        since = self._lived(before, halted=False)
+        while True:
+            wiring = self.dispatch.wire(self.nodes, file.run.topology, fresh)
+            world = World(before.number + 1, file, wiring, since, why=why)
+            try:
+                self._prepare(world)
+                self._show_to_the_spy(world)
+                self.job.tell(BegunAnew(why))
+                return self._begin(world)
+            except ReplacedError:
+                fresh = True
+            except BadInput as error:
+                raise ClusterFailed(str(error)) from error
+
     def _wait_for_a_change(self) -> bool:
         """The world has stopped, and the job is kept alive; whether it goes on in another one."""
         self.dispatch.changed(self.job, "waiting")
@@ -444,8 +480,8 @@ class Conductor:
                 self._replace_the_dead()
         return True
 
-    def _ended_waiting(self, judgement: Judgement) -> Judgement:
-        """A job that was kept alive ends as it was told to, with the answer that it had."""
+    def _ended_as_wished(self, judgement: Judgement) -> Judgement:
+        """A job that would have gone on, or stayed, ends as it was told to, with the answer that it had."""
         assert self._wish is not None
         return replace(judgement, status=STATUS_OF[self._wish.reason])
 
@@ -520,12 +556,16 @@ class Conductor:
         reached = {str(cell): report.generation for cell, report in sorted(before.reports.items())}
         why = {"do": "replace", "demes_of": {str(cell): heir for cell, heir in heirs.items()}, "generations": reached}
         wiring = self.dispatch.wire(self.nodes, topology.spec, fresh=True)
-        since = self.worlds.since + lived_for(list(before.reports.values()), halted=True)
+        since = self._lived(before, halted=True)
         world = World(before.number + 1, before.file, wiring, since, why=why)
         self._prepare(world, {cell: before.reports[heir].deme for cell, heir in heirs.items()})
         self._show_to_the_spy(world)
         self._begin(world)
         self._unheard = self._wish
+
+    def _lived(self, latest: World, halted: bool) -> int:
+        """Generations to the end of the latest world, since it last began with nothing."""
+        return self.worlds.since + lived_for(list(latest.reports.values()), halted) - self._lived_before
 
     def _drop(self) -> None:
         """Let nodes and spy forget the job, if they still can hear."""

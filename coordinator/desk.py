@@ -16,7 +16,7 @@ from coordinator.job import Order, Placing
 from coordinator.record_book import RecordBook
 from coordinator.recorder import Recorder, state_of, warning
 from coordinator.scheduler import QueueFull
-from coordinator.states import ENDS
+from coordinator.states import ENDS, LIVING
 from coordinator.store import Answered, Store, Stored, Submission, Summary
 from problems import BadInput, ProblemFile
 from problems.digests import digest
@@ -96,7 +96,7 @@ class Desk:
     def restore(self) -> None:
         """Hand over what the last coordinator left: running jobs first, so that nobody else gets their nodes."""
         unended = self._store.unended()
-        living = [job for job in unended if job.status in ("running", "waiting", "deadline") and job.nodes]
+        living = [job for job in unended if job.status in (*LIVING, "deadline") and job.nodes]
         adopted = {job.number for job in living if self._adopted(job)}
         for job in unended:
             if job.number in adopted:
@@ -138,6 +138,8 @@ class Desk:
     # Submitting -------------------------------------------------------------------------------------------------------
     def _submit(self, request: Submit) -> dict[str, Any]:
         file = self._checker.read(request.file)
+        if file.attempt or file.attempt_fields:
+            raise BadInput(f"{file.name}: expected a problem file, found one that was tried before")
         if "topology" not in file.run.model_fields_set:
             file = file.with_run(topology=self._dispatcher.topology)
         self._checker.check(file)
@@ -239,7 +241,7 @@ class Desk:
 
     def _running(self, job: str) -> Stored:
         stored = self._store.show(job)
-        if stored.status not in ("preparing", "running", "waiting"):  # an answer may come before it is said to run
+        if stored.status not in ("preparing", *LIVING):  # an answer may come before it is said to run
             has = "has ended: it is" if stored.status in ENDS else "does not run yet: it is"
             raise BadInput(f"job {job!r} {has} {stored.status}")
         return stored

@@ -101,13 +101,23 @@ class Placing:
     best: Improvement | None = None
 
 
+@dataclass(frozen=True)
+class BegunAnew:
+    """The job had stalled without an answer, and makes another attempt: ``why`` is its directive."""
+
+    why: Mapping[str, Any]
+
+
+Event = Improvement | Statistics | BegunAnew
+
+
 class Job:
     """A job of a cluster."""
 
     def __init__(self, order: Order) -> None:
         self.order = order
         self.mail: queue.SimpleQueue[object] = queue.SimpleQueue()
-        self._news: queue.SimpleQueue[Improvement | Statistics | None] = queue.SimpleQueue()
+        self._news: queue.SimpleQueue[Event | None] = queue.SimpleQueue()
         self._ended = threading.Event()
         self._result: Result | None = None
         self._error: Exception | None = None
@@ -122,8 +132,8 @@ class Job:
             if isinstance(event, Improvement):
                 yield event
 
-    def events(self) -> Iterator[Improvement | Statistics]:
-        """Improvements, and statistics of all its nodes twice a second; ends with the job."""
+    def events(self) -> Iterator[Event]:
+        """Improvements, beginnings anew, and statistics of all its nodes twice a second; ends with the job."""
         while (event := self._news.get()) is not None:
             yield event
         self._news.put(None)  # for whoever asks again
@@ -204,7 +214,7 @@ class JobEntry(Job):
         else:
             self._cancel(self.order.number)
 
-    def tell(self, event: Improvement | Statistics) -> None:
+    def tell(self, event: Event) -> None:
         """Pass on what happens."""
         if isinstance(event, Statistics):
             self.log.statistics(event)

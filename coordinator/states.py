@@ -8,6 +8,7 @@ State = Literal[
     "queued",
     "preparing",
     "running",
+    "searching",
     "waiting",
     "solved",
     "stalled",
@@ -20,6 +21,9 @@ State = Literal[
 ENDS: frozenset[State] = frozenset({"solved", "stalled", "exhausted", "deadline", "cancelled", "failed"})
 """States that nothing follows."""
 
+LIVING: frozenset[State] = frozenset({"running", "searching", "waiting"})
+"""States in which nodes have the job's individuals."""
+
 _STOPPED: frozenset[State] = frozenset({"cancelled", "deadline", "failed"})  # whether or not anything was found
 
 # "queued" follows a later state only when the cluster has lost what the job had reached: it starts over.
@@ -27,9 +31,10 @@ TRANSITIONS = MappingProxyType[State, frozenset[State]](
     {
         "submitted": frozenset({"queued"}),
         "queued": _STOPPED | {"preparing"},
-        "preparing": _STOPPED | {"running", "queued"},
-        "running": ENDS | {"waiting", "queued"},
-        "waiting": _STOPPED | {"running", "queued"},  # solved, and kept alive for the next world
+        "preparing": _STOPPED | {"running", "searching", "queued"},
+        "running": ENDS | {"searching", "waiting", "queued"},
+        "searching": ENDS | {"running", "waiting", "queued"},  # kept alive, begins anew until it has an answer
+        "waiting": _STOPPED | {"running", "searching", "queued"},  # has its answer, and is kept alive for what follows
         **dict.fromkeys(ENDS, frozenset()),
     }
 )

@@ -18,7 +18,7 @@ from sqlalchemy.orm import Session, undefer
 
 from coordinator.database import Database, StoreFailed
 from coordinator.job import Placing
-from coordinator.states import ENDS, State, WrongTransition, follow, state_of
+from coordinator.states import ENDS, LIVING, State, WrongTransition, follow, state_of
 from coordinator.tables import (
     Base,
     ImprovementRow,
@@ -485,7 +485,7 @@ def _put_together(session: Session, number: int, past: Past) -> None:
 def _change(session: Session, row: JobRow, status: str, at: float) -> None:
     state = follow(state_of(row.status), status)
     row.status = state
-    if state == "running" and row.started is None:
+    if state in LIVING and row.started is None:
         row.started = at
     elif state == "queued":
         row.started, row.nodes_json = None, "[]"

@@ -6,6 +6,7 @@ from functools import cached_property
 from typing import Any
 
 import topologies
+from coordinator.states import State
 from problems import ProblemFile
 from spy.past import Lived, Past, lived_for
 from topologies import Topology
@@ -45,6 +46,16 @@ class World:
     def cells(self) -> int:
         """How many it has."""
         return len(self.wiring.nodes)
+
+    @property
+    def is_fresh(self) -> bool:
+        """Whether it begins with new individuals: another attempt."""
+        return self.why.get("do") == "retry"
+
+    @property
+    def state(self) -> State:
+        """Of the job while it is in it: one that is kept alive still searches, if it has stalled before."""
+        return "searching" if self.file.run.keep_alive and self.file.attempt else "running"
 
     @property
     def stopped(self) -> bool:

@@ -173,6 +173,7 @@ class Coming:
     Attributes:
         since: generations before it, if that is not for this node to say.
         deme: to begin with, if not with the one that this node has.
+        fresh: whether to begin with new individuals.
         news: neighbours may be there already.
         begun: to be answered with the report; None until it may begin.
     """
@@ -182,6 +183,7 @@ class Coming:
     links: Links
     since: int | None
     deme: bytes
+    fresh: bool = False
     news: list[Message] = field(default_factory=list)
     begun: zenoh.Query | None = None
 

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -10,7 +11,8 @@ from genetics.arrays import Cells, Evaluate, Genomes
 from genetics.coding import Coding, Keys
 from genetics.recipe import Recipe, evaluations_per_generation
 from problems import Problem, ProblemFile, Run
-from problems.guard import guarded, solved_at
+from problems.guard import guarded, next_attempt, solved_at
+from problems.run import DEFAULT_RESTARTS, DEFAULT_STALL
 from topologies import Topology
 from wire.exchange import Limits
 
@@ -24,6 +26,7 @@ class Plan:
     Attributes:
         world: its number in the row of worlds that a job lives in.
         since: generations that the job had lived through when this world began.
+        attempt: how often it had begun anew by then, since the problem was last changed.
 
     Raises:
         BadInput: from `of`, if the problem file is wrong.
@@ -33,12 +36,13 @@ class Plan:
     run: Run
     world: int = 0
     since: int = 0
+    attempt: int = 0
 
     @staticmethod
     def of(file: ProblemFile, world: int = 0, since: int = 0, *, checked: bool = False) -> "Plan":
         """The plan of a problem file, which another process has ``checked`` or not; this imports a user's module."""
-        plan = Plan(file.problem(checked=checked), file.run, world, since)
-        _ = plan.target  # asks a user's problem, so that a wrong answer is found now
+        plan = Plan(file.problem(checked=checked), file.run, world, since, file.attempt)
+        _ = plan.target, plan.next_attempt  # asks a user's problem, so that a wrong answer is found now
         return plan
 
     @cached_property
@@ -70,7 +74,7 @@ class Plan:
     @cached_property
     def seed(self) -> np.uint64:
         """Of this world: generations count from 0 in each, and are to draw other numbers in another."""
-        return np.uint64((self.run.seed + self.world * _GOLDEN) % (1 << 64))
+        return seed_of(self.run, self.world)
 
     def deme_of(self, genomes: bytes) -> Genomes:
         """The individuals that lie one after another in ``genomes``, shape (deme, genome_bytes)."""
@@ -89,8 +93,38 @@ class Plan:
     @cached_property
     def last_generation(self) -> int | None:
         """Where every cell stops by itself, if anywhere; counted from this world's beginning."""
-        last = self.run.last_generation(self.recipe)
+        last = self.run.last_generation(self.recipe, self.world + 1)
         return None if last is None else max(0, last - self.since)
+
+    @cached_property
+    def next_attempt(self) -> dict[str, Any] | None:
+        """The fields to change for another attempt, if this one stalls without an answer; None if there will be none.
+
+        A job that is kept alive is tried for as long as it takes.
+        """
+        run, number = self.run, self.attempt + 1
+        if run.keep_alive:
+            return next_attempt(self.problem, number) or {}
+        if run.restarts is not None:
+            return (next_attempt(self.problem, number) or {}) if number <= run.restarts else None
+        if self.target is None or (number > DEFAULT_RESTARTS and not run.is_limited):
+            return None
+        return next_attempt(self.problem, number)
+
+    @cached_property
+    def stall(self) -> int | None:
+        """Generations without a better champion after which the root proposes to stop, if that is to happen.
+
+        Where something else limits the run, a stall ends an attempt, but never the last one.
+        """
+        given = self.run.stall_limit()
+        seeks = self.target is not None or bool(self.run.restarts)
+        return DEFAULT_STALL if given is None and seeks and self.next_attempt is not None else given
+
+    def leaves_room(self, lived: int) -> bool:
+        """Whether the limits leave another world a generation, when the job has ``lived`` through so many."""
+        last = self.run.last_generation(self.recipe, self.world + 2)
+        return last is None or last > lived
 
     @cached_property
     def stop_distance(self) -> int:
@@ -110,3 +144,16 @@ class Plan:
     def evaluations_per_generation(self) -> int:
         """By one cell."""
         return evaluations_per_generation(self.run.deme, self.slots, self.recipe)
+
+
+def seed_of(run: Run, world: int) -> np.uint64:
+    """The seed of a world: a run of its own with that seed draws the same numbers in its first one."""
+    return np.uint64((run.seed + world * _GOLDEN) % (1 << 64))
+
+
+def retry(file: ProblemFile, world: int, fields: dict[str, Any]) -> dict[str, Any]:
+    """The directive of the attempt at ``file`` in the world of that number, which has changed ``fields``.
+
+    A run of its own that has the seed it says, and those fields, is the same.
+    """
+    return {"do": "retry", "attempt": file.attempt, "seed": int(seed_of(file.run, world)), "fields": fields}

@@ -375,8 +375,8 @@ class NodeProcess:
         self.coming = None
         try:
             file = ProblemFile.from_json(command.file)
-            plan = Plan.of(file, command.world, checked=True)
-            if goes_on and self.assignment is not None:  # a user's own problem is known here only
+            plan = Plan.of(file, command.world, command.since or 0, checked=True)
+            if goes_on and self.assignment is not None and not command.fresh:  # a user's own is known here only
                 file.keep_coding(self.assignment.cell.plan.coding, plan.coding)
             links = self._linked(plan.topology, command.wiring, command)
             cell = None if goes_on or command.deme else Cell(plan, links.cell, command.job)
@@ -387,7 +387,7 @@ class NodeProcess:
         self._keep(links)
         self._cluster_nodes = command.cluster_nodes
         if cell is None:
-            self.coming = Coming(command.job, plan, links, command.since, command.deme)
+            self.coming = Coming(command.job, plan, links, command.since, command.deme, command.fresh)
             if self.assignment is not None and not self.assignment.in_lockstep:
                 self._fast_path.close(self.assignment)  # it cannot tell which world a message is for
         else:
@@ -450,7 +450,10 @@ class NodeProcess:
             return
         bred = 0 if before is None else before.cell.plan.since + before.cell.rows.generation
         plan = replace(coming.plan, since=bred if coming.since is None else coming.since)
-        genomes = before.cell.rows.genomes[0] if before is not None else plan.deme_of(coming.deme)
+        if coming.fresh:
+            genomes = None
+        else:
+            genomes = before.cell.rows.genomes[0] if before is not None else plan.deme_of(coming.deme)
         assignment = Assignment(Cell(plan, coming.links.cell, coming.job), coming.links, coming.news)
         self._leave_the_past()  # not before: somebody may still ask how it ended
         self.past, self.assignment, self.coming = before, assignment, None

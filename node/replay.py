@@ -1,7 +1,7 @@
 """The same job in this process, through all the worlds that a run of processes has lived in.
 
 What came from outside, and after which generation, is what a result's directives say: another world, the replacement of
-a dead node, a stop. With them a lockstep run is repeated bit for bit.
+a dead node, a stop. So do they of each attempt after the first. With them a lockstep run is repeated bit for bit.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -13,12 +13,13 @@ import numpy as np
 
 import topologies
 from genetics import Fitness, Genomes
-from node.plan import Plan
+from node.plan import Plan, retry
 from node.simulation import Outside, Watch, ignore, never, simulate
 from problems import BadInput, ProblemFile
 from problems.errors import shorten
 from wire.report import Report
 
+_TURNS = ("update", "rewire", "replace", "retry")
 _LOST = {
     "several": "it has lived in so many worlds that what is known of the first ones is put together",
     "restart": "all its nodes died, and it began again",
@@ -46,6 +47,11 @@ class World:
     last: int | None = None
     heirs: Mapping[int, int] = field(default_factory=dict)
 
+    @property
+    def is_fresh(self) -> bool:
+        """Whether it begins with new individuals."""
+        return self.why.get("do") == "retry"
+
     @cached_property
     def plan(self) -> Plan:
         """What its cells are to do; this imports a user's module."""
@@ -57,6 +63,30 @@ class World:
         if self.last is None:
             return self.plan
         return replace(self.plan, run=self.file.with_run(generations=self.since + self.last).run)
+
+    def retried(self, generation: int, fields: dict[str, Any]) -> "World":
+        """Another attempt after this world, which has ended after ``generation``; it changes ``fields``.
+
+        Raises:
+            BadInput: if the problem cannot be so.
+        """
+        file = self.file.next_attempt(fields)
+        return World(self.number + 1, file, self.since + generation, retry(file, self.number + 1, fields))
+
+    def live(self, demes: Genomes | None, watch: Watch = ignore, outside: Outside = never) -> list[Report]:
+        """Live through it as the last one, beginning with ``demes`` unless it is fresh."""
+        return simulate(self.ending, watch, outside=outside, demes=None if self.is_fresh else demes)
+
+    def leave(self, demes: Genomes | None) -> tuple[list[Report], Genomes]:
+        """The same until cells go on to the next world, and the demes with which they do.
+
+        Raises:
+            BadInput: if it ends before.
+        """
+        assert self.left_at is not None, "else nobody leaves it"
+        leaving = _Leaving(self.left_at)
+        reports = simulate(self.ending, snapshot=leaving.see, demes=None if self.is_fresh else demes)
+        return reports, leaving.handed_on(self, reports[0].generation)
 
 
 class Replayed(NamedTuple):
@@ -115,11 +145,9 @@ def live(worlds: Sequence[World], watch: Watch = ignore, outside: Outside = neve
     demes: Genomes | None = None
     for world in worlds:
         if world.left_at is None:
-            reports = simulate(world.ending, watch, outside=outside, demes=demes)
+            reports = world.live(demes, watch, outside)
         else:
-            leaving = _Leaving(world.left_at)
-            reports = simulate(world.ending, snapshot=leaving.see, demes=demes)
-            demes = leaving.handed_on(world, reports[0].generation)
+            reports, demes = world.leave(demes)
         lived.append(Replayed(world.file, world.plan, reports, world.why))
     return lived
 
@@ -157,12 +185,13 @@ def _sorted(directives: Sequence[Mapping[str, Any]]) -> tuple[list[Mapping[str, 
         kind = directive.get("do")
         if kind == "stop":
             stops.append(_count(directive, "generation"))
-        elif kind in ("update", "rewire", "replace"):
+        elif kind in _TURNS:
             turns.append(directive)
         elif isinstance(kind, str) and kind in _LOST:
             raise BadInput(f"directives: such a run cannot be repeated: {_LOST[kind]}")
         else:
-            raise BadInput(f"directives: do: expected stop, update, rewire or replace, found {shorten(kind)}")
+            known = ", ".join(("stop", *_TURNS[:-1]))
+            raise BadInput(f"directives: do: expected {known} or {_TURNS[-1]}, found {shorten(kind)}")
     return turns, min(stops, default=None)
 
 
@@ -170,6 +199,8 @@ def _after(turn: Mapping[str, Any], file: ProblemFile, cells: int) -> ProblemFil
     """The problem file of the world that ``turn`` leads to."""
     if turn["do"] == "update":
         return file.changed(dict(_table(turn, "fields")), {})
+    if turn["do"] == "retry":
+        return file.next_attempt(dict(_table(turn, "fields")))
     if turn["do"] == "replace":
         return file
     topology = turn.get("topology")

@@ -57,7 +57,7 @@ class Rows:
         self.target = -np.inf if plan.target is None else plan.target
         # Under the paper's spy only what has come past the root is known, so there the root says it for all.
         self.witness = ROOT if plan.run.spy == "root" else -1
-        self.stall = plan.run.stall_limit() if self.cells[0] == ROOT else None
+        self.stall = plan.stall if self.cells[0] == ROOT else None
         # Looked up once: a node asks for these in every generation.
         self._first_evaluations, self._each_evaluations = plan.run.deme, plan.evaluations_per_generation
         self._interval, self._emigrants, self._alone = plan.run.interval, plan.run.emigrants, plan.run.deme == 1

@@ -2,7 +2,8 @@
 
 import json
 import tomllib
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -26,12 +27,16 @@ class ProblemFile:
         fields: the problem's own fields, plain values; a user's problem is checked only where its module may run.
         run: the settings of the ``[run]`` table.
         folder: where a user's module is looked for first.
+        attempt: how often the run has begun anew since the problem was last changed.
+        attempt_fields: what that has changed of the fields, see `Problem.next_attempt`; the problem is the same.
     """
 
     name: str
     fields: dict[str, Any]
     run: Run
     folder: Path
+    attempt: int = 0
+    attempt_fields: dict[str, Any] = field(default_factory=dict)
 
     @property
     def kind(self) -> str:
@@ -40,7 +45,7 @@ class ProblemFile:
 
     @property
     def sha256(self) -> str:
-        """A digest of the problem (not of how it is run), whatever the order and comments of the file."""
+        """A digest of the problem (not of how it is run, or of an attempt), whatever its order and comments."""
         return digest(self.fields)
 
     def with_run(self, **settings: Any) -> "ProblemFile":
@@ -65,14 +70,49 @@ class ProblemFile:
             raise BadInput(f"{self.name}: kind: expected {self.kind!r} as before, found {shorten(fields['kind'])}")
         if "run" in fields:
             raise BadInput(f"{self.name}: run: expected no [run] in an update, it is for the problem alone")
-        merged = self.fields | fields
-        built_in = registry.is_built_in(self.kind)
-        if built_in:
-            merged = registry.find(self.kind).work_out(merged)
-        other = replace(self, fields=merged).with_run(**run)
-        if built_in:
+        kept = {name: value for name, value in self.attempt_fields.items() if name not in fields}
+        attempt = 0 if fields else self.attempt
+        other = replace(self, fields=self._worked_out(self.fields | fields), attempt=attempt).with_run(**run)
+        other = other._with_attempt_fields(kept)
+        if registry.is_built_in(self.kind):
             other.go_on_from(self, other.problem())
         return other
+
+    def next_attempt(self, fields: dict[str, Any]) -> "ProblemFile":
+        """The same problem for another attempt, which changes ``fields``, beside what those before it have changed.
+
+        Raises:
+            BadInput: if the problem cannot be so. A user's own one is not checked here.
+        """
+        for name in ("kind", "run"):
+            if name in fields:
+                raise BadInput(f"{self.name}: next_attempt: expected fields of the problem, found {name}")
+        other = replace(self, attempt=self.attempt + 1)
+        if not fields:
+            return other
+        other = other._with_attempt_fields(self.attempt_fields | fields)
+        if registry.is_built_in(self.kind):
+            other.problem()
+        return other
+
+    def tried(self, directives: Sequence[Mapping[str, Any]]) -> "ProblemFile":
+        """The same problem after the attempts that a result's directives tell of."""
+        file = self
+        for directive in directives:
+            if directive["do"] == "retry":
+                file = file.next_attempt(directive["fields"])
+        return file
+
+    def _with_attempt_fields(self, fields: dict[str, Any]) -> "ProblemFile":
+        if not fields:
+            return replace(self, attempt_fields={})
+        whole = self._worked_out(self.fields | fields)
+        changed = {name: value for name, value in whole.items() if self.fields.get(name, ...) != value}
+        return replace(self, attempt_fields=changed)
+
+    def _worked_out(self, fields: dict[str, Any]) -> dict[str, Any]:
+        """See `Problem.work_out`; a user's module is not imported for it."""
+        return registry.find(self.kind).work_out(fields) if registry.is_built_in(self.kind) else fields
 
     def go_on_from(self, before: "ProblemFile", problem: Problem) -> None:
         """Make sure that the individuals of the world ``before`` can live in this one, whose problem is ``problem``.
@@ -108,8 +148,8 @@ class ProblemFile:
         except BadInput as error:
             raise BadInput(f"{self.name}: {error}") from error
         try:
-            context = CHECKED if checked else None
-            problem = model.model_validate_json(json.dumps(self.fields), strict=True, context=context)
+            fields, context = json.dumps(self.fields | self.attempt_fields), CHECKED if checked else None
+            problem = model.model_validate_json(fields, strict=True, context=context)
         except ValidationError as error:
             raise first_line(error, model, self.name) from error
         except Exception as error:  # from a user's class, which may be abstract or raise as it likes
@@ -127,7 +167,9 @@ class ProblemFile:
 
     def to_json(self) -> str:
         """For a message to another process."""
-        return json.dumps([self.name, self.fields, self.run.model_dump(exclude_unset=True), str(self.folder)])
+        values = [self.name, self.fields, self.run.model_dump(exclude_unset=True), str(self.folder)]
+        of_attempt = [self.attempt, self.attempt_fields] if self.attempt or self.attempt_fields else []
+        return json.dumps(values + of_attempt)
 
     @staticmethod
     def from_json(text: str) -> "ProblemFile":
@@ -137,13 +179,15 @@ class ProblemFile:
             BadInput: if the text is something else.
         """
         try:
-            name, fields, run, folder = json.loads(text)
+            name, fields, run, folder, *attempt = json.loads(text)
+            number, changed = attempt or (0, {})
             right = isinstance(name, str) and isinstance(fields, dict) and isinstance(fields.get("kind"), str)
+            right = right and type(number) is int and number >= 0 and isinstance(changed, dict)
             if not (right and isinstance(run, dict) and isinstance(folder, str)):
                 raise TypeError
         except (ValueError, TypeError, RecursionError) as error:
             raise BadInput(f"expected a problem file as JSON, found {shorten(text)}") from error
-        return ProblemFile(name, fields, _run(run, name), Path(folder))
+        return ProblemFile(name, fields, _run(run, name), Path(folder), number, changed)
 
 
 def load(path: str | Path) -> ProblemFile:

@@ -210,6 +210,21 @@ def _is_measured(clearance: Any) -> bool:
     return True
 
 
+def next_attempt(problem: Problem, attempt: int) -> dict[str, Any] | None:
+    """What ``problem.next_attempt`` returns.
+
+    Raises:
+        BadInput: if it raises, or returns neither None nor a table of plain JSON values.
+    """
+    try:
+        fields = problem.next_attempt(attempt)
+        return None if fields is None else _plain(problem, "next_attempt", fields)
+    except EvaluationFailed as error:
+        raise BadInput(str(error)) from error
+    except _ANYTHING as error:
+        raise BadInput(str(_raised(problem, "next_attempt", error))) from error
+
+
 def _plain(problem: Problem, what: str, solution: Solution) -> Solution:
     try:
         plain: Any = json.loads(json.dumps(solution, allow_nan=False))

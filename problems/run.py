@@ -10,6 +10,7 @@ from genetics.recipe import Recipe, Replacement, evaluations_per_generation
 from problems.problem import Problem, RecipeName, Table
 
 DEFAULT_STALL = 200
+DEFAULT_RESTARTS = 8
 MOST_DEME = 1 << 16
 MOST_GENERATIONS = 1 << 31
 
@@ -37,8 +38,9 @@ class Run(Table):
     target: float | None = Field(None, description="fitness that ends the run, instead of the problem's own")
     keep_alive: bool = Field(False, description="stay after the end, for the next update of the world")
     stall: Annotated[int, Field(ge=1, lt=MOST_GENERATIONS)] | None = Field(
-        None, description="end after this many generations without a better champion"
+        None, description="end, or begin anew, after this many generations without a better champion"
     )
+    restarts: Count | None = Field(None, description="begin anew at most so often when it stalls without an answer")
 
     @field_validator("topology")
     @classmethod
@@ -51,11 +53,14 @@ class Run(Table):
             raise ValueError(f"emigrants: expected at most the deme, {self.deme}, found {self.emigrants}")
         return self
 
+    @property
+    def is_limited(self) -> bool:
+        """Whether generations, evaluations or seconds end it, however it goes."""
+        return not (self.generations is None and self.evaluations is None and self.seconds is None)
+
     def stall_limit(self) -> int | None:
-        """The stall in force: 200 only if nothing else limits the run."""
-        if self.stall is None and self.generations is None and self.evaluations is None and self.seconds is None:
-            return DEFAULT_STALL
-        return self.stall
+        """The stall that ends the run: 200 only if nothing else limits it."""
+        return DEFAULT_STALL if self.stall is None and not self.is_limited else self.stall
 
     def breeding(self, problem: Problem) -> Recipe:
         """The problem's recipe with this run's own choices put in."""
@@ -66,16 +71,17 @@ class Run(Table):
             replacement=self.replacement or base.replacement,
         )
 
-    def last_generation(self, recipe: Recipe) -> int | None:
-        """The generation after which every cell stops by itself, or None.
+    def last_generation(self, recipe: Recipe, worlds: int = 1) -> int | None:
+        """The generation of the job after which every cell stops by itself in the last of so many worlds, or None.
 
-        Every cell makes the same number of evaluations a generation, so a limit on those is a limit on generations.
+        Every cell makes the same number of evaluations a generation, so a limit on those is a limit on generations. In
+        each world the first individuals are evaluated too.
         """
         limits = [] if self.generations is None else [self.generations]
         if self.evaluations is not None:
             topology = topologies.parse(self.topology)
             slots = len(topology.neighbours(0))
-            first = topology.cells * self.deme
+            first = worlds * topology.cells * self.deme
             each = topology.cells * evaluations_per_generation(self.deme, slots, recipe)
             limits.append(max(0, (self.evaluations - first) // each))
         return min(limits, default=None)

@@ -20,13 +20,14 @@ class Collector:
     Args:
         plan: of the world.
         job: its number.
-        best: the best answer of the worlds before, if their problem was the same.
+        best: the best answer of the worlds before, if their problem was the same. If it is said to be of one of them,
+            it is kept as of there.
     """
 
     def __init__(self, plan: Plan, job: int, best: Improvement | None = None) -> None:
         self.plan = plan
         self.job = job
-        self.best = None if best is None else best.carried_to(plan.world)
+        self.best = best
         self.disagreement: str | None = None
         self._best: Champion | None = None
 
@@ -56,7 +57,9 @@ class Collector:
         """Whether it is better than any before, or as good and older; of other worlds the age is not known."""
         if self._best is not None:
             return champion < self._best
-        return self.best is None or champion.fitness <= self.best.fitness
+        if self.best is None or champion.fitness < self.best.fitness:
+            return True
+        return self.best.world == self.plan.world and champion.fitness == self.best.fitness
 
     def _true(self, champion: Champion, genome: Genomes) -> bool:
         fitness = float(self.plan.evaluate(genome[None])[0])

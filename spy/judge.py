@@ -1,5 +1,6 @@
 """How a run is judged when it has ended: its status, and whether an independent check accepts the answer."""
 
+import json
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
@@ -33,6 +34,7 @@ class Judgement:
         words: the solution in words.
         target: the fitness that counts as solved, if there is one.
         clearance: of the solution, see `problems.guard.cleared`.
+        next_attempt: if the job is to begin anew, the fields of the problem to change for that.
     """
 
     status: Status
@@ -42,11 +44,14 @@ class Judgement:
     words: str | None = None
     target: float | None = None
     clearance: dict[str, Any] | None = None
+    next_attempt: dict[str, Any] | None = None
 
     def answer(self) -> Judged:
         """As it travels."""
         best = None if self.best is None else self.best.encode()
-        return Judged(self.status, self.feasible, self.message, best, self.words, self.target, self.clearance)
+        fields = None if self.next_attempt is None else json.dumps(self.next_attempt)
+        told = self.words, self.target, self.clearance, fields
+        return Judged(self.status, self.feasible, self.message, best, *told)
 
     @staticmethod
     def of(answer: Judged) -> "Judgement":
@@ -58,8 +63,9 @@ class Judgement:
         for status in get_args(Status):
             if answer.status == status:
                 best = None if answer.best is None else Improvement.decode(answer.best)
+                fields = None if answer.next_attempt is None else json.loads(answer.next_attempt)
                 told = answer.feasible, answer.message, best, answer.words, answer.target, answer.clearance
-                return Judgement(status, *told)
+                return Judgement(status, *told, fields)
         raise Rejected("no such status")
 
 
@@ -83,13 +89,27 @@ def judge(
     plan = collector.plan
     status = _status(plan, best, since + generation, set(reasons))
     if best is None:
-        return Judgement(status, False, None, None, None, plan.target)
+        return _going_on(plan, Judgement(status, False, None, None, None, plan.target), since + generation)
     try:
-        best = replace(best, solution=merged(plan.problem, best.solution, states or {}, best.cell))
+        if best.world == plan.world:  # else cells of this world have nothing to say of it
+            best = replace(best, solution=merged(plan.problem, best.solution, states or {}, best.cell))
     except EvaluationFailed as failure:
         return Judgement("failed", False, str(failure), best)
-    judgement = _checked(plan, status, best)
-    return replace(judgement, words=described(plan.problem, best.solution), target=plan.target)
+    judgement = replace(_checked(plan, status, best), words=described(plan.problem, best.solution), target=plan.target)
+    return _going_on(plan, judgement, since + generation)
+
+
+def _going_on(plan: Plan, judgement: Judgement, lived: int) -> Judgement:
+    """The same, with what the next attempt changes, if there is to be one and the limits leave room for it.
+
+    A job that is kept alive and has no target seeks a feasible answer.
+    """
+    found = plan.run.keep_alive and plan.target is None and judgement.feasible
+    if judgement.status != "stalled" or found or plan.next_attempt is None:
+        return judgement
+    if not plan.leaves_room(lived):
+        return replace(judgement, status="exhausted")
+    return replace(judgement, next_attempt=plan.next_attempt)
 
 
 def _status(plan: Plan, best: Improvement | None, generation: int, reasons: set[Reason]) -> Status:

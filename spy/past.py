@@ -100,7 +100,7 @@ class Past:
         return past if why is None else past.led_on({"world": world.number + 1, "generation": generations, **why})
 
     def _champion_after(self, world: Lived, do: str | None) -> Champion | None:
-        if do in (None, "update"):
+        if do in (None, "update", "retry"):  # an attempt was judged at its end, and may be coded otherwise
             return None
         return self.champion if do == "replace" else self.or_better(world)
 
@@ -186,10 +186,11 @@ def _shortened(texts: tuple[str, ...]) -> tuple[str, ...]:
     """The older half put together: what they come to is known, but not how to repeat them."""
     half = (len(texts) + 1) // 2
     older = [json.loads(text) for text in texts[:half]]
+    updates = [directive for directive in older if directive["do"] in ("update", SEVERAL)]
     together = {
         "do": SEVERAL,
         "world": older[-1]["world"],
         "generation": sum(directive["generation"] for directive in older),
-        "fields": dict(item for directive in older for item in directive.get("fields", {}).items()),
+        "fields": dict(item for directive in updates for item in directive["fields"].items()),
     }
     return (json.dumps(together), *texts[half:])

@@ -260,8 +260,8 @@ class SpyProcess:
             return self._finish(assignment, command)
         self._listen_to(assignment)
         assignment.began = time.monotonic()
-        best = assignment.collector.best
-        if best is not None:  # an answer in this world too
+        plan, best = assignment.plan, assignment.collector.best
+        if best is not None and best.world == plan.world:  # an answer in this world too
             self._tell(best)
         return Done()
 
@@ -272,6 +272,8 @@ class SpyProcess:
             file = ProblemFile.from_json(command.file)
             plan = Plan.of(file, command.world)
             best = _better(command.best, before, file.sha256)
+            if best is not None and not command.fresh:
+                best = best.carried_to(command.world)
         except BadInput as error:
             return Refused(str(error), "input")
         except Exception as error:

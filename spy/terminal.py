@@ -1,9 +1,13 @@
 """What people see while a run goes on: a line for each improvement, and a live line of statistics on a terminal."""
 
+from collections.abc import Mapping
+from typing import Any
+
 from rich.console import Console, RenderableType
 from rich.live import Live
 from rich.text import Text
 
+from problems.errors import shorten
 from topologies import Topology
 from wire.news import Improvement, Statistics
 
@@ -39,6 +43,11 @@ class Terminal:
         """A plain line."""
         if not self._quiet:
             self._console.print(Text(text))
+
+    def begins_anew(self, why: Mapping[str, Any]) -> None:
+        """A line about another attempt, which began as the directive says."""
+        fields = "".join(f", {name} = {shorten(value)}" for name, value in why["fields"].items())
+        self.say(f"stalled: begins anew, restart {why['attempt']}, seed {why['seed']}{fields}")
 
     def improvement(self, better: Improvement) -> None:
         """A line: time, generation, cell, fitness."""

@@ -77,7 +77,8 @@ def _as_it_was_run(file: ProblemFile, claim: dict[str, Any]) -> ProblemFile:
 def _updates(directives: object) -> Iterator[dict[str, Any]]:
     """The fields that each update of the world replaced."""
     for directive in directives if isinstance(directives, list) else ():
-        if isinstance(directive, dict) and isinstance(fields := directive.get("fields"), dict):
+        is_update = isinstance(directive, dict) and directive.get("do") != "retry"  # which changes no problem
+        if is_update and isinstance(fields := directive.get("fields"), dict):
             yield fields
 
 

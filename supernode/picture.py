@@ -45,12 +45,17 @@ def as_png(figure: "Figure", dots_per_inch: int) -> bytes:
 def save_picture(result: "Result", file: ProblemFile, name: str) -> None:
     """Draw ``result`` into the file ``name``.
 
+    Args:
+        result: what is drawn.
+        file: the problem as it was last.
+        name: of the picture's file.
+
     Raises:
         BadInput: if the kind of problem has no picture, or the file cannot be written.
     """
     from node.plan import Plan
 
-    plan = Plan.of(file)
+    plan = Plan.of(file, _began_in(result))
     save(drawn(plan.problem, result.solution, _populations(result, plan)), name)
 
 
@@ -66,8 +71,13 @@ def save(figure: "Figure", name: str) -> None:
         raise BadInput(f"--plot: expected a file that can be written, found {name}: {error.strerror}") from error
 
 
+def _began_in(result: "Result") -> int:
+    """The world that the latest attempt began in."""
+    return next((each["world"] for each in reversed(result.directives) if each["do"] == "retry"), 0)
+
+
 def _populations(result: "Result", plan: "Plan") -> "Populations":
-    """All individuals of the first generation (drawn again from the seed) and of the last."""
+    """All individuals of the latest attempt's first generation (drawn again from the seed), and of the last."""
     import numpy as np
 
     cells = np.arange(plan.topology.cells)

@@ -56,6 +56,8 @@ def _words(result: Result) -> str:
         f"  {result.generations:,} generations and {result.evaluations:,} evaluations in {result.seconds:.3f} s "
         f"on {result.nodes} nodes ({result.topology}, deme {result.deme}, {result.mode}, seed {result.seed})"
     )
+    if restarts := sum(each["do"] == "retry" for each in result.directives):
+        lines.append(f"  restarts after a stall: {restarts}")
     if result.staleness is not None:
         lines.append(
             f"  immigrants were {result.staleness['mean']:.2f} generations behind on average, at most "
@@ -87,7 +89,8 @@ def _headline(result: Result) -> str:
     if not math.isfinite(result.fitness) or result.found_at is None:
         return f"{result.status}: nothing feasible was found"
     place = ", ".join(str(part) for part in result.found_at["cell"])
+    world = f" of world {result.found_at['world']}" if result.found_at.get("world") else ""
     return (
         f"{result.status}: fitness {result.fitness:.6g}, "
-        f"found by cell ({place}) in generation {result.found_at['generation']}"
+        f"found by cell ({place}) in generation {result.found_at['generation']}{world}"
     )

@@ -44,6 +44,7 @@ class Prepare:
         file: the problem file as JSON; its run settings name the topology.
         since: generations of the job before this world; None: as many as the node has bred, with the deme that it has.
         deme: to begin with, for a node that has none of its own: each individual whole, one after the other.
+        fresh: whether the cells draw new individuals, and none goes on with a deme; then ``since`` is said.
         best: for the spy: the best answer to the same problem so far, as an improvement travels; empty without any.
         cluster_nodes: how many nodes the whole cluster has, at any job or at none: the more, the less often each tells.
     """
@@ -57,6 +58,7 @@ class Prepare:
     deme: bytes = b""
     best: bytes = b""
     cluster_nodes: int = 0
+    fresh: bool = False
 
 
 @dataclass(frozen=True)
@@ -169,6 +171,7 @@ class Judged:
         words: the solution in words.
         target: the fitness that counts as solved.
         clearance: of the solution: ``"least"``, ``"where"`` and ``"required"``, see `spy.result.Result`.
+        next_attempt: if the job is to begin anew, the fields of the problem to change, as JSON.
     """
 
     status: str
@@ -178,6 +181,7 @@ class Judged:
     words: str | None
     target: float | None
     clearance: dict[str, Any] | None = None
+    next_attempt: str | None = None
 
 
 Answer = Done | Judged | Refused
@@ -230,9 +234,10 @@ def decode_answer(payload: bytes) -> Answer:
             return Done(note)
         case ["refused", str(message), str(blame)]:
             return Refused(message, blame)
-        case ["judged", str(status), bool(feasible), message, best, words, target, clearance]:
+        case ["judged", str(status), bool(feasible), message, best, words, target, clearance, fields]:
             texts = _maybe(str, message), _maybe(bytes, best), _maybe(str, words)
-            return Judged(status, feasible, *texts, _maybe(float, target), _clearance(clearance))
+            told = _maybe(float, target), _clearance(clearance), _maybe(str, fields)
+            return Judged(status, feasible, *texts, *told)
     raise Rejected("no such answer")
 
 
@@ -288,9 +293,9 @@ def _at_least_two(value: list[Any]) -> list[Any]:
     return value
 
 
-_text, _octets, _maybe_text = partial(of, str), partial(of, bytes), partial(_maybe, str)
+_text, _octets, _flag, _maybe_text = partial(of, str), partial(of, bytes), partial(of, bool), partial(_maybe, str)
 _COMMANDS: dict[str, tuple[Callable[..., Command], tuple[Callable[[Any], Any], ...]]] = {
-    Prepare.name: (Prepare, (count, count, _text, _wiring, _maybe_count, _octets, _octets, count)),
+    Prepare.name: (Prepare, (count, count, _text, _wiring, _maybe_count, _octets, _octets, count, _flag)),
     Begin.name: (Begin, (count, count)),
     ProposeStop.name: (ProposeStop, (count, count, reason_of)),
     Halt.name: (Halt, (count, count)),

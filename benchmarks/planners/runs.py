@@ -2,19 +2,21 @@
 
 import os
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from multiprocessing import get_context
 from typing import Any, TypeVar
 
 from node import Plan, simulate
+from node.replay import worlds_of
 from problems import Problem, ProblemFile, Run
 from problems.problem import Solution
 from spy.collector import Collector
 from spy.judge import Status, judge
 from spy.past import best_known, stopped_after
 from spy.result import states_of, stop_reasons
+from supernode.simulation import Simulation
 
 Task = TypeVar("Task")
 Found = TypeVar("Found")
@@ -45,12 +47,11 @@ class Outcome:
 
 
 def run(problem: Problem | ProblemFile, **settings: Any) -> Outcome:
-    """Simulate one run; ``settings`` are those of a ``[run]`` table."""
+    """Simulate one run; ``settings`` are those of a ``[run]`` table. A problem without a file gets one attempt."""
     if isinstance(problem, ProblemFile):
-        plan = Plan.of(problem.with_run(**settings))
-    else:
-        chosen = Run(**settings)
-        plan = Plan(problem.for_recipe(chosen.recipe, chosen.deme), chosen)
+        return _run_of(problem.with_run(**settings))
+    chosen = Run(**{"restarts": 0} | settings)
+    plan = Plan(problem.for_recipe(chosen.recipe, chosen.deme), chosen)
     started = time.perf_counter()
     reports = simulate(plan)
     seconds = time.perf_counter() - started
@@ -70,6 +71,29 @@ def run(problem: Problem | ProblemFile, **settings: Any) -> Outcome:
         None if best is None else plan.topology.cells * (first + best.generation * each),
         seconds,
     )
+
+
+def _run_of(file: ProblemFile) -> Outcome:
+    (world,) = worlds_of(file)
+    result = Simulation([world]).run()
+    found = result.found_at
+    worlds, cells = 0 if found is None else found.get("world", 0), world.plan.topology.cells
+    return Outcome(
+        result.status,
+        result.feasible,
+        None if found is None else result.fitness,
+        result.solution,
+        result.generations,
+        result.evaluations,
+        None if found is None else cells * _evaluations(world.plan, worlds, found["generation"], result.directives),
+        result.seconds,
+    )
+
+
+def _evaluations(plan: Plan, worlds: int, generation: int, directives: Sequence[Mapping[str, Any]]) -> int:
+    """By one cell, up to that generation of the world after so many others."""
+    lived = generation + sum(directive["generation"] for directive in directives[:worlds])
+    return (worlds + 1) * plan.run.deme + lived * plan.evaluations_per_generation
 
 
 def on_all_cores(work: Callable[[Task], Found], tasks: Iterable[Task]) -> Iterator[Found]:

@@ -28,7 +28,7 @@ MODES: tuple[Mode, ...] = ("lockstep", "async")
 SERIES: tuple[Series, ...] = ("strong", "weak", "budget")
 MOST_NODES = 4096  # each is a process
 
-_OWN = ("topology", "deme", "mode", "seed", "evaluations")  # settings that the experiment itself decides
+_OWN = ("topology", "deme", "mode", "seed", "evaluations", "restarts")  # settings that the experiment itself decides
 _OF_NODES_ONLY = (
     "generations",
     "stall",
@@ -107,6 +107,7 @@ class Case:
             "mode": self.mode,
             "seed": self.seed,
             "evaluations": parameters.limit(self.goal),
+            "restarts": 0,
         }
 
     def file(self, file: ProblemFile, parameters: Parameters) -> ProblemFile:

@@ -23,6 +23,7 @@ _SETTINGS = (
     "seconds",
     "target",
     "stall",
+    "restarts",
 )
 
 
@@ -53,6 +54,7 @@ def add_settings(parser: argparse.ArgumentParser) -> None:
     end.add_argument("--seconds", metavar="S", type=number, help="at this deadline")
     end.add_argument("--target", metavar="F", type=number, help="at this fitness, instead of the problem's own")
     end.add_argument("--stall", metavar="N", type=whole, help="after so many generations without a better champion")
+    end.add_argument("--restarts", metavar="N", type=whole, help="but begin anew up to N times when it stalls (8)")
 
 
 def add_breeding_options(run: argparse._ArgumentGroup) -> None:

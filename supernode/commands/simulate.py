@@ -2,12 +2,9 @@
 
 import argparse
 import contextlib
-import itertools
 import signal
 import sys
 import time
-from collections.abc import Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from supernode import exits
@@ -15,11 +12,12 @@ from supernode.commands.run_options import add_run_options, chosen_file, setting
 
 if TYPE_CHECKING:
     from node.replay import World
-    from spy.result import Result
+    from spy.judge import Judgement
     from spy.run_log import RunLog
     from spy.terminal import Terminal
-    from wire.exchange import Champion
-    from wire.report import Proposal, Reason, Report
+    from supernode.simulation import Listener
+    from wire.news import Improvement
+    from wire.report import Reason
 
 EXAMPLE = "supernode simulate examples/arm-ik.toml --torus 8x8 --seed 7"
 
@@ -38,6 +36,7 @@ def run(options: argparse.Namespace) -> int:
     from spy.terminal import Terminal
     from supernode.present import present
     from supernode.repeating import Recorded
+    from supernode.simulation import Simulation
 
     file = chosen_file(options)
     recorded = None if options.replay is None else Recorded.read(options.replay, settings(options))
@@ -49,8 +48,12 @@ def run(options: argparse.Namespace) -> int:
         _Outside(file.run.seconds if recorded is None else None) as outside,
         contextlib.redirect_stdout(sys.stderr),  # a user's module may print
     ):
-        result = _simulate(worlds, () if recorded is None else recorded.stops, terminal, log, outside)
-    code = present(result, file, options, outside.interrupted)
+        stops = None if recorded is None else recorded.stops
+        simulation = Simulation(worlds, stops, _shown(terminal, log), outside.wish)
+        outside.began = time.monotonic()
+        result = simulation.run()
+        log.close()
+    code = present(result, simulation.file, options, outside.interrupted)
     if recorded is None or outside.interrupted or (complaint := recorded.complaint(result)) is None:
         return code
     print(f"error: {complaint}", file=sys.stderr)
@@ -86,57 +89,23 @@ class _Outside:
         return None
 
 
-def _simulate(
-    worlds: Sequence["World"], stops: Sequence["Proposal"], terminal: "Terminal", log: "RunLog", outside: _Outside
-) -> "Result":
-    """Live through all worlds, of which the last was stopped as ``stops`` say; it alone is judged."""
-    import numpy as np
+def _shown(terminal: "Terminal", log: "RunLog") -> "Listener":
+    """Progress on the terminal, and in the run log."""
+    from supernode.simulation import Listener
 
-    from node.fingerprint import fingerprint
-    from node.replay import live
-    from problems import EvaluationFailed
-    from spy.collector import Collector
-    from spy.judge import judge
-    from spy.past import Lived, Past, stopped_after
-    from spy.result import Clocks, result_of, states_of, stop_reasons
+    class Shown(Listener):
+        """Both of them."""
 
-    last = worlds[-1]
-    plan, run = last.plan, last.file.run
-    collector = Collector(plan, job=1)
-    with contextlib.suppress(EvaluationFailed):  # loads compiled code, off the clock
-        plan.evaluate(plan.coding.random(plan.keys(np.arange(1), 0), 1)[0])
-    outside.began = time.monotonic()
-    log.write("start", job=1, world=last.number, run=run.model_dump())
+        def begins(self, world: "World") -> None:
+            if world.is_fresh:
+                terminal.begins_anew(world.why)
+            log.write("start", job=1, world=world.number, run=world.file.run.model_dump())
 
-    def hear(champion: "Champion | None") -> None:
-        better = collector.hear(champion, time.monotonic() - outside.began)
-        if better is not None:
+        def improvement(self, world: "World", better: "Improvement") -> None:
             terminal.improvement(better)
-            log.improvement(plan.topology, better)
+            log.improvement(world.plan.topology, better)
 
-    past, reports, error = Past(), list["Report"](), None
-    try:
-        lived = live(worlds, lambda _, champion: hear(champion), outside.wish)
-        for each, then in itertools.pairwise(lived):
-            past = past.and_then(Lived(each.file, each.reports, each.plan.world), then.why)
-        reports = _with_stops(lived[-1].reports, stops)
-    except EvaluationFailed as failure:
-        error = str(failure)
-    seconds = time.monotonic() - outside.began
-    world = Lived(last.file, reports, last.number)
-    hear(past.or_better(world))
-    generation = stopped_after(reports) if reports else 0
-    reasons = stop_reasons(reports, run.mode)
-    judgement = judge(collector, generation, reasons, error, states_of(reports), last.since)
-    log.end(judgement, generation)
-    log.close()
-    clocks = Clocks(seconds, 0.0, time.process_time())
-    return result_of("1", worlds[0].file.run, past, world, judgement, fingerprint(), clocks)
+        def ends(self, world: "World", judgement: "Judgement", generation: int) -> None:
+            log.end(judgement, generation)
 
-
-def _with_stops(reports: Sequence["Report"], stops: Sequence["Proposal"]) -> list["Report"]:
-    """As if the root had proposed the stops that came from outside."""
-    return [
-        replace(report, proposals=(*report.proposals, *(each for each in stops if each.cell == report.cell)))
-        for report in reports
-    ]
+    return Shown()

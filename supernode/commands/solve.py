@@ -107,7 +107,8 @@ def _on_its_own(file: "ProblemFile", options: argparse.Namespace) -> int:
         with LocalCluster(topology=topology.spec, force=options.force) as cluster:
             terminal.say(f"ready after {cluster.seconds_to_ready:.2f} s")
             result, interrupted = _follow(cluster, cluster.submit(file, log=log), terminal)
-    return present(replace(result, cpu_seconds=_cpu_seconds()), file, options, interrupted)
+    tried = file.tried(result.directives)
+    return present(replace(result, cpu_seconds=_cpu_seconds()), tried, options, interrupted)
 
 
 def _follow(cluster: "LocalCluster", job: "Job", terminal: "Terminal") -> tuple["Result", bool]:
@@ -125,11 +126,14 @@ def _follow(cluster: "LocalCluster", job: "Job", terminal: "Terminal") -> tuple[
 
 
 def _show(job: "Job", terminal: "Terminal") -> None:
+    from coordinator.job import BegunAnew
     from wire.news import Improvement
 
     for event in job.events():
         if isinstance(event, Improvement):
             terminal.improvement(event)
+        elif isinstance(event, BegunAnew):
+            terminal.begins_anew(event.why)
         else:
             terminal.statistics(event)
 

@@ -155,6 +155,28 @@ def test_a_problem_that_breaks_in_a_later_world_says_so(own_problem):
         replay(file, [{"do": "update", "generation": 3, "fields": {"trouble": "raises"}}])
 
 
+RETRY = {"world": 1, "do": "retry", "generation": 12, "attempt": 1, "seed": 7, "fields": {"dimension": 5}}
+
+
+def test_another_attempt_begins_with_new_individuals_and_a_seed_of_its_own(file):
+    first, second, third = replay(file, [RETRY, UPDATE | {"world": 2, "generation": 7}])
+    assert digests(first.reports) == digests(simulate(plan_of(file, generations=12)))
+    alone = {"seed": int(second.plan.seed), "generations": 7}
+    longer = dataclasses.replace(file, fields=file.fields | {"dimension": 5})
+    assert digests(second.reports) == digests(simulate(plan_of(longer, **alone))), "as if it were the first"
+    assert (second.plan.attempt, second.plan.since, second.file.sha256) == (1, 12, file.sha256)
+    assert (third.plan.attempt, third.plan.since, third.plan.problem.dimension) == (0, 19, 5)
+
+
+def test_the_directive_of_an_attempt_tells_its_seed(file):
+    first = worlds_of(file)[0]
+    second = first.retried(12, {"dimension": 5})
+    assert second.why == {"do": "retry", "attempt": 1, "seed": int(second.plan.seed), "fields": {"dimension": 5}}
+    assert (second.number, second.since, second.is_fresh, first.is_fresh) == (1, 12, True, False)
+    third = second.retried(7, {})
+    assert (third.number, third.since, third.why["attempt"], third.plan.problem.dimension) == (2, 19, 2, 5)
+
+
 def without(directive, name):
     return {key: value for key, value in directive.items() if key != name}
 
@@ -162,9 +184,9 @@ def without(directive, name):
 @pytest.mark.parametrize(
     ("directive", "said"),
     [
-        ({}, "do: expected stop, update, rewire or replace, found null"),
-        ({"do": "dance"}, 'do: expected stop, update, rewire or replace, found "dance"'),
-        ({"do": ["stop"]}, "do: expected stop, update, rewire or replace, found ["),
+        ({}, "do: expected stop, update, rewire, replace or retry, found null"),
+        ({"do": "dance"}, 'do: expected stop, update, rewire, replace or retry, found "dance"'),
+        ({"do": ["stop"]}, "do: expected stop, update, rewire, replace or retry, found ["),
         ("stop", 'expected tables, found "stop"'),
         (None, "expected tables, found null"),
         (without(STOP, "generation"), "generation: expected a whole number from 0 on, found null"),
@@ -175,6 +197,8 @@ def without(directive, name):
         (without(UPDATE, "fields"), "fields: expected a table, found null"),
         (UPDATE | {"fields": [1]}, "fields: expected a table, found [1]"),
         (without(REWIRE, "topology"), "topology: expected a text, found null"),
+        (without(RETRY, "fields"), "fields: expected a table, found null"),
+        (without(RETRY, "generation"), "generation: expected a whole number from 0 on, found null"),
         (REWIRE | {"topology": "ring 7"}, 'topology: expected one of 6 cells, found "ring 7"'),
         (without(REPLACE, "demes_of"), "demes_of: expected a table, found null"),
         (without(REPLACE, "generations"), "generations: expected a table, found null"),

@@ -5,6 +5,7 @@ import json
 import re
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from hypothesis import example, given
@@ -15,6 +16,7 @@ from problems.errors import did_you_mean, shorten
 from problems.file import parse
 from topologies.parse import EXAMPLES
 
+FUNCTION = 'kind = "function"\nname = "rastrigin"\ndimension = 2\n'
 ARM = """\
 kind = "arm-ik"
 target = [1.2, 0.9]
@@ -424,6 +426,10 @@ def test_a_file_is_the_same_after_a_journey_as_json(tmp_path):
         '{"a": 1, "b": 2, "c": 3, "d": 4}',
         '["x.toml", {"kind": "arm-ik"}, {}]',
         '["x.toml", {"kind": "arm-ik"}, {}, "/", 1]',
+        '["x.toml", {"kind": "arm-ik"}, {}, "/", -1, {}]',
+        '["x.toml", {"kind": "arm-ik"}, {}, "/", true, {}]',
+        '["x.toml", {"kind": "arm-ik"}, {}, "/", 1, []]',
+        '["x.toml", {"kind": "arm-ik"}, {}, "/", 1, {}, 2]',
         '[3, {"kind": "arm-ik"}, {}, "/"]',
         '["x.toml", [], {}, "/"]',
         '["x.toml", {}, {}, "/"]',
@@ -474,6 +480,52 @@ def test_wrong_settings_given_later_are_refused(settings, complaint):
 def test_a_setting_may_be_zero():
     file = parse(ARM, "arm.toml", folder=None)
     assert file.with_run(generations=0, seed=0).run == Run(generations=0, seed=0)
+
+
+# next_attempt ---------------------------------------------------------------------------------------------------------
+def test_an_attempt_changes_fields_but_not_the_problem():
+    file = parse(FUNCTION, "f.toml", folder=Path())
+    second = file.next_attempt({"dimension": 3}).next_attempt({"name": "sphere"})
+    assert (second.attempt, second.attempt_fields) == (2, {"dimension": 3, "name": "sphere"})
+    assert (second.fields, second.sha256) == (file.fields, file.sha256)
+    assert (second.problem().dimension, second.problem().name) == (3, "sphere")
+    assert file.problem().dimension == 2
+    assert ProblemFile.from_json(second.to_json()) == second
+    assert len(json.loads(file.to_json())) == 4, "as clients of other languages write it"
+    again = second.next_attempt({"dimension": 2})
+    assert (again.attempt, again.attempt_fields) == (3, {"name": "sphere"}), "as in the file again"
+
+
+def test_an_update_keeps_the_coding_of_the_attempt_and_counts_anew():
+    tried = parse(FUNCTION, "f.toml", folder=Path()).next_attempt({"dimension": 3})
+    updated = tried.changed({"name": "sphere"}, {})
+    assert (updated.attempt, updated.attempt_fields, updated.problem().dimension) == (0, {"dimension": 3}, 3)
+    assert updated.sha256 != tried.sha256
+    rewired = tried.changed({}, {"topology": "ring 16"})
+    assert (rewired.attempt, rewired.attempt_fields) == (1, {"dimension": 3})
+    assert tried.changed({"dimension": 3}, {}).attempt_fields == {}
+    with pytest.raises(BadInput, match="the update would change how individuals are coded"):
+        tried.changed({"dimension": 2}, {})
+
+
+@pytest.mark.parametrize(
+    ("fields", "said"),
+    [
+        ({"kind": "terrain"}, "f.toml: next_attempt: expected fields of the problem, found kind"),
+        ({"run": {}}, "f.toml: next_attempt: expected fields of the problem, found run"),
+        ({"dimension": "many"}, "f.toml: dimension: "),
+        ({"dimensions": 3}, "f.toml: dimensions: unknown field"),
+    ],
+)
+def test_an_attempt_that_cannot_be_is_refused(fields, said):
+    with pytest.raises(BadInput, match=said):
+        parse(FUNCTION, "f.toml", folder=Path()).next_attempt(fields)
+
+
+def test_a_result_tells_what_its_attempts_have_changed():
+    file = parse(FUNCTION, "f.toml", folder=Path())
+    directives = [{"do": "retry", "fields": {"dimension": 3}}, {"do": "stop"}, {"do": "retry", "fields": {}}]
+    assert file.tried(directives) == file.next_attempt({"dimension": 3}).next_attempt({})
 
 
 # Words ----------------------------------------------------------------------------------------------------------------

@@ -36,7 +36,7 @@ def test_the_defaults_are_those_of_the_manual():
     run = Run()
     assert (run.mode, run.topology, run.deme, run.seed, run.recipe) == ("lockstep", "torus 4x4", 1, 1, "tuned")
     assert (run.interval, run.emigrants, run.spy) == (1, 1, "champion")
-    assert run.generations is run.evaluations is run.seconds is run.target is run.stall is None
+    assert run.generations is run.evaluations is run.seconds is run.target is run.stall is run.restarts is None
 
 
 @pytest.mark.parametrize(
@@ -81,6 +81,18 @@ def test_the_default_stall_applies_only_if_nothing_else_limits_the_run(settings,
 )
 def test_the_last_generation(settings, last):
     assert Run(**settings).last_generation(Recipe()) == last
+
+
+def test_the_first_individuals_of_each_world_are_evaluated_too():
+    run = Run(evaluations=3 * 16 + 128 * 5)
+    assert [run.last_generation(Recipe(), worlds) for worlds in (1, 2, 3, 4, 50)] == [5, 5, 5, 4, 0]
+    assert Run(generations=17).last_generation(Recipe(), 3) == 17
+
+
+def test_what_limits_a_run_however_it_goes():
+    assert not Run(stall=3, target=0.5, restarts=2).is_limited
+    for limit in ({"generations": 0}, {"evaluations": 5}, {"seconds": 1.0}):
+        assert Run(**limit).is_limited
 
 
 def test_the_stray_evaluation_of_the_one_bit_mutation_counts():

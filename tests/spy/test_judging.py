@@ -55,12 +55,21 @@ def test_an_earlier_birth_of_the_same_fitness_is_the_champion_but_no_improvement
 
 def test_what_was_known_before_the_nodes_were_rewired_is_known_still():
     before = collected(plan_of(), Champion(20.0, 3, 5, HALF)).best
-    collector = Collector(dataclasses.replace(plan_of(), world=1), 1, before)
+    collector = Collector(dataclasses.replace(plan_of(), world=1), 1, before.carried_to(1))
     assert (collector.best.world, collector.best.fitness, collector.best.generation) == (1, 20.0, 0)
     assert collector.hear(Champion(40.0, 1, 0, EMPTY), 0.3) is None
     assert collector.hear(Champion(20.0, 0, 9, HALF), 0.4) is None
     assert collector.best.cell == 9, "who has it now"
     assert collector.hear(Champion(0.0, 9, 1, FULL), 0.5).fitness == 0.0
+
+
+def test_the_best_of_an_earlier_attempt_stays_as_it_was_found():
+    before = collected(plan_of(), Champion(20.0, 3, 5, HALF)).best
+    collector = Collector(dataclasses.replace(plan_of(), world=1, attempt=1), 1, before)
+    assert collector.best == before
+    assert collector.hear(Champion(20.0, 0, 9, HALF), 0.4) is None
+    assert collector.best == before, "one that is as good is no better"
+    assert collector.hear(Champion(0.0, 9, 1, FULL), 0.5).world == 1
 
 
 def test_a_lie_is_not_believed_and_fails_the_run():
@@ -91,6 +100,42 @@ def test_status(settings, generation, reasons, status):
     target = settings.get("target", 0.0)
     words = f'genome: "{FULL.hex()}"'
     assert judge(collector, generation, reasons) == Judgement(status, True, None, collector.best, words, target)
+
+
+@pytest.mark.parametrize(
+    ("settings", "reasons", "lived", "status", "fields"),
+    [
+        ({"restarts": 2}, ["stall"], 100, "stalled", {}),
+        ({"restarts": 2}, ["deadline"], 100, "deadline", None),
+        ({"restarts": 2}, ["cancel"], 100, "cancelled", None),
+        ({"restarts": 0}, ["stall"], 100, "stalled", None),
+        ({"restarts": 2, "target": 30.0}, ["stall"], 100, "solved", None),
+        ({"restarts": 2, "generations": 109}, ["stall"], 100, "stalled", {}),
+        ({"restarts": 2, "generations": 108}, ["stall"], 100, "exhausted", None),
+        # 16 cells; 16 evaluations first in each of the two worlds, and 128 a generation
+        ({"restarts": 2, "evaluations": 32 + 128 * 109}, ["stall"], 100, "stalled", {}),
+        ({"restarts": 2, "evaluations": 32 + 128 * 109 - 1}, ["stall"], 100, "exhausted", None),
+        ({"keep_alive": True}, ["stall"], 100, "stalled", {}),
+    ],
+)
+def test_what_stalls_without_its_target_begins_anew(settings, reasons, lived, status, fields):
+    """World 0 has ended after its generation 8."""
+    collector = collected(plan_of(**settings), Champion(20.0, 3, 5, HALF))
+    judgement = judge(collector, 8, reasons, since=lived)
+    assert (judgement.status, judgement.next_attempt) == (status, fields)
+    assert Judgement.of(decode_answer(encode_answer(judgement.answer()))) == judgement
+
+
+def test_what_is_kept_alive_without_a_target_seeks_a_feasible_answer():
+    class Endless(OneMax):
+        @property
+        def solved_at(self):
+            return None
+
+    plan = Plan(Endless(kind="endless"), Run(keep_alive=True))
+    found = judge(collected(plan, Champion(20.0, 3, 5, HALF)), 8, ["stall"])
+    assert (found.status, found.feasible, found.next_attempt) == ("stalled", True, None)
+    assert judge(collected(plan), 8, ["stall"]).next_attempt == {}
 
 
 def test_nothing_feasible():

@@ -45,6 +45,7 @@ def update(number):
     return {"do": "update", "fields": {"goal": number}}
 
 
+RETRY = {"do": "retry", "attempt": 1, "seed": 9, "fields": {"commands": 9}}
 REWIRE = {"do": "rewire", "topology": "ring 2"}
 
 
@@ -101,6 +102,7 @@ def test_the_best_of_worlds_of_one_problem_is_known_until_it_changes():
     assert past.or_better(lived(1, [knowing(0.1)])).fitness == 0.1
     assert past.and_then(lived(1, [knowing(0.1)]), {"do": "replace"}).champion == past.champion
     assert past.and_then(lived(1, [knowing(0.1)]), update(2)).champion is None
+    assert past.and_then(lived(1, [knowing(0.1)]), RETRY).champion is None, "it may be coded otherwise"
 
 
 def test_many_directives_are_put_together_and_what_they_come_to_is_kept(monkeypatch):
@@ -116,6 +118,15 @@ def test_many_directives_are_put_together_and_what_they_come_to_is_kept(monkeypa
         merged |= directive["fields"]
     assert merged == {"goal": 199, "only 0": 1, "only 1": 1, "only 2": 1}
     assert [each["world"] for each in past.directives[1:]] == list(range(201 - len(past.directives) + 1, 201))
+
+
+def test_what_attempts_change_is_not_put_together_with_updates(monkeypatch):
+    monkeypatch.setattr(of_past, "MOST_BYTES", 600)
+    past = Past().and_then(lived(0), update(1))
+    for number in range(1, 20):
+        past = past.and_then(lived(number), RETRY)
+    together = past.directives[0]
+    assert (together["do"], together["fields"]) == ("several", {"goal": 1})
 
 
 def test_staleness_is_over_all_immigrants_of_all_cells():
