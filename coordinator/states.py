@@ -21,7 +21,10 @@ State = Literal[
 ENDS: frozenset[State] = frozenset({"solved", "stalled", "exhausted", "deadline", "cancelled", "failed"})
 """States that nothing follows."""
 
-LIVING: frozenset[State] = frozenset({"running", "searching", "waiting"})
+BREEDING: frozenset[State] = frozenset({"running", "searching"})
+"""States in which nodes breed."""
+
+LIVING: frozenset[State] = BREEDING | {"waiting"}
 """States in which nodes have the job's individuals."""
 
 _STOPPED: frozenset[State] = frozenset({"cancelled", "deadline", "failed"})  # whether or not anything was found

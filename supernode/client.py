@@ -28,7 +28,7 @@ from problems import ProblemFile, load
 from problems.errors import BadInput
 from problems.file import filled_in, load_patch
 from supernode.link import PATIENCE, Link
-from supernode.trail import WAITING, Trail, improvement_in
+from supernode.trail import ENDED, WAITING, Trail, improvement_in
 from supernode.whereabouts import Place
 from wire import jobs as wire
 from wire.keys import Keys
@@ -296,16 +296,29 @@ class AsyncClientJob:
             await self._client.more(trail)
         return better
 
-    async def answer(self, timeout: float | None = None) -> Improvement | None:
-        """The best when the job has ended, waits for its world to move, or so many seconds have gone by.
+    async def event(self, after: Improvement | None, state: str | None) -> Improvement | str | None:
+        """The first improvement, or the next one; or the job's state, if it is another than this one; None at its end.
 
-        None if nothing feasible is known by then, in the world that the last `update` made.
+        An end is no such state.
+        """
+        trail = self._trail
+        while (better := trail.after(after)) is None and trail.end is None:
+            if trail.status is not None and trail.status != state and trail.status not in ENDED:
+                return trail.status
+            await self._client.more(trail)
+        return better
+
+    async def answer(self, timeout: float | None = None) -> Improvement | None:
+        """The best feasible answer when the job has ended, waits for an update, or so many seconds have gone by.
+
+        A job that is kept alive waits once it is solved, or has a feasible answer if its problem has no target; until
+        then it searches. None if nothing feasible is known by then, in the world that the last `update` made.
         """
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(timeout):
                 while not self._is_answered():
                     await self._client.more(self._trail)
-        return self._trail.best(self._world)
+        return self._trail.answer(self._world)
 
     async def result(self, timeout: float | None = None) -> "Result":
         """Wait for the end. If the cluster or the problem broke, the result's status is "failed" and it says why.
@@ -487,8 +500,18 @@ class ClientJob:
             yield better
 
     def answer(self, timeout: float | None = None) -> Improvement | None:
-        """The best when the job has ended, waits for its world to move, or so many seconds have gone by."""
+        """The best feasible answer within so many seconds, see `AsyncClientJob.answer`."""
         return self._thread.run(self._job.answer(timeout))
+
+    def events(self) -> Iterator[Improvement | str]:
+        """The same as `improvements`, and the states that the job comes to meanwhile."""
+        better, state = None, None
+        while (event := self._thread.run(self._job.event(better, state))) is not None:
+            if isinstance(event, str):
+                state = event
+            else:
+                better = event
+            yield event
 
     def result(self, timeout: float | None = None) -> "Result":
         """Wait for the end, see `AsyncClientJob.result`."""

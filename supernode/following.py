@@ -11,13 +11,19 @@ from spy.result import Result
 from spy.run_log import RunLog
 from spy.terminal import Terminal
 from supernode.results import topology_of
-from wire.news import LogRecord, Statistics
+from supernode.trail import SEARCHING, WAITING
+from wire.news import Improvement, LogRecord, Statistics
 from wire.strict import Rejected
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
     from supernode.client import Client, ClientJob
+
+_SAID_OF_STATES = {
+    WAITING: "it is kept alive for an update (`supernode cancel {job}` ends it, Ctrl-C ends the watching)",
+    SEARCHING: "it stalled without an answer, and begins anew until it has one (`supernode cancel {job}` ends it)",
+}
 
 
 class Follower:
@@ -56,17 +62,31 @@ class Follower:
             client.listen(client.keys.log, self._hear_record)
 
     def show(self) -> None:
-        """Each improvement until the end."""
+        """Each improvement until the end, and what a person must know of a job that is kept alive."""
         world = 0
         with Terminal(topologies.parse(self._file.run.topology), self._quiet, self._below) as terminal:
-            for better in self._job.improvements():
-                if better.world != world:
-                    view = self._job.show()
-                    if view["world"] >= better.world:  # news of it may be quicker than its record
-                        world, terminal.topology = better.world, topology_of(view, better.world)
-                        terminal.say(f"world {world}: {terminal.topology.spec}")
-                terminal.improvement(better)
-                self._log.improvement(terminal.topology, better)
+            for event in self._job.events():
+                if isinstance(event, str):
+                    if event in _SAID_OF_STATES:
+                        terminal.say(f"{event}: {_SAID_OF_STATES[event].format(job=self._job.id)}")
+                    continue
+                if event.world != world:
+                    world = self._tell_of_its_world(terminal, event, world)
+                terminal.improvement(event)
+                self._log.improvement(terminal.topology, event)
+
+    def _tell_of_its_world(self, terminal: Terminal, better: Improvement, world: int) -> int:
+        """Say how that world began; the number of the one that was told of last."""
+        view = self._job.show()
+        if view["world"] < better.world:  # news of it may be quicker than its record
+            return world
+        terminal.topology = topology_of(view, better.world)
+        retries = [each for each in view["worlds"] if each["world"] == better.world and each.get("do") == "retry"]
+        for why in retries:
+            terminal.begins_anew(why)
+        if not retries:
+            terminal.say(f"world {better.world}: {terminal.topology.spec}")
+        return better.world
 
     def result(self, timeout: float | None = None) -> Result:
         """What came of the job, with the solution in words; the log is closed.

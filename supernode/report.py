@@ -10,9 +10,11 @@ from importlib.metadata import version
 from typing import Any, NamedTuple
 
 from coordinator.pages import rendered
+from node.plan import Plan
 from problems import BadInput, Problem, ProblemFile, Run, Solution
 from problems.guard import described
 from problems.registry import is_built_in
+from problems.run import DEFAULT_RESTARTS
 from spy.result import Result
 from supernode.client import Client
 from supernode.picture import as_png, drawn
@@ -262,8 +264,12 @@ def _in_force(name: str, run: Run, problem: Problem | None) -> str:
     value = getattr(run, name)
     if value is not None:
         return json.dumps(value)
-    if name == "stall" and (stall := run.stall_limit()) is not None:
+    stall = run.stall_limit() if problem is None else Plan(problem, run).stall
+    if name == "stall" and stall is not None:
         return f"none, hence {stall}"
+    if name == "restarts":
+        most = "" if run.is_limited else f", at most {DEFAULT_RESTARTS}"
+        return f"none, hence as the kind of problem has it{most}"
     if name in ("replacement", "mutation") and problem is not None:
         return f"the recipe's {json.dumps(getattr(run.breeding(problem), name))}"
     return "none"

@@ -19,8 +19,11 @@ from wire.news import Improvement
 ENDED = frozenset({"solved", "stalled", "exhausted", "deadline", "cancelled", "failed"})
 """States that a job does not leave."""
 
-RUNNING = "running"
-"""The state of a job after each of its worlds has begun."""
+SEARCHING = "searching"
+"""The state of a job that is kept alive, has stalled without an answer, and begins anew until it has one."""
+
+BEGUN = frozenset({"running", SEARCHING})
+"""States of a job after a world of its has begun."""
 
 WAITING = "waiting"
 """The state of a job that has its answer and is kept alive for the next world."""
@@ -84,7 +87,7 @@ class Trail:
         """The coordinator has published a change of a job's state."""
         if state.job != self.job:
             return
-        self.begun += state.status == RUNNING
+        self.begun += state.status in BEGUN
         self._know_number(state.number)
         self.status = state.status
         self.look_at = now if state.status in ENDED else now + LOOK_EVERY
@@ -122,6 +125,11 @@ class Trail:
         if not self.improvements or self.improvements[-1].world < world:
             return None
         return self.improvements[-1]
+
+    def answer(self, world: int) -> Improvement | None:
+        """The best so far of that world or a later one that the planner's check accepts."""
+        known = (each for each in reversed(self.improvements) if each.world >= world)
+        return next((each for each in known if each.feasible), None)
 
     def _know_number(self, number: int) -> None:
         if self.number is None:

@@ -18,7 +18,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_settings(parser)
     parser.add_argument("--id", metavar="ID", help="an id of your choice: the same job twice is one job")
     parser.add_argument("--priority", metavar="N", type=whole, default=0, help="higher ones are done first (0)")
-    parser.add_argument("--keep-alive", action="store_true", help="once it has its answer, wait for the next `update`")
+    parser.add_argument(
+        "--keep-alive", action="store_true", help="search until it has an answer, then wait for the next `update`"
+    )
     add_cluster_options(parser, "id and state")
 
 

@@ -9,7 +9,7 @@ from operator import itemgetter
 from typing import Any
 
 import topologies
-from coordinator.states import ENDS
+from coordinator.states import BREEDING, ENDS
 from wire.keys import Keys
 from wire.news import Counters, Improvement, LogRecord, Statistics, period_of_reports
 from wire.plain import plain
@@ -195,7 +195,7 @@ class View:
 
     def running(self) -> dict[str, Statistics]:
         """How the jobs are that run, by id."""
-        running = [job for job in self.jobs if job["status"] == "running" and job["number"] in self.statistics]
+        running = [job for job in self.jobs if job["status"] in BREEDING and job["number"] in self.statistics]
         return {job["job"]: self.statistics[job["number"]] for job in running}
 
     def heard_of(self, job: str) -> Any:
@@ -239,7 +239,7 @@ class View:
     def _shape(self) -> tuple[int, int]:
         """Rows and columns: of the newest job that runs on all nodes, else of the most square torus."""
         count = self._places()
-        specs = [job["topology"] for job in self.jobs if job["cells"] == count and job["status"] == "running"]
+        specs = [job["topology"] for job in self.jobs if job["cells"] == count and job["status"] in BREEDING]
         return shape_of(specs[-1] if specs else topologies.torus_of(max(1, count)))
 
     def _say(self, level: str, text: str) -> None:

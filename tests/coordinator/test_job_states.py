@@ -36,6 +36,9 @@ def test_every_job_can_end_from_wherever_it_is():
         "submitted queued cancelled",
         "submitted queued preparing deadline",
         "submitted queued preparing running waiting running waiting cancelled",
+        "submitted queued preparing running searching waiting running searching running deadline",
+        "submitted queued preparing running waiting searching waiting cancelled",
+        "submitted queued preparing searching queued preparing searching exhausted",
         "submitted queued preparing queued preparing running queued preparing running exhausted",
     ],
 )
@@ -47,7 +50,14 @@ def test_lives_of_jobs(life):
 
 
 @pytest.mark.parametrize(
-    ("now", "then"), [("queued", "running"), ("submitted", "solved"), ("queued", "solved"), ("waiting", "stalled")]
+    ("now", "then"),
+    [
+        ("queued", "running"),
+        ("submitted", "solved"),
+        ("queued", "solved"),
+        ("waiting", "stalled"),
+        ("queued", "searching"),
+    ],
 )
 def test_no_short_cuts(now, then):
     with pytest.raises(WrongTransition, match=f"after '{now}' comes .*, not '{then}'"):

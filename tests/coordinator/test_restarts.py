@@ -1,5 +1,7 @@
 """Runs that stall without reaching their target begin anew: on real processes, each repeated bit for bit."""
 
+from pathlib import Path
+
 import pytest
 from stubborn import stubborn_file
 from worlds import States, again, turns_of
@@ -14,6 +16,7 @@ kind = "function"
 name = "rastrigin"
 dimension = 6
 """
+ROOT = Path(__file__).resolve().parents[2]
 SAME = ("status", "feasible", "fitness", "solution", "found_at", "generations", "evaluations", "directives")
 
 
@@ -196,6 +199,65 @@ def test_an_update_goes_on_from_the_attempt_and_counts_anew(cluster, states, stu
     assert result.history_sha256 == again(file, result)
 
 
+# Kept alive -----------------------------------------------------------------------------------------------------------
+def test_what_is_kept_alive_searches_until_it_has_an_answer_and_then_waits(cluster, states, stubborn):
+    file = stubborn(hurdles=3)
+    job = cluster.submit(file, keep_alive=True, stall=25, topology="torus 2x3")
+    states.wait(job, "waiting")
+    assert states.of(job) == ["queued", "preparing", "running", *["searching"] * 3, "waiting"]
+    assert job.update(hurdles=1) == 4
+    states.wait(job, "waiting", times=2)
+    assert states.of(job)[7:] == ["running", "searching", "waiting"]
+    job.cancel()
+    result = job.result(timeout=60)
+    assert (result.status, result.feasible, result.fitness) == ("cancelled", True, 0.0)
+    assert [do for do, _ in turns_of(result)] == ["retry"] * 3 + ["update", "retry"]
+    assert result.history_sha256 == again(file, result)
+
+
+def test_it_searches_without_bound(cluster, states, stubborn):
+    file = stubborn(hurdles=99, gives_up=3)
+    job = cluster.submit(file, keep_alive=True, stall=10, restarts=1)
+    states.wait(job, "searching", times=12)
+    job.cancel()
+    result = job.result(timeout=60)
+    assert (result.status, result.feasible) == ("cancelled", False)
+    retries = [each for each in result.directives if each["do"] == "retry"]
+    assert [each["attempt"] for each in retries] == list(range(1, len(retries) + 1))
+    assert retries[-1]["fields"] == {}, "the problem has no more ideas"
+    assert result.history_sha256 == again(file, result)
+
+
+def test_it_may_be_rewired_while_it_searches(cluster, states, stubborn):
+    file = stubborn(hurdles=4, grows=0)
+    job = cluster.submit(file, keep_alive=True, stall=40, topology="torus 2x3")
+    states.wait(job, "searching")
+    job.rewire("ring 6")
+    states.wait(job, "waiting")
+    job.cancel()
+    result = job.result(timeout=60)
+    assert (result.topology, result.fitness) == ("ring 6", 0.0)
+    assert result.history_sha256 == again(file, result)
+
+
+def test_what_has_no_target_waits_with_a_feasible_answer(cluster, states):
+    file = supernode.load(ROOT / "examples" / "terrain-map.toml")
+    job = cluster.submit(file, keep_alive=True, topology="torus 2x3", deme=4)
+    states.wait(job, "waiting", timeout=100)
+    assert "searching" not in states.of(job)
+    job.cancel()
+    assert job.result(timeout=60).feasible
+
+
+def test_the_deadline_ends_a_search(cluster, states, stubborn):
+    job = cluster.submit(stubborn(hurdles=99), keep_alive=True, stall=10, seconds=1.5)
+    result = job.result(timeout=60)
+    assert result.status == "deadline"
+    assert {"searching", "deadline"} <= set(states.of(job))
+    assert "waiting" not in states.of(job)
+
+
+# What a problem may answer --------------------------------------------------------------------------------------------
 @pytest.mark.parametrize(
     ("answer", "said"),
     [

@@ -61,10 +61,10 @@ class FakeService:
         state = jobs.JobState(job, entry["number"], status, entry["fitness"], message, time.time())
         self.publish(self.keys.state, state.encode())
 
-    def improve(self, job, fitness, world=0):
+    def improve(self, job, fitness, world=0, feasible=True):
         """The spy finds something better."""
         entry = self.jobs[job]
-        better = Improvement(entry["number"], world, 0.1, 3, 2, float(fitness), True, SOLUTION)
+        better = Improvement(entry["number"], world, 0.1, 3, 2, float(fitness), feasible, SOLUTION)
         entry["best"] = vars(better)
         entry["fitness"] = float(fitness)
         self.publish(self.keys.best, better.encode())

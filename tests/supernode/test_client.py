@@ -129,6 +129,37 @@ def test_the_answer_comes_at_the_deadline_or_when_the_job_waits(service, client,
     assert job.rewire("ring 16") == 2
 
 
+def test_an_answer_is_feasible_and_of_a_job_that_searches_it_takes_its_time(service, client, file):
+    job = client.submit(file, id="a")
+    service.tell("a", "running")
+    service.improve("a", 5, feasible=False)
+    service.tell("a", "searching")
+    began = time.monotonic()
+    assert job.answer(0.3) is None
+    assert time.monotonic() - began >= 0.29
+    service.improve("a", 4, world=1)
+    service.improve("a", 3, world=1, feasible=False)
+    assert job.answer(0.2).fitness == 4.0, "the best that the check accepts"
+    later(0.2, lambda: service.improve("a", 0, world=2), lambda: service.tell("a", "waiting"))
+    assert job.answer().fitness == 0.0
+    assert job.update(goal=[1, 2]) == 1
+
+
+def test_what_happens_to_a_job_that_is_kept_alive(service, client, file):
+    job = client.submit(file, id="a")
+    steps = [
+        lambda: service.tell("a", "running"),
+        lambda: service.improve("a", 5),
+        lambda: service.tell("a", "searching"),
+        lambda: service.improve("a", 0, world=1),
+        lambda: service.tell("a", "waiting"),
+        lambda: service.end("a", "cancelled"),
+    ]
+    later(0.1, *steps)
+    told = [event if isinstance(event, str) else event.fitness for event in job.events()]
+    assert [event for event in told if event != "queued"] == ["running", 5.0, "searching", 0.0, "waiting"]
+
+
 def test_an_update_from_a_file_takes_what_that_names_from_beside_it(service, client, file, tmp_path):
     job = client.submit(file, id="a")
     service.jobs["a"]["kind"] = "terrain"

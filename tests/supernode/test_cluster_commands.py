@@ -97,6 +97,30 @@ def test_watch_shows_improvements_and_the_result(supernode, service, file):
     assert (code, err, json.loads(out)["status"]) == (0, "", "solved")
 
 
+def test_watch_says_of_a_job_that_is_kept_alive_whether_it_waits_or_searches(supernode, service, file):
+    supernode("submit", file, "--id", "a", "--keep-alive")
+    service.improve("a", 9)
+    service.tell("a", "searching")
+    shown = partial(service.wait_until_asked, "show")
+    retry = {"world": 3, "do": "retry", "attempt": 2, "seed": 77, "fields": {"commands": 16}}
+
+    def solved():
+        service.jobs["a"].update(world=3, worlds=[retry])
+        service.improve("a", 0, world=3)
+
+    steps = [solved, partial(service.tell, "a", "waiting"), partial(service.end, "a", "cancelled")]
+    thread = soon(shown, *steps)
+    code, _, err = supernode("watch", "a")
+    thread.join()
+    assert code == 3
+    first, searching, anew, best, waiting = err.splitlines()
+    assert first.endswith("fitness 9")
+    assert searching.startswith("searching: it stalled without an answer, and begins anew until it has one (`supernode")
+    assert anew == "stalled: begins anew, restart 2, seed 77, commands = 16"
+    assert best.endswith("fitness 0")
+    assert waiting.startswith("waiting: it is kept alive for an update (`supernode cancel a` ends it")
+
+
 def test_watch_ends_as_the_job_did(supernode, service, file):
     supernode("submit", file, "--id", "a")
     service.tell("a", "cancelled")

@@ -1,5 +1,7 @@
 """What a client makes of news that are lost, repeated, late, or of other jobs."""
 
+import dataclasses
+
 import pytest
 
 from supernode.trail import LOOK_EVERY, MOST_KEPT, Trail, improvement_in
@@ -68,6 +70,21 @@ def test_a_later_world_begins_anew(trail):
     assert fitnesses(trail) == [1.0, 8.0]
     assert trail.best(1).fitness == 8.0
     assert trail.best(2) is None
+
+
+def test_an_answer_is_one_that_the_check_accepts(trail):
+    trail.hear_view(view(better(9)), 0.0)
+    trail.hear_best(better(7, world=1), 0.0)
+    trail.hear_best(dataclasses.replace(better(3, world=1), feasible=False), 0.0)
+    assert [trail.best(1).fitness, trail.answer(1).fitness, trail.answer(0).fitness] == [3.0, 7.0, 7.0]
+    trail.hear_best(dataclasses.replace(better(8, world=2), feasible=False), 0.0)
+    assert trail.answer(2) is None
+
+
+def test_a_job_that_searches_has_begun(trail):
+    for status in ("running", "searching", "waiting"):
+        trail.hear_state(state(status), 0.0)
+    assert trail.begun == 2
 
 
 def test_a_view_after_the_end_is_the_end_and_brings_what_was_lost(trail):
