@@ -21,10 +21,10 @@ class Result:
     Attributes:
         status: "solved", "stalled", "exhausted", "deadline", "cancelled" or "failed".
         solved: whether the target was reached.
-        feasible: whether the planner's independent check accepts the solution.
-        fitness: of the solution; +inf if nothing feasible was found.
-        solution: the planner's own plain values, or None.
-        found_at: cell and generation of the solution's birth.
+        feasible: whether the planner's independent check accepts what was found.
+        fitness: of the solution, or without one of the best attempt; +inf if there is neither.
+        solution: the planner's own plain values; None unless the check accepts them.
+        found_at: cell and generation of the birth of the solution, or of the best attempt.
         generations: after which all cells stopped; in async mode the median over cells.
         evaluations: all fitness calls in nodes.
         seconds: from the start to the last stop.
@@ -37,8 +37,10 @@ class Result:
         history_sha256: equal for equal lockstep runs; None if the run failed, or not all of it is known.
         message: why it failed, or what the check has against the solution.
         target: the fitness that counts as solved, if there is one.
-        clearance: how close the solution comes to what it must not touch: the ``"least"`` distance (None if there is
-            nothing to come close to), ``"where"`` that is, and what was ``"required"``; None if this kind has none.
+        clearance: how close the solution, or the best attempt, comes to what it must not touch: the ``"least"``
+            distance (None if there is nothing to come close to), ``"where"`` that is, and what was ``"required"``; None
+            if this kind has none.
+        best_attempt: the best that was found, in the shape of a solution, if the check does not accept it; else None.
     """
 
     job: str
@@ -69,8 +71,14 @@ class Result:
     message: str | None = None
     target: float | None = None
     clearance: dict[str, Any] | None = None
+    best_attempt: dict[str, Any] | None = None
     words: str | None = field(default=None, repr=False)  # the solution in words
     demes: list[bytes] = field(default_factory=list, repr=False)  # the last individuals of each cell, for pictures
+
+    @property
+    def found(self) -> dict[str, Any] | None:
+        """The solution, or without one the best attempt."""
+        return self.best_attempt if self.solution is None else self.solution
 
     def to_json(self) -> dict[str, Any]:
         """Plain JSON values; +inf becomes null."""
@@ -112,7 +120,7 @@ def result_of(
     ``first`` are the settings that the job began with.
     """
     file, best, whole = world.file, judgement.best, past.and_then(world)
-    run = file.run
+    run, found = file.run, None if best is None else best.solution
     topology = topologies.parse(run.topology)
     return Result(
         job=job,
@@ -121,7 +129,7 @@ def result_of(
         solved=judgement.status == "solved",
         feasible=judgement.feasible,
         fitness=math.inf if best is None else best.fitness,
-        solution=None if best is None else best.solution,
+        solution=found if judgement.feasible else None,
         found_at=None if best is None else _found_at(best, topology),
         generations=whole.generations,
         evaluations=whole.evaluations,
@@ -143,6 +151,7 @@ def result_of(
         message=judgement.message,
         target=judgement.target,
         clearance=judgement.clearance,
+        best_attempt=None if judgement.feasible else found,
         words=judgement.words,
         demes=[report.deme for report in sorted(world.reports, key=lambda report: report.cell)],
     )

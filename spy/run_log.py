@@ -51,6 +51,7 @@ class RunLog:
             generation=better.generation,
             cell=list(topology.place(better.cell)),
             fitness=better.fitness,
+            feasible=better.feasible,
         )
 
     def statistics(self, statistics: Statistics) -> None:

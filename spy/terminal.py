@@ -50,11 +50,12 @@ class Terminal:
         self.say(f"stalled: begins anew, restart {why['attempt']}, seed {why['seed']}{fields}")
 
     def improvement(self, better: Improvement) -> None:
-        """A line: time, generation, cell, fitness."""
+        """A line: time, generation, cell, fitness, and whether the check accepts the solution."""
         self._best = better.fitness
         place = ", ".join(str(part) for part in self.topology.place(better.cell))
         self.say(
             f"{better.seconds:9.3f} s  generation {better.generation:<6d} cell ({place})  fitness {better.fitness:.6g}"
+            f"  {'feasible' if better.feasible else 'infeasible'}"
         )
 
     def statistics(self, now: Statistics) -> None:

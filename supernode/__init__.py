@@ -7,7 +7,7 @@
     with supernode.LocalCluster(torus=(4, 4)) as cluster:
         job = cluster.submit(supernode.load("examples/arm-ik.toml"), seed=1, seconds=5)
         for best in job.improvements():
-            print(best.fitness, best.solution)
+            print(best.fitness, best.feasible, best.solution)
         result = job.result()
 
 On a cluster that is up already (``supernode up``)::

@@ -19,7 +19,7 @@ class Judgement:
 
     Attributes:
         problem: as it was run.
-        solution: the claimed one, if there is one.
+        solution: the claimed one, if there is one; a best attempt is none.
         fitness: that the check finds.
         objections: all that is wrong with the claim.
         clearance: that the check measures, see `problems.guard.cleared`.
@@ -49,11 +49,15 @@ def judged(file: ProblemFile, result: str) -> Judgement:
 
 
 def _judged(file: ProblemFile, claim: dict[str, Any]) -> Judgement:
-    problem, solution = file.problem(), claim.get("solution", claim)
-    if solution is None:
+    problem, attempt = file.problem(), claim.get("best_attempt")
+    solution = claim.get("solution", claim if attempt is None else None)
+    found = attempt if solution is None else solution
+    if found is None:
         return Judgement(problem, None, math.inf, ["there is no solution"])
-    verdict = checked(problem, solution)
+    verdict = checked(problem, found)
     objections = [*verdict.objections, *_false_claims(claim, verdict, file)]
+    if solution is None:
+        objections.insert(0, "there is no solution, only a best attempt")
     return Judgement(problem, solution, verdict.fitness, objections, cleared(problem, verdict))
 
 

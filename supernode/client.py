@@ -5,7 +5,7 @@
     with supernode.connect() as client:
         job = client.submit("examples/arm-ik.toml", seed=1, seconds=5)
         for best in job.improvements():
-            print(best.fitness, best.solution)
+            print(best.fitness, best.feasible, best.solution)
         result = job.result()
 
 There is one implementation, `AsyncClient`, which lives on an asyncio loop; `Client` is the same on a loop of its own,

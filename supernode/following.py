@@ -114,9 +114,9 @@ class Follower:
 
     def _words(self, result: Result) -> str | None:
         """A user's module may not be here."""
-        if result.solution is None:
+        if result.found is None:
             return None
         try:
-            return described(self._file.problem(), result.solution)
+            return described(self._file.problem(), result.found)
         except (BadInput, EvaluationFailed):
             return None

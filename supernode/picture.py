@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from spy.result import Result
 
 _FORMATS = ("png", "svg", "pdf")
+_ATTEMPT = "infeasible: the best attempt, not a solution"
 
 
 def check_picture_name(name: str) -> None:
@@ -26,12 +27,28 @@ def check_picture_name(name: str) -> None:
         raise BadInput(f"--plot: expected a name that ends in .png, .svg or .pdf, found {name}")
 
 
-def drawn(problem: Problem, solution: Solution | None, populations: "Populations | None" = None) -> "Figure":
-    """The problem's own drawing of a solution, and of individuals by generation."""
+def drawn(
+    problem: Problem,
+    solution: Solution | None,
+    populations: "Populations | None" = None,
+    *,
+    is_attempt: bool = False,
+) -> "Figure":
+    """The problem's own drawing of a solution, and of individuals by generation.
+
+    Args:
+        problem: as it was run.
+        solution: as `Problem.decode` made it.
+        populations: all individuals of some generations.
+        is_attempt: whether the check has not accepted it; the title then says so.
+    """
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(8, 6), layout="constrained")
     problem.draw(figure, solution, populations or {})
+    if is_attempt and solution is not None:
+        title = figure.get_suptitle()
+        figure.suptitle(_ATTEMPT + (f": {title}" if title else ""), color="#b00020")
     return figure
 
 
@@ -56,7 +73,8 @@ def save_picture(result: "Result", file: ProblemFile, name: str) -> None:
     from node.plan import Plan
 
     plan = Plan.of(file, _began_in(result))
-    save(drawn(plan.problem, result.solution, _populations(result, plan)), name)
+    populations = _populations(result, plan)
+    save(drawn(plan.problem, result.found, populations, is_attempt=result.solution is None), name)
 
 
 def save(figure: "Figure", name: str) -> None:

@@ -90,7 +90,7 @@ def _headline(result: Result) -> str:
         return f"{result.status}: nothing feasible was found"
     place = ", ".join(str(part) for part in result.found_at["cell"])
     world = f" of world {result.found_at['world']}" if result.found_at.get("world") else ""
-    return (
-        f"{result.status}: fitness {result.fitness:.6g}, "
-        f"found by cell ({place}) in generation {result.found_at['generation']}{world}"
+    found = (
+        f"fitness {result.fitness:.6g}, found by cell ({place}) in generation {result.found_at['generation']}{world}"
     )
+    return f"{result.status}: {found if result.feasible else f'no solution; the best attempt has {found}'}"

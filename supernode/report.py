@@ -25,6 +25,7 @@ from supernode.toml_text import as_toml
 from topologies import Topology
 
 _DOTS_PER_INCH = 120
+_VERDICTS = {True: "accepts", False: "rejects"}
 
 
 class _Attachment(NamedTuple):
@@ -45,7 +46,7 @@ class _Setting(NamedTuple):
 
 @dataclass(frozen=True)
 class _Best:
-    """The best answer, and where it was born."""
+    """The best answer, or attempt if it is not feasible, and where it was born."""
 
     fitness: float
     feasible: bool
@@ -57,12 +58,13 @@ class _Best:
 
 @dataclass(frozen=True)
 class _Scene:
-    """The planner's world with the best solution: as a picture, and the solution in words; or why there is none."""
+    """The planner's world with the best answer: as a picture, and the answer in words; or why there is none."""
 
     url: str | None = None
     words: str | None = None
     problem: Problem | None = None
     absence: str | None = None
+    answer: str = "solution"
 
 
 def report(client: Client, job: str) -> str:
@@ -76,7 +78,7 @@ def report(client: Client, job: str) -> str:
     result = None if view["ended"] is None else result_in(view)
     best = _best(view, result)
     current = best is not None and not _has_moved_since(view, best.world)
-    scene = _scene(now, best.solution if best is not None and current else None)
+    scene = _scene(now, best if current else None)
     history = _history(client, view)
     topology = topology_of(view, view["world"])
     return rendered(
@@ -118,10 +120,10 @@ def _records(client: Client, kind: str, job: str) -> list[Record]:
 
 # What came of it ------------------------------------------------------------------------------------------------------
 def _best(view: Mapping[str, Any], result: Result | None) -> _Best | None:
-    if result is not None and result.solution is not None and result.found_at is not None:
+    if result is not None and result.found is not None and result.found_at is not None:
         found = result.found_at
         cell, born = _place(found["cell"]), found["generation"]
-        return _Best(result.fitness, result.feasible, found.get("world", 0), born, cell, result.solution)
+        return _Best(result.fitness, result.feasible, found.get("world", 0), born, cell, result.found)
     best = view["best"]
     if result is not None or best is None:
         return None
@@ -145,7 +147,7 @@ def _outcome(view: Mapping[str, Any], best: _Best | None, result: Result | None)
         world = f" of world {best.world}" if best.world else ""
         facts |= {
             "fitness": f"{best.fitness:.9g} (lower is better)",
-            "feasible": "yes, the independent check accepts it" if best.feasible else "no",
+            "feasible": f"{'yes' if best.feasible else 'no'}, the independent check {_VERDICTS[best.feasible]} it",
             "born": f"in cell {best.cell}, generation {best.generation:,}{world}",
         }
     return facts | _totals(view, result)
@@ -164,19 +166,21 @@ def _totals(view: Mapping[str, Any], result: Result | None) -> dict[str, str]:
     }
 
 
-def _scene(file: ProblemFile, solution: Solution | None) -> _Scene:
+def _scene(file: ProblemFile, best: _Best | None) -> _Scene:
     """A user's own problem may not be here, or break: the report does without it."""
     try:
         problem = file.problem()
     except BadInput as error:
         return _Scene(absence=f"There is no picture of the solution, as the problem cannot be had here: {error}")
     url = words = absence = None
+    is_attempt = best is not None and not best.feasible
     try:
-        words = None if solution is None else described(problem, solution)
-        url = _data_url("image/png", as_png(drawn(problem, solution), _DOTS_PER_INCH))
+        words = None if best is None else described(problem, best.solution)
+        figure = drawn(problem, None if best is None else best.solution, is_attempt=is_attempt)
+        url = _data_url("image/png", as_png(figure, _DOTS_PER_INCH))
     except (Exception, SystemExit) as error:
         absence = f"There is no picture of the solution: {error}"
-    return _Scene(url, words, problem, absence)
+    return _Scene(url, words, problem, absence, "attempt, which is infeasible" if is_attempt else "solution")
 
 
 def _rows(history: History, view: Mapping[str, Any]) -> list[tuple[str, ...]]:

@@ -70,7 +70,6 @@ def _nothing(view: Mapping[str, Any]) -> dict[str, Any]:
     whole = dict.fromkeys(("generations", "evaluations"), 0)
     seconds = dict.fromkeys(("seconds", "seconds_to_ready", "cpu_seconds"), 0.0)
     absent = dict.fromkeys(("fitness", "solution", "found_at", "staleness", "history_sha256"))
-    best = view["best"] or {}
     return {
         "job": view["job"],
         "kind": file.kind,
@@ -91,5 +90,13 @@ def _nothing(view: Mapping[str, Any]) -> dict[str, Any]:
         **whole,
         **seconds,
         **absent,
-        **{name: best[name] for name in ("fitness", "solution", "feasible") if name in best},
+        **_known(view["best"]),
     }
+
+
+def _known(best: Mapping[str, Any] | None) -> dict[str, Any]:
+    """What a result says of the best answer, as `show` tells it."""
+    if best is None:
+        return {}
+    name = "solution" if best["feasible"] else "best_attempt"
+    return {"fitness": best["fitness"], "feasible": best["feasible"], name: best["solution"]}

@@ -55,9 +55,8 @@ class Scenes:
         async with self._drawing:
             known = self._pictures.get(name)
             if known is None or known.of != of:
-                solution = None if best is None else best["solution"]
                 loop, began = asyncio.get_running_loop(), time.monotonic()
-                data = await loop.run_in_executor(self._thread, _draw, view["file_now"], solution, form)
+                data = await loop.run_in_executor(self._thread, _draw, view["file_now"], best, form)
                 now = time.monotonic()
                 rest = max(_AT_MOST_EVERY, _REST * (now - began))
                 known = self._pictures[name] = _Picture(of, now + rest, data)
@@ -71,9 +70,10 @@ class Scenes:
         self._thread.shutdown(wait=False, cancel_futures=True)
 
 
-def _draw(text: str, solution: dict[str, Any] | None, form: Form) -> bytes:
+def _draw(text: str, best: Mapping[str, Any] | None, form: Form) -> bytes:
     file = ProblemFile.from_json(text)
     if not registry.is_built_in(file.kind):
         raise BadInput(f"{file.kind}: a problem of one's own is not drawn here, where its code is not run")
-    figure = drawn(file.problem(), solution)
+    found, is_attempt = (None, False) if best is None else (best["solution"], not best["feasible"])
+    figure = drawn(file.problem(), found, is_attempt=is_attempt)
     return as_png(figure, _DOTS_PER_INCH) if form == "png" else json.dumps(spaces_of(figure), allow_nan=False).encode()

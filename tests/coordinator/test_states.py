@@ -34,6 +34,6 @@ def simulated(file):
 def test_processes_and_simulator_have_evaluated_the_same(cluster, example, recipe, deme):
     file = supernode.load(EXAMPLES / f"{example}.toml")
     run = {"recipe": recipe, "deme": deme, "target": -1.0, "generations": 12, "seed": 5}
-    solution = cluster.submit(file, **run).result().solution
+    solution = cluster.submit(file, **run).result().found
     assert solution == simulated(file.with_run(topology="torus 2x3", **run))
     assert solution["cspace_evaluated"] > 0.0

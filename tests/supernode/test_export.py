@@ -216,6 +216,7 @@ def test_what_the_check_rejects_is_not_written(export, tmp_path):
     for result, why in (
         (DRIVE | {"length": 9.0}, "the path is 2 m long"),
         ({"solution": None}, "there is no solution"),
+        ({"solution": None, "best_attempt": DRIVE}, "there is no solution, only a best attempt"),
     ):
         code, out, err = export(ROOM, result, "--speed", 1, "-o", path)
         assert (code, out, len(err.splitlines())) == (3, "", 1)

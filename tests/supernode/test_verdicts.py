@@ -4,8 +4,10 @@ import json
 
 import pytest
 
+from problems import load
 from supernode.__main__ import main
 from supernode.present import clearance_words
+from supernode.results import result_in
 
 NEAR = """
 
@@ -58,3 +60,73 @@ def test_nothing_near_is_said_in_words():
 def test_a_kind_without_obstacles_tells_of_no_clearance(own_problem, capsys):
     _, out, _ = in_process(capsys, "simulate", own_problem(), "--torus", "1x1", "--json", "--quiet")
     assert json.loads(out)["clearance"] is None
+
+
+# What the check does not accept ---------------------------------------------------------------------------------------
+REFUSED = """
+
+class Refused(OneMax):
+    def check(self, solution):
+        return supernode.Verdict(super().check(solution).fitness, ("it hits a wall",))
+
+    def draw(self, figure, solution, populations):
+        figure.suptitle("ones" if solution else "nothing")
+"""
+FEW = ("--torus", "2x2", "--generations", 3, "--target", -1)
+
+
+@pytest.mark.parametrize("command", ["solve", "simulate"])
+def test_what_the_check_refuses_is_an_attempt_and_no_solution(own_problem, tmp_path, capsys, command):
+    path, result, log = of_a_kind(own_problem, "Refused", REFUSED), tmp_path / "result.json", tmp_path / "log.jsonl"
+    code, out, err = in_process(capsys, command, path, *FEW, "--json", "--log", log)
+    told = json.loads(out)
+    assert (code, told["feasible"], told["solution"], list(told["best_attempt"])) == (3, False, None, ["genome"])
+    assert all(line.endswith("  infeasible") for line in err.splitlines() if "fitness" in line)
+    events = [json.loads(line) for line in log.read_text().splitlines()]
+    assert {each["feasible"] for each in events if each["event"] == "improvement"} == {False}
+    result.write_text(out)
+    code, out, _ = in_process(capsys, "check", path, result)
+    assert (code, out) == (3, "rejected: there is no solution, only a best attempt; it hits a wall\n")
+    judged = json.loads(in_process(capsys, "check", path, result, "--json")[1])
+    assert (judged["accepted"], judged["fitness"]) == (False, told["fitness"])
+
+
+def test_an_attempt_that_the_check_would_accept_is_no_solution_either(own_problem, tmp_path, capsys):
+    result = tmp_path / "result.json"
+    result.write_text(json.dumps({"solution": None, "best_attempt": {"genome": "ff" * 5}}))
+    code, out, _ = in_process(capsys, "check", own_problem(), result)
+    assert (code, out) == (3, "rejected: there is no solution, only a best attempt\n")
+
+
+def test_an_attempt_is_called_so_in_words(own_problem, capsys):
+    path = of_a_kind(own_problem, "Refused", REFUSED)
+    headline, message, *_ = in_process(capsys, "simulate", path, *FEW, "--quiet")[1].splitlines()
+    assert headline.startswith("exhausted: no solution; the best attempt has fitness ")
+    assert message == "  it hits a wall"
+
+
+def test_a_feasible_improvement_is_called_so(own_problem, capsys):
+    err = in_process(capsys, "simulate", own_problem(), *FEW)[2]
+    assert all(line.endswith("  feasible") for line in err.splitlines() if "fitness" in line)
+
+
+@pytest.mark.parametrize(
+    ("kind", "title"), [("Refused", "infeasible: the best attempt, not a solution: ones"), ("Drawn", "ones")]
+)
+def test_a_picture_of_an_attempt_says_so(own_problem, tmp_path, capsys, monkeypatch, kind, title):
+    path, titles = of_a_kind(own_problem, kind, REFUSED.replace("Refused", kind)), []
+    if kind == "Drawn":
+        module = path.with_name("own_module.py")
+        module.write_text(module.read_text().replace('("it hits a wall",)', "()"))
+    monkeypatch.setattr("supernode.picture.save", lambda figure, _: titles.append(figure.get_suptitle()))
+    in_process(capsys, "simulate", path, *FEW, "--quiet", "--plot", tmp_path / "x.png")
+    assert titles == [title]
+
+
+@pytest.mark.parametrize("feasible", [True, False])
+def test_a_lost_result_holds_what_was_known_as_what_it_was(file, feasible):
+    best = {"world": 0, "fitness": 0.5, "feasible": feasible, "solution": {"x": [0.5, 0.0]}}
+    view = {"job": "a", "status": "failed", "result": None, "best": best, "file": load(file).to_json()}
+    result = result_in(view)
+    assert (result.fitness, result.feasible, result.found) == (0.5, feasible, best["solution"])
+    assert (result.solution is None, result.best_attempt is None) == (not feasible, feasible)

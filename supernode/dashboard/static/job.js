@@ -1,4 +1,4 @@
-// One job: convergence, diversity, lineage and the best solution so far.
+// One job: convergence, diversity, lineage and the best solution or attempt so far.
 
 import {
   TROUBLED, announce, ask, byId, fillRow, follow, getJson, hasEnded, make, number, postJson, setText, showFacts,
@@ -62,9 +62,13 @@ function showJob() {
   if (byId("cancel").dataset.status !== status) announce(`job ${id} is ${status}`);
   byId("cancel").dataset.status = status;
   byId("cancel").hidden = hasEnded(status);
+  setText(byId("scene-title"), `${found()} so far`);
   const best = job.best && [job.best.world, job.best.fitness, job.world];
   scene.show(JSON.stringify(best ?? [job.world]));
 }
+
+// What the check does not accept is no solution.
+const found = () => job.best === null || job.best.feasible ? "The best solution" : "The best attempt (infeasible)";
 
 function showHistory() {
   const began = Date.now();
@@ -135,7 +139,7 @@ const scene = {
   },
   async fetch() {
     const of = this.wanted;
-    const words = `The best solution of job ${id} so far, fitness ${number(job.best?.fitness)}`;
+    const words = `${found()} of job ${id} so far, fitness ${number(job.best?.fitness)}`;
     let wait = SCENE_EVERY;
     try {
       const whole = !this.flat && await this.fetchSpaces(of, words);

@@ -3,13 +3,26 @@
 import asyncio
 import time
 
+import numpy as np
 from live_service import ROOT
 
 import supernode
+from problems import ProblemFile
 from supernode.dashboard import scenes as module
 from supernode.dashboard.scenes import Scenes
 
 FILE = supernode.load(ROOT / "examples" / "arm-ik.toml").to_json()
+
+
+def test_a_picture_of_what_the_check_does_not_accept_says_so(monkeypatch):
+    titles = []
+    monkeypatch.setattr(module, "as_png", lambda figure, _: titles.append(figure.get_suptitle()) or b"")
+    problem = ProblemFile.from_json(FILE).problem()
+    solution = problem.decode(np.zeros(problem.coding.genome_bytes, np.uint8))
+    for feasible in (True, False):
+        module._draw(FILE, {"solution": solution, "feasible": feasible}, "png")
+    module._draw(FILE, None, "png")
+    assert titles == ["", "infeasible: the best attempt, not a solution", ""]
 
 
 def view_of(fitness):
