@@ -51,7 +51,7 @@ def main() -> None:
     office = problems.load(Path(__file__).resolve().parent.parent / "examples" / "mobile-robot.toml")
     for name, file in (("mobile-robot.toml", office), ("graph-partition", parse(_PARTITION, "partition", Path()))):
         print(f"\n{name}, {options.seeds} seeds\n")
-        for line in table(file.with_run(evaluations=options.evaluations), options):
+        for line in table(file.with_run(evaluations=options.evaluations, restarts=0), options):
             print(line, flush=True)
 
 

@@ -39,6 +39,11 @@ class Stubborn(supernode.Problem):
         missing = solution["missing"]
         return supernode.Verdict(missing, () if missing == 0 else ("it is not full",))
 
+    def draw(self, figure, solution, populations):
+        for genomes in populations.values():
+            assert genomes.shape[1] == self.coding.genome_bytes, "they are coded as the latest attempt's are"
+        figure.subplots().plot([0, solution["missing"]])
+
     def next_attempt(self, attempt):
         if self.answers:
             return json.loads(self.answers)
