@@ -97,7 +97,7 @@ def _field(complaint: Any) -> str:
 def _siblings(model: type[BaseModel], location: tuple[int | str, ...]) -> str:
     tables = [model]
     for part in location[:-1]:
-        inner = [each for table in tables if part in table.model_fields for each in _tables_in(table, str(part))]
+        inner = [each for table in tables if part in table.model_fields for each in tables_in(table, str(part))]
         chosen = [table for table in tables if _is_tagged(table, part)]
         tables = inner or chosen or tables
     fields = [each for table in tables for each in table.model_fields.items()]
@@ -105,7 +105,8 @@ def _siblings(model: type[BaseModel], location: tuple[int | str, ...]) -> str:
     return "one of " + ", ".join(known) + did_you_mean(str(location[-1]), known)
 
 
-def _tables_in(table: type[BaseModel], field: str) -> list[type[BaseModel]]:
+def tables_in(table: type[BaseModel], field: str) -> list[type[BaseModel]]:
+    """The tables that a field of a table may hold: one, one of some, or the elements of a list."""
     found, left = [], [table.model_fields[field].annotation]
     while left:
         annotation = left.pop(0)

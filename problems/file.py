@@ -223,16 +223,22 @@ def load_patch(path: str | Path) -> dict[str, Any]:
     return patch
 
 
-def filled_in(patch: dict[str, Any], kind: str, path: str | Path) -> dict[str, Any]:
-    """The patch in the file ``path``, of a problem of that kind, with what other files hold in place of their names.
+def filled_in(patch: dict[str, Any], world: ProblemFile, path: str | Path) -> dict[str, Any]:
+    """The patch in the file ``path`` of a problem: its angles in radians, and what other files hold for their names.
+
+    Args:
+        patch: see `load_patch`.
+        world: the problem before; its file's unit of angles is the patch's too, unless that says another.
+        path: of the patch.
 
     Raises:
         BadInput: names the patch, the field, and the file that cannot be read.
     """
-    if not registry.is_built_in(kind):
+    if not registry.is_built_in(world.kind):
         return patch
+    kind = registry.find(world.kind)
     try:
-        return registry.find(kind).gather(patch, Path(path).resolve().parent)
+        return kind.gather(kind.read_angles(patch, world.fields), Path(path).resolve().parent)
     except BadInput as error:
         raise BadInput(f"{path}: {error}") from error
 
@@ -246,6 +252,11 @@ def parse(text: str, name: str, folder: Path) -> ProblemFile:
     if not isinstance(plain.get("kind"), str):
         found = shorten(plain["kind"]) if "kind" in plain else "nothing"
         raise BadInput(f'{name}: kind: expected a kind of problem such as "arm-ik", found {found}')
+    if "unit" in plain and registry.is_built_in(plain["kind"]):
+        try:
+            plain = registry.find(plain["kind"]).read_angles(plain)
+        except BadInput as error:
+            raise BadInput(f"{name}: {error}") from error
     return ProblemFile(name, plain, _run(run, name), folder)
 
 

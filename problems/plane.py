@@ -12,6 +12,7 @@ import shapely
 from numpy.typing import NDArray
 from pydantic import Field, field_validator
 
+from problems.angles import Angle
 from problems.motion import loop
 from problems.problem import Table, quantity
 
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
 # What is finite may still be too great to be squared: all numbers have bounds beyond which no plan makes sense.
 Metres = Annotated[float, Field(ge=-1e6, le=1e6)]
 Size = Annotated[float, Field(ge=1e-6, le=1e6)]  # m
-Angle = Annotated[float, Field(ge=-1e3, le=1e3)]  # rad
 Point = tuple[Metres, Metres]
 
 CONTACT = 1e-9

@@ -149,6 +149,21 @@ class Problem(Table):
             cls.judging = Problem.judging  # type: ignore[method-assign]
 
     @classmethod
+    def read_angles(cls, fields: dict[str, Any], world: Mapping[str, Any] | None = None) -> dict[str, Any]:
+        """The fields of a problem file with angles in radians, whatever the unit that the file says.
+
+        Called where a file is read, before `gather`, for built-in kinds.
+
+        Args:
+            fields: plain values as they were written, not yet checked.
+            world: of the file of an update, the fields of the problem that it changes.
+
+        Raises:
+            BadInput: names an angle that is none.
+        """
+        return fields
+
+    @classmethod
     def gather(cls, fields: dict[str, Any], folder: Path) -> dict[str, Any]:
         """The fields of a problem file with what other files hold in the place of their names (maps, meshes, paths).
 

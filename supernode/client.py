@@ -368,8 +368,9 @@ class AsyncClientJob:
         """The world has moved: each top-level key replaces the problem's own, and the job goes on from what it has.
 
         Args:
-            patch: keys and values, or the path of a file that holds them. What that file names is read beside it, as
-                with a problem file.
+            patch: keys and values, with angles in radians, or the path of a file that holds them. What that file names
+                is read beside it, as with a problem file, and its angles are in its own `unit`, else in that of the
+                problem file.
             keys: likewise.
 
         Returns:
@@ -387,9 +388,10 @@ class AsyncClientJob:
         return await self._new_world(wire.Update(self.id, text))
 
     async def _read(self, path: str | Path) -> dict[str, Any]:
-        """A patch in a file. It does not say of which kind its problem is: the job does."""
+        """A patch in a file. It does not say which problem it changes: the job does."""
         patch = await asyncio.to_thread(load_patch, path)
-        return await asyncio.to_thread(filled_in, patch, (await self.show())["kind"], path)
+        world = ProblemFile.from_json((await self.show())["file_now"])
+        return await asyncio.to_thread(filled_in, patch, world, path)
 
     async def rewire(self, topology: str) -> int:
         """Give the running job another topology.

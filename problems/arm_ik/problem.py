@@ -11,8 +11,9 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from genetics.arrays import Fitness, Genomes
 from genetics.recipe import ONE_BIT, Recipe
+from problems.angles import Angle, WithAngles
 from problems.arm_ik import checker
-from problems.plane import Angle, Metres, Obstacle, Shapes
+from problems.plane import Metres, Obstacle, Shapes
 from problems.problem import Answer, CodedProblem, Populations, RecipeName, Solution, Table, Verdict, quantity
 
 if TYPE_CHECKING:
@@ -53,7 +54,7 @@ class Arm(Table):
         return limits
 
 
-class ArmProblem(CodedProblem):
+class ArmProblem(CodedProblem, WithAngles):
     """What all problems of planar arms among obstacles share."""
 
     bits: int = quantity("bit", "bits of each joint angle", default=8, ge=1, le=62)
@@ -102,6 +103,7 @@ target = [1.2, 0.9]             # m, where the tip shall be
 bits = 8                        # of each joint angle
 # code = "gray"                 # or "binary"; if not given, the recipe's
 # self_collision = true         # links that are not neighbours must not touch
+# unit = "deg"                  # of all angles in this file; "rad" if not given
 
 [arm]
 links = [1.0, 0.8]              # m, from the base outwards

@@ -12,9 +12,10 @@ from pydantic import model_validator
 
 from genetics.arrays import Fitness, Genomes, writable
 from genetics.recipe import ONE_BIT, Recipe
+from problems.angles import Angle
 from problems.arm_ik.problem import ArmProblem
 from problems.arm_path import checker
-from problems.plane import Angle, Shapes
+from problems.plane import Shapes
 from problems.problem import Answer, Populations, RecipeName, Solution, Verdict, quantity
 
 if TYPE_CHECKING:
@@ -41,6 +42,7 @@ class ArmPath(ArmProblem):
     about: ClassVar[str] = "a path of an arm among obstacles, one joint at a time"
     template: ClassVar[str] = """\
 kind = "arm-path"
+# unit = "deg"                  # of all angles in this file; "rad" if not given
 start = [0.3, 0.4]              # rad, one angle a joint
 goal = [2.9, -0.5]              # rad
 rounds = 24                     # k: each joint is moved so often, in turn

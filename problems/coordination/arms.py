@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from problems.angles import Angle
 from problems.coordination.diagram import Diagram, Mask
 from problems.errors import BadInput, shorten
 from problems.problem import Table, quantity
 
 Floats = NDArray[np.float64]
-Angle = Annotated[float, Field(ge=-1e3, le=1e3)]
 Metres = Annotated[float, Field(ge=-1e3, le=1e3)]
 Speed = Annotated[float, Field(gt=0, le=1e6)]
 Configuration = Annotated[list[Angle], Field(min_length=1, max_length=20)]

@@ -13,12 +13,13 @@ from pydantic import ConfigDict, ValidationError, model_validator
 
 from genetics.arrays import Fitness, Genomes, writable
 from genetics.recipe import Recipe
+from problems.angles import WithAngles
 from problems.coordination import arms, checker
 from problems.coordination.arms import Robot
 from problems.coordination.diagram import Arrays, Diagram, Mask, RandomDiagram, move_times
 from problems.digests import digest
 from problems.errors import BadInput
-from problems.problem import Answer, Populations, Problem, RecipeName, Solution, Verdict, quantity
+from problems.problem import Answer, Populations, RecipeName, Solution, Verdict, quantity
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
     from problems.motion import Motion, Pace
 
 
-class Coordination(Problem):
+class Coordination(WithAngles):
     """Minimise the time of two robots that wait for each other at synchronisation points (SPs), §3."""
 
     model_config = ConfigDict(serialize_by_alias=True)
@@ -55,7 +56,7 @@ obstacles = [                   # where the robots would collide: [i0, j0, i1, j
 
 # [[robots]]                    # twice, instead of [diagram]: arms, SCORBOT-like ones unless told otherwise
 # path = [[0.0, 0.5, -0.9, 0.4, 0.0], [1.4, 0.5, -0.9, 0.4, 0.0]]   # rad
-# base = [0.0, 0.0, 0.0, 0.0]   # m, m, m, rad
+# base = [0.0, 0.0, 0.0, 0.0]   # m, m, m, rad; with unit = "deg" above, all angles are in degrees
 
 [run]                           # what the command line does not say
 topology = "torus 4x4"

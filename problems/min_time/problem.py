@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import model_validator
 
 from genetics.arrays import Fitness, Genomes, writable
 from genetics.recipe import Recipe
+from problems.angles import Angle, WithAngles
 from problems.errors import BadInput, shorten
 from problems.min_time.arm import Arm, Body
-from problems.problem import Answer, Populations, Problem, RecipeName, Solution, Verdict, quantity
+from problems.problem import Answer, Populations, RecipeName, Solution, Verdict, quantity
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -23,19 +24,19 @@ if TYPE_CHECKING:
     from problems.min_time.coding import Trajectories
     from problems.motion import Motion, Pace
 
-Angle = Annotated[float, Field(ge=-1e3, le=1e3)]
 
 __all__ = ["Arm", "Body", "MinTime"]
 
 _NODES_A_STEP = 5  # the most nodes of a trajectory, for each step of the grid
 
 
-class MinTime(Problem):
+class MinTime(WithAngles):
     """Minimise the travel time along a curve through nodes between start and goal (Chan and Zalzala 1993)."""
 
     about: ClassVar[str] = "minimum-time trajectories of an arm under torque limits"
     template: ClassVar[str] = """\
 kind = "min-time"
+# unit = "deg"                  # of all angles in this file, and of speeds, in degrees per second; "rad" if not given
 start = [-0.5, -1.0]            # rad, one angle a joint; at rest
 goal = [0.5, 1.0]               # rad; at rest again
 grid = 10                       # lines of the grid in each joint, between start and goal

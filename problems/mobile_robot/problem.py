@@ -10,6 +10,7 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from genetics.arrays import Fitness, Genomes, writable
 from genetics.recipe import Recipe
+from problems.angles import Angle, WithAngles
 from problems.mobile_robot import checker
 from problems.mobile_robot.arrays import SLIMMEST, floor_arrays, is_wide, robot_arrays
 from problems.plane import Obstacle, Point, simple_polygon
@@ -33,8 +34,7 @@ if TYPE_CHECKING:
     from problems.motion import Motion, Pace
 
 Metres = Annotated[float, Field(ge=-1e4, le=1e4)]
-Heading = Annotated[float, Field(ge=-1e3, le=1e3)]
-Pose = tuple[Metres, Metres, Heading]
+Pose = tuple[Metres, Metres, Angle]
 
 _FLIPS = 12.0  # bits changed in an offspring, on average, by the tuned recipe
 _FLIPS_ON_ISLANDS = 16.0
@@ -71,12 +71,13 @@ class Body(Table):
         return 0.0 if self.vertices is None else float(np.linalg.norm(self.vertices, axis=1).max())
 
 
-class MobileRobot(CodedProblem):
+class MobileRobot(CodedProblem, WithAngles):
     """Find a list of (rotate, move) commands from whose end, or from an earlier place, the goal is visible (§5)."""
 
     about: ClassVar[str] = "a path of rotate and move commands for a mobile robot among obstacles"
     template: ClassVar[str] = """\
 kind = "mobile-robot"
+# unit = "deg"                  # of all angles in this file; "rad" if not given
 start = [1.0, 1.0, 0.0]         # m, m, rad: x, y, heading (anticlockwise from +x)
 goal = [6.8, 1.2, 1.57]         # m, m, rad
 commands = 8                    # pairs of a rotate and a move command

@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, ValidationError, field_validator, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from genetics.arrays import Fitness, Genomes, writable
 from genetics.recipe import Recipe, Replacement
+from problems.angles import WithAngles, in_unit, plausible
 from problems.digests import digest
+from problems.errors import BadInput
 from problems.plane import CONTACT, Obstacle
-from problems.problem import Answer, CodedProblem, Populations, RecipeName, Solution, Table, Verdict, quantity
+from problems.problem import Answer, CodedProblem, Populations, RecipeName, Solution, Verdict, quantity
 from problems.sphere_path import cells
-from problems.sphere_path.random_world import random_spheres
+from problems.sphere_path.random_world import Random, random_spheres
 from problems.sphere_path.space import Space, length_of
 from problems.sphere_path.vehicle import Mesh, Vehicle, gathered
 
@@ -30,7 +33,6 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 Place = Annotated[float, Field(ge=-1e6, le=1e6)]
-Radius = Annotated[float, Field(gt=0, le=1e6)]
 Axes = Annotated[list[Place], Field(min_length=2, max_length=7)]
 
 _FULL_TURN = 2.0 * np.pi
@@ -39,28 +41,7 @@ _SHAPING = ("vehicle", "mesh", "obstacles", "bounds", "periodic", "accuracy")  #
 _FLIPS = 8.0  # bits changed in an offspring, on average, by the tuned recipe
 
 
-class Random(Table):
-    """Random spheres, clear of start and goal."""
-
-    seed: int = quantity("", "the same seed gives the same spheres", ge=0, lt=1 << 63)
-    count: int = quantity("", "spheres", ge=0, le=cells.MOST_SPHERES)
-    radius: tuple[Radius, Radius] = quantity("as the axes", "[least, greatest] radius")
-    corridor: int = quantity(
-        "", "places of a hidden path that the spheres leave free; 0: there is none", default=0, ge=0, le=100
-    )
-    clearance: float = quantity(
-        "as the axes", "by which start, goal and hidden path are clear", default=0.0, ge=0, le=1e6
-    )
-
-    @field_validator("radius")
-    @classmethod
-    def _in_order(cls, radius: tuple[float, float]) -> tuple[float, float]:
-        if radius[0] > radius[1]:
-            raise ValueError(f"expected [least, greatest], found {list(radius)}")
-        return radius
-
-
-class SpherePath(CodedProblem):
+class SpherePath(CodedProblem, WithAngles):
     """Find intermediate nodes of a path from start to goal that crosses no obstacle (Eldershaw and Cameron).
 
     Obstacles are spheres in configuration space: given, random, or made of a vehicle and what is in its way.
@@ -69,6 +50,7 @@ class SpherePath(CodedProblem):
     about: ClassVar[str] = "a path among spheres in a configuration space of 2 to 7 dimensions"
     template: ClassVar[str] = """\
 kind = "sphere-path"
+# unit = "deg"                  # of a vehicle's angles; "rad" if not given
 start = [0.5, 0.5, 0.5]         # one number an axis: 2 to 7 of them
 goal = [9.5, 9.5, 9.5]
 bounds = [[0.0, 10.0], [0.0, 10.0], [0.0, 10.0]]   # [least, greatest] of each axis
@@ -107,10 +89,10 @@ target = 0.03                   # nothing crossed, and a detour of at most 1.1; 
     batches_alike: ClassVar[bool] = True
     any_thread: ClassVar[bool] = True
 
-    start: Axes = quantity("m, rad", "where the path begins, one number an axis")
-    goal: Axes = quantity("m, rad", "where it ends")
+    start: Axes = quantity("m or rad", "where the path begins, one number an axis")
+    goal: Axes = quantity("m or rad", "where it ends")
     bounds: Annotated[list[tuple[Place, Place]], Field(min_length=2, max_length=7)] = quantity(
-        "m, rad", "[least, greatest] of each axis"
+        "m or rad", "[least, greatest] of each axis"
     )
     nodes: int = quantity("", "m, places between start and goal", default=4, ge=1, le=200)
     bits: int = quantity("bit", "p, of each component of a node", default=8, ge=1, le=62)
@@ -136,6 +118,19 @@ target = 0.03                   # nothing crossed, and a detour of at most 1.1; 
         "", "the spheres made of vehicle and world, once, where the file is read; not to be written", default=None
     )
     hierarchy_of: str | None = quantity("", "digest of what they were made of; not to be written", default=None)
+
+    @classmethod
+    def from_degrees(cls, fields: dict[str, Any], problem: Mapping[str, Any]) -> dict[str, Any]:
+        """Also the axes along which a vehicle turns; see `WithAngles.from_degrees`."""
+        if not isinstance(problem.get("vehicle"), dict):
+            raise BadInput('unit: expected "rad": only the axes of a vehicle may be angles, found "deg"')
+        read = super().from_degrees(fields, problem)
+        first = _dimensions(problem.get("mesh"), problem["vehicle"].get("mesh"))
+        for name in {"start", "goal", "bounds"} & read.keys():
+            if isinstance(axes := read[name], list):
+                turned = [in_unit("rad", each, f"{name}[{axis}]") for axis, each in enumerate(axes[first:], first)]
+                read[name] = [*axes[:first], *turned]
+        return read
 
     @classmethod
     def gather(cls, fields: dict[str, Any], folder: Path) -> dict[str, Any]:
@@ -200,7 +195,7 @@ target = 0.03                   # nothing crossed, and a detour of at most 1.1; 
 
     def _fits_its_world(self, vehicle: Vehicle) -> None:
         """A vehicle is at home in the plane or in space, and has as many axes as it can move along."""
-        dimensions = 3 if self.mesh is not None or vehicle.mesh is not None else 2
+        dimensions = _dimensions(self.mesh, vehicle.mesh)
         if dimensions == 3 and (vehicle.vertices is not None or self.obstacles):
             raise ValueError("vehicle: expected a radius or a mesh, and no obstacles of the plane, beside a mesh")
         if dimensions == 3 and self.mesh is None:
@@ -217,6 +212,17 @@ target = 0.03                   # nothing crossed, and a detour of at most 1.1; 
                     raise ValueError(f"periodic[{axis}]: expected false, as axis {axis + 1} is no angle, found true")
                 if abs(high - low - _FULL_TURN) > 1e-6:
                     raise ValueError(f"bounds[{axis}]: expected a full turn, as it is periodic, found {[low, high]}")
+        self._turns_within_reason(dimensions)
+
+    def _turns_within_reason(self, first: int) -> None:
+        """Axes from the ``first`` on are a vehicle's angles."""
+        for name in ("start", "goal", "bounds"):
+            for axis, each in enumerate(getattr(self, name)[first:], first):
+                try:
+                    for angle in np.atleast_1d(each):
+                        plausible(float(angle))
+                except ValueError as error:
+                    raise ValueError(f"{name}[{axis}]: {error}") from error
 
     def _radii(self) -> list[float]:
         return [sphere[-1] for sphere in self.spheres or []] + ([self.random.radius[1]] if self.random else [])
@@ -381,3 +387,8 @@ target = 0.03                   # nothing crossed, and a detour of at most 1.1; 
             [self.length_weight, length_of(self.straight), space.diagonal, obstacles[:, -1].max(initial=0.0)],
             *hierarchy_of(obstacles),
         )
+
+
+def _dimensions(*meshes: object) -> int:
+    """Of the world of a vehicle: space if any of these is given, else the plane."""
+    return 2 if all(mesh is None for mesh in meshes) else 3

@@ -2,19 +2,44 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field, field_validator
+
+from problems.problem import Table, quantity
+from problems.sphere_path import cells
 
 if TYPE_CHECKING:
-    from problems.sphere_path.problem import Random
     from problems.sphere_path.space import Space
 
 Floats = NDArray[np.float64]
+Radius = Annotated[float, Field(gt=0, le=1e6)]
 
 _BATCH = 256
 _DRAWS_EACH = 1000  # spheres drawn, at most, for one that is kept
+
+
+class Random(Table):
+    """Random spheres, clear of start and goal."""
+
+    seed: int = quantity("", "the same seed gives the same spheres", ge=0, lt=1 << 63)
+    count: int = quantity("", "spheres", ge=0, le=cells.MOST_SPHERES)
+    radius: tuple[Radius, Radius] = quantity("as the axes", "[least, greatest] radius")
+    corridor: int = quantity(
+        "", "places of a hidden path that the spheres leave free; 0: there is none", default=0, ge=0, le=100
+    )
+    clearance: float = quantity(
+        "as the axes", "by which start, goal and hidden path are clear", default=0.0, ge=0, le=1e6
+    )
+
+    @field_validator("radius")
+    @classmethod
+    def _in_order(cls, radius: tuple[float, float]) -> tuple[float, float]:
+        if radius[0] > radius[1]:
+            raise ValueError(f"expected [least, greatest], found {list(radius)}")
+        return radius
 
 
 def corridor_of(random: Random, space: Space, start: Floats, goal: Floats) -> Floats:

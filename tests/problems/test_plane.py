@@ -92,7 +92,7 @@ BEYOND_BOUNDS = [
     (
         "box",
         "center = [5, 5], size = [1, 1], angle = 1e300",
-        "angle: expected less than or equal to 1000, found 1e+300",
+        "angle: expected an angle from -4π to 4π rad, found 1e+300; did you mean degrees?",
     ),
     ("polygon", "vertices = [[0, 0], [1, 0], [0, 1e300]]", "vertices[2][1]: expected less than or equal to 1000000"),
     ("polygon", "vertices = [[0, 0], [nan, 0], [0, 1]]", "vertices[1][0]: expected a finite number, found NaN"),

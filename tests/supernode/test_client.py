@@ -3,6 +3,7 @@
 import asyncio
 import gc
 import json
+import math
 import os
 import threading
 import time
@@ -162,7 +163,7 @@ def test_what_happens_to_a_job_that_is_kept_alive(service, client, file):
 
 def test_an_update_from_a_file_takes_what_that_names_from_beside_it(service, client, file, tmp_path):
     job = client.submit(file, id="a")
-    service.jobs["a"]["kind"] = "terrain"
+    service.jobs["a"]["file_now"] = json.dumps(["x.toml", {"kind": "terrain"}, {}, "/"])
     (tmp_path / "moved.map").write_text("type octile\nheight 2\nwidth 3\nmap\n.@.\n..T\n")
     path = tmp_path / "patch.toml"
     path.write_text('file = "moved.map"\ngoal = [0, 2]\n')
@@ -171,9 +172,22 @@ def test_an_update_from_a_file_takes_what_that_names_from_beside_it(service, cli
     path.write_text('file = "none.map"\n')
     with pytest.raises(supernode.BadInput, match=r"^\S+patch.toml: file: expected a map, found no such file as "):
         job.update(str(path))
-    service.jobs["a"]["kind"] = "my_module:Mine"
+    service.jobs["a"]["file_now"] = json.dumps(["x.toml", {"kind": "my_module:Mine"}, {}, "/"])
     assert job.update(path) == 2
     assert json.loads(service.jobs["a"]["worlds"][1]) == {"file": "none.map"}
+
+
+def test_angles_of_an_update_from_a_file_are_in_the_unit_of_the_problem_file(service, client, file, tmp_path):
+    job = client.submit(file, id="a")
+    fields = {"kind": "mobile-robot", "written_in": "deg"}
+    service.jobs["a"]["file_now"] = json.dumps(["x.toml", fields, {}, "/"])
+    path = tmp_path / "patch.toml"
+    path.write_text("goal = [1.0, 2.0, 180.0]\n")
+    job.update(path)
+    assert json.loads(service.jobs["a"]["worlds"][0]) == {"goal": [1.0, 2.0, math.pi]}
+    path.write_text('unit = "rad"\ngoal = [1.0, 2.0, 1.5]\n')
+    job.update(path)
+    assert json.loads(service.jobs["a"]["worlds"][1]) == {"unit": "rad", "goal": [1.0, 2.0, 1.5]}
 
 
 def test_cancel_and_timeouts(service, client, file):
