@@ -9,8 +9,8 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from genetics import selection
-from genetics.arrays import Evaluate, Fitness, Genomes
+from genetics import replacement, selection
+from genetics.arrays import Cells, Evaluate, Fitness, Genomes
 from genetics.coding import Coding, Immigrants, Keys
 from genetics.recipe import ONE_BIT, Recipe
 
@@ -44,7 +44,7 @@ def breed(
     alone = genomes.shape[1] == 1
     assert immigrants is not None or not alone, "an individual alone has nobody to breed with"
     if immigrants is not None and not alone:
-        selection.admit(genomes, fitness, *immigrants)
+        replacement.admit(genomes, fitness, *immigrants, *_drawn_by(keys))
     for block in _blocks(genomes):
         part, judges = (genomes[block], fitness[block]), _judges_of(evaluate, block)
         its_keys = keys._replace(cells=keys.cells[block])
@@ -87,7 +87,8 @@ def _breed_individual(
     if recipe.mutation == ONE_BIT:
         coding.mutate_one(offspring, keys)
     offspring_fitness = _evaluate(evaluate, offspring)
-    selection.replace_local(genomes, fitness, offspring, offspring_fitness, recipe.replacement == "elitist")
+    elitist = recipe.replacement == "elitist"
+    replacement.replace_local(genomes, fitness, offspring, offspring_fitness, elitist, *_drawn_by(keys))
 
 
 def _breed_island(
@@ -114,12 +115,17 @@ def _breed_island(
     offspring_fitness = _evaluate(evaluate, offspring)
     elitist = recipe.replacement == "elitist"
     if recipe.renewal is None:
-        selection.replace_families(genomes, fitness, couples, offspring, offspring_fitness, elitist)
+        replacement.replace_families(genomes, fitness, couples, offspring, offspring_fitness, elitist, *_drawn_by(keys))
     else:
-        selection.replace_worst(genomes, fitness, offspring, offspring_fitness, elitist)
+        replacement.replace_worst(genomes, fitness, offspring, offspring_fitness, elitist, *_drawn_by(keys))
     if recipe.mutation == ONE_BIT:
         changed = coding.mutate_one(genomes, keys)
         fitness[rows, changed] = _evaluate(evaluate, genomes[rows, changed, None])[:, 0]
+
+
+def _drawn_by(keys: Keys) -> tuple[np.uint64, Cells, int]:
+    """The keys in the order in which kernels take them."""
+    return keys.seed, keys.cells, keys.generation
 
 
 def _evaluate(evaluate: Judges, individuals: Genomes) -> Fitness:

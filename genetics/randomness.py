@@ -18,6 +18,7 @@ CROSS = 2
 MUTATE = 3
 STRAY = 4
 DELAY = 5
+TIE = 6
 _PURPOSES = 8
 
 _LOW = np.uint64(0xFFFFFFFF)

@@ -27,7 +27,8 @@ from genetics.operators import (
     reals,
 )
 from genetics.recipe import ONE_BIT
-from genetics.selection import admit_to, first_unsound, leave_families, pair, pair_with, renew, take_place
+from genetics.replacement import admit_to, leave_families, renew, take_place
+from genetics.selection import first_unsound, pair, pair_with
 from node.history import History
 from node.inbox import LACKING, NEXT, Inbox, hear, packed, turn
 from node.kernels import OWN, TOLD, believe_one, note_staleness, tell_one
@@ -87,14 +88,14 @@ def _couple(table: Any, settings: Any, whence: Any, now: Any) -> Any:
     """Fill the couples: an individual alone with each of its immigrants, which an island has taken in, then its own."""
     deme, deme_fitness, paired = octets(table, _DEME), reals(table, _DEME_FITNESS)[0], blocks(table, _COUPLES, 2)
     heard, each = _heard(table), settings[_EACH]
+    seed, cell = np.uint64(settings[_SEED]), settings[_CELL]
     if deme_fitness.size == 1:
         pair_with(deme[0], heard, whence, each, paired)
         return paired
     if (now - 1) % settings[_INTERVAL] == 0:
-        admit_to(deme, deme_fitness, heard, reals(table, _FITNESS), whence, each, OWN)
-    parents = integers(table, _PARENTS)
-    seed, better_half = np.uint64(settings[_SEED]), settings[_BETTER_HALF] != 0
-    pair(deme_fitness, seed, settings[_CELL], now, better_half, settings[_MOST_SELECTIONS], parents)
+        admit_to(deme, deme_fitness, heard, reals(table, _FITNESS), whence, each, OWN, seed, cell, now)
+    parents, better_half = integers(table, _PARENTS), settings[_BETTER_HALF] != 0
+    pair(deme_fitness, seed, cell, now, better_half, settings[_MOST_SELECTIONS], parents)
     for couple in range(parents.shape[0]):
         paired[couple, 0], paired[couple, 1] = deme[parents[couple, 0]], deme[parents[couple, 1]]
     return paired
@@ -123,12 +124,13 @@ def _breed(table: Any, settings: Any, whence: Any, now: Any) -> Any:
     if wrong >= 0:
         return wrong
     if alone:
-        take_place(deme, deme_fitness, offspring, offspring_fitness, elitist)
+        take_place(deme, deme_fitness, offspring, offspring_fitness, elitist, seed, cell, now)
     else:
         if settings[_FAMILIES]:
-            leave_families(deme, deme_fitness, integers(table, _PARENTS), offspring, offspring_fitness, elitist)
+            parents = integers(table, _PARENTS)
+            leave_families(deme, deme_fitness, parents, offspring, offspring_fitness, elitist, seed, cell, now)
         else:
-            renew(deme, deme_fitness, offspring, offspring_fitness, elitist)
+            renew(deme, deme_fitness, offspring, offspring_fitness, elitist, seed, cell, now)
         if settings[_STRAYING]:
             changed = _stray(table, settings, deme, now)
             offspring[0] = deme[changed]

@@ -19,6 +19,7 @@ from genetics import (
     evaluations_per_generation,
     randomness,
     real_kernels,
+    replacement,
     selection,
 )
 from genetics.breeding import breed
@@ -302,7 +303,7 @@ def test_generations_and_seeds_breed_differently():
 )
 def test_no_draw_is_used_for_two_things(coding, recipe, deme, monkeypatch):
     used = Counter()
-    modules = (randomness, bit_kernels, real_kernels, selection)
+    modules = (randomness, bit_kernels, real_kernels, replacement, selection)
     for module in modules:
         for name, value in list(vars(module).items()):
             if hasattr(value, "py_func"):
