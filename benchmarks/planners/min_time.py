@@ -144,7 +144,9 @@ def _row(name: str, runs: list[_Counts]) -> str:
 
 
 def _worst_torque(problem: MinTime, each: _Counts) -> float:
-    return checker.worst_torque(problem, each.outcome.solution) if each.outcome.solution else np.inf
+    if each.outcome.solution is None:
+        return np.inf
+    return float(checker.greatest_shares(problem, each.outcome.solution)["torque"].max())
 
 
 def _beside_toppra(problem: MinTime, runs: list[_Counts]) -> str:
@@ -156,7 +158,7 @@ def _beside_toppra(problem: MinTime, runs: list[_Counts]) -> str:
 
 
 def toppra_time(problem: MinTime, nodes: Any, points: int) -> float:
-    """The time that TOPP-RA (PyPI toppra) takes along the curve through some nodes, s."""
+    """The time that TOPP-RA (PyPI toppra) takes along the curve through some nodes, within all limits but jerk, s."""
     import toppra
     from scipy.interpolate import BSpline
     from toppra import algorithm, constraint
@@ -176,9 +178,17 @@ def toppra_time(problem: MinTime, nodes: Any, points: int) -> float:
     def torque(q: Any, qd: Any, qdd: Any) -> Any:
         return checker.torques(problem.arm, q[None], qd[None], qdd[None])[0]
 
-    limits = np.column_stack([-problem.arm.limits, problem.arm.limits])
+    def both_ways(name: str) -> Any:
+        return np.column_stack([-problem.arm.limit_of(name), problem.arm.limit_of(name)])
+
     scheme = constraint.DiscretizationType.Interpolation
-    limited = constraint.JointTorqueConstraint(torque, limits, np.zeros(Curve.dof), discretization_scheme=scheme)
-    solver = algorithm.TOPPRA([limited], Curve(), gridpoints=np.linspace(0, stretches, points + 1))
+    limits = [
+        constraint.JointTorqueConstraint(torque, both_ways("torque"), np.zeros(Curve.dof), discretization_scheme=scheme)
+    ]
+    if problem.arm.velocity is not None:
+        limits.append(constraint.JointVelocityConstraint(both_ways("velocity")))
+    if problem.arm.acceleration is not None:
+        limits.append(constraint.JointAccelerationConstraint(both_ways("acceleration"), discretization_scheme=scheme))
+    solver = algorithm.TOPPRA(limits, Curve(), gridpoints=np.linspace(0, stretches, points + 1))
     _, speed, _ = solver.compute_parameterization(0, 0)
     return float(np.sum(2 * stretches / points / (speed[1:] + speed[:-1]))) if speed is not None else np.inf

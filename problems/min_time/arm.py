@@ -19,6 +19,9 @@ Floats = NDArray[np.float64]
 
 EARTH = 9.81  # m/s²
 
+LIMITS = {"torque": "N m", "velocity": "rad/s", "acceleration": "rad/s²", "jerk": "rad/s³"}
+"""What of a joint may be limited: fields of an arm, and their units."""
+
 
 class Body(Table):
     """A revolute joint and the body that it turns, both in the joint's frame."""
@@ -54,6 +57,19 @@ class Arm(Table):
     torque: list[Positive] | None = quantity(
         "N m", "limits, one a joint; if not given, those of the URDF", default=None, min_length=1, max_length=64
     )
+    velocity: list[Positive] | None = quantity(
+        "rad/s",
+        "limits, one a joint; if not given, those of the URDF, and none of rods",
+        default=None,
+        min_length=1,
+        max_length=64,
+    )
+    acceleration: list[Positive] | None = quantity(
+        "rad/s²", "limits, one a joint; none if not given", default=None, min_length=1, max_length=64
+    )
+    jerk: list[Positive] | None = quantity(
+        "rad/s³", "limits, one a joint; none if not given", default=None, min_length=1, max_length=64
+    )
 
     @model_validator(mode="after")
     def _one_description(self) -> Self:
@@ -68,9 +84,12 @@ class Arm(Table):
             )
         if self.size == 0:
             raise ValueError("expected at least one joint, found none")
-        if self.torque is None or len(self.torque) != self.size:
-            found = "none" if self.torque is None else len(self.torque)
-            raise ValueError(f"torque: expected one limit for each of {self.size} joints, found {found}")
+        if self.torque is None:
+            raise ValueError(f"torque: expected one limit for each of {self.size} joints, found none")
+        for name in LIMITS:
+            values = getattr(self, name)
+            if values is not None and len(values) != self.size:
+                raise ValueError(f"{name}: expected one limit for each of {self.size} joints, found {len(values)}")
         return self
 
     @property
@@ -88,10 +107,10 @@ class Arm(Table):
         """Of the joints."""
         return [body.name for body in self.chain]
 
-    @property
-    def limits(self) -> Floats:
-        """Of the torques, N·m, shape (joints,)."""
-        return np.array(self.torque)
+    def limit_of(self, name: str) -> Floats:
+        """The limits of one of `LIMITS`, shape (joints,); inf where there is none."""
+        values = getattr(self, name)
+        return np.full(self.size, np.inf) if values is None else np.array(values)
 
     @property
     def falling(self) -> Floats:

@@ -1,4 +1,4 @@
-"""The judge of min-time solutions: its own curve, and pinocchio's dynamics; nothing that `evaluate` uses.
+"""The judge of min-time solutions: its own curve and time law, and pinocchio's dynamics; nothing that `evaluate` uses.
 
 Where pinocchio is not installed, rods in a plane are judged by Kane's equations in complex numbers.
 """
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from pydantic import Field, ValidationError
 
 from problems.errors import BadInput, first_line
+from problems.min_time.arm import LIMITS
 from problems.problem import Solution, Table, Verdict
 
 if TYPE_CHECKING:
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 TOLERANCE = 0.01
-"""By how much of its limit a torque may exceed it between two rows of a trajectory."""
+"""By how much of its limit a torque, velocity, acceleration or jerk may exceed it."""
 
 _SAMPLES = 8  # between two rows
 _ROUNDING = 1e-6
@@ -38,6 +39,7 @@ class Rows(Table):
     qd: list[list[float]]
     qdd: list[list[float]]
     torque: list[list[float]]
+    place: list[float] | None = None
 
 
 class Trip(Table):
@@ -58,6 +60,15 @@ class Claim(NamedTuple):
     qd: Floats
     qdd: Floats
     torque: Floats
+    place: Floats | None  # (rows,): along the curve, 1 a stretch; None: equally far apart
+
+
+class Law(NamedTuple):
+    """How a curve is gone along, as it follows from the accelerations that rows claim."""
+
+    times: Floats  # (rows,), s
+    states: Floats  # (3, rows): place along the curve, and its first two derivatives by time
+    between: Floats  # (4, samples): the same at the rows and between them, and the third derivative, inf if it jumps
 
 
 def judge(problem: MinTime, solution: Solution) -> Verdict:
@@ -65,25 +76,20 @@ def judge(problem: MinTime, solution: Solution) -> Verdict:
     claim = _parsed(problem, solution)
     if len(claim.t) == 1:
         return _judge_standing(problem, claim)
-    stretches, count = len(claim.nodes) - 1, len(claim.t) - 1
-    length = stretches / count
     with np.errstate(all="ignore"):  # what becomes of nonsense is compared, and found wrong
-        curve = _curve(claim.nodes, np.arange(count + 1) * length)
-        steps = _steps(claim, curve, length)
-        times = _times(steps, length)
-        wrong = list(_wrong_rows(problem.arm, claim, curve, steps, times, length))
-        between = _wrong_between(problem, claim, steps, length) if not wrong else ()
+        law = _law(claim)
+        wrong = list(_wrong_rows(problem.arm, claim, law))
+        between = _wrong_between(problem, claim, law) if not wrong else ()
         objections = [*_wrong_ends(problem, claim), *wrong, *between]
-    time = float(times.sum())
+    time = float(law.times[-1])
     return Verdict(time if np.isfinite(time) else np.inf, tuple(objections))
 
 
-def worst_torque(problem: MinTime, solution: Solution) -> float:
-    """The greatest torque of a trajectory as a share of its limit, at its rows and between them."""
+def greatest_shares(problem: MinTime, solution: Solution) -> dict[str, Floats]:
+    """Of what is limited, the greatest share of its limit for each joint, at the rows of a trajectory and between."""
     claim = _parsed(problem, solution)
-    length = (len(claim.nodes) - 1) / (len(claim.t) - 1)
-    steps = _steps(claim, _curve(claim.nodes, np.arange(len(claim.t)) * length), length)
-    return float(_between(problem, claim, steps, length)[1].max())
+    shares = _shares(problem, _motion(problem, claim, _law(claim)))
+    return {name: values.max(axis=0) for name, values in shares.items()}
 
 
 def torques(arm: Arm, q: Floats, qd: Floats, qdd: Floats) -> Floats:
@@ -148,8 +154,11 @@ def _parsed(problem: MinTime, solution: Solution) -> Claim:
     ):
         if len(table) != count or any(len(row) != joints for row in table):
             raise BadInput(f"solution: {name}: expected {count} rows of {joints} numbers, found others")
-    arrays = [np.array(table) for table in (trip.nodes, rows.t, rows.q, rows.qd, rows.qdd, rows.torque)]
-    return Claim(trip.time, *arrays)
+    if rows.place is not None and len(rows.place) != len(rows.t):
+        raise BadInput(f"solution: trajectory.place: expected {len(rows.t)} numbers, found {len(rows.place)}")
+    place = None if rows.place is None else np.array(rows.place)
+    q, qd, qdd, torque = (np.array(each) for each in (rows.q, rows.qd, rows.qdd, rows.torque))
+    return Claim(trip.time, np.array(trip.nodes), np.array(rows.t), q, qd, qdd, torque, place)
 
 
 def _judge_standing(problem: MinTime, claim: Claim) -> Verdict:
@@ -167,17 +176,19 @@ def _near(one: Floats, other: Floats, scale: float = 1.0) -> bool:
 
 
 def _curve(nodes: Floats, places: NDArray[np.floating[Any]]) -> Floats:
-    """The uniform cubic B-spline and its first two derivatives at some places: shape (3, places, joints)."""
+    """The uniform cubic B-spline and its first three derivatives at some places: shape (4, places, joints)."""
     points = np.concatenate([[2 * nodes[0] - nodes[1]], nodes, [2 * nodes[-1] - nodes[-2]]])
+    places = np.clip(np.nan_to_num(places), 0.0, len(nodes) - 1.0)
     stretch = np.minimum(places.astype(np.int64), len(nodes) - 2)
     part = (places - stretch)[:, None]
-    curve = np.empty((3, len(places), nodes.shape[1]))
+    curve = np.empty((4, len(places), nodes.shape[1]))
     around = points[stretch[:, None] + np.arange(4)]
     for order, powers in enumerate(
         (
             np.hstack([part**0, part, part**2, part**3]),
             np.hstack([0 * part, part**0, 2 * part, 3 * part**2]),
             np.hstack([0 * part, 0 * part, 2 * part**0, 6 * part]),
+            np.hstack([0 * part, 0 * part, 0 * part, 6 * part**0]),
         )
     ):
         weights = powers @ _BASIS
@@ -185,16 +196,43 @@ def _curve(nodes: Floats, places: NDArray[np.floating[Any]]) -> Floats:
     return curve
 
 
-def _steps(claim: Claim, curve: Floats, length: float) -> Floats:
-    """The squared speed along the curve on each step, a parabola by its three Bézier points: shape (3, steps).
+# How the curve is gone along ------------------------------------------------------------------------------------------
+def _law(claim: Claim) -> Law:
+    return _by_steps(claim) if claim.place is None else _by_moments(claim, claim.place)
 
-    It follows from the rows' speeds and accelerations.
-    """
-    _, slope, bend = curve
+
+def _along(claim: Claim, curve: Floats) -> tuple[Floats, Floats]:
+    """The first two derivatives of the place by time, (rows,) each, by the rows' speeds and accelerations."""
+    _, slope, bend, _ = curve
     steepness = np.sum(slope**2, axis=1)
-    squared = np.sum(claim.qd * slope, axis=1) ** 2 / steepness**2
-    push = np.sum((claim.qdd - bend * squared[:, None]) * slope, axis=1) / steepness
-    return np.array([squared[:-1], squared[:-1] + length * push[:-1], squared[1:]])
+    speeds = np.sum(claim.qd * slope, axis=1) / steepness
+    return speeds, np.sum((claim.qdd - bend * speeds[:, None] ** 2) * slope, axis=1) / steepness
+
+
+def _by_steps(claim: Claim) -> Law:
+    """Of rows equally far apart along the curve: between them the squared speed is a parabola, of three Bézier points.
+
+    Accelerations of a row are those with which the step that begins there begins, at the last those with which the
+    last step ends.
+    """
+    count = len(claim.t) - 1
+    length = (len(claim.nodes) - 1) / count
+    places = np.arange(count + 1) * length
+    speeds, pushes = _along(claim, _curve(claim.nodes, places))
+    steps = np.array([speeds[:-1] ** 2, speeds[:-1] ** 2 + length * pushes[:-1], speeds[1:] ** 2])
+    ends = np.append(pushes[:-1], (steps[2, -1] - steps[1, -1]) / length)
+    shares = np.arange(_SAMPLES + 1) / _SAMPLES
+    begin, end = (steps[1:] - steps[:-1])[:, :, None] / length
+    between = np.array(
+        [
+            places[:-1, None] + shares * length,
+            np.sqrt(_squared(steps, shares)),
+            begin * (1 - shares) + end * shares,
+            np.full((count, len(shares)), np.inf),
+        ]
+    )
+    times = np.append(0.0, np.cumsum(_times(steps, length)))
+    return Law(times, np.array([places, np.abs(speeds), ends]), between.reshape(4, -1))
 
 
 def _times(steps: Floats, length: float) -> Floats:
@@ -212,6 +250,31 @@ def _squared(steps: Floats, shares: Floats) -> Floats:
     return squared
 
 
+def _by_moments(claim: Claim, claimed: Floats) -> Law:
+    """Of rows that say where they are: between them the second derivative of the place is linear in time."""
+    _, pushes = _along(claim, _curve(claim.nodes, claimed))
+    seconds = np.diff(claim.t)
+    speeds = np.append(0.0, np.cumsum((pushes[:-1] + pushes[1:]) / 2 * seconds))
+    gained = speeds[:-1] * seconds + (2 * pushes[:-1] + pushes[1:]) * seconds**2 / 6
+    places = np.append(0.0, np.cumsum(gained))
+    shares = np.arange(_SAMPLES + 1) / _SAMPLES
+    time, surge = seconds[:, None] * shares, (np.diff(pushes) / seconds)[:, None]
+    first, speed, push = places[:-1, None], speeds[:-1, None], pushes[:-1, None]
+    between = np.array(
+        [
+            first + time * (speed + time * (push / 2 + time * surge / 6)),
+            speed + time * (push + time * surge / 2),
+            push + time * surge,
+            np.broadcast_to(surge, time.shape),
+        ]
+    )
+    if max(abs(pushes[0]), abs(pushes[-1])) > _ROUNDING * np.abs(pushes).max():  # it jumps from and to rest
+        between[3] = np.inf
+    times = claim.t if claim.t[0] == 0.0 and np.all(seconds > 0.0) else np.full(len(claim.t), np.nan)
+    return Law(times, np.array([places, speeds, pushes]), between.reshape(4, -1))
+
+
+# What may be wrong ----------------------------------------------------------------------------------------------------
 def _wrong_ends(problem: MinTime, claim: Claim) -> Iterator[str]:
     for name, angles, row in (("start", problem.start, 0), ("goal", problem.goal, -1)):
         if not (_near(claim.nodes[row], np.array(angles)) and _near(claim.q[row], np.array(angles))):
@@ -220,43 +283,63 @@ def _wrong_ends(problem: MinTime, claim: Claim) -> Iterator[str]:
             yield f"the arm is not at rest at the {name}"
 
 
-def _wrong_rows(arm: Arm, claim: Claim, curve: Floats, steps: Floats, times: Floats, length: float) -> Iterator[str]:
+def _wrong_rows(arm: Arm, claim: Claim, law: Law) -> Iterator[str]:
     """Rows that are not what follows from the nodes and the speed along the curve."""
-    squared = np.append(steps[0], steps[2, -1])[:, None]
-    push = np.append(steps[1] - steps[0], steps[2, -1] - steps[1, -1])[:, None] / length
-    speeds, due = np.sqrt(squared) * curve[1], push * curve[1] + squared * curve[2]
-    scale = 1.0 + np.abs(due).max()
+    places, speeds, pushes = law.states
+    angles, slope, bend, _ = _curve(claim.nodes, places)
+    turning = slope * speeds[:, None]
+    due = slope * pushes[:, None] + bend * speeds[:, None] ** 2
     expected = {
-        "q": (claim.q, curve[0], 1.0),
-        "qd": (claim.qd, speeds, 1.0 + np.abs(speeds).max()),
-        "qdd": (claim.qdd, due, scale),
-        "torque": (claim.torque, torques(arm, claim.q, claim.qd, claim.qdd), 1.0 + arm.limits.max()),
-        "t": (claim.t[:, None], np.append(0.0, np.cumsum(times))[:, None], 1.0),
-        "time": (np.array([claim.time]), times.sum(keepdims=True), 1.0),
+        "place": (places if claim.place is None else claim.place, places, 1.0),
+        "q": (claim.q, angles, 1.0),
+        "qd": (claim.qd, turning, 1.0 + np.abs(turning).max()),
+        "qdd": (claim.qdd, due, 1.0 + np.abs(due).max()),
+        "torque": (claim.torque, torques(arm, claim.q, claim.qd, claim.qdd), 1.0 + arm.limit_of("torque").max()),
+        "t": (claim.t, law.times, 1.0),
+        "time": (np.array([claim.time]), law.times[-1:], 1.0),
     }
     for name, (found, right, allowed) in expected.items():
         if not _near(found, right, allowed):
             yield f"{name} is not what follows from the nodes and the speed along the curve"
 
 
-def _wrong_between(problem: MinTime, claim: Claim, steps: Floats, length: float) -> Iterator[str]:
-    """Torques beyond their limits, and a curve that leaves the box, looked for between the rows too."""
-    q, shares = _between(problem, claim, steps, length)
-    worst = shares.max()
-    if not worst <= 1.0 + TOLERANCE:
-        yield f"a torque is {worst:.4f} of its limit"
+def _wrong_between(problem: MinTime, claim: Claim, law: Law) -> Iterator[str]:
+    """Limits that are exceeded, and a curve that leaves its room, looked for between the rows too."""
+    arm, motion = problem.arm, _motion(problem, claim, law)
+    for name, shares in _shares(problem, motion).items():
+        worst = shares.max(axis=0)
+        joint = int(np.argmax(worst))
+        if not worst[joint] <= 1.0 + TOLERANCE:
+            limit = f"{arm.limit_of(name)[joint]:g} {LIMITS[name]}"
+            found = (
+                f"{worst[joint]:.4f} of its limit" if np.isfinite(worst[joint]) else "without bound, beyond its limit"
+            )
+            yield f"{'an' if name[0] == 'a' else 'a'} {name} is {found}, {limit} of {arm.names[joint]}"
+    q = motion[0]
     low, high = np.minimum(problem.start, problem.goal), np.maximum(problem.start, problem.goal)
     if not np.all((q >= low - _ROUNDING) & (q <= high + _ROUNDING)):
         yield "the curve leaves the box between start and goal"
+    for joint, body in enumerate(arm.chain):
+        lowest, highest = body.limits or (-np.inf, np.inf)
+        if not np.all((q[:, joint] >= lowest - _ROUNDING) & (q[:, joint] <= highest + _ROUNDING)):
+            yield f"{body.name} leaves its range, {lowest:g} to {highest:g} rad"
 
 
-def _between(problem: MinTime, claim: Claim, steps: Floats, length: float) -> tuple[Floats, Floats]:
-    """Angles and torques, these as shares of their limits, at the rows and between: shape (samples, joints) each."""
-    shares = np.arange(_SAMPLES + 1) / _SAMPLES
-    places = ((np.arange(steps.shape[1])[:, None] + shares) * length).ravel()
-    q, slope, bend = _curve(claim.nodes, np.minimum(places, len(claim.nodes) - 1))
-    squared = _squared(steps, shares).reshape(-1, 1)
-    begin, end = (steps[1:] - steps[:-1])[:, :, None] / length
-    push = (begin * (1 - shares) + end * shares).reshape(-1, 1)
-    torque = torques(problem.arm, q, slope * np.sqrt(squared), slope * push + bend * squared)
-    return q, np.abs(torque) / problem.arm.limits
+def _motion(problem: MinTime, claim: Claim, law: Law) -> Floats:
+    """Angles and their first three derivatives by time, at the rows and between: shape (4, samples, joints)."""
+    places, speed, push, surge = (values[:, None] for values in law.between)
+    q, slope, bend, third = _curve(claim.nodes, places[:, 0])
+    jerk = third * speed**3 + 3 * bend * speed * push + slope * np.where(np.isinf(surge), 0.0, surge)
+    jerk[np.isinf(surge[:, 0])] = np.inf
+    return np.array([q, slope * speed, slope * push + bend * speed**2, jerk])
+
+
+def _shares(problem: MinTime, motion: Floats) -> dict[str, Floats]:
+    """Of what is limited, its shares of the limits: shape (samples, joints) each."""
+    q, qd, qdd, jerk = motion
+    found = {"velocity": qd, "acceleration": qdd, "jerk": jerk, "torque": torques(problem.arm, q, qd, qdd)}
+    return {
+        name: np.abs(values) / problem.arm.limit_of(name)
+        for name, values in found.items()
+        if getattr(problem.arm, name) is not None
+    }

@@ -121,7 +121,7 @@ def _draw_motion(problem: MinTime, above: Axes, below: Axes, solution: Solution 
     if solution is not None:
         rows = {name: np.array(values) for name, values in solution["trajectory"].items()}
         t, q = _between_rows(rows["t"], rows["q"], rows["qd"])
-        shares = rows["torque"] / problem.arm.limits
+        shares = rows["torque"] / problem.arm.limit_of("torque")
         for joint, name in enumerate(problem.arm.names):
             color = COLORS[joint % len(COLORS)]
             above.plot(t, q[:, joint], color=color, linewidth=2.0, label=name)

@@ -11,14 +11,15 @@ from numpy.typing import NDArray
 
 from genetics.compiled import kernel, subroutine
 from genetics.operators import Table
-from problems.min_time.kernels import (
+from problems.min_time.kernels import task_of
+from problems.min_time.scaling import (
     add_phantoms,
+    cap_speeds,
     controllable,
     limit_half,
     room_of,
     scale_time,
     step_time,
-    task_of,
     weigh_end,
     weigh_stretch,
 )
@@ -68,16 +69,18 @@ def _curves(task: Any, room: Any, start: Any, end: Any, forth: Any, back: Any) -
     ``forth``: those that can be reached from each of ``start`` or less; ``back``: those from which each of ``end`` can
     be reached. -1 where there are none.
     """
-    rows = np.empty((2 * STEPS, 2, task.joints + 1, 3))
+    rows, caps = np.empty((2 * STEPS, 2, room.rows.shape[1], 3)), room.caps
+    cap_speeds(task, room, 0, STEPS, STEPS)
     for half in range(2 * STEPS):
         _limit_forwards(rows[half, 0], task, room, half)
         _limit_backwards(rows[half, 1], task, room, half)
     for level in range(start.size):
-        forth[level, 0], back[level, 2 * STEPS] = start[level], end[level]
+        forth[level, 0] = start[level] if start[level] <= caps[0] else -1.0
+        back[level, 2 * STEPS] = end[level] if end[level] <= caps[2 * STEPS] else -1.0
         for half in range(2 * STEPS):
-            forth[level, half + 1] = _greatest(rows[half, 0], forth[level, half], -_LENGTH)
+            forth[level, half + 1] = min(caps[half + 1], _greatest(rows[half, 0], forth[level, half], -_LENGTH))
         for half in range(2 * STEPS - 1, -1, -1):
-            back[level, half] = _greatest(rows[half, 1], back[level, half + 1], _LENGTH)
+            back[level, half] = min(caps[half], _greatest(rows[half, 1], back[level, half + 1], _LENGTH))
 
 
 @subroutine
@@ -181,7 +184,8 @@ def dynamic_program(
         The time, s; the nodes, start and goal included, in grid steps, shape (nodes, 2); and the number of evaluations
         of the inverse dynamics.
     """
-    task, room, count = task_of(table), room_of(2, 1, STEPS), moves.shape[0]
+    task, count = task_of(table), moves.shape[0]
+    room = room_of(task, 1, STEPS)
     best = np.full((lines, lines, count + 1, count, levels), np.inf)  # node, move to it, move from it, speed
     origin = np.full((lines, lines, count + 1, count, levels), -1)
     best[0, 0, count, :, 0] = 0.0
@@ -248,7 +252,7 @@ def tree_search(table: Table, lines: int, most: int) -> tuple[float, Integers, i
     """
     task = task_of(table)
     deepest = 2 * (lines - 1)
-    room = room_of(2, deepest, deepest * STEPS)
+    room = room_of(task, deepest, deepest * STEPS)
     ways = np.ones((lines, lines))  # paths from each node to the goal
     for row in range(lines - 2, -1, -1):
         for column in range(lines - 2, -1, -1):
@@ -256,7 +260,7 @@ def tree_search(table: Table, lines: int, most: int) -> tuple[float, Integers, i
     path, chosen = np.zeros((deepest + 2, 2), np.int64), np.zeros(deepest + 2, np.int64)
     best_path, best = path[:0].copy(), np.inf
     bound, spent = np.zeros(2 * deepest * STEPS + 1), np.zeros(deepest + 2)
-    rows = np.empty((task.joints + 1, 3))
+    rows = np.empty(room.rows.shape[1:])
     room.nodes[1] = task.ends[0]
     depth, weighed, done = 0, 0, 0.0
     while depth >= 0 and weighed < most:
@@ -281,9 +285,10 @@ def tree_search(table: Table, lines: int, most: int) -> tuple[float, Integers, i
             weigh_end(task, room, stretch, first + STEPS)
             weighed += STEPS
             if not at_goal:
+                cap_speeds(task, room, first, STEPS, STEPS)
                 for half in range(2 * first, 2 * (first + STEPS)):
                     _limit_forwards(rows, task, room, half)
-                    bound[half + 1] = _greatest(rows, bound[half], -_LENGTH)
+                    bound[half + 1] = min(room.caps[half + 1], _greatest(rows, bound[half], -_LENGTH))
                 spent[depth] = spent[depth - 1] + _least_time(bound, first)
         if at_goal:
             room.shares[:] = 1.0

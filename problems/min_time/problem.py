@@ -1,4 +1,4 @@
-"""The min-time planner: in how little time can an arm go from rest to rest within its torque limits?"""
+"""The min-time planner: in how little time can an arm go from rest to rest within the limits of its joints?"""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from genetics.arrays import Fitness, Genomes, writable
 from genetics.recipe import Recipe
 from problems.angles import Angle, WithAngles
 from problems.errors import BadInput, shorten
-from problems.min_time.arm import Arm, Body
+from problems.min_time.arm import LIMITS, Arm, Body
 from problems.problem import Answer, Populations, RecipeName, Solution, Verdict, quantity
 
 if TYPE_CHECKING:
@@ -33,7 +33,9 @@ _NODES_A_STEP = 5  # the most nodes of a trajectory, for each step of the grid
 class MinTime(WithAngles):
     """Minimise the travel time along a curve through nodes between start and goal (Chan and Zalzala 1993)."""
 
-    about: ClassVar[str] = "minimum-time trajectories of an arm under torque limits"
+    about: ClassVar[str] = (
+        "minimum-time trajectories of an arm within limits of torque, velocity, acceleration and jerk"
+    )
     template: ClassVar[str] = """\
 kind = "min-time"
 # unit = "deg"                  # of all angles in this file, and of speeds, in degrees per second; "rad" if not given
@@ -50,6 +52,9 @@ lengths = [1.0, 1.0]            # m
 tip_mass = 1.0                  # kg
 gravity = 0.0                   # m/s², along -y
 torque = [64.5, 64.5]           # N m, limits
+# velocity = [2.0, 2.0]         # rad/s, limits; without them none for rods, and those of a URDF
+# acceleration = [8.0, 8.0]     # rad/s², limits, if there are any
+# jerk = [60.0, 60.0]           # rad/s³, limits, if there are any
 # urdf = "robot.urdf"           # instead of masses and lengths; needs supernode[dynamics]
 # joints = ["joint_1", ..]      # of the URDF, those that move
 
@@ -80,7 +85,7 @@ stall = 50                      # generations without a quicker one, after which
 
     @classmethod
     def gather(cls, fields: dict[str, Any], folder: Path) -> dict[str, Any]:
-        """The URDF's bodies and torque limits in the place of its name."""
+        """The URDF's bodies and limits of torque and velocity in the place of its name; limits in the file win."""
         arm = fields.get("arm")
         if not (isinstance(arm, dict) and isinstance(arm.get("urdf"), str)):
             return fields
@@ -89,12 +94,13 @@ stall = 50                      # generations without a quicker one, after which
         joints = arm.get("joints")
         if not (joints is None or (isinstance(joints, list) and all(isinstance(name, str) for name in joints))):
             raise BadInput(f"arm.joints: expected a list of names, found {shorten(joints)}")
-        read = urdf.read(arm["urdf"], joints, folder)
+        read = urdf.read(arm["urdf"], joints, folder, arm)
         rest = {name: value for name, value in arm.items() if name not in ("urdf", "joints")}
         return fields | {"arm": read | rest}
 
     @model_validator(mode="after")
     def _can_stand_at_both_ends(self) -> Self:
+        limits = self.arm.limit_of("torque")
         for name, angles in (("start", self.start), ("goal", self.goal)):
             if len(angles) != self.arm.size:
                 raise ValueError(f"{name}: expected {self.arm.size} angles, found {len(angles)}")
@@ -102,10 +108,10 @@ stall = 50                      # generations without a quicker one, after which
                 if body.limits is not None and not body.limits[0] <= angle <= body.limits[1]:
                     raise ValueError(f"{name}: expected {body.name} within {list(body.limits)}, found {angle:g}")
             load = self.arm.holding_torque(angles)
-            for joint in np.flatnonzero(np.abs(load) > self.arm.limits):
+            for joint in np.flatnonzero(np.abs(load) > limits):
                 raise ValueError(
                     f"{name}: expected a place that the arm can hold, found {load[joint]:g} N m needed at "
-                    f"{self.arm.names[joint]}, more than its limit {self.arm.limits[joint]:g}"
+                    f"{self.arm.names[joint]}, more than its limit {limits[joint]:g}"
                 )
         return self
 
@@ -132,7 +138,7 @@ stall = 50                      # generations without a quicker one, after which
         return Recipe("refining", 0.3, "elitist", most_selections=0 if deme == 1 else 2)
 
     def evaluate(self, genomes: Genomes) -> Fitness:
-        """The travel time, s, +inf if the torque limits forbid the curve: (n, genome_bytes) to (n,)."""
+        """The travel time, s, +inf if the limits forbid the curve: (n, genome_bytes) to (n,)."""
         return self._compiled.fitness(genomes)
 
     @property
@@ -151,23 +157,34 @@ stall = 50                      # generations without a quicker one, after which
         """``{"time": s, "nodes": [[..], ..], "trajectory": {"t": [..], "q": [[..], ..], "qd", "qdd", "torque"}}``.
 
         Rows of the trajectory are equally spaced along the curve, as many between any two nodes. Between two rows the
-        second derivative of the curve's parameter by time is constant; accelerations and torques of a row are those of
-        the step that begins there.
+        second derivative of the curve's parameter s by time is linear in s; accelerations and torques of a row are
+        those of the step that begins there. With a limit of jerk rows are equally spaced in time, that derivative is
+        linear in time between them, and ``trajectory`` also has ``place``, the s of each row.
         """
         from problems.min_time import kernels
 
         nodes, rows = kernels.follow(writable(genome), self._compiled.table)
         names = ("q", "qd", "qdd", "torque")
         columns = {name: rows[:, 1 + place].tolist() for place, name in enumerate(names)}
+        if self.arm.jerk is not None:
+            columns["place"] = rows[:, 5, 0].tolist()
         time = rows[:, 0, 0].tolist()
         return {"time": time[-1], "nodes": nodes.tolist(), "trajectory": {"t": time} | columns}
 
     def describe(self, solution: Solution) -> str:
-        """The time, the nodes, and how near the torques come to their limits."""
-        torques = np.abs(solution["trajectory"]["torque"]).max(axis=0) / self.arm.limits
+        """The time, the nodes, and how near each joint comes to its limits."""
         nodes = " → ".join("(" + ", ".join(f"{angle:.3f}" for angle in node) + ")" for node in solution["nodes"])
-        shares = ", ".join(f"{100 * share:.0f} %" for share in torques)
-        return f"{solution['time']:.4f} s by nodes {nodes} rad\ngreatest torques {shares} of their limits"
+        lines = [f"{solution['time']:.4f} s by nodes {nodes} rad"]
+        for name, column in (("torque", "torque"), ("velocity", "qd"), ("acceleration", "qdd")):
+            limits = self.arm.limit_of(name)
+            if np.isfinite(limits).all():
+                greatest = np.abs(solution["trajectory"][column]).max(axis=0) / limits
+                lines.append(
+                    f"greatest {name}: " + ", ".join(f"{100 * share:.0f} %" for share in greatest) + " of limits"
+                )
+            elif name == "velocity":
+                lines.append("velocity is not limited: state `velocity` of the arm")
+        return "\n".join(lines)
 
     def check(self, solution: Solution) -> Verdict:
         """See `problems.min_time.checker`, which shares no code with `evaluate`."""
@@ -203,9 +220,9 @@ stall = 50                      # generations without a quicker one, after which
         is_chain = not (arm.is_planar and arm.size == 2)
         return Operator.of(
             kernels.evaluate,
-            [arm.size, coding.most, is_chain],
+            [arm.size, coding.most, is_chain, arm.acceleration is not None, arm.jerk is not None],
             list(coding.greatest),
-            np.array([self.start, self.goal, arm.limits]),
+            np.array([self.start, self.goal, *(arm.limit_of(name) for name in LIMITS)]),
             np.zeros(5) if is_chain else arm.two_links,
             arm.rows,
             arm.falling,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 import sysconfig
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryFile
@@ -18,11 +18,12 @@ from problems.errors import BadInput
 
 _PACKAGE = "example-robot-data"
 _LEAST_INERTIA = 1e-12  # kg m²
+_MOST = 1e6  # of any limit, as in a problem file
 _MISSING = "{} is not installed: pip install 'supernode[dynamics]'"
 
 
-def read(name: str, joints: list[str] | None, folder: Path) -> dict[str, Any]:
-    """The fields ``bodies`` and ``torque`` of an arm.
+def read(name: str, joints: list[str] | None, folder: Path, stated: Container[str] = ()) -> dict[str, Any]:
+    """The fields ``bodies``, ``torque`` and ``velocity`` of an arm.
 
     All other joints of the URDF are held at their neutral places.
 
@@ -30,6 +31,7 @@ def read(name: str, joints: list[str] | None, folder: Path) -> dict[str, Any]:
         name: as the problem file says it.
         joints: which move; None for all revolute ones.
         folder: of the problem file.
+        stated: fields that the problem file states itself, so that the URDF need not.
 
     Raises:
         BadInput: says what cannot be read, or what is no serial chain.
@@ -48,8 +50,22 @@ def read(name: str, joints: list[str] | None, folder: Path) -> dict[str, Any]:
             )
     if np.linalg.eigvalsh(_mass_matrix(pinocchio, model))[0] < _LEAST_INERTIA:
         raise BadInput(f"arm.urdf: expected links with a mass beyond every joint that moves, found none in {path}")
-    bodies = [_body(model, joint) for joint in range(1, model.njoints)]
-    return {"bodies": bodies, "torque": [float(limit) for limit in model.effortLimit]}
+    limits = {"torque": ("effort", "N m", model.effortLimit), "velocity": ("velocity", "rad/s", model.velocityLimit)}
+    read: dict[str, Any] = {"bodies": [_body(model, joint) for joint in range(1, model.njoints)]}
+    for field, (attribute, unit, values) in limits.items():
+        if field not in stated:
+            read[field] = [_limit(*each, field, attribute, unit) for each in zip(model.names[1:], values, strict=True)]
+    return read
+
+
+def _limit(joint: str, value: float, field: str, attribute: str, unit: str) -> float:
+    """A limit of a joint: some exporters write 0 where nobody knows it, and a continuous joint may have none at all."""
+    if not 0.0 < value <= _MOST:
+        raise BadInput(
+            f"arm.{field}: expected the URDF to state a limit above 0 for every joint that moves, found "
+            f"{attribute} {value:g} of {joint!r}; state {field} = [..] in the problem file, {unit}, one a joint"
+        )
+    return float(value)
 
 
 def _parsed(pinocchio: Any, path: Path) -> Any:

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from matplotlib.figure import Figure
+from timed_arms import DIAGONAL, genome_of, genomes_of, problem_of, spoiled, time_of
 
 from genetics import Keys, Recipe
 from node import Plan, simulate
@@ -19,29 +20,6 @@ from problems.min_time import MinTime, checker, oracle
 from problems.min_time.coding import FINEST, LEVELS, Trajectories
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
-RODS = {"masses": [1.0, 1.0], "lengths": [1.0, 1.0], "tip_mass": 1.0, "torque": [64.5, 64.5]}
-
-
-def problem_of(recipe="tuned", arm=None, **fields):
-    base = {"kind": "min-time", "start": [-0.5, -1.0], "goal": [0.5, 1.0], "arm": RODS | (arm or {})}
-    return ProblemFile("arm.toml", base | fields, Run(recipe=recipe), Path()).problem()
-
-
-def genomes_of(problem, count, seed=1):
-    return problem.coding.random(Keys(np.arange(1), np.uint64(seed), 0), count)[0]
-
-
-def genome_of(problem, nodes, level=LEVELS):
-    """Of nodes in grid steps, the goal included."""
-    genes = np.array(nodes) * problem.coding.greatest[0] // (problem.grid - 1)
-    return problem.coding.encode(np.column_stack([genes, np.full(len(nodes), level)]))
-
-
-def time_of(problem, nodes, **options):
-    return problem.evaluate(genome_of(problem, nodes, **options)[None])[0]
-
-
-DIAGONAL = [[step, step] for step in range(1, 10)]
 
 
 # Time scaling ---------------------------------------------------------------------------------------------------------
@@ -304,6 +282,9 @@ def test_recipes():
         ({"start": [float("nan"), 0.0]}, {}, "start"),
         ({}, {"torque": [1.0]}, "torque: expected one limit for each of 2 joints, found 1"),
         ({}, {"torque": [1.0, -1.0]}, "arm.torque"),
+        ({}, {"velocity": [1.0]}, "velocity: expected one limit for each of 2 joints, found 1"),
+        ({}, {"acceleration": [1.0, 0.0]}, "arm.acceleration"),
+        ({}, {"jerk": []}, "arm.jerk"),
         ({}, {"masses": [1.0]}, "expected as many masses as lengths, found 1 and 2"),
         ({}, {"gravity": 9.81, "torque": [64.5, 1.0]}, "start: expected a place that the arm can hold, found"),
         ({"profile": "best"}, {}, "profile: "),
@@ -364,7 +345,7 @@ def test_without_pinocchio_a_urdf_says_what_to_install_and_rods_are_judged_all_t
 
 def test_a_urdf_in_the_problem_file_is_read_once_and_may_be_held_at_some_joints(panda, tmp_path):
     assert panda.arm.size == 7
-    assert panda.arm.limits.tolist() == [87, 87, 87, 87, 12, 12, 12]
+    assert panda.arm.limit_of("torque").tolist() == [87, 87, 87, 87, 12, 12, 12]
     file = tmp_path / "arm.toml"
     file.write_text(
         "kind = 'min-time'\nstart = [0.0, -1.5]\ngoal = [0.5, -1.0]\n[arm]\n"
@@ -376,10 +357,6 @@ def test_a_urdf_in_the_problem_file_is_read_once_and_may_be_held_at_some_joints(
 
 
 # The judge ------------------------------------------------------------------------------------------------------------
-def spoiled(solution, **changes):
-    return solution | {"trajectory": solution["trajectory"] | changes}
-
-
 def test_the_judge_sees_torques_beyond_their_limits_a_curve_out_of_the_box_and_no_rest():
     problem, weak = problem_of(), problem_of(arm={"torque": [64.5, 60.0]})
     genome = genome_of(problem, [[3, 0], [5, 1], [0, 9], [4, 9], [9, 9]])
@@ -387,6 +364,7 @@ def test_the_judge_sees_torques_beyond_their_limits_a_curve_out_of_the_box_and_n
     assert problem.check(solution).feasible
     (objection,) = weak.check(solution).objections
     assert objection.startswith("a torque is 1.07")
+    assert objection.endswith("of its limit, 60 N m of joint 2")
     narrow = problem_of(start=[-0.5, -1.0], goal=[0.4, 1.0])
     assert any("box" in each for each in narrow.check(solution).objections)
     moving = [[0.1, 0.1], *solution["trajectory"]["qd"][1:]]
@@ -421,9 +399,22 @@ def every_monotone_path(lines):
         stack += [[*path, move] for move in moves if max(move) < lines]
 
 
-@pytest.mark.parametrize(("lines", "gravity"), [(2, 0.0), (3, 0.0), (4, 0.0), (4, 9.81)])
-def test_dynamic_program_and_tree_search_find_what_brute_force_finds(lines, gravity):
-    problem = problem_of(grid=lines, arm={"gravity": gravity})
+SLOW = {"velocity": [2.0, 3.0], "acceleration": [8.0, 30.0]}
+
+
+@pytest.mark.parametrize(
+    ("lines", "arm"),
+    [
+        (2, {}),
+        (3, {}),
+        (4, {}),
+        (4, {"gravity": 9.81}),
+        (4, {"velocity": [2.0, 3.0]}),
+        (4, {"gravity": 9.81} | SLOW),
+    ],
+)
+def test_dynamic_program_and_tree_search_find_what_brute_force_finds(lines, arm):
+    problem = problem_of(grid=lines, arm=arm)
     best = min(time_of(problem, path) for path in every_monotone_path(lines))
     assert oracle.dynamic_program(problem, 1, 96).time == pytest.approx(best, rel=0.01)
     found = oracle.tree_search(problem)
