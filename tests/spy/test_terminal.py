@@ -12,7 +12,7 @@ def test_a_line_for_each_improvement_where_stderr_is_no_terminal(capsys):
         terminal.improvement(BETTER)
         terminal.statistics(Statistics(1, 0, 5, 100, 80, 320, 0, 0, 16, 160.0, 1.0, 2.0, 3.0, 4, 0.5, 0.01))
     assert capsys.readouterr().err.split() == [
-        *("1.250", "s", "generation", "17", "cell", "(1,", "2)", "fitness", "0.125")
+        *("1.250", "s", "generation", "17", "cell", "(1,", "2)", "fitness", "0.125", "feasible")
     ]
 
 

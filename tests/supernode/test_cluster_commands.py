@@ -91,7 +91,7 @@ def test_watch_shows_improvements_and_the_result(supernode, service, file):
     code, out, err = supernode("watch", "a")
     thread.join()
     assert code == 0
-    assert [line.split()[-1] for line in err.splitlines()] == ["9", "0"]
+    assert [line.split()[-2] for line in err.splitlines()] == ["9", "0"]
     assert out.splitlines()[0] == "solved: fitness 0, found by cell (0, 2) in generation 3"
     code, out, err = supernode("watch", "a", "--json", "--quiet")
     assert (code, err, json.loads(out)["status"]) == (0, "", "solved")
@@ -114,10 +114,10 @@ def test_watch_says_of_a_job_that_is_kept_alive_whether_it_waits_or_searches(sup
     thread.join()
     assert code == 3
     first, searching, anew, best, waiting = err.splitlines()
-    assert first.endswith("fitness 9")
+    assert "fitness 9" in first
     assert searching.startswith("searching: it stalled without an answer, and begins anew until it has one (`supernode")
     assert anew == "stalled: begins anew, restart 2, seed 77, commands = 16"
-    assert best.endswith("fitness 0")
+    assert "fitness 0" in best
     assert waiting.startswith("waiting: it is kept alive for an update (`supernode cancel a` ends it")
 
 
