@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,8 @@ WALL = 0.15  # m, thick
 CELL = 0.05  # m, of the grid on which solvability is shown
 MOST_TRIES = 1000
 
+_FORKLIFT: Fields = {"vertices": [[-0.425, -0.3], [0.425, -0.3], [0.425, 0.3], [-0.425, 0.3]]}
+
 
 def robot_world(number: int, run: Run | None = None) -> ProblemFile:
     """World ``number``: even ones are rooms with doors, odd ones clutter; half of the robots are discs.
@@ -36,6 +39,80 @@ def robot_world(number: int, run: Run | None = None) -> ProblemFile:
         if is_surely_solvable(problem) and not _is_trivial(problem):
             return ProblemFile(f"world {number}", fields, run or Run(), Path())
     raise RuntimeError(f"no solvable world {number} in {MOST_TRIES} tries")
+
+
+def three_room_world(number: int, run: Run | None = None) -> ProblemFile:
+    """Three rooms in a row, each wall between two with one door, and 20 obstacles; a robot of 0.85 m by 0.6 m.
+
+    Doors are 0.95 m to 1.3 m wide. The robot is to go from the first room to the last. The oracle proves a way.
+    """
+    generator = np.random.default_rng([1992, 30, number])
+    return _proven(f"three rooms {number}", lambda: _three_rooms(generator, _FORKLIFT, (0.95, 1.3)), run)
+
+
+def narrow_door_world(number: int, run: Run | None = None) -> ProblemFile:
+    """The same with robots nearly as wide as the doors, which are 5 % to 20 % wider.
+
+    Even worlds have a polygon, odd ones a disc. The oracle proves a way.
+    """
+    generator = np.random.default_rng([1992, 31, number])
+
+    def fields() -> Fields:
+        robot = _robot(generator, is_disc=number % 2 == 1)
+        width = _width(robot)
+        return _three_rooms(generator, robot, (1.05 * width, 1.2 * width))
+
+    return _proven(f"narrow doors {number}", fields, run)
+
+
+def _proven(name: str, draw: Callable[[], Fields], run: Run | None) -> ProblemFile:
+    """The first drawn floor that has a way, as the oracle says."""
+    for _ in range(MOST_TRIES):
+        fields = draw()
+        try:
+            problem = MobileRobot.model_validate(fields)
+        except ValueError:  # the robot would stand in something
+            continue
+        if problem.oracle().meaning == "optimum":
+            return ProblemFile(name, fields, run or Run(), Path())
+    raise RuntimeError(f"{name}: no floor with a way in {MOST_TRIES} tries")
+
+
+def _three_rooms(generator: np.random.Generator, robot: Fields, doors: tuple[float, float]) -> Fields:
+    width, height = (round(float(side), 2) for side in generator.uniform([12.0, 7.0], [18.0, 10.0]))
+    walls = [(number + generator.uniform(0.85, 1.15)) * width / 3 for number in range(2)]
+    obstacles = [part for at in walls for part in _wall_with_door(generator, at, height, generator.uniform(*doors))]
+    obstacles += [_small_thing(generator, width, height) for _ in range(20)]
+    low, high = [0.0, 0.0, -np.pi], [walls[0], height, np.pi]
+    start, goal = generator.uniform(low, high), generator.uniform([walls[1], *low[1:]], [width, *high[1:]])
+    return {
+        "kind": "mobile-robot",
+        "start": start.tolist(),
+        "goal": goal.tolist(),
+        "bounds": [0.0, 0.0, width, height],
+        "robot": robot,
+        "obstacles": obstacles,
+    }
+
+
+def _wall_with_door(generator: np.random.Generator, at: float, height: float, door: float) -> list[Fields]:
+    begin = float(generator.uniform(WALL, height - WALL - door))
+    return [_box([at, (a + b) / 2], [WALL, b - a]) for a, b in ((0.0, begin), (begin + door, height))]
+
+
+def _small_thing(generator: np.random.Generator, width: float, height: float) -> Fields:
+    """A piece of furniture."""
+    center = generator.uniform([0.0, 0.0], [width, height]).tolist()
+    if generator.integers(2):
+        return {"shape": "circle", "center": center, "radius": float(generator.uniform(0.15, 0.5))}
+    return _box(center, generator.uniform(0.3, 1.5, 2).tolist(), float(generator.uniform(0.0, np.pi)))
+
+
+def _width(robot: Fields) -> float:
+    """Across its heading, m."""
+    if "radius" in robot:
+        return 2.0 * float(robot["radius"])
+    return float(np.ptp([y for _, y in robot["vertices"]]))
 
 
 def _is_trivial(problem: MobileRobot) -> bool:

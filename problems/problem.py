@@ -320,10 +320,15 @@ class CodedProblem(Problem):
 
     def for_recipe(self, name: RecipeName, deme: int) -> Self:
         """The paper's binary code, or the tuned recipe's Gray code, unless the file chooses."""
-        if self.code is not None:
+        return self.filled_in(code="gray" if name == "tuned" else "binary")
+
+    def filled_in(self, **choices: Any) -> Self:
+        """This problem with these choices of the recipe, but for those that the file has made."""
+        left_open = {name: choice for name, choice in choices.items() if getattr(self, name) is None}
+        if not left_open:
             return self
-        # Not validated anew: what the code is decides nothing else, and a thousand nodes wait for this.
-        chosen = self.model_copy(update={"code": "gray" if name == "tuned" else "binary"})
+        # Not validated anew: these fields decide nothing that a validation looks at, and a thousand nodes wait for it.
+        chosen = self.model_copy(update=left_open)
         for cached in chosen.__dict__.keys() - type(self).model_fields.keys():
             del chosen.__dict__[cached]
         return chosen

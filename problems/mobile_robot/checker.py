@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from pydantic import Field, ValidationError
 
 from problems.errors import BadInput, first_line
+from problems.mobile_robot.guide_check import distance_around
 from problems.plane import CONTACT, Circle, Obstacle
 from problems.problem import Solution, Table, Verdict
 
@@ -52,7 +53,7 @@ def judge(problem: MobileRobot, solution: Solution) -> Verdict:
         *_collisions(problem, claimed.path),
         *_wrong_end(away, off),
     ]
-    return Verdict(0.0 if arrived else away + problem.robot.circumscribed_radius * off, tuple(objections))
+    return Verdict(0.0 if arrived else _worth(problem, claimed.path[-1]), tuple(objections))
 
 
 def objection_to(problem: MobileRobot, pose: Pose) -> str | None:
@@ -89,6 +90,14 @@ def _short_of(problem: MobileRobot, pose: Pose) -> tuple[float, float]:
     """How far a pose is from the goal, m and rad."""
     x, y, heading = problem.goal
     return float(np.hypot(pose[0] - x, pose[1] - y)), _angle(pose[2] - heading)
+
+
+def _worth(problem: MobileRobot, pose: Pose) -> float:
+    """The fitness of a path that ends there, short of the goal, m."""
+    away, off = _short_of(problem, pose)
+    if problem.guide != "straight":
+        away = distance_around(problem, pose[:2])
+    return away + problem.robot.circumscribed_radius * off
 
 
 def _wrong_start(problem: MobileRobot, pose: Pose) -> Iterator[str]:

@@ -2,8 +2,9 @@
 
 Poses are x (m), y (m) and heading (rad), unwrapped: straight interpolation between two poses is the motion.
 
-The table (see `genetics.operators`): bits of each command, whether by Gray code, commands; the poses of start and goal;
-the circumscribed radius and the robot's thickness (m); its outline; and the fields of `contact.Floor`.
+The table (see `genetics.operators`): bits of each command, whether by Gray code, commands, whether the way to the goal
+is measured around obstacles; the poses of start and goal; the circumscribed radius and the robot's thickness (m); its
+outline; the fields of `contact.Floor`; where the guide's grid begins and its spacing (m), and its distances.
 """
 
 from typing import Any, NamedTuple
@@ -16,6 +17,7 @@ from genetics.bit_kernels import integers_of
 from genetics.compiled import kernel, subroutine
 from genetics.operators import FITNESS, Table, integers, reals
 from problems.mobile_robot.contact import Floor, Robot, can_turn, drive
+from problems.mobile_robot.guide_kernels import Field, distance_at
 from problems.plane import CONTACT
 
 Floats = NDArray[np.float64]
@@ -31,6 +33,8 @@ class Task(NamedTuple):
     goal: Any  # (3,): m, m, rad
     radius: Any  # m, the circumscribed one, by which an angle counts as a length
     levels: Any  # 2^q
+    around: Any  # whether the way to the goal is measured around obstacles
+    field: Any  # guide_kernels.Field, if so
 
 
 class Room(NamedTuple):
@@ -113,21 +117,34 @@ def _approach(robot: Any, floor: Any, path: Any, row: Any, goal: Any, spare: Any
 
 
 @subroutine
+def _short_of(task: Any, pose: Any) -> Any:
+    """How far a pose is from the goal, m: the way, and the turn at the circumscribed radius."""
+    x, y, heading = pose
+    goal = task.goal
+    away = distance_at(task.field, x, y) if task.around else np.hypot(goal[0] - x, goal[1] - y)
+    return away + task.radius * abs(_shorter(goal[2] - heading))
+
+
+@subroutine
 def _scan(task: Any, room: Any) -> Any:
     """Carry out the commands from the pose ``path[0]`` until the goal is visible or a rotation is blocked both ways.
 
-    Appends the poses to the path. Returns the fitness, the number of commands carried out, and of those that then
-    lead to the goal.
+    Appends the poses to the path. Returns the fitness, the number of commands that it is the fitness of, and of those
+    that then lead to the goal. If the goal is never visible, the last pose counts, or, where ways are measured around
+    obstacles, the nearest: so later commands may try what they like.
     """
-    robot, floor, goal, _, levels = task
+    robot, floor, goal, levels = task.robot, task.floor, task.goal, task.levels
     codes, path, spare = room
-    row = 0
+    row, nearest, fitness = 0, 0, np.inf
     way_is_free = _way_is_free(robot, floor, path[0], goal, spare)
     while True:
         if way_is_free:
             last = _approach(robot, floor, path, row, goal, spare)
             if last >= 0:
                 return 0.0, row, last
+        short = _short_of(task, path[row])
+        if short < fitness or not task.around:
+            nearest, fitness = row, short
         if row == codes.size:
             break
         share = codes[row] / levels
@@ -138,8 +155,7 @@ def _scan(task: Any, room: Any) -> Any:
             _move(robot, floor, path[row], share + 1.0 / levels, path[row + 1])
             way_is_free = _way_is_free(robot, floor, path[row + 1], goal, spare)
         row += 1
-    away = np.hypot(goal[0] - path[row, 0], goal[1] - path[row, 1])
-    return away + task.radius * abs(_shorter(goal[2] - path[row, 2])), row, 0
+    return fitness, nearest, 0
 
 
 @subroutine
@@ -148,7 +164,10 @@ def _task_of(table: Any) -> Any:
     robot = Robot(outline, sizes[1], _reach(outline))
     bounds, corners, starts = reals(table, 4)[0], reals(table, 5), integers(table, 6)[0]
     floor = Floor(bounds, corners, starts, reals(table, 7)[0], reals(table, 8), reals(table, 9))
-    return Task(robot, floor, reals(table, 1)[1], sizes[0], np.float64(np.int64(1) << integers(table, 0)[0, 0]))
+    bits, around = integers(table, 0)[0, 0], integers(table, 0)[0, 3] != 0
+    grid = reals(table, 10)[0]
+    field = Field(grid[0], grid[1], grid[2], reals(table, 11))
+    return Task(robot, floor, reals(table, 1)[1], sizes[0], np.float64(np.int64(1) << bits), around, field)
 
 
 @subroutine
@@ -169,7 +188,7 @@ def _carry_out(genome: Any, table: Any, task: Any, room: Any) -> Any:
 
 @kernel(FITNESS, may_be_long=True)
 def evaluate(genomes: Genomes, fitness: Fitness, table: Table) -> None:
-    """How far the scan of each list of coded commands ends from the goal, m; 0 if the goal is visible (§5)."""
+    """How far the scan of each list of coded commands stays from the goal, m; 0 if the goal is visible (§5)."""
     task, room = _task_of(table), _room_for(table)
     for row in range(fitness.size):
         fitness[row] = _carry_out(genomes[row], table, task, room)[0]
@@ -177,7 +196,7 @@ def evaluate(genomes: Genomes, fitness: Fitness, table: Table) -> None:
 
 @kernel("Tuple((float64[:,::1], int64))(uint8[::1], int64[:,::1])")
 def follow(genome: Genomes, table: Table) -> tuple[Floats, int]:
-    """The poses, shape (poses, 3), that a genome's commands lead to, and how many of the commands were carried out.
+    """The poses, shape (poses, 3), that a genome's commands lead to, and how many of the commands count.
 
     What leads from there to the goal follows in the poses.
     """

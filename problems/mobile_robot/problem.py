@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import TYPE_CHECKING, Annotated, ClassVar, Self
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
+import shapely
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from genetics.arrays import Fitness, Genomes, writable
@@ -13,6 +14,7 @@ from genetics.recipe import Recipe
 from problems.angles import Angle, WithAngles
 from problems.mobile_robot import checker
 from problems.mobile_robot.arrays import SLIMMEST, floor_arrays, is_wide, robot_arrays
+from problems.mobile_robot.guide import Guide, guide_of
 from problems.plane import Obstacle, Point, simple_polygon
 from problems.problem import (
     CHECKED,
@@ -38,6 +40,10 @@ Pose = tuple[Metres, Metres, Angle]
 
 _FLIPS = 12.0  # bits changed in an offspring, on average, by the tuned recipe
 _FLIPS_ON_ISLANDS = 16.0
+
+_FEWEST_COMMANDS = 8  # of those chosen by the floor
+_MOST_COMMANDS = 24
+_MOST_AT_LAST = 64  # of later attempts
 
 
 class Body(Table):
@@ -70,6 +76,14 @@ class Body(Table):
         """The farthest corner's distance from the reference point, m; 0 for a disc, whose heading cannot be seen."""
         return 0.0 if self.vertices is None else float(np.linalg.norm(self.vertices, axis=1).max())
 
+    @property
+    def covered_radius(self) -> float:
+        """The radius of the largest disc about the reference point that the robot covers, m; 0 if it covers none."""
+        if self.vertices is None:
+            return self.radius or 0.0
+        outline, reference = shapely.Polygon(self.vertices), shapely.Point(0.0, 0.0)
+        return float(outline.exterior.distance(reference)) if outline.contains(reference) else 0.0
+
 
 class MobileRobot(CodedProblem, WithAngles):
     """Find a list of (rotate, move) commands from whose end, or from an earlier place, the goal is visible (§5)."""
@@ -80,9 +94,10 @@ kind = "mobile-robot"
 # unit = "deg"                  # of all angles in this file; "rad" if not given
 start = [1.0, 1.0, 0.0]         # m, m, rad: x, y, heading (anticlockwise from +x)
 goal = [6.8, 1.2, 1.57]         # m, m, rad
-commands = 8                    # pairs of a rotate and a move command
+# commands = 10                 # pairs of a rotate and a move command; if not given, by the number of obstacles
 bits = 8                        # of each command
 # code = "gray"                 # or "binary"; if not given, the recipe's
+# guide = "around"              # or "straight": how the way to the goal is measured; if not given, the recipe's
 bounds = [0.0, 0.0, 8.0, 6.0]   # m, the walls around the floor: x0, y0, x1, y1
 
 [robot]                         # in its own frame: it turns about the origin, ahead is +x
@@ -118,13 +133,33 @@ seed = 1
 
     start: Pose = quantity("m, m, rad", "where the robot stands: [x, y, heading]")
     goal: Pose = quantity("m, m, rad", "where it shall go: [x, y, heading]")
-    commands: int = quantity("", "pairs of a rotate and a move command", default=8, ge=1, le=1000)
+    commands: int | None = quantity(
+        "",
+        "pairs of a rotate and a move command; if not given, 8 and one for each two obstacles, but at most 24",
+        default=None,
+        ge=1,
+        le=1000,
+    )
     bits: int = quantity("bit", "bits of each command", default=8, ge=1, le=62)
+    guide: Literal["straight", "around"] | None = quantity(
+        "",
+        "what a scan that does not see the goal is worth: the straight distance from where it ends, or the way around"
+        ' the obstacles from where that is least; if not given, the recipe\'s: tuned "around", paper "straight"',
+        default=None,
+    )
     bounds: tuple[Metres, Metres, Metres, Metres] = quantity("m", "the walls around the floor: [x0, y0, x1, y1]")
     robot: Body = quantity("", "the robot")
     obstacles: list[Obstacle] = quantity(
         "", "solid shapes that the robot may touch, but not enter", default_factory=list
     )
+
+    @classmethod
+    def work_out(cls, fields: dict[str, Any]) -> dict[str, Any]:
+        """With the number of commands, which the floor chooses once: individuals outlive what moves on it."""
+        obstacles = fields.get("obstacles", [])
+        if fields.get("commands") is not None or not isinstance(obstacles, list):
+            return fields
+        return fields | {"commands": _commands_for(len(obstacles))}
 
     @field_validator("bounds")
     @classmethod
@@ -156,7 +191,23 @@ seed = 1
         """One integer a command: rotate, move, rotate, .. (§5)."""
         from genetics.bit_string import BitString
 
-        return BitString(2 * self.commands, self.bits, gray=self.code != "binary")
+        return BitString(2 * self.pairs, self.bits, gray=self.code != "binary")
+
+    @property
+    def pairs(self) -> int:
+        """The number of commands, given or chosen."""
+        return _commands_for(len(self.obstacles)) if self.commands is None else self.commands
+
+    def for_recipe(self, name: RecipeName, deme: int) -> Self:
+        """§5 to the letter, or what has been found to be best, unless the file chooses."""
+        coded = super().for_recipe(name, deme)
+        return coded.filled_in(guide="around" if name == "tuned" else "straight")
+
+    def next_attempt(self, attempt: int) -> dict[str, Any] | None:
+        """Half as many commands again; the paper knows of no other attempt."""
+        if self.guide == "straight":
+            return None
+        return {"commands": max(self.pairs, min(_MOST_AT_LAST, self.pairs * 3 // 2))}
 
     def recipe(self, name: RecipeName, deme: int) -> Recipe:
         """§6 to the letter where it is stated, or an elitist replacement with far more mutation."""
@@ -167,7 +218,7 @@ seed = 1
         return Recipe("uniform", min(0.5, _FLIPS_ON_ISLANDS / self.coding.length), "elitist")
 
     def evaluate(self, genomes: Genomes) -> Fitness:
-        """0 if the goal is visible, else how far the scan ends from it, m: (n, genome_bytes) to (n,)."""
+        """0 if the goal is visible, else how far the scan stays from it, m: (n, genome_bytes) to (n,)."""
         return self._compiled.fitness(genomes)
 
     @property
@@ -225,17 +276,31 @@ seed = 1
     def _compiled(self) -> Operator:
         """The fitness, and the table of all kernels."""
         from genetics.operators import Operator
-        from problems.mobile_robot import kernels
+        from problems.mobile_robot import guide_kernels, kernels
 
         outline, thickness = robot_arrays(self.robot.vertices, self.robot.radius)
+        floor = floor_arrays(self.bounds, self.obstacles)
+        goes_around = self.guide != "straight"
         return Operator.of(
             kernels.evaluate,
-            [self.bits, self.coding.gray, self.coding.parameters],
+            [self.bits, self.coding.gray, self.coding.parameters, goes_around],
             np.array([self.start, self.goal]),
             [self.robot.circumscribed_radius, thickness],
             outline,
-            *floor_arrays(self.bounds, self.obstacles),
+            *floor,
+            self.grid[:3],
+            guide_kernels.distances(self.grid, self.goal, floor) if goes_around else np.zeros((1, 1)),
         )
+
+    @cached_property
+    def grid(self) -> Guide:
+        """Over which the way around the obstacles is measured."""
+        return guide_of(self.bounds, self.robot, 0.0)
+
+
+def _commands_for(obstacles: int) -> int:
+    """How many commands a floor with that number of obstacles is given."""
+    return min(_MOST_COMMANDS, _FEWEST_COMMANDS + obstacles // 2)
 
 
 def _called_out(name: str, value: float) -> str:

@@ -45,7 +45,7 @@ def problem_of(**fields):
 
 
 def genomes_of(problem, count, seed=0):
-    values = np.random.default_rng(seed).integers(0, 1 << problem.bits, (count, 2 * problem.commands))
+    values = np.random.default_rng(seed).integers(0, 1 << problem.bits, (count, 2 * problem.pairs))
     return problem.coding.encode(values)
 
 
@@ -69,7 +69,7 @@ def crowded(number, **fields):
 
 def command(problem, *values):
     """A genome of given commands, as integers; the rest turn to 0 and go as little as they can."""
-    row = np.zeros((1, 2 * problem.commands), np.int64)
+    row = np.zeros((1, 2 * problem.pairs), np.int64)
     row[0, : len(values)] = values
     return problem.coding.encode(row)[0]
 
@@ -99,6 +99,7 @@ def test_a_rotation_goes_by_the_shorter_sense_else_by_the_other_else_the_scan_en
     beam = {"vertices": [[-0.1, -0.1], [1.0, -0.1], [1.0, 0.1], [-0.1, 0.1]]}
     post = {"shape": "circle", "center": [1.5, 1.9], "radius": 0.3}
     fields = {"start": [1.0, 1.3, 0.0], "robot": beam, "code": "binary", "bounds": [-2.0, -2.0, 8.0, 6.0]}
+    fields["guide"] = "straight"
     free = problem_of(**fields, obstacles=[WALL])
     assert free.decode(command(free, 64))["commands"][0] == ["rotate", pytest.approx(np.pi / 2)]
     other = problem_of(**fields, obstacles=[WALL, post])
@@ -110,8 +111,8 @@ def test_a_rotation_goes_by_the_shorter_sense_else_by_the_other_else_the_scan_en
     assert caught.evaluate(command(caught, 64)[None])[0] == pytest.approx(np.hypot(6.0, 0.3) + radius * 1.0)
 
 
-def test_fitness_at_the_end_of_the_scan_is_distance_and_heading():
-    problem = problem_of(commands=1, code="binary")
+def test_the_papers_fitness_at_the_end_of_the_scan_is_distance_and_heading():
+    problem = problem_of(commands=1, code="binary", guide="straight")
     for values in ((0, 0), (32, 100), (200, 255)):
         x, y, heading = problem.decode(command(problem, *values))["path"][-1]
         off = abs(np.angle(np.exp(1j * (1.0 - heading))))
@@ -226,7 +227,7 @@ def test_corrupted_solutions_are_rejected(office):
 def test_a_path_that_ends_short_is_worth_its_distance(office):
     problem, solution = office
     short = {name: solution[name][:1] if name == "path" else [] for name in ("path", "commands")} | {"length": 0.0}
-    verdict = problem.check(short)
+    verdict = problem.model_copy(update={"guide": "straight"}).check(short)
     away = np.hypot(1.2 - 7.4, 9.9 - 8.4)
     heading = abs(np.angle(np.exp(1j * (3.1416 + 1.5708))))
     assert verdict.fitness == pytest.approx(away + problem.robot.circumscribed_radius * heading)
@@ -529,7 +530,7 @@ def test_no_path_of_the_office_is_monotone_in_x_or_in_y_but_there_are_paths():
 
 def test_an_unsolvable_floor_ends_as_stalled_with_the_best_found():
     closed = WALL | {"center": [4.0, 3.0], "size": [0.2, 6.0]}
-    plan = Plan(problem_of(robot={"radius": 0.3}, obstacles=[closed]), Run(stall=30))
+    plan = Plan(problem_of(robot={"radius": 0.3}, obstacles=[closed], guide="straight"), Run(stall=30))
     reports = simulate(plan)
     assert stop_reasons(reports, "lockstep") == ("stall",)
     champion = best_known(reports, "champion")

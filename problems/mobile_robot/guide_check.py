@@ -1,0 +1,97 @@
+"""The way around obstacles once more, by shapely and scipy: what `check` says of a path that ends short of the goal.
+
+It computes what `problems.mobile_robot.guide` defines, and shares no code with `guide_kernels`.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from problems.mobile_robot.guide import PRICES
+from problems.plane import Circle, Obstacle
+
+if TYPE_CHECKING:
+    from problems.mobile_robot.problem import MobileRobot
+
+Floats = NDArray[np.float64]
+
+_STEPS = ((1, 0), (0, 1), (1, 1), (1, -1))  # to half of a node's neighbours, in columns and rows
+
+
+def distance_around(problem: MobileRobot, place: tuple[float, float]) -> float:
+    """How far a place is from the goal around the obstacles, m."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import dijkstra
+
+    grid = problem.grid
+    east = grid.west + grid.spacing * np.arange(grid.columns)
+    north = grid.south + grid.spacing * np.arange(grid.rows)
+    nodes = np.stack(np.meshgrid(east, north, indexing="ij"), axis=-1).reshape(-1, 2)
+    goal = len(nodes)
+    edges = [_edges(grid.spacing, _prices(problem, nodes).reshape(grid.columns, grid.rows), *step) for step in _STEPS]
+    around_goal = _around(problem, problem.goal[:2])
+    edges.append((around_goal, np.full(4, goal), _away(nodes[around_goal], problem.goal[:2])))
+    one, other, lengths = (np.concatenate(each) for each in zip(*edges, strict=True))
+    graph = coo_array((lengths, (one, other)), shape=(goal + 1, goal + 1)).tocsr()
+    distances = dijkstra(graph, directed=False, indices=goal)
+    around_place = _around(problem, place)
+    return float(np.min(distances[around_place] + _away(nodes[around_place], place)))
+
+
+def _away(nodes: Floats, place: tuple[float, float]) -> Floats:
+    lengths: Floats = np.linalg.norm(nodes - np.array(place), axis=1)
+    return lengths
+
+
+def _around(problem: MobileRobot, place: tuple[float, float]) -> NDArray[np.int64]:
+    """The numbers of the four nodes around a place."""
+    grid = problem.grid
+    column = int(np.clip(np.floor((place[0] - grid.west) / grid.spacing), 0, grid.columns - 2))
+    row = int(np.clip(np.floor((place[1] - grid.south) / grid.spacing), 0, grid.rows - 2))
+    return np.array([(column + i) * grid.rows + row + j for i in (0, 1) for j in (0, 1)])
+
+
+def _prices(problem: MobileRobot, nodes: Floats) -> Floats:
+    """What a metre costs at each node."""
+    grid = problem.grid
+    return np.interp(_clearances(problem, nodes), [grid.blocked, grid.tight, grid.roomy], PRICES)
+
+
+def _clearances(problem: MobileRobot, nodes: Floats) -> Floats:
+    """From the nearest wall or obstacle, m; negative within one."""
+    x0, y0, x1, y1 = problem.bounds
+    clearances: Floats = np.min([nodes[:, 0] - x0, x1 - nodes[:, 0], nodes[:, 1] - y0, y1 - nodes[:, 1]], axis=0)
+    for obstacle in problem.obstacles:
+        near = _near(nodes, obstacle, problem.grid.roomy)
+        if isinstance(obstacle, Circle):
+            from_it = _away(nodes[near], obstacle.center) - obstacle.radius
+        else:
+            shapely.prepare(obstacle.polygon)
+            from_it = shapely.distance(obstacle.polygon.exterior, shapely.points(nodes[near]))
+            from_it[shapely.contains_xy(obstacle.polygon, nodes[near])] *= -1.0
+        clearances[near] = np.minimum(clearances[near], from_it)
+    return clearances
+
+
+def _near(nodes: Floats, obstacle: Obstacle, reach: float) -> NDArray[np.bool_]:
+    """Which nodes may be nearer to an obstacle than ``reach``: farther away all prices are the same."""
+    low, high = obstacle.corners.min(axis=0), obstacle.corners.max(axis=0)
+    beyond = np.maximum(low - nodes, nodes - high).max(axis=1)
+    near: NDArray[np.bool_] = beyond < reach + obstacle.thickness
+    return near
+
+
+def _edges(
+    spacing: float, prices: Floats, east: int, north: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64], Floats]:
+    """From each node to its neighbour so many columns and rows away, and how long they count, m."""
+    columns, rows = prices.shape
+    numbers = np.arange(prices.size).reshape(prices.shape)
+    one = numbers[: columns - east, max(0, -north) : rows - max(0, north)].ravel()
+    other = numbers[east:, max(0, north) : rows - max(0, -north)].ravel()
+    lengths = spacing * np.hypot(east, north) * (prices.ravel()[one] + prices.ravel()[other]) / 2.0
+    return one, other, lengths

@@ -1,0 +1,38 @@
+"""The floors that the mobile robot is measured on: they are as they say, and the same for the same number."""
+
+import numpy as np
+import pytest
+
+from benchmarks.robot_worlds import narrow_door_world, three_room_world
+from problems.plane import Box
+
+FAMILIES = [three_room_world, narrow_door_world]
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+@pytest.mark.parametrize("number", [1, 2])
+def test_a_floor_has_three_rooms_and_twenty_obstacles_and_surely_a_way(family, number):
+    file = family(number)
+    problem = file.problem()
+    assert file.fields == family(number).fields
+    walls, furniture = problem.obstacles[:4], problem.obstacles[4:]
+    assert all(isinstance(wall, Box) for wall in walls)
+    assert len(furniture) == 20
+    assert problem.start[0] < walls[0].center[0] < walls[2].center[0] < problem.goal[0]
+    assert problem.oracle().meaning == "optimum"
+
+
+@pytest.mark.parametrize(("family", "least", "most"), [(three_room_world, 1.58, 2.17), (narrow_door_world, 1.05, 1.2)])
+@pytest.mark.parametrize("number", [1, 2])
+def test_doors_are_so_much_wider_than_the_robot(family, number, least, most):
+    problem = family(number).problem()
+    robot = problem.robot
+    wide = 2.0 * robot.radius if robot.vertices is None else np.ptp(np.array(robot.vertices)[:, 1])
+    for below, above in (problem.obstacles[:2], problem.obstacles[2:4]):
+        door = above.corners[:, 1].min() - below.corners[:, 1].max()
+        assert least - 1e-9 <= door / wide <= most + 1e-9
+
+
+def test_robots_are_discs_and_polygons_or_a_rectangle_of_85_by_60_centimetres():
+    assert [narrow_door_world(number).problem().robot.radius is None for number in (1, 2)] == [False, True]
+    assert np.ptp(three_room_world(1).problem().robot.vertices, axis=0) == pytest.approx([0.85, 0.6])
