@@ -13,6 +13,7 @@ from coordinator.errors import ClusterFailed
 from coordinator.job import Job, Order
 from coordinator.launcher import Launcher
 from problems import ProblemFile
+from spy.least_improvement import LEAST
 from wire import sessions
 from wire.callbacks import direct
 from wire.keys import Keys
@@ -80,23 +81,25 @@ class LocalCluster:
         """Process ids by name: "router", "spy", "node 0" and so on."""
         return dict(self._launcher.processes)
 
-    def submit(self, file: ProblemFile, *, log: str | None = None, **run: Any) -> Job:
+    def submit(self, file: ProblemFile, *, log: str | None = None, least_improvement: float = LEAST, **run: Any) -> Job:
         """Hand in a job; it runs when those before it have ended (its ``seconds`` run from now on).
 
         Args:
             file: from `supernode.load`.
             log: a file to write a run log to, JSON Lines.
+            least_improvement: that is worth a line there, as a share of the fitness before.
             run: settings that replace those of the file's ``[run]`` table, such as ``seed=1``, ``seconds=5``.
 
         Raises:
-            BadInput: if a setting is unknown or wrong.
+            BadInput: if a setting is unknown or wrong, or the log cannot be written.
             ClusterFailed: if the cluster is closed, or a process of it has died.
         """
         self._raise_failure()
         assert self._dispatcher is not None, "ready by now"
         settings = {"topology": self.topology.spec} | {name: value for name, value in run.items() if value is not None}
         self._submitted += 1
-        return self._dispatcher.submit(Order(self._submitted, file.with_run(**settings), log))
+        order = Order(self._submitted, file.with_run(**settings), log, least_improvement=least_improvement)
+        return self._dispatcher.submit(order)
 
     def cpu_seconds(self) -> float:
         """CPU time that all processes have used so far, this one included."""

@@ -10,7 +10,7 @@ import json
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Protocol
 
@@ -23,6 +23,7 @@ from coordinator.job import BegunAnew, Change, JobEntry, Placing, Replaced, Wish
 from coordinator.worlds import World, Worlds
 from node.plan import retry
 from problems import BadInput, ProblemFile
+from spy.improvement_records import ImprovementRecord, records_of
 from spy.judge import STATUS_OF, Judgement
 from spy.past import Lived, lived_for, stopped_after
 from spy.result import Clocks, Result, result_of, states_of, stop_reasons
@@ -55,6 +56,9 @@ class Dispatch(Protocol):
 
     def improved(self, job: JobEntry, better: Improvement) -> None:
         """There is a better answer."""
+
+    def lived(self, job: JobEntry, epoch: int, records: Sequence[ImprovementRecord]) -> None:
+        """An epoch of the job has ended, in which there were these improvements."""
 
 
 class Conductor:
@@ -128,9 +132,16 @@ class Conductor:
 
     def _tell(self, better: Improvement) -> None:
         self.best = better
-        self.job.log.improvement(self.world.topology, better)
+        self.job.log.news(self.world.topology, better)
         self.job.tell(better)
         self.dispatch.improved(self.job, better)
+
+    def _tell_what_was_lived(self) -> None:
+        """Of epochs that have ended, before there is another one or the end."""
+        for past, world in self.worlds.untold():
+            records = records_of(past, world.lived)
+            self.job.note(world.topology, records)
+            self.dispatch.lived(self.job, world.number, records)
 
     def _answer_for(self, world: World) -> Improvement | None:
         """The best so far, unless ``world`` is another than its own and has another problem than the one before."""
@@ -280,13 +291,14 @@ class Conductor:
 
     def _begin(self, world: World) -> None:
         """Go, as soon as the world before has stopped."""
+        self._tell_what_was_lived()
         with self._improving:
             before, self.best = self.best, self._answer_for(world)
             self.worlds.add(world)
         placing = Placing(world.number, world.file, self.nodes, world.wiring.number, world.why, self.worlds.past)
         self.dispatch.changed(self.job, world.state)
         self.dispatch.placed(self.job, placing)  # both are written now: whoever takes over goes on from here
-        self.job.log.write("start", job=self.number, world=world.number, run=world.file.run.model_dump())
+        self.job.log.start(self.number, world.number, world.file.run)
         if self.best is not None and self.best is not before:  # nodes have not begun, so there is none but this one
             self._tell(self.best)
         self._ask_for_reports(world)
@@ -377,6 +389,7 @@ class Conductor:
         self.calls.tell(self.keys.every_control, ProposeStop(self.number, number, reason))
 
     def _finish(self, error: str | None) -> Judgement:
+        self._tell_what_was_lived()
         past, lived = self.worlds.whole()
         world, reports = self.world, lived.reports
         command = Finish(

@@ -6,7 +6,7 @@ What happens to a job is told to `Hooks`, which keep it or pass it on; a `LocalC
 import contextlib
 import itertools
 import threading
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import zenoh
@@ -19,6 +19,7 @@ from coordinator.homes import Homes
 from coordinator.hooks import Hooks
 from coordinator.job import Failure, JobEntry, Order, Placing, Replaced, Wish
 from coordinator.scheduler import Placed, Scheduler
+from spy.improvement_records import ImprovementRecord
 from spy.result import Result
 from wire import control
 from wire.callbacks import direct
@@ -38,6 +39,9 @@ class _NoHooks:
         """See `Hooks`."""
 
     def improved(self, number: int, improvement: Improvement) -> None:
+        """See `Hooks`."""
+
+    def lived(self, number: int, epoch: int, records: Sequence[ImprovementRecord]) -> None:
         """See `Hooks`."""
 
     def measured(self, statistics: Statistics) -> None:
@@ -313,6 +317,10 @@ class Dispatcher:
     def improved(self, job: JobEntry, better: Improvement) -> None:
         """There is a better answer."""
         self.hooks.improved(job.order.number, better)
+
+    def lived(self, job: JobEntry, epoch: int, records: Sequence[ImprovementRecord]) -> None:
+        """An epoch of the job has ended, in which there were these improvements."""
+        self.hooks.lived(job.order.number, epoch, records)
 
     # Who runs ---------------------------------------------------------------------------------------------------------
     def _start(self) -> None:

@@ -1,10 +1,12 @@
 """Between the service and the dispatcher: what each may ask of the other."""
 
+from collections.abc import Sequence
 from typing import Any, Protocol
 
 import zenoh
 
 from coordinator.job import JobEntry, Order, Placing
+from spy.improvement_records import ImprovementRecord
 from spy.result import Result
 from wire.keys import Keys
 from wire.news import Improvement, LogRecord, Statistics
@@ -21,6 +23,9 @@ class Hooks(Protocol):
 
     def improved(self, number: int, improvement: Improvement) -> None:
         """A better answer was verified."""
+
+    def lived(self, number: int, epoch: int, records: Sequence[ImprovementRecord]) -> None:
+        """An epoch of a job has ended, in which there were these improvements; the same may be told again."""
 
     def measured(self, statistics: Statistics) -> None:
         """How a job is, twice a second."""

@@ -3,18 +3,23 @@
 import queue
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from coordinator.errors import ClusterFailed
 from problems import ProblemFile, Run
+from spy.improvement_records import ImprovementRecord
+from spy.least_improvement import LEAST
 from spy.past import Past
 from spy.result import Result
 from spy.run_log import RunLog
+from topologies import Topology
 from wire.news import Improvement, Statistics
 
 _LOOK_AGAIN = 0.2  # seconds
+_MOST_RECORDS = 1 << 16  # improvements of one job, which may be kept alive for days
 
 
 # Mail: what a conductor is to know, beside answers and reports -------------------------------------------------------
@@ -63,6 +68,7 @@ class Order:
     Attributes:
         number: of the job, unique in the cluster.
         log: a file for the run log.
+        least_improvement: that is worth a line there, as a share of the fitness before.
         job: the job's name; its number if it was given none.
         submitted: on the monotonic clock.
         past: the worlds that it has lived in, if it begins again, when nobody is left who has its demes.
@@ -79,6 +85,7 @@ class Order:
     past: Past = field(default_factory=Past)
     best: Improvement | None = None
     first_run: Run | None = None
+    least_improvement: float = LEAST
 
 
 @dataclass(frozen=True)
@@ -117,6 +124,7 @@ class Job:
     def __init__(self, order: Order) -> None:
         self.order = order
         self.mail: queue.SimpleQueue[object] = queue.SimpleQueue()
+        self._history: deque[ImprovementRecord] = deque(maxlen=_MOST_RECORDS)
         self._news: queue.SimpleQueue[Event | None] = queue.SimpleQueue()
         self._ended = threading.Event()
         self._result: Result | None = None
@@ -156,6 +164,13 @@ class Job:
             raise self._error
         assert self._result is not None
         return self._result
+
+    def history(self) -> list[ImprovementRecord]:
+        """Every improvement of its epochs that have ended: the same for equal lockstep runs; of very many the latest.
+
+        Those of the last epoch are there when the job has ended.
+        """
+        return list(self._history)
 
     def cancel(self) -> None:
         """Ask all cells to stop; the result is the best so far, with status "cancelled"."""
@@ -197,13 +212,16 @@ class JobEntry(Job):
         told: whether somebody may ask for its events.
         cancel: how it is cancelled, even while it is queued; if not given, its conductor is told.
 
+    Attributes:
+        log: its run log, of which nothing is kept if none is wanted.
+
     Raises:
         BadInput: if the run log cannot be written.
     """
 
     def __init__(self, order: Order, told: bool = True, cancel: Callable[[int], None] | None = None) -> None:
         super().__init__(order)
-        self.log = RunLog(order.log)
+        self.log = RunLog(order.log, order.least_improvement)
         self._told = told
         self._cancel = cancel
 
@@ -213,6 +231,11 @@ class JobEntry(Job):
             super().cancel()
         else:
             self._cancel(self.order.number)
+
+    def note(self, topology: Topology, records: Sequence[ImprovementRecord]) -> None:
+        """An epoch has ended, in which there were these improvements."""
+        self._history.extend(records)
+        self.log.improvements(topology, records)
 
     def tell(self, event: Event) -> None:
         """Pass on what happens."""

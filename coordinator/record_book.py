@@ -10,8 +10,9 @@ from typing import Any
 from sqlalchemy import Select, delete, func, select
 
 from coordinator.store import Store, storable
-from coordinator.tables import ImprovementRow, JobRow, LogRow, RecordRow, StatisticsRow
+from coordinator.tables import HistoryRow, ImprovementRow, JobRow, LogRow, RecordRow, StatisticsRow
 from problems.errors import BadInput
+from spy.improvement_records import ImprovementRecord
 from wire.news import Improvement, LogRecord, Statistics
 from wire.plain import plain
 
@@ -20,8 +21,9 @@ _LOOK_AFTER = 1000  # rows written, before what is too old is looked for,
 _LOOK_AFTER_SHARE = 1 / 16  # or of all the bytes that are kept, ended
 _DAY = 86400.0  # seconds
 
-_TABLES: dict[str, type[ImprovementRow] | type[StatisticsRow]] = {
+_TABLES: dict[str, type[ImprovementRow] | type[HistoryRow] | type[StatisticsRow]] = {
     "improvements": ImprovementRow,
+    "history": HistoryRow,
     "statistics": StatisticsRow,
 }
 
@@ -54,6 +56,13 @@ class RecordBook:
         names = ("seconds", "world", "generation", "cell", "fitness", "feasible")
         values = {name: plain(getattr(better, name)) for name in names}
         self._note(ImprovementRow(at=at, number=better.job, **values))
+
+    def note_history(self, at: float, number: int, epoch: int, records: Sequence[ImprovementRecord]) -> None:
+        """What the cells of a job noted in an epoch that has ended; told again, it takes the place of the former."""
+        with self._store.writing() as session:
+            session.execute(delete(HistoryRow).where(HistoryRow.number == number, HistoryRow.epoch == epoch))
+            session.add_all(HistoryRow(at=at, number=number, **record._asdict()) for record in records)
+        self._unlooked += len(records)
 
     def note_statistics(self, at: float, statistics: Statistics) -> None:
         """How a job is at a Unix time."""
@@ -99,7 +108,10 @@ class RecordBook:
         if table is None:
             raise BadInput(f"kind: expected one of {', '.join(_TABLES)}, found {kind!r}")
         number = self._store.summary(job).number
-        columns = ["id", *(column.name for column in table.__table__.columns if column.name not in ("id", "number"))]
+        untold = (
+            ("id", "number", "at") if table is HistoryRow else ("id", "number")
+        )  # a function of the run has no time
+        columns = ["id", *(column.name for column in table.__table__.columns if column.name not in untold)]
         query = select(*(getattr(table, name) for name in columns))
         return self._page(columns, query.where(table.number == number, table.id > after).order_by(table.id))
 

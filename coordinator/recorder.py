@@ -10,7 +10,7 @@ import math
 import queue
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 from coordinator.database import StoreFailed
@@ -20,6 +20,7 @@ from coordinator.record_book import RecordBook
 from coordinator.states import ENDS, WrongTransition
 from coordinator.store import Store, Summary, UnknownJob
 from problems.errors import BadInput
+from spy.improvement_records import ImprovementRecord
 from spy.result import Result
 from wire.jobs import JobState
 from wire.news import Improvement, LogRecord, Statistics
@@ -43,6 +44,14 @@ class _Changed:
 class _Improved:
     number: int
     improvement: Improvement
+    at: float
+
+
+@dataclass(frozen=True)
+class _Lived:
+    number: int
+    epoch: int
+    records: Sequence[ImprovementRecord]
     at: float
 
 
@@ -72,7 +81,7 @@ class _Logged:
     record: LogRecord
 
 
-_Event = _Changed | _Placed | _Improved | _Measured | _Ended | _Logged
+_Event = _Changed | _Placed | _Improved | _Lived | _Measured | _Ended | _Logged
 
 
 class Recorder:
@@ -138,6 +147,10 @@ class Recorder:
         if job is not None and math.isfinite(improvement.fitness):
             self._known[number] = dataclasses.replace(job, fitness=improvement.fitness)
         self._events.put(_Improved(number, improvement, time.time()))
+
+    def lived(self, number: int, epoch: int, records: Sequence[ImprovementRecord]) -> None:
+        """An epoch has ended, in which there were these improvements."""
+        self._events.put(_Lived(number, epoch, records, time.time()))
 
     def measured(self, statistics: Statistics) -> None:
         """How a job is; once a second is enough."""
@@ -220,6 +233,8 @@ class Recorder:
     def _write_record(self, event: _Event) -> None:
         if isinstance(event, _Improved):
             self._book.note_improvement(event.at, event.improvement)
+        elif isinstance(event, _Lived):
+            self._book.note_history(event.at, event.number, event.epoch, event.records)
         elif isinstance(event, _Measured):
             self._book.note_statistics(event.at, event.statistics)
         elif isinstance(event, _Logged):

@@ -21,6 +21,7 @@ from coordinator.job import Placing
 from coordinator.states import ENDS, LIVING, State, WrongTransition, follow, state_of
 from coordinator.tables import (
     Base,
+    HistoryRow,
     ImprovementRow,
     JobRow,
     MetaRow,
@@ -298,7 +299,7 @@ class Store:
         """Forget jobs that ended before then, Unix time, and all that was written of them."""
         with self.writing() as session:
             old = select(JobRow.number).where(JobRow.ended < at)
-            for table in (ImprovementRow, StatisticsRow, WorldRow, TransitionRow):
+            for table in (ImprovementRow, HistoryRow, StatisticsRow, WorldRow, TransitionRow):
                 session.execute(delete(table).where(table.number.in_(old)))
             session.execute(delete(JobRow).where(JobRow.ended < at))
 

@@ -137,6 +137,19 @@ class ImprovementRow(RecordRow):
     feasible: Mapped[bool]
 
 
+class HistoryRow(RecordRow):
+    """An improvement as the cells noted it, a function of the run; see `spy.improvement_records.ImprovementRecord`."""
+
+    __tablename__ = "history"
+
+    number: Mapped[int] = mapped_column(ForeignKey("jobs.number"), index=True)
+    epoch: Mapped[int]
+    generation: Mapped[int] = mapped_column(BigInteger)
+    cell: Mapped[int]
+    evaluations: Mapped[int] = mapped_column(BigInteger)
+    fitness: Mapped[float] = mapped_column(Double)
+
+
 class LogRow(RecordRow):
     """A line of the log; see `wire.news.LogRecord`."""
 

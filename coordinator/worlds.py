@@ -1,6 +1,7 @@
 """The worlds that a job lives in: what the latest ones' cells have reported, and what all those before came to."""
 
-from collections.abc import Mapping
+import itertools
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -25,6 +26,7 @@ class World:
         rescued: whether, in async mode, all cells have been told to stop.
         dead: cells whose nodes have died in it.
         asked: the latest question for its reports.
+        told: whether its improvements have been told.
     """
 
     number: int
@@ -36,6 +38,7 @@ class World:
     rescued: bool = False
     dead: set[int] = field(default_factory=set)
     asked: int = -1
+    told: bool = False
 
     @cached_property
     def topology(self) -> Topology:
@@ -130,6 +133,16 @@ class Worlds:
         """It is known of a coordinator that died; how the one before it ended is still to be asked, perhaps."""
         before = [World(world.number - 1, world.file, world.wiring)] if self.past.worlds < world.number else []
         self.known = [*before, world]
+
+    def untold(self) -> Iterator[tuple[Past, World]]:
+        """Those that have ended since this was asked last, each with what there was before it."""
+        past = self.past
+        for world, after in itertools.zip_longest(self.known, self.known[1:]):
+            if world.settled and not world.told:
+                world.told = True
+                yield past, world
+            if after is not None:
+                past = past.and_then(world.lived, after.why)
 
     def whole(self) -> tuple[Past, Lived]:
         """All before the latest, and the latest."""

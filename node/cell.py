@@ -32,7 +32,7 @@ from problems.guard import reported
 from topologies import ROOT
 from wire.exchange import Champion
 from wire.exchange_kernels import JOB, NEVER, SENT, WORLD
-from wire.report import Reason, Report, Staleness
+from wire.report import Birth, Reason, Report, Staleness
 
 State = Literal["prepared", "running", "stopped", "failed"]
 
@@ -218,6 +218,12 @@ class Cell:
         """The best that this cell has seen or heard of, if anything feasible."""
         return self.rows.messages.champion(0)
 
+    @property
+    def births(self) -> tuple[Birth, ...]:
+        """The improvements that this cell has noted."""
+        since = () if self.generations is None else self.generations.births()
+        return (*self.rows.births, *since)
+
     def _take(self, events: Sequence[Event], actions: list[Action]) -> None:
         for event in events:
             if isinstance(event, Answered):
@@ -330,6 +336,7 @@ class Cell:
                 staleness=Staleness(*self.inbox.staleness.tolist()),
                 champion=self.champion,
                 proposals=tuple(self.rows.proposals),
+                births=self.births,
                 deme=self.rows.genomes.tobytes() if sound else b"",
                 state=reported(self.rows.problems[0]) if sound else b"",
                 error=error,

@@ -31,11 +31,12 @@ from genetics.replacement import admit_to, leave_families, renew, take_place
 from genetics.selection import first_unsound, pair, pair_with
 from node.history import History
 from node.inbox import LACKING, NEXT, Inbox, hear, packed, turn
-from node.kernels import OWN, TOLD, believe_one, note_staleness, tell_one
+from node.kernels import OWN, TOLD, believe_one, is_noted, note_staleness, tell_one
 from node.outbox import Outbox
 from node.plan import Plan
 from node.rows import Rows
-from wire.exchange_kernels import PAYLOAD, SENT, STOP_AT, write_message
+from wire.exchange_kernels import BIRTHPLACE, BORN, PAYLOAD, SENT, STOP_AT, write_message
+from wire.report import MOST_BIRTHS, Birth
 
 REACHED, STALLED, STOPS, REFUSED, UNSOUND = 1, 2, 4, 8, 16
 """What a cell has to say beside its message: it proposes to stop for the target or for a stall; it stops now; it has
@@ -46,7 +47,8 @@ _HEADER, _GENOMES, _FITNESS, _WHENCES, _LATEST, _COUNTS, _USED, _STALENESS = ran
 _DEME, _DEME_FITNESS, _BETTER_AT, _COUPLES, _PARENTS, _OFFSPRING, _OFFSPRING_FITNESS = range(8, 15)
 _RECORDS, _NOTED, _OUT, _SAID, _MATING_TABLE, _STRAYING_TABLE, _JUDGING_TABLE = range(15, 22)
 _INBOX, _SETTINGS, _TARGET, _CLOCK, _DONE = range(22, 27)
-PLACES = 27
+_NOTED_FITNESS, _BIRTHS, _BIRTH_FITNESS, _BIRTH_COUNT = range(27, 31)
+PLACES = 31
 
 # Columns of the settings.
 _MATING, _STRAYING, _JUDGING, _EACH, _ELITIST, _SEED, _CELL, _FIRST_EVALUATIONS, _EVALUATIONS = range(9)
@@ -150,6 +152,15 @@ def _propose(header: Any, now: Any, distance: Any) -> Any:
 
 
 @subroutine
+def _note(table: Any, header: Any, fitness: Any) -> Any:
+    """Keep an improvement, of which there are fewer than there is room for."""
+    births, count = integers(table, _BIRTHS), integers(table, _BIRTH_COUNT)[0]
+    births[count[0], 0], births[count[0], 1] = header[BORN], header[BIRTHPLACE]
+    reals(table, _BIRTH_FITNESS)[0, count[0]] = fitness
+    count[0] += 1
+
+
+@subroutine
 def _tell(table: Any, settings: Any, now: Any) -> Any:
     """Emigrants, champion and proposals into the cell's message; returns flags."""
     deme, deme_fitness = octets(table, _DEME), reals(table, _DEME_FITNESS)[0]
@@ -161,6 +172,9 @@ def _tell(table: Any, settings: Any, now: Any) -> Any:
     reached = tell_one(
         deme, deme_fitness, cell, now, evaluations, header, genomes, fitness, better_at, OWN, target, witness
     )
+    noted = reals(table, _NOTED_FITNESS)
+    if is_noted(header, fitness[-1], better_at, OWN, cell, now, witness, noted):
+        _note(table, header, fitness[-1])
     if reached and _propose(header, now, settings[_STOP_DISTANCE]):
         flags |= REACHED
     stalled = settings[_STALL] >= 0 and now - better_at[OWN] >= settings[_STALL]
@@ -305,6 +319,8 @@ class Generations:
         addresses = (mating.address, 0 if straying is None else straying.address, judging.address)
         self.offspring = np.zeros((2 * couples, plan.coding.genome_bytes), np.uint8)
         done = np.zeros((1, 4), np.int64)
+        self._births, self._birth_fitness = np.zeros((MOST_BIRTHS, 2), np.int64), np.zeros(MOST_BIRTHS)
+        self._birth_count = np.zeros(1, np.int64)
         arrays = (
             *rows.messages,
             inbox.whences,
@@ -331,6 +347,10 @@ class Generations:
             np.array([rows.target]),
             rows.clock,
             done,
+            rows.noted,
+            self._births,
+            self._birth_fitness,
+            self._birth_count,
         )
         assert len(arrays) == PLACES, "each has its place"
         self._kept = (mating, straying, judging, arrays, inbox)
@@ -350,6 +370,12 @@ class Generations:
         """
         done: list[int] = self._done.tolist()
         return done
+
+    def births(self) -> list[Birth]:
+        """The improvements noted since the first generation, which `Rows.births` has."""
+        noted = slice(self._birth_count.item())
+        births, fitness = self._births[noted].tolist(), self._birth_fitness[noted].tolist()
+        return [Birth(born, cell, its) for (born, cell), its in zip(births, fitness, strict=True)]
 
 
 def _settings(plan: Plan, rows: Rows, champion: bool, addresses: tuple[int, int, int]) -> Any:

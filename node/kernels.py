@@ -11,9 +11,13 @@ from genetics import Cells, Fitness, Genomes
 from genetics.compiled import kernel, subroutine
 from genetics.randomness import DELAY, draw, unit
 from wire.exchange_kernels import BIRTHPLACE, BORN, EVALUATIONS, GENERATION, SENT, STOP_AT, Header
+from wire.report import MOST_BIRTHS
 
 OWN, TOLD = 0, 1
 """Rows of a cell's messages: its own, and that one as it was told last."""
+
+NOTED_ALL, NOTED_EACH = 256, 64
+"""Improvements of a cell, see `is_noted`."""
 
 
 @subroutine
@@ -143,9 +147,38 @@ def tell_one(
     return fitness[-1] <= target and (born if witness < 0 else cell == witness)
 
 
+@subroutine
+def is_noted(header: Any, fitness: Any, better_at: Any, row: Any, cell: Any, now: Any, witness: Any, noted: Any) -> Any:
+    """Whether the row's champion of now is an improvement to be noted.
+
+    ``noted``, (rows, 2), holds the fitness that each row noted last, and how many there were; it is brought up to date.
+
+    A cell notes what is born on it. Under the paper's spy only the cell ``witness`` notes: whatever it learns of.
+    After the first `NOTED_ALL` improvements of a cell only larger ones count: at least 2^-10 of the fitness noted last,
+    and twice that share after each further `NOTED_EACH`. So a cell notes `MOST_BIRTHS` at most, however long it lives.
+    A share of the fitness is scale-free; keeping the last ones instead would lose where the run began.
+    """
+    if witness >= 0:
+        is_new = cell == witness and better_at[row] == now
+    else:
+        is_new = header[BORN] == now and header[BIRTHPLACE] == cell
+    if not is_new:
+        return False
+    before, count = noted[row, 0], noted[row, 1]
+    if count >= MOST_BIRTHS or not fitness < before:
+        return False
+    if count >= NOTED_ALL and before != np.inf:
+        share = 2.0 ** ((count - NOTED_ALL) // NOTED_EACH - 10.0)
+        if before - fitness < share * abs(before):
+            return False
+    noted[row, 0] = fitness
+    noted[row, 1] = count + 1
+    return True
+
+
 @kernel(
-    "int64(uint8[:,:,::1], float64[:,::1], int64[::1], int64, int64,"
-    "int64[:,::1], uint8[:,:,::1], float64[:,::1], int64[::1], float64, int64, int64[::1])"
+    "int64(uint8[:,:,::1], float64[:,::1], int64[::1], int64, int64, int64[:,::1], uint8[:,:,::1], float64[:,::1],"
+    "int64[::1], float64, int64, int64[::1], float64[:,::1], int64[::1])"
 )
 def tell(
     demes: Genomes,
@@ -160,13 +193,17 @@ def tell(
     target: float,
     witness: int,
     reached: Cells,
+    noted: Fitness,
+    improved: Cells,
 ) -> int:
     """Put what has become of the demes into the rows' messages: champions and emigrants.
 
     Fills ``reached`` with the rows that may say that the target is reached, and returns how many: those that bred the
-    champion just now, or only the cell ``witness`` unless that is negative.
+    champion just now, or only the cell ``witness`` unless that is negative. Fills ``improved``, (rows + 1,), with how
+    many rows note an improvement (see `is_noted`), and then with which.
     """
     count = 0
+    improved[0] = 0
     for row in range(cells.size):
         if tell_one(
             demes[row],
@@ -184,6 +221,9 @@ def tell(
         ):
             reached[count] = row
             count += 1
+        if is_noted(header[row], fitness[row, -1], better_at, row, cells[row], now, witness, noted):
+            improved[0] += 1
+            improved[improved[0]] = row
     return count
 
 

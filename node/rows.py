@@ -18,7 +18,10 @@ from problems.guard import guarded
 from topologies import ROOT
 from wire.exchange import NEVER, Messages
 from wire.exchange_kernels import BIRTHPLACE, BORN, STOP_AT
-from wire.report import Proposal, Reason
+from wire.report import Birth, Proposal, Reason
+
+MOST_TOLD = 4096
+"""Rows, all of whose improvements are kept: more cells are no processes, and a million reports need the room."""
 
 
 @dataclass
@@ -30,18 +33,22 @@ class Rows:
         clock: their generation, (1,), for compiled code.
         messages: the rows' own, and after them any others that there was room for. What a row knows is what it tells:
             its message holds the champion, and the least stop, that it knows.
+        births: the improvements noted, generation by generation; of more than `MOST_TOLD` rows only the best of each.
+        noted: of each row, see `node.kernels.is_noted`, shape (rows, 2).
     """
 
     plan: Plan
     cells: Cells
     messages: Messages
     proposals: list[Proposal] = field(default_factory=list)
+    births: list[Birth] = field(default_factory=list)
 
     clock: Cells = field(init=False)  # (1,)
     genomes: Genomes = field(init=False)  # (rows, deme, genome_bytes)
     fitness: Fitness = field(init=False)  # (rows, deme)
     stop_at: Cells = field(init=False)  # (rows,): the least each row has heard of
     better_at: Cells = field(init=False)  # (rows,): when its champion last became better
+    noted: Fitness = field(init=False)
 
     def __post_init__(self) -> None:
         rows, plan = len(self.cells), self.plan
@@ -54,6 +61,9 @@ class Rows:
         self.better_at = np.zeros(rows, np.int64)
         self._immigrants: Immigrants | None = None
         self._reached = np.zeros(rows, np.int64)
+        self.noted = np.zeros((rows, 2))
+        self.noted[:, 0] = np.inf
+        self._improved = np.zeros(rows + 1, np.int64)
         self.target = -np.inf if plan.target is None else plan.target
         # Under the paper's spy only what has come past the root is known, so there the root says it for all.
         self.witness = ROOT if plan.run.spy == "root" else -1
@@ -150,8 +160,19 @@ class Rows:
             self.target,
             self.witness,
             self._reached,
+            self.noted,
+            self._improved,
         )
+        self._note(self._improved[1 : 1 + self._improved.item(0)])
         self._propose(reached)
+
+    def _note(self, rows: Cells) -> None:
+        """Keep the improvements of these rows."""
+        if len(self.cells) > MOST_TOLD and len(rows) > 0:
+            rows = rows[[self.messages.fitness[rows, -1].argmin()]]
+        for row in rows.tolist():
+            header, fitness = self.messages.header[row], self.messages.fitness.item(row, -1)
+            self.births.append(Birth(header.item(BORN), header.item(BIRTHPLACE), fitness))
 
     def _propose(self, reached: int) -> None:
         """What cells propose by themselves: that the target is ``reached``, and the root a stall."""

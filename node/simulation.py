@@ -19,7 +19,7 @@ from problems.guard import reported
 from topologies import ROOT
 from wire.exchange import Champion, Messages
 from wire.exchange_kernels import BIRTHPLACE, BORN, hear_emigrants_only
-from wire.report import Proposal, Reason, Report, Staleness
+from wire.report import Birth, Proposal, Reason, Report, Staleness
 
 Watch = Callable[[int, Champion], None]
 """Called with the root's generation and champion, whenever the root knows of a better one."""
@@ -103,6 +103,10 @@ def _reports(rows: Rows, digests: list[bytes], published: int) -> list[Report]:
     proposals: dict[int, list[Proposal]] = {}
     for each in rows.proposals:
         proposals.setdefault(each.cell, []).append(each)
+    births: dict[int, list[Birth]] = {}
+    for birth in rows.births:  # under the paper's spy all are told by the root
+        teller = ROOT if rows.plan.run.spy == "root" else birth.cell
+        births.setdefault(teller, []).append(birth)
     staleness, generation, evaluations = Staleness(0, 0, 0, 0), rows.generation, rows.evaluations
     received = (published * _others(rows.plan.topology.table())).tolist()
     return [
@@ -118,6 +122,7 @@ def _reports(rows: Rows, digests: list[bytes], published: int) -> list[Report]:
             staleness=staleness,
             champion=champion,
             proposals=tuple(proposals.get(cell, ())),
+            births=tuple(births.get(cell, ())),
             deme=deme,
             state=reported(problem),
             error=None,

@@ -1,28 +1,43 @@
-"""The run log: one JSON object a line, for people who plot runs afterwards."""
+"""The run log: one JSON object a line, for people who plot runs afterwards.
+
+Lines of `improvement` are a function of the run: they have no time, and are the same, byte for byte, in the logs of
+equal lockstep runs. All other lines say when something was heard, and what they say differs from run to run.
+"""
 
 import contextlib
 import json
 import sys
 import threading
 import time
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, TextIO
 
-from problems import BadInput
+from problems import BadInput, Run
+from spy.improvement_records import ImprovementRecord, worth_telling
 from spy.judge import Judgement
+from spy.least_improvement import LEAST
 from topologies import Topology
 from wire.news import Improvement, LogRecord, Statistics
 from wire.plain import plain
+
+IMPROVEMENT = "improvement"
+"""The event of lines that are a function of the run."""
 
 
 class RunLog:
     """Appends events to a file, or nowhere if there is no path; any thread may.
 
+    Args:
+        path: of the file, which is begun anew.
+        least: the least improvement that is worth a line, as a share of the fitness before.
+
     Raises:
         BadInput: if the file cannot be written.
     """
 
-    def __init__(self, path: str | Path | None) -> None:
+    def __init__(self, path: str | Path | None, least: float = LEAST) -> None:
+        self._least = least
         self._file: TextIO | None = None
         self._turn = threading.RLock()
         if path is not None:
@@ -33,20 +48,27 @@ class RunLog:
 
     def write(self, event: str, **values: Any) -> None:
         """One line, with the wall-clock time."""
+        self._write({"time": round(time.time(), 6), "event": event, **plain(values)})
+
+    def _write(self, line: dict[str, Any]) -> None:
         with self._turn:
             if self._file is None:
                 return
-            line = {"time": round(time.time(), 6), "event": event, **plain(values)}
             try:
                 self._file.write(json.dumps(line) + "\n")
             except OSError as error:  # an answer matters more than its log
                 sys.stderr.write(f"warning: the run log ends here: {error.strerror}\n")
                 self.close()
 
-    def improvement(self, topology: Topology, better: Improvement) -> None:
-        """A verified champion."""
+    def start(self, job: int | str, epoch: int, run: Run) -> None:
+        """An epoch of the job begins, with these settings."""
+        self.write("start", job=job, epoch=epoch, run=run.model_dump())
+
+    def news(self, topology: Topology, better: Improvement) -> None:
+        """A verified champion that was heard of; of several that come at once only the best is."""
         self.write(
-            "improvement",
+            "news",
+            epoch=better.world,
             seconds=round(better.seconds, 6),
             generation=better.generation,
             cell=list(topology.place(better.cell)),
@@ -54,16 +76,22 @@ class RunLog:
             feasible=better.feasible,
         )
 
+    def improvements(self, topology: Topology, records: Iterable[ImprovementRecord]) -> None:
+        """What cells noted in an epoch that has ended, as far as it is worth a line."""
+        for record in worth_telling(records, self._least):
+            self._write({"event": IMPROVEMENT, **record._asdict(), "cell": list(topology.place(record.cell))})
+
     def statistics(self, statistics: Statistics) -> None:
         """How the job is."""
-        self.write("statistics", **statistics._asdict())
+        values = statistics._asdict()
+        self.write("statistics", epoch=values.pop("world"), **values)
 
     def record(self, record: LogRecord) -> None:
         """What a process has to say."""
         self.write("log", **(record._asdict() | {"at": round(record.at, 6)}))
 
     def end(self, judgement: Judgement, generations: int) -> None:
-        """What came of a world."""
+        """What came of an epoch."""
         best = judgement.best
         self.write(
             "end",

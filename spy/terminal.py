@@ -1,5 +1,6 @@
-"""What people see while a run goes on: a line for each improvement, and a live line of statistics on a terminal."""
+"""What people see while a run goes on: lines of improvements, and a live line of statistics on a terminal."""
 
+import threading
 from collections.abc import Mapping
 from typing import Any
 
@@ -8,6 +9,7 @@ from rich.live import Live
 from rich.text import Text
 
 from problems.errors import shorten
+from spy.least_improvement import LEAST, is_worth_telling
 from topologies import Topology
 from wire.news import Improvement, Statistics
 
@@ -15,17 +17,36 @@ from wire.news import Improvement, Statistics
 class Terminal:
     """Progress on stderr; a context manager, since what is live must be taken away in the end.
 
+    An improvement has a line if it is the first of its epoch, large enough, or still the best after a while or at the
+    end: a fitness of real numbers may have hundreds a second that nobody can tell apart.
+
     Args:
         topology: of the cells.
         quiet: whether to say nothing at all.
         below: what is live under the lines, instead of one line of statistics.
+        least: the least improvement that has a line at once, as a share of the fitness in the line before.
+        patience: seconds after which the best has a line however little it improves.
     """
 
-    def __init__(self, topology: Topology, quiet: bool = False, below: RenderableType = "") -> None:
+    def __init__(
+        self,
+        topology: Topology,
+        quiet: bool = False,
+        *,
+        below: RenderableType = "",
+        least: float = LEAST,
+        patience: float = 1.0,
+    ) -> None:
         self.topology = topology
         self._quiet = quiet
+        self._least = least
+        self._patience = patience
         self._console = Console(stderr=True, highlight=False, soft_wrap=True)
         self._best: float | None = None
+        self._told: Improvement | None = None
+        self._untold: Improvement | None = None  # better than the one told, but by little
+        self._timer: threading.Timer | None = None
+        self._turn = threading.RLock()
         self._live: Live | None = None
         if self._console.is_terminal and not quiet:
             self._live = Live(below, console=self._console, transient=True, refresh_per_second=4)
@@ -36,6 +57,7 @@ class Terminal:
         return self
 
     def __exit__(self, *_: object) -> None:
+        self._tell_the_rest()
         if self._live is not None:
             self._live.stop()
 
@@ -46,17 +68,47 @@ class Terminal:
 
     def begins_anew(self, why: Mapping[str, Any]) -> None:
         """A line about another attempt, which began as the directive says."""
+        self._tell_the_rest()
         fields = "".join(f", {name} = {shorten(value)}" for name, value in why["fields"].items())
         self.say(f"stalled: begins anew, restart {why['attempt']}, seed {why['seed']}{fields}")
 
     def improvement(self, better: Improvement) -> None:
+        """Show it, now or if it stays the best."""
+        with self._turn:
+            self._best, told = better.fitness, self._told
+            self._stop_waiting()
+            if (
+                told is None
+                or (told.world, told.feasible) != (better.world, better.feasible)
+                or is_worth_telling(told.fitness, better.fitness, self._least)
+            ):
+                self._tell(better)
+            else:
+                self._untold = better
+                self._timer = threading.Timer(self._patience, self._tell_the_rest)
+                self._timer.daemon = True
+                self._timer.start()
+
+    def _tell(self, better: Improvement) -> None:
         """A line: time, generation, cell, fitness, and whether the check accepts the solution."""
-        self._best = better.fitness
+        self._told, self._untold = better, None
         place = ", ".join(str(part) for part in self.topology.place(better.cell))
         self.say(
             f"{better.seconds:9.3f} s  generation {better.generation:<6d} cell ({place})  fitness {better.fitness:.6g}"
             f"  {'feasible' if better.feasible else 'infeasible'}"
         )
+
+    def _tell_the_rest(self) -> None:
+        """The best so far, unless it has a line."""
+        with self._turn:
+            self._stop_waiting()
+            if self._untold is not None:
+                self._tell(self._untold)
+
+    def _stop_waiting(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
 
     def statistics(self, now: Statistics) -> None:
         """The live line; nothing where stderr is no terminal."""

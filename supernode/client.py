@@ -124,7 +124,8 @@ class AsyncClient:
         """What happened in a job, a page of it.
 
         Args:
-            kind: "improvements", without their solutions, or "statistics", one for each second.
+            kind: "improvements" as they were heard, without their solutions; "history", the improvements of epochs that
+                have ended, as their cells noted them: a function of the run; or "statistics", one for each second.
             job: its id.
             after: the id of the last record of the page before.
 

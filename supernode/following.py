@@ -2,14 +2,18 @@
 
 import contextlib
 from dataclasses import replace
+from itertools import groupby
 from typing import TYPE_CHECKING
 
 import topologies
 from problems import BadInput, EvaluationFailed, ProblemFile
 from problems.guard import described
+from spy.improvement_records import ImprovementRecord
+from spy.least_improvement import LEAST
 from spy.result import Result
 from spy.run_log import RunLog
 from spy.terminal import Terminal
+from supernode.records import pages
 from supernode.results import topology_of
 from supernode.trail import SEARCHING, WAITING
 from wire.news import Improvement, LogRecord, Statistics
@@ -36,6 +40,7 @@ class Follower:
         quiet: whether to say nothing at all.
         log: the file of the run log.
         below: what is live under the improvements, on a terminal.
+        least: the least improvement that is worth a line, as a share of the fitness before.
 
     Raises:
         BadInput: if the log cannot be written.
@@ -49,22 +54,26 @@ class Follower:
         quiet: bool,
         log: str | None = None,
         below: "RenderableType" = "",
+        least: float = LEAST,
     ) -> None:
+        self._client = client
         self._job = job
         self._file = file
         self._quiet = quiet
         self._below = below
-        self._log = RunLog(log)
-        self._log.write("start", job=job.id, run=file.run.model_dump())
-        if log is not None:
+        self._least = least
+        self._log = RunLog(log, least)
+        self._log.start(job.id, 0, file.run)
+        self._is_logged = log is not None
+        if self._is_logged:
             self._number = job.show()["number"]
             client.listen(client.keys.spy_stats, self._hear_statistics)
             client.listen(client.keys.log, self._hear_record)
 
     def show(self) -> None:
         """Each improvement until the end, and what a person must know of a job that is kept alive."""
-        world = 0
-        with Terminal(topologies.parse(self._file.run.topology), self._quiet, self._below) as terminal:
+        world, topology = 0, topologies.parse(self._file.run.topology)
+        with Terminal(topology, self._quiet, below=self._below, least=self._least) as terminal:
             for event in self._job.events():
                 if isinstance(event, str):
                     if event in _SAID_OF_STATES:
@@ -73,7 +82,7 @@ class Follower:
                 if event.world != world:
                     world = self._tell_of_its_world(terminal, event, world)
                 terminal.improvement(event)
-                self._log.improvement(terminal.topology, event)
+                self._log.news(terminal.topology, event)
 
     def _tell_of_its_world(self, terminal: Terminal, better: Improvement, world: int) -> int:
         """Say how that world began; the number of the one that was told of last."""
@@ -95,10 +104,20 @@ class Follower:
             TimeoutError: if it has not ended by then.
         """
         result = self._job.result(timeout)
+        if self._is_logged:
+            self._log_history()
         names = ("status", "feasible", "message", "generations", "fitness")
         self._log.write("end", **{name: getattr(result, name) for name in names})
         self._log.close()
         return replace(result, words=self._words(result))
+
+    def _log_history(self) -> None:
+        """What the cells noted, epoch by epoch."""
+        view = self._job.show()
+        rows = [row for page in pages(self._client, "history", self._job.id) for row in page.rows]
+        records = [ImprovementRecord(*row) for row in rows]
+        for epoch, of_epoch in groupby(records, key=lambda record: record.epoch):
+            self._log.improvements(topology_of(view, epoch), list(of_epoch))
 
     def _hear_statistics(self, payload: bytes) -> None:
         with contextlib.suppress(Rejected):

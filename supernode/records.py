@@ -46,7 +46,8 @@ def pages(client: "Client", kind: str, job: str) -> Iterator[Page]:
 
     Args:
         client: of the cluster.
-        kind: "log", "events" (what its states and worlds have been), or what `AsyncClient.records` knows.
+        kind: "log", "events" (what its states and worlds have been), or what `AsyncClient.records` knows; those of
+            "history" come without ids, which are not a function of the run.
         job: its id.
 
     Raises:
@@ -58,7 +59,8 @@ def pages(client: "Client", kind: str, job: str) -> Iterator[Page]:
     after, more = 0, True
     while more:
         told = client.logs(job, after=after) if kind == "log" else client.records(kind, job, after)
-        yield Page(told["columns"], told["rows"])
+        unnamed = 1 if kind == "history" else 0
+        yield Page(told["columns"][unnamed:], [row[unnamed:] for row in told["rows"]])
         more = told["more"]
         if more:
             after = told["rows"][-1][0]

@@ -17,6 +17,7 @@ from node.replay import World
 from node.simulation import Outside, never
 from problems import EvaluationFailed
 from spy.collector import Collector
+from spy.improvement_records import ImprovementRecord, records_of
 from spy.judge import Judgement, judge
 from spy.past import Lived, Past, stopped_after
 from spy.result import Clocks, Result, result_of, states_of, stop_reasons
@@ -33,6 +34,9 @@ class Listener:
 
     def improvement(self, world: World, better: Improvement) -> None:
         """A champion was verified."""
+
+    def lived(self, world: World, records: Sequence[ImprovementRecord]) -> None:
+        """A world has ended, in which there were these improvements; before `ends`, if that is told of it."""
 
     def ends(self, world: World, judgement: Judgement, generation: int) -> None:
         """A world ended after that generation: the last one, or an attempt that stalled."""
@@ -79,6 +83,8 @@ class Simulation:
             demes = attempt.live(demes, self._outside)
             if world is self._last:
                 attempt.stop_as(self._stops)
+            if attempt.error is None:
+                self._listener.lived(world, records_of(past, attempt.lived))
             if attempt.error is None and self._known and not self._known[0].is_fresh:
                 best = attempt.collector.best  # what else it knew the past keeps
             else:

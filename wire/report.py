@@ -1,11 +1,12 @@
 """What a cell says when it has stopped."""
 
 import dataclasses
+import math
 from dataclasses import dataclass
 from typing import Literal, NamedTuple, get_args
 
 from wire.exchange import Champion
-from wire.strict import Rejected, count, fields, of, pack, unpack
+from wire.strict import Rejected, count, fields, fitness, of, pack, unpack
 
 Reason = Literal["target", "stall", "deadline", "cancel", "update"]
 
@@ -17,6 +18,25 @@ class Proposal(NamedTuple):
     reason: Reason
     cell: int
     generation: int
+
+
+MOST_BIRTHS = 1024
+"""In the report of one cell."""
+
+
+class Birth(NamedTuple):
+    """The birth of an individual that was better than all that its cell had seen or heard of.
+
+    Under the paper's spy, which looks at the root alone, the root tells of those that it learned of, wherever born.
+
+    Attributes:
+        generation: of it, in this world.
+        cell: of it.
+    """
+
+    generation: int
+    cell: int
+    fitness: float
 
 
 class Staleness(NamedTuple):
@@ -45,6 +65,8 @@ class Report:
         staleness: zeros in lockstep.
         champion: the best that it has seen or heard of.
         proposals: the stops that it proposed.
+        births: the improvements that it noted, in the order of its generations, each fitter than the one before; at
+            most `MOST_BIRTHS`.
         deme: its last individuals, each of them whole, one after the other.
         state: what its problem has to say of the state that evaluating left, see `problems.problem.Problem.report`.
         error: why it failed, or None.
@@ -61,6 +83,7 @@ class Report:
     staleness: Staleness
     champion: Champion | None
     proposals: tuple[Proposal, ...]
+    births: tuple[Birth, ...]
     deme: bytes
     state: bytes
     error: str | None
@@ -76,8 +99,8 @@ class Report:
         Raises:
             Rejected: whatever is wrong with it.
         """
-        cell, generation, digest, *counters, staleness, champion, proposals, deme, state, error = fields(
-            unpack(payload), 14
+        cell, generation, digest, *counters, staleness, champion, proposals, births, deme, state, error = fields(
+            unpack(payload), 15
         )
         evaluations, sent, received, lost, rejected = (count(each) for each in counters)
         return Report(
@@ -92,6 +115,7 @@ class Report:
             Staleness(*(count(each) for each in fields(staleness, len(Staleness._fields)))),
             None if champion is None else Champion.of(champion),
             tuple(_proposal(each) for each in of(list, proposals)),
+            _births(births),
             of(bytes, deme),
             of(bytes, state),
             None if error is None else of(str, error),
@@ -101,6 +125,20 @@ class Report:
 def _proposal(value: object) -> Proposal:
     stop_at, reason, cell, generation = fields(value, 4)
     return Proposal(count(stop_at), reason_of(reason), count(cell), count(generation))
+
+
+def _births(value: object) -> tuple[Birth, ...]:
+    births = tuple(_birth(each) for each in of(list, value))
+    if len(births) > MOST_BIRTHS:
+        raise Rejected("out of bounds")
+    return births
+
+
+def _birth(value: object) -> Birth:
+    generation, cell, its_fitness = fields(value, 3)
+    if fitness(its_fitness) == math.inf:
+        raise Rejected("not finite")
+    return Birth(count(generation), count(cell), its_fitness)
 
 
 def reason_of(value: object) -> Reason:

@@ -25,7 +25,7 @@ EXAMPLE = """supernode export examples/mobile-robot.toml result.json --speed 0.5
 _USAGE = """supernode export PROBLEM.toml RESULT.json [--format csv|json|mcap] [-o FILE] [--speed V] ...
        supernode export JOB [--records KIND] [--format csv|parquet] [-o FILE] [--state DIR | --connect ENDPOINT]"""
 
-_KINDS = ("statistics", "improvements", "events", "log")
+_KINDS = ("statistics", "improvements", "history", "events", "log")
 _KIND = "statistics"  # if none is asked for: of all kinds it alone tells of a whole run
 _OF_MOTIONS = ("csv", "json", "mcap")
 _OF_RECORDS = ("csv", "parquet")
@@ -65,7 +65,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--records",
         metavar="KIND",
         choices=_KINDS,
-        help=f"statistics of each second, verified improvements, events (states and worlds) or log ({_KIND})",
+        help="statistics of each second, verified improvements as they were heard, history (improvements as the cells "
+        f"noted them, a function of the run), events (states and worlds) or log ({_KIND})",
     )
     add_place(records)
 

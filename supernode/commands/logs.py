@@ -1,9 +1,16 @@
-"""What the processes of a running cluster had to say: deaths, rejected messages, failures; the oldest first."""
+"""What the processes of a running cluster had to say: deaths, rejected messages, failures; the oldest first.
+
+With --improvements, the improvement records of run logs that `--log` wrote: of equal lockstep runs they are the same,
+byte for byte. They are printed once; with several logs exit code 3 says that one of them has others.
+"""
 
 import argparse
 import json
+import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from itertools import zip_longest
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from supernode import exits
@@ -13,7 +20,8 @@ from supernode.commands.run_options import whole
 if TYPE_CHECKING:
     from supernode.client import Client
 
-EXAMPLE = "supernode logs --job 5f3a09c1 --follow"
+EXAMPLE = """supernode logs --job 5f3a09c1 --follow
+  supernode logs --improvements run-1.jsonl run-2.jsonl"""
 
 _LOOK_AGAIN = 0.5  # seconds
 
@@ -23,16 +31,60 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--job", metavar="JOB", help="of one job only")
     parser.add_argument("--node", metavar="N", type=whole, help="of one node only")
     parser.add_argument("--follow", action="store_true", help="go on as more comes, until Ctrl-C")
+    parser.add_argument(
+        "--improvements", metavar="FILE", nargs="+", help="the improvement records of run logs instead, compared"
+    )
     add_place(parser)
     parser.add_argument("--json", action="store_true", help="print each line as a JSON object")
 
 
 def run(options: argparse.Namespace) -> int:
     """Print a line for each record."""
+    if options.improvements is not None:
+        return _compare(options.improvements)
     with connected(options) as client:
         for record in _records(client, options):
             print(json.dumps(record) if options.json else _line(record), flush=True)
     return exits.OK
+
+
+def _compare(names: Sequence[str]) -> int:
+    """Print the records of the first log, if all the others have the same."""
+    first, *others = names
+    records = _improvements(first)
+    for other in others:
+        for number, (here, there) in enumerate(zip_longest(records, _improvements(other)), 1):
+            if here != there:
+                told = "\n".join(f"  {name}: {line or 'no more'}" for name, line in ((first, here), (other, there)))
+                print(f"{other} differs from {first} in improvement {number}:\n{told}", file=sys.stderr)
+                return exits.NOT_REACHED
+    for record in records:
+        print(record)
+    return exits.OK
+
+
+def _improvements(name: str) -> list[str]:
+    """The lines of a run log that are a function of the run.
+
+    Raises:
+        BadInput: if it is not a run log.
+    """
+    from problems import BadInput
+    from spy.run_log import IMPROVEMENT
+
+    found = []
+    try:
+        with Path(name).open(encoding="utf-8") as file:
+            for number, line in enumerate(file, 1):
+                if not isinstance(event := json.loads(line), dict) or "event" not in event:
+                    raise BadInput(f"{name}: expected an object with an event in line {number}, found something else")
+                if event["event"] == IMPROVEMENT:
+                    found.append(line.rstrip("\n"))
+    except OSError as error:
+        raise BadInput(f"{name}: expected a run log that can be read, found {error.strerror}") from error
+    except ValueError as error:
+        raise BadInput(f"{name}: expected a run log, JSON Lines, found {error}") from error
+    return found
 
 
 def _records(client: "Client", options: argparse.Namespace) -> Iterator[dict[str, Any]]:

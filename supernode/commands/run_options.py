@@ -4,6 +4,8 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from spy.least_improvement import LEAST
+
 if TYPE_CHECKING:
     from problems import ProblemFile
 
@@ -32,9 +34,21 @@ def add_run_options(parser: argparse.ArgumentParser) -> None:
     add_settings(parser)
     out = parser.add_argument_group("what to tell")
     out.add_argument("--log", metavar="FILE", help="write a run log, JSON Lines")
+    add_least_improvement(out)
     out.add_argument("--plot", metavar="FILE", help="draw the result (PNG, SVG or PDF by the name's end)")
     out.add_argument("--json", action="store_true", help="print the result as one JSON object")
     out.add_argument("--quiet", action="store_true", help="no progress on stderr")
+
+
+def add_least_improvement(out: argparse._ArgumentGroup | argparse.ArgumentParser) -> None:
+    """What is too small to be told of."""
+    out.add_argument(
+        "--least-improvement",
+        metavar="R",
+        type=share,
+        default=LEAST,
+        help="that is worth a line, as a share of the fitness before (%(default)s; 0: all)",
+    )
 
 
 def add_settings(parser: argparse.ArgumentParser) -> None:
@@ -114,6 +128,14 @@ def number(text: str) -> float:
         return float(text)
     except ValueError:
         raise argparse.ArgumentTypeError(f"expected a number, found {text!r}") from None
+
+
+def share(text: str) -> float:
+    """The type of an option."""
+    value = number(text)
+    if not 0.0 <= value < 1.0:
+        raise argparse.ArgumentTypeError(f"expected a share from 0 to below 1, found {text!r}")
+    return value
 
 
 def _mutation(text: str) -> float | str:

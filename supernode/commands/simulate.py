@@ -5,6 +5,7 @@ import contextlib
 import signal
 import sys
 import time
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from supernode import exits
@@ -12,6 +13,7 @@ from supernode.commands.run_options import add_run_options, chosen_file, setting
 
 if TYPE_CHECKING:
     from node.replay import World
+    from spy.improvement_records import ImprovementRecord
     from spy.judge import Judgement
     from spy.run_log import RunLog
     from spy.terminal import Terminal
@@ -42,9 +44,9 @@ def run(options: argparse.Namespace) -> int:
     recorded = None if options.replay is None else Recorded.read(options.replay, settings(options))
     worlds = worlds_of(file) if recorded is None else recorded.worlds(file)
     file = worlds[-1].file
-    log = RunLog(options.log)
+    log = RunLog(options.log, options.least_improvement)
     with (
-        Terminal(topologies.parse(file.run.topology), options.quiet) as terminal,
+        Terminal(topologies.parse(file.run.topology), options.quiet, least=options.least_improvement) as terminal,
         _Outside(file.run.seconds if recorded is None else None) as outside,
         contextlib.redirect_stdout(sys.stderr),  # a user's module may print
     ):
@@ -99,11 +101,14 @@ def _shown(terminal: "Terminal", log: "RunLog") -> "Listener":
         def begins(self, world: "World") -> None:
             if world.is_fresh:
                 terminal.begins_anew(world.why)
-            log.write("start", job=1, world=world.number, run=world.file.run.model_dump())
+            log.start(1, world.number, world.file.run)
 
         def improvement(self, world: "World", better: "Improvement") -> None:
             terminal.improvement(better)
-            log.improvement(world.plan.topology, better)
+            log.news(world.plan.topology, better)
+
+        def lived(self, world: "World", records: "Sequence[ImprovementRecord]") -> None:
+            log.improvements(world.plan.topology, records)
 
         def ends(self, world: "World", judgement: "Judgement", generation: int) -> None:
             log.end(judgement, generation)

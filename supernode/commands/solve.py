@@ -5,7 +5,6 @@ shows the run for as long as it lasts.
 """
 
 import argparse
-import os
 import resource
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -84,7 +83,7 @@ def _followed(client: "Client", file: "ProblemFile", options: argparse.Namespace
     from supernode.following import Follower
 
     job = client.submit(file)
-    follower = Follower(client, job, file, options.quiet, options.log)
+    follower = Follower(client, job, file, options.quiet, options.log, least=options.least_improvement)
     try:
         follower.show()
         return follower.result(), False
@@ -100,13 +99,13 @@ def _on_its_own(file: "ProblemFile", options: argparse.Namespace) -> int:
     from spy.terminal import Terminal
     from supernode.present import present
 
-    log = None if options.log is None else os.path.abspath(options.log)  # noqa: PTH100 - no links resolved
+    log, least = options.log, options.least_improvement
     topology = topologies.parse(file.run.topology)
-    with Terminal(topology, options.quiet) as terminal:
+    with Terminal(topology, options.quiet, least=least) as terminal:
         terminal.say(f"starting nodes: {topology.cells} ({topology.spec})")
         with LocalCluster(topology=topology.spec, force=options.force) as cluster:
             terminal.say(f"ready after {cluster.seconds_to_ready:.2f} s")
-            result, interrupted = _follow(cluster, cluster.submit(file, log=log), terminal)
+            result, interrupted = _follow(cluster, cluster.submit(file, log=log, least_improvement=least), terminal)
     tried = file.tried(result.directives)
     return present(replace(result, cpu_seconds=_cpu_seconds()), tried, options, interrupted)
 

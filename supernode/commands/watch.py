@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from supernode import exits
 from supernode.commands.cluster_options import add_cluster_options, add_job, connected, place_of
+from supernode.commands.run_options import add_least_improvement
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -25,6 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_job(parser, nargs="?")
     parser.add_argument("--plot", metavar="FILE", help="draw the result (PNG, SVG or PDF by the name's end)")
     parser.add_argument("--quiet", action="store_true", help="no progress on stderr")
+    add_least_improvement(parser)
     add_cluster_options(parser, "the result")
 
 
@@ -44,7 +46,7 @@ def _follow(options: argparse.Namespace) -> int:
     with connected(options) as client, _below(options) as below:
         job = client.job(options.job)
         file = ProblemFile.from_json(job.show()["file"])
-        follower = Follower(client, job, file, options.quiet, below=below)
+        follower = Follower(client, job, file, options.quiet, below=below, least=options.least_improvement)
         follower.show()
         result = follower.result()
     return present(result, file, options, interrupted=False)

@@ -8,6 +8,8 @@ import pytest
 
 import supernode
 from node import Plan, simulate
+from spy.improvement_records import records_of
+from spy.past import Lived, Past
 from spy.result import Result
 
 
@@ -186,16 +188,41 @@ def test_another_topology_than_the_clusters_is_taken_if_there_are_as_many_nodes(
         cluster.submit(file, topology="torus 9x9")
 
 
-def test_the_run_log_has_a_line_for_each_improvement(cluster, own_problem, tmp_path):
+def test_the_run_log_tells_what_was_heard_and_when(cluster, own_problem, tmp_path):
     log = tmp_path / "run.jsonl"
     job = cluster.submit(supernode.load(own_problem()), log=str(log))
     improvements = list(job.improvements())
     events = [json.loads(line) for line in log.read_text().splitlines()]
-    logged = [event for event in events if event["event"] == "improvement"]
-    assert [event["fitness"] for event in logged] == [better.fitness for better in improvements]
-    assert all({"time", "seconds", "generation", "cell"} <= event.keys() for event in logged)
+    heard = [event for event in events if event["event"] == "news"]
+    assert [event["fitness"] for event in heard] == [better.fitness for better in improvements]
+    assert all({"time", "seconds", "epoch", "generation", "cell"} <= event.keys() for event in heard)
     assert events[0]["event"] == "start"
     assert (events[-1]["event"], events[-1]["status"]) == ("end", "solved")
+
+
+def test_equal_lockstep_runs_log_the_same_improvements_byte_for_byte(cluster, own_problem, tmp_path):
+    file, logged = supernode.load(own_problem()), []
+    for number in range(3):
+        log = tmp_path / f"{number}.jsonl"
+        result = cluster.submit(file, log=str(log), least_improvement=0.0).result()
+        logged.append([line for line in log.read_text().splitlines() if '"event": "improvement"' in line])
+    assert logged[0] == logged[1] == logged[2]
+    last = json.loads(logged[0][-1])
+    assert last.keys() == {"event", "epoch", "generation", "cell", "evaluations", "fitness"}, "no time is among them"
+    assert (last["fitness"], last["cell"], last["generation"]) == (
+        result.fitness,
+        result.found_at["cell"],
+        result.found_at["generation"],
+    )
+    assert 0 < last["evaluations"] <= result.evaluations
+
+
+def test_the_improvements_of_a_run_are_those_of_its_simulation(cluster, own_problem):
+    file = supernode.load(own_problem()).with_run(topology="torus 3x4", seed=9)
+    job = cluster.submit(file)
+    job.result()
+    assert len(job.history()) > 3
+    assert job.history() == records_of(Past(), Lived(file, simulate(Plan.of(file))))
 
 
 def test_a_log_that_cannot_be_written_is_refused_at_once(cluster, own_problem, tmp_path):

@@ -9,6 +9,7 @@ from coordinator.database import sqlite_url
 from coordinator.record_book import Keep, RecordBook
 from coordinator.store import Store, Submission, UnknownJob
 from problems import BadInput
+from spy.improvement_records import ImprovementRecord
 from wire.news import Improvement, LogRecord, Statistics
 
 DAY = 86400.0
@@ -34,6 +35,10 @@ def improvement(job=1, fitness=2.0, generation=3):
 
 def statistics(job=1, generation=3, best=1.0):
     return Statistics(job, 1, generation, 40, 16, 64, 0, 1, 4, 8.0, best, 2.0, math.inf, 2, 0.75, 0.01)
+
+
+def record(generation, fitness, epoch=0):
+    return ImprovementRecord(epoch, generation, 3, 16 * generation, fitness)
 
 
 def rows(book, kind, job="a", after=0):
@@ -63,6 +68,16 @@ def test_what_was_noted_is_there(book):
     assert rows(book, "statistics", "b") == []
 
 
+def test_the_history_of_an_epoch_has_no_time_and_is_written_once(book):
+    for records in ([record(0, 3.0)], [record(0, 3.0), record(4, 2.0)]):
+        book.note_history(100.0, 1, 0, records)
+    book.note_history(101.0, 1, 1, [record(2, 1.0, epoch=1)])
+    found = rows(book, "history")
+    assert all(each.pop("id") > 0 for each in found)
+    assert found == [each._asdict() for each in (record(0, 3.0), record(4, 2.0), record(2, 1.0, epoch=1))]
+    assert rows(book, "history", "b") == []
+
+
 def test_page_by_page_nothing_is_missing_or_twice(book, monkeypatch):
     monkeypatch.setattr(module, "_PAGE", 3)
     for generation in range(8):
@@ -79,7 +94,7 @@ def test_page_by_page_nothing_is_missing_or_twice(book, monkeypatch):
 def test_what_is_not_there(book):
     with pytest.raises(UnknownJob):
         book.page("statistics", "c", 0)
-    with pytest.raises(BadInput, match="kind: expected one of improvements, statistics, found 'gossip'"):
+    with pytest.raises(BadInput, match="kind: expected one of improvements, history, statistics, found 'gossip'"):
         book.page("gossip", "a", 0)
 
 

@@ -9,7 +9,7 @@ from worlds import States, again, turns_of
 import supernode
 from coordinator.job import BegunAnew
 from node.replay import worlds_of
-from supernode.simulation import Simulation
+from supernode.simulation import Listener, Simulation
 
 FUNCTION = """
 kind = "function"
@@ -49,6 +49,28 @@ def function(tmp_path):
 
 def simulated(file, **run):
     return Simulation(worlds_of(file.with_run(**run))).run()
+
+
+class Historian(Listener):
+    """Keeps the improvements of all epochs."""
+
+    def __init__(self):
+        self.records = []
+
+    def lived(self, world, records):
+        self.records += records
+
+
+def test_improvements_of_all_attempts_are_those_of_the_simulation(cluster, stubborn):
+    file, historian = stubborn().with_run(topology="torus 2x3", stall=25), Historian()
+    Simulation(worlds_of(file), listener=historian).run()
+    job = cluster.submit(file)
+    result = job.result(timeout=60)
+    assert job.history() == historian.records
+    assert {record.epoch for record in job.history()} == {0, 1, 2}
+    spent = [record.evaluations for record in job.history()]
+    assert spent == sorted(spent), "evaluations go on from attempt to attempt"
+    assert spent[-1] <= result.evaluations
 
 
 def both(cluster, file, **run):

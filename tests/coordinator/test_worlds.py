@@ -8,6 +8,8 @@ from worlds import States, again, best_again, turns_of
 
 import supernode
 from coordinator.job import Order
+from node.replay import replay
+from spy.improvement_records import records_of
 from spy.past import Lived, Past
 from wire import control
 from wire.callbacks import direct
@@ -488,7 +490,7 @@ def test_closing_the_cluster_fails_a_job_that_waits(function):
         job.update(name="sphere")
 
 
-def test_the_run_log_tells_of_each_world(cluster, states, function, tmp_path):
+def test_the_run_log_tells_of_each_epoch(cluster, states, function, tmp_path):
     import json
 
     log = tmp_path / "run.jsonl"
@@ -498,6 +500,24 @@ def test_the_run_log_tells_of_each_world(cluster, states, function, tmp_path):
     states.wait(job, "waiting", times=2)
     cancelled(job)
     events = [json.loads(line) for line in log.read_text().splitlines()]
-    told = [(each["event"], each.get("world")) for each in events if each["event"] in ("start", "end")]
-    assert [event for event, _ in told] == ["start", "end", "start", "end"]
-    assert [world for event, world in told if event == "start"] == [0, 1]
+    told = [(each["event"], each.get("epoch")) for each in events if each["event"] in ("start", "improvement", "end")]
+    assert [event for event, _ in told if event != "improvement"] == ["start", "end", "start", "end"]
+    assert [epoch for event, epoch in told if event == "start"] == [0, 1]
+    assert {epoch for event, epoch in told if event == "improvement"} == {0, 1}
+    assert {record.epoch for record in job.history()} == {0, 1}
+    assert told.index(("improvement", 0)) < told.index(("start", 1)), "an epoch's improvements come when it has ended"
+
+
+def test_improvements_of_a_job_with_updates_are_those_of_its_replay(cluster, states, function, tmp_path):
+    job = cluster.submit(function, keep_alive=True, target=1e9, seed=5)
+    states.wait(job, "waiting")
+    job.update(name="sphere")
+    states.wait(job, "waiting", times=2)
+    result = cancelled(job)
+    past, again = Past(), []
+    lived = replay(function.with_run(**result.run), result.directives)
+    for world, after in itertools.zip_longest(lived, lived[1:]):
+        epoch = Lived(world.file, world.reports, world.plan.world)
+        again += records_of(past, epoch)
+        past = past.and_then(epoch, None if after is None else after.why)
+    assert job.history() == again

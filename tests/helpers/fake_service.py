@@ -138,6 +138,9 @@ class FakeService:
         if isinstance(request, jobs.Show):
             large = ("file", "file_now", "worlds") if request.brief else ()
             return {name: value for name, value in entry.items() if name not in large}
+        if isinstance(request, jobs.Records):
+            columns = ["id", "epoch", "generation", "cell", "evaluations", "fitness"]
+            return {"columns": columns, "rows": [[1, 0, 3, 2, 400, entry["fitness"]]], "more": False}
         if isinstance(request, jobs.Cancel):
             threading.Timer(0.05, self.end, (request.job, "cancelled")).start()
             return {"job": request.job, "status": entry["status"]}

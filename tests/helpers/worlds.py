@@ -26,6 +26,9 @@ class States:
     def improved(self, number, improvement):
         pass
 
+    def lived(self, number, epoch, records):
+        pass
+
     def ended(self, number, outcome):
         pass
 

@@ -234,7 +234,7 @@ def test_a_merge_that_breaks_fails_the_run():
 
 def report(cell, generation=8, champion=None, proposals=()):
     counts = (9, 8, 32, 0, 0, Staleness(0, 0, 0, 0))
-    return Report(cell, generation, bytes([cell]) * 32, *counts, champion, tuple(proposals), b"", b"", None)
+    return Report(cell, generation, bytes([cell]) * 32, *counts, champion, tuple(proposals), (), b"", b"", None)
 
 
 def test_the_best_known_is_the_least_champion_or_the_roots():
@@ -272,7 +272,7 @@ def test_the_run_log_is_json_lines(tmp_path):
     log = RunLog(path)
     log.write("one", number=1.5, infinite=np.inf)
     log.end(Judgement("stalled", False, None, None), 9)
-    log.write("start", world=1)
+    log.start(7, 1, Run())
     log.end(Judgement("solved", True, None, None), 12)
     log.close()
     log.close()

@@ -26,6 +26,7 @@ def report(cell=0, generation=9, staleness=(0, 0, 0, 0)):
         staleness=Staleness(*staleness),
         champion=None,
         proposals=(),
+        births=(),
         deme=b"",
         state=b"",
         error=None,

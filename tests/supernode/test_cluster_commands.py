@@ -161,7 +161,10 @@ def test_solve_on_a_running_cluster(supernode, service, file, tmp_path):
     result = json.loads(out)
     assert (code, result["status"], result["fitness"]) == (0, "solved", 1.0)
     assert "fitness 1" in err
-    assert [json.loads(line)["event"] for line in log.read_text().splitlines()] == ["start", "improvement", "end"]
+    logged = [json.loads(line) for line in log.read_text().splitlines()]
+    assert [line["event"] for line in logged] == ["start", "news", "improvement", "end"]
+    noted = {"epoch": 0, "generation": 3, "cell": [0, 2], "evaluations": 400, "fitness": 1.0}
+    assert logged[2] == {"event": "improvement", **noted}
 
 
 def test_cancel_update_and_rewire(supernode, service, file, tmp_path):

@@ -489,3 +489,30 @@ def test_what_is_no_topology_is_one_error_line(capsys):
     assert (code, out) == (2, "")
     assert err.startswith("error: SPEC: expected a topology such as")
     assert len(err.splitlines()) == 1
+
+
+def line_of(generation, fitness):
+    return json.dumps(
+        {"event": "improvement", "epoch": 0, "generation": generation, "cell": [0, 1], "fitness": fitness}
+    )
+
+
+def test_logs_that_differ_are_told_apart(capsys, tmp_path):
+    start = '{"time": 1.5, "event": "start"}'
+    one, two, three = (tmp_path / f"{name}.jsonl" for name in ("one", "two", "three"))
+    one.write_text("\n".join([start, line_of(0, 3.0), line_of(4, 2.0)]) + "\n")
+    two.write_text("\n".join([start.replace("1.5", "2.5"), line_of(0, 3.0), line_of(4, 2.0)]) + "\n")
+    three.write_text("\n".join([start, line_of(0, 3.0)]) + "\n")
+    code, out, err = in_process(capsys, "logs", "--improvements", one, two)
+    assert (code, out, err) == (0, f"{line_of(0, 3.0)}\n{line_of(4, 2.0)}\n", "")
+    code, out, err = in_process(capsys, "logs", "--improvements", one, two, three)
+    assert (code, out) == (3, "")
+    assert f"{three} differs from {one} in improvement 2" in err
+    assert f"{three}: no more" in err
+    for text in ("no JSON\n", "[1]\n"):
+        three.write_text(text)
+        code, _, err = in_process(capsys, "logs", "--improvements", three)
+        assert code == 2
+        assert err.startswith(f"error: {three}: expected")
+        assert err.count("\n") == 1
+    assert in_process(capsys, "logs", "--improvements", tmp_path / "none.jsonl")[0] == 2

@@ -352,3 +352,24 @@ def test_where_nobody_reads_every_line_of_every_process_is_json(tmp_path):
     for name, node in (("router", None), ("spy", None), ("node 1", 1), ("coordinator", None)):
         assert ("zygote", f"{name} killed by SIGKILL: another one takes its place", node) in told
     assert ("coordinator", "the coordinator has died: another one goes on in its place", None) in told
+
+
+def test_served_jobs_solve_and_simulate_write_the_same_improvements_byte_for_byte(service, client, tmp_path, capsys):
+    settings = ["--torus", "2x2", "--seed", "5", "--generations", "40", "--target", "-1", "--quiet"]
+    example = str(ROOT / "examples" / "arm-ik.toml")
+    logs = [str(tmp_path / f"{name}.jsonl") for name in ("one", "two", "three", "own", "simulated")]
+    for log in logs[:3]:
+        assert main(["solve", example, *settings, "--log", log, "--state", str(service.state)]) == 3
+    assert main(["solve", example, *settings, "--log", logs[3]]) == 3
+    assert main(["simulate", example, *settings, "--log", logs[4]]) == 3
+    capsys.readouterr()
+    assert main(["logs", "--improvements", *logs]) == 0
+    printed = capsys.readouterr().out
+    assert printed.count("\n") > 5
+    assert printed.encode() in (tmp_path / "own.jsonl").read_bytes(), "they follow one another there"
+    lines = [json.loads(line) for line in printed.splitlines()]
+    stored = told(client, "history", client.jobs()[-1]["job"])
+    assert [each["fitness"] for each in stored if each["fitness"] in {line["fitness"] for line in lines}] == [
+        line["fitness"] for line in lines
+    ]
+    assert "at" not in stored[0]

@@ -83,7 +83,7 @@ def test_what_the_check_refuses_is_an_attempt_and_no_solution(own_problem, tmp_p
     assert (code, told["feasible"], told["solution"], list(told["best_attempt"])) == (3, False, None, ["genome"])
     assert all(line.endswith("  infeasible") for line in err.splitlines() if "fitness" in line)
     events = [json.loads(line) for line in log.read_text().splitlines()]
-    assert {each["feasible"] for each in events if each["event"] == "improvement"} == {False}
+    assert {each["feasible"] for each in events if each["event"] == "news"} == {False}
     result.write_text(out)
     code, out, _ = in_process(capsys, "check", path, result)
     assert (code, out) == (3, "rejected: there is no solution, only a best attempt; it hits a wall\n")

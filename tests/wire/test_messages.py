@@ -29,7 +29,7 @@ from wire.control import (
 )
 from wire.exchange import VERSION, Champion
 from wire.news import LEVELS, Counters, Improvement, LogRecord, Statistics
-from wire.report import Proposal, Reason, Report, Staleness
+from wire.report import MOST_BIRTHS, Birth, Proposal, Reason, Report, Staleness
 from wire.strict import Rejected
 
 counts = st.integers(0, (1 << 62) - 1)
@@ -111,6 +111,7 @@ REPORTS = st.builds(
     staleness=st.builds(Staleness, counts, counts, counts, counts),
     champion=st.none() | champions,
     proposals=st.lists(st.builds(Proposal, counts, reasons, counts, counts), max_size=3).map(tuple),
+    births=st.lists(st.builds(Birth, counts, counts, fitnesses.filter(math.isfinite)), max_size=3).map(tuple),
     deme=st.binary(max_size=100),
     state=st.binary(max_size=100),
     error=st.none() | st.text(),
@@ -143,6 +144,7 @@ REPORT = Report(
     Staleness(80, 9, 3, 2),
     FINISH.champion,
     (Proposal(20, "target", 2, 13),),
+    (Birth(0, 2, 3.5), Birth(7, 2, 0.5)),
     b"\x12\x34",
     b"\x56",
     None,
@@ -413,9 +415,15 @@ def test_the_number_of_a_commands_fields_is_exact(kind):
         ("report", 10, [[20, "target", 2]], "wrong shape"),
         ("report", 10, [[20, "boredom", 2, 13]], "no such reason"),
         ("report", 10, [[20.0, "target", 2, 13]], "wrong type"),
-        ("report", 11, "text", "wrong type"),
+        ("report", 11, None, "wrong type"),
+        ("report", 11, [[7, 2]], "wrong shape"),
+        ("report", 11, [[7.0, 2, 0.5]], "wrong type"),
+        ("report", 11, [[7, -1, 0.5]], "out of bounds"),
+        ("report", 11, [[7, 2, math.inf]], "not finite"),
+        ("report", 11, [[0, 0, 0.5]] * (MOST_BIRTHS + 1), "out of bounds"),
         ("report", 12, "text", "wrong type"),
-        ("report", 13, b"bytes", "wrong type"),
+        ("report", 13, "text", "wrong type"),
+        ("report", 14, b"bytes", "wrong type"),
         ("improvement", 0, 1.0, "wrong type"),
         ("improvement", 1, -1, "out of bounds"),
         ("improvement", 1, False, "wrong type"),
