@@ -82,7 +82,7 @@ def _run_of(file: ProblemFile) -> Outcome:
         result.status,
         result.feasible,
         None if found is None else result.fitness,
-        result.solution,
+        result.solution if result.feasible else result.best_attempt,
         result.generations,
         result.evaluations,
         None if found is None else cells * _evaluations(world.plan, worlds, found["generation"], result.directives),
