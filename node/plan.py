@@ -11,7 +11,7 @@ from genetics.arrays import Cells, Evaluate, Genomes
 from genetics.coding import Coding, Keys
 from genetics.recipe import Recipe, evaluations_per_generation
 from problems import Problem, ProblemFile, Run
-from problems.guard import guarded, next_attempt, solved_at
+from problems.guard import guarded, next_attempt, solved_at, solved_when
 from problems.run import DEFAULT_RESTARTS, DEFAULT_STALL
 from topologies import Topology
 from wire.exchange import Limits
@@ -89,6 +89,11 @@ class Plan:
     def target(self) -> float | None:
         """A fitness that ends the run."""
         return solved_at(self.problem) if self.run.target is None else self.run.target
+
+    @property
+    def solved_when(self) -> str | None:
+        """What the target means, in words, or why there is none."""
+        return solved_when(self.problem) if self.run.target is None else "as asked for"
 
     @cached_property
     def last_generation(self) -> int | None:

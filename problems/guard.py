@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from genetics.arrays import Evaluate, Fitness, Genomes
-from problems.errors import BadInput, EvaluationFailed, shorten
+from problems.errors import BadInput, EvaluationFailed, one_line, shorten
 from problems.motion import Motion, Pace
 from problems.problem import MOST_REPORT_BYTES, Answer, Clearance, Problem, Solution, Verdict
 
@@ -110,8 +110,8 @@ def cleared(problem: Problem, verdict: Verdict) -> dict[str, Any] | None:
     """The clearance that a verdict tells, as results hold it.
 
     Returns:
-        ``"least"`` (None if there is nothing to come close to), ``"where"`` and ``"required"``, which is the field
-        ``clearance`` of the problem, or 0; None if the verdict tells of no clearance.
+        ``"least"`` (None if there is nothing to come close to), ``"where"``, ``"required"``, which is the field
+        ``clearance`` of the problem, or 0, and the ``"unit"`` of both; None if the verdict tells of no clearance.
     """
     clearance = verdict.clearance
     if clearance is None:
@@ -121,6 +121,7 @@ def cleared(problem: Problem, verdict: Verdict) -> dict[str, Any] | None:
         "least": float(clearance.least) if math.isfinite(clearance.least) else None,
         "where": clearance.where,
         "required": float(required) if isinstance(required, float | int) else 0.0,
+        "unit": clearance.unit,
     }
 
 
@@ -197,9 +198,19 @@ def solved_at(problem: Problem) -> float | None:
     return float(fitness)
 
 
+def solved_when(problem: Problem) -> str | None:
+    """What ``problem.solved_when`` says, in one line, if it says anything."""
+    try:
+        words = problem.solved_when
+    except _ANYTHING:
+        return None
+    return one_line(words) if isinstance(words, str) and words else None
+
+
 def _is_measured(clearance: Any) -> bool:
     """Whether this is a clearance that can be told: a number, though perhaps +inf, at a place of JSON values."""
-    if not (isinstance(clearance, Clearance) and isinstance(clearance.least, float | int)):
+    told = isinstance(clearance, Clearance) and isinstance(clearance.least, float | int)
+    if not (told and isinstance(clearance.unit, str)):
         return False
     if math.isnan(clearance.least) or clearance.least == -math.inf or not isinstance(clearance.where, dict):
         return False

@@ -46,10 +46,12 @@ class Clearance:
             overlap, if the planner measures by how much; +inf if there is nothing to come close to.
         where: what is that close, and at which point of the solution, as plain JSON values such as
             ``{"configuration": [0.1, 0.2], "link": 2, "obstacle": 0}``.
+        unit: of the distance; empty if the planner's space has none.
     """
 
     least: float
     where: dict[str, Any] = field(default_factory=dict)
+    unit: str = "m"
 
 
 @dataclass(frozen=True)
@@ -205,6 +207,11 @@ class Problem(Table):
     @property
     def solved_at(self) -> float | None:
         """A champion of this fitness or less solves the problem; None if there is no such figure."""
+        return None
+
+    @property
+    def solved_when(self) -> str | None:
+        """What solves the problem, in words that follow the figure of `solved_at`; or why there is no such figure."""
         return None
 
     def next_attempt(self, attempt: int) -> dict[str, Any] | None:

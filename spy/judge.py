@@ -35,6 +35,7 @@ class Judgement:
         target: the fitness that counts as solved, if there is one.
         clearance: of the solution, see `problems.guard.cleared`.
         next_attempt: if the job is to begin anew, the fields of the problem to change for that.
+        solved_when: what the target means, in words, or why there is none.
     """
 
     status: Status
@@ -45,12 +46,13 @@ class Judgement:
     target: float | None = None
     clearance: dict[str, Any] | None = None
     next_attempt: dict[str, Any] | None = None
+    solved_when: str | None = None
 
     def answer(self) -> Judged:
         """As it travels."""
         best = None if self.best is None else self.best.encode()
         fields = None if self.next_attempt is None else json.dumps(self.next_attempt)
-        told = self.words, self.target, self.clearance, fields
+        told = self.words, self.target, self.clearance, fields, self.solved_when
         return Judged(self.status, self.feasible, self.message, best, *told)
 
     @staticmethod
@@ -65,7 +67,7 @@ class Judgement:
                 best = None if answer.best is None else Improvement.decode(answer.best)
                 fields = None if answer.next_attempt is None else json.loads(answer.next_attempt)
                 told = answer.feasible, answer.message, best, answer.words, answer.target, answer.clearance
-                return Judgement(status, *told, fields)
+                return Judgement(status, *told, fields, answer.solved_when)
         raise Rejected("no such status")
 
 
@@ -89,13 +91,15 @@ def judge(
     plan = collector.plan
     status = _status(plan, best, since + generation, set(reasons))
     if best is None:
-        return _going_on(plan, Judgement(status, False, None, None, None, plan.target), since + generation)
+        nothing = Judgement(status, False, None, None, None, plan.target, solved_when=plan.solved_when)
+        return _going_on(plan, nothing, since + generation)
     try:
         if best.world == plan.world:  # else cells of this world have nothing to say of it
             best = replace(best, solution=merged(plan.problem, best.solution, states or {}, best.cell))
     except EvaluationFailed as failure:
         return Judgement("failed", False, str(failure), best)
-    judgement = replace(_checked(plan, status, best), words=described(plan.problem, best.solution), target=plan.target)
+    words, when = described(plan.problem, best.solution), plan.solved_when
+    judgement = replace(_checked(plan, status, best), words=words, target=plan.target, solved_when=when)
     return _going_on(plan, judgement, since + generation)
 
 

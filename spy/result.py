@@ -38,9 +38,10 @@ class Result:
         message: why it failed, or what the check has against the solution.
         target: the fitness that counts as solved, if there is one.
         clearance: how close the solution, or the best attempt, comes to what it must not touch: the ``"least"``
-            distance (None if there is nothing to come close to), ``"where"`` that is, and what was ``"required"``; None
-            if this kind has none.
+            distance (None if there is nothing to come close to), ``"where"`` that is, what was ``"required"``, and the
+            ``"unit"`` of both; None if this kind has none.
         best_attempt: the best that was found, in the shape of a solution, if the check does not accept it; else None.
+        solved_when: what the target means, in words, or why there is none.
     """
 
     job: str
@@ -72,6 +73,7 @@ class Result:
     target: float | None = None
     clearance: dict[str, Any] | None = None
     best_attempt: dict[str, Any] | None = None
+    solved_when: str | None = None
     words: str | None = field(default=None, repr=False)  # the solution in words
     demes: list[bytes] = field(default_factory=list, repr=False)  # the last individuals of each cell, for pictures
 
@@ -151,6 +153,7 @@ def result_of(
         message=judgement.message,
         target=judgement.target,
         clearance=judgement.clearance,
+        solved_when=judgement.solved_when,
         best_attempt=None if judgement.feasible else found,
         words=judgement.words,
         demes=[report.deme for report in sorted(world.reports, key=lambda report: report.cell)],

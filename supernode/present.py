@@ -63,6 +63,9 @@ def _words(result: Result) -> str:
             f"  immigrants were {result.staleness['mean']:.2f} generations behind on average, at most "
             f"{result.staleness['max']:,}; {result.staleness['again']:.0%} had been bred with before"
         )
+    if result.solved_when is not None:
+        target = "no target" if result.target is None else f"solved at {result.target:.4g}"
+        lines.append(f"  {target}: {result.solved_when}")
     if result.clearance is not None:
         lines.append(f"  {clearance_words(result.clearance)}")
     if result.words is not None:
@@ -72,8 +75,11 @@ def _words(result: Result) -> str:
 
 def clearance_words(clearance: Mapping[str, Any]) -> str:
     """Such as ``"least clearance 0.031 m (0.02 m required), at link 2, obstacle 0"``."""
-    least = "nothing to come close to" if clearance["least"] is None else f"least clearance {clearance['least']:.3g} m"
-    required = f" ({clearance['required']:g} m required)" if clearance["required"] else ""
+    unit = f" {clearance['unit']}" if clearance["unit"] else ""
+    least = "nothing to come close to"
+    if clearance["least"] is not None:
+        least = f"least clearance {round(clearance['least'], 6) + 0.0:.3g}{unit}"
+    required = f" ({clearance['required']:g}{unit} required)" if clearance["required"] else ""
     where = ", ".join(f"{name} {_short(value)}" for name, value in clearance["where"].items())
     return f"{least}{required}{', at ' + where if where else ''}"
 

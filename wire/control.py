@@ -170,8 +170,9 @@ class Judged:
         best: the best verified answer, an encoded `wire.news.Improvement`.
         words: the solution in words.
         target: the fitness that counts as solved.
-        clearance: of the solution: ``"least"``, ``"where"`` and ``"required"``, see `spy.result.Result`.
+        clearance: of the solution: ``"least"``, ``"where"``, ``"required"`` and ``"unit"``, see `spy.result.Result`.
         next_attempt: if the job is to begin anew, the fields of the problem to change, as JSON.
+        solved_when: what the target means, in words.
     """
 
     status: str
@@ -182,6 +183,7 @@ class Judged:
     target: float | None
     clearance: dict[str, Any] | None = None
     next_attempt: str | None = None
+    solved_when: str | None = None
 
 
 Answer = Done | Judged | Refused
@@ -234,9 +236,9 @@ def decode_answer(payload: bytes) -> Answer:
             return Done(note)
         case ["refused", str(message), str(blame)]:
             return Refused(message, blame)
-        case ["judged", str(status), bool(feasible), message, best, words, target, clearance, fields]:
+        case ["judged", str(status), bool(feasible), message, best, words, target, clearance, fields, when]:
             texts = _maybe(str, message), _maybe(bytes, best), _maybe(str, words)
-            told = _maybe(float, target), _clearance(clearance), _maybe(str, fields)
+            told = _maybe(float, target), _clearance(clearance), _maybe(str, fields), _maybe(str, when)
             return Judged(status, feasible, *texts, *told)
     raise Rejected("no such answer")
 
@@ -254,11 +256,12 @@ def _clearance(value: object) -> dict[str, Any] | None:
     if value is None:
         return None
     clearance = table(value)
-    if clearance.keys() != {"least", "where", "required"}:
+    if clearance.keys() != {"least", "where", "required", "unit"}:
         raise Rejected("wrong shape")
     _maybe(float, clearance["least"])
     of(dict, clearance["where"])
     of(float, clearance["required"])
+    of(str, clearance["unit"])
     return clearance
 
 

@@ -26,6 +26,9 @@ Length = Annotated[float, Field(gt=0, le=1e6)]
 Place = tuple[Metres, Metres]
 Configurations = NDArray[np.float64]  # (n, links), rad
 
+MILLIMETRE = 1e-3
+"""How near to its target a tip has to come at least, m, however fine the code."""
+
 _FLIPS = 2.4  # bits changed in an offspring, on average, by the tuned recipe: 0.15 a bit for two joints of 8 bits
 _FLIPS_ON_ISLANDS = 4.0  # which lose their diversity sooner, as the best of a family replaces all of it
 
@@ -143,13 +146,39 @@ seed = 1
         return BitString(len(self.arm.links), self.bits, gray=self.code != "binary")
 
     @property
-    def solved_at(self) -> float:
+    def code_step(self) -> float:
         """The tip's displacement if each joint of the arm at full stretch is off by half a code step, m.
 
         Some coded configuration is that near to any other in every joint, so that near to any reachable target.
         """
+        return self._sweep / self.steps / 2
+
+    @cached_property
+    def _sweep(self) -> float:
+        """How far the tip of the arm at full stretch goes if each joint turns by all of its range, m."""
         stretch_beyond = np.cumsum(self.arm.links[::-1])[::-1]
-        return float(np.sum(stretch_beyond * self.joint_ranges[1]) / self.steps / 2)
+        return float(np.sum(stretch_beyond * self.joint_ranges[1]))
+
+    @property
+    def solved_at(self) -> float | None:
+        """1 mm, or the code's step if that is more, m; None if that is half of the arm's reach or more.
+
+        With such a code nearly any configuration would be near enough: that would be no target.
+        """
+        step = self.code_step
+        return None if 2.0 * step >= sum(self.arm.links) else max(MILLIMETRE, step)
+
+    @property
+    def solved_when(self) -> str:
+        """Which of the two it is, and why."""
+        step, share = self.code_step, self.code_step / sum(self.arm.links)
+        coded = f"half a step of {self.bits} bits in each joint moves the stretched arm's tip by {step:.3g} m"
+        if self.solved_at is None:
+            return f"the code's step is too coarse for one: {coded}, {share:.0%} of its reach"
+        if step < MILLIMETRE:
+            return f"1 mm from the target, since the code's step is less: {coded}"
+        bits = int(np.ceil(np.log2(self._sweep / (2 * MILLIMETRE) + 1)))
+        return f"m from the target, the code's step: {coded}, {share:.1%} of its reach; {bits} bits allow 1 mm"
 
     def recipe(self, name: RecipeName, deme: int) -> Recipe:
         """The paper's: §3.1 and §6 to the letter. Tuned: elitist, uniform crossover and more mutation.

@@ -131,6 +131,11 @@ seed = 1
         """The goal is reached."""
         return 0.0
 
+    @property
+    def solved_when(self) -> str:
+        """In words."""
+        return "rad from the goal, which is reached"
+
     def for_recipe(self, name: RecipeName, deme: int) -> Self:
         """With the recipe's code, first bits and scan, unless the file chooses."""
         tuned = name == "tuned"

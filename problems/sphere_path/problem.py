@@ -299,6 +299,12 @@ target = 0.03                   # nothing crossed, and a detour of at most 1.1; 
         """
         return self.length_weight
 
+    @property
+    def solved_when(self) -> str:
+        """In words."""
+        weighed = ", and whatever detour" if self.length_weight else ""
+        return f"no sphere is crossed{weighed}"
+
     @cached_property
     def coding(self) -> BitString:
         """One integer of p bits for each of n components of m nodes."""

@@ -2,6 +2,7 @@
 
 import itertools
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -91,7 +92,7 @@ def test_genomes_may_be_read_only():
 
 @given(st.data(), st.integers(1, 12), st.booleans())
 @settings(max_examples=100)
-def test_some_code_is_within_the_default_target_of_any_reachable_point(data, bits, limited):
+def test_some_code_is_within_its_step_of_any_reachable_point(data, bits, limited):
     links = data.draw(st.lists(st.floats(0.1, 2.0), min_size=1, max_size=4))
     limits = {"limits": [[-2.0, 1.0]] * len(links)} if limited else {}
     problem = arm_ik(*links, bits=bits, self_collision=False, arm=limits)
@@ -101,7 +102,29 @@ def test_some_code_is_within_the_default_target_of_any_reachable_point(data, bit
     nearest = np.minimum(nearest, (1 << bits) - 1) if limited else nearest % (1 << bits)
     reached = problem.arm.base + tip(links, lowest + shares * ranges)
     aimed = problem.model_copy(update={"target": tuple(reached)})
-    assert aimed.distances(problem.configurations(nearest[None]))[0] <= aimed.solved_at * (1 + 1e-9)
+    assert aimed.distances(problem.configurations(nearest[None]))[0] <= aimed.code_step * (1 + 1e-9)
+
+
+@pytest.mark.parametrize("limits", [{}, {"limits": [[-2.0, 1.0], [-0.5, 0.5]]}])
+def test_the_default_target_is_the_codes_step_or_a_millimetre_and_says_which(limits):
+    coarse = arm_ik(1.0, 0.8, bits=8, arm=limits)
+    assert coarse.solved_at == coarse.code_step > 1e-3
+    needed = int(re.search(r"m from the target, the code's step: .*; (\d+) bits allow 1 mm", coarse.solved_when)[1])
+    for bits, of_the_code in ((needed - 1, True), (needed, False), (30, False)):
+        problem = arm_ik(1.0, 0.8, bits=bits, arm=limits)
+        assert (problem.code_step > 1e-3) == of_the_code
+        assert problem.solved_at == (problem.code_step if of_the_code else 1e-3)
+        assert problem.solved_when.startswith("m from the target" if of_the_code else "1 mm from the target")
+
+
+def test_a_code_whose_step_is_half_of_the_reach_makes_no_target():
+    assert arm_ik(1.0, 0.8, bits=4).solved_at == pytest.approx(2.6 * np.pi / 16)
+    crude = arm_ik(1.0, 0.8, bits=3)
+    assert crude.solved_at is None
+    assert crude.solved_when == (
+        "the code's step is too coarse for one: half a step of 3 bits in each joint moves the stretched arm's tip by "
+        "1.02 m, 57% of its reach"
+    )
 
 
 def tip(links, angles):

@@ -98,8 +98,38 @@ def test_a_lie_is_not_believed_and_fails_the_run():
 def test_status(settings, generation, reasons, status):
     collector = collected(plan_of(**settings), Champion(0.0, 3, 5, FULL))
     target = settings.get("target", 0.0)
-    words = f'genome: "{FULL.hex()}"'
-    assert judge(collector, generation, reasons) == Judgement(status, True, None, collector.best, words, target)
+    words, when = f'genome: "{FULL.hex()}"', "as asked for" if "target" in settings else None
+    judgement = Judgement(status, True, None, collector.best, words, target, solved_when=when)
+    assert judge(collector, generation, reasons) == judgement
+
+
+class Explained(OneMax):
+    """A problem that says what its target means."""
+
+    says: str | int = "as many ones\nas can be"
+
+    @property
+    def solved_when(self):
+        if self.says == "nothing":
+            raise RuntimeError
+        return self.says
+
+
+@pytest.mark.parametrize(
+    ("says", "settings", "told"),
+    [
+        ("as many ones\nas can be", {}, "as many ones as can be"),
+        ("as many ones", {"target": -1.0}, "as asked for"),
+        ("nothing", {}, None),
+        (7, {}, None),
+    ],
+)
+def test_a_judgement_tells_what_its_target_means(says, settings, told):
+    plan = Plan(Explained(kind="explained", says=says), Run(**settings))
+    for champion in (Champion(0.0, 3, 5, FULL), None):
+        judgement = judge(collected(plan, champion), 8, ["stall"])
+        assert judgement.solved_when == told
+        assert Judgement.of(decode_answer(encode_answer(judgement.answer()))) == judgement
 
 
 @pytest.mark.parametrize(
@@ -162,7 +192,7 @@ class Measured(OneMax):
 def test_a_judgement_tells_of_the_clearance_that_the_check_measured(least, told):
     plan = Plan(Measured(kind="measured", least=least), Run())
     judgement = judge(collected(plan, Champion(0.0, 3, 5, FULL)), 8, ["target"])
-    assert judgement.clearance == {"least": told, "where": {"link": 2}, "required": 0.02}
+    assert judgement.clearance == {"least": told, "where": {"link": 2}, "required": 0.02, "unit": "m"}
     assert Judgement.of(decode_answer(encode_answer(judgement.answer()))) == judgement
 
 

@@ -41,7 +41,7 @@ def of_a_kind(own_problem, kind, code, *lines):
 def test_a_result_tells_its_least_clearance_and_where_that_is(own_problem, tmp_path, capsys, command):
     path, result = of_a_kind(own_problem, "Near", NEAR, "clearance = 0.02"), tmp_path / "result.json"
     _, out, _ = in_process(capsys, command, path, "--torus", "1x1", "--json", "--quiet")
-    told = {"least": 0.031, "where": {"configuration": [0.123456789, 1], "link": 2}, "required": 0.02}
+    told = {"least": 0.031, "where": {"configuration": [0.123456789, 1], "link": 2}, "required": 0.02, "unit": "m"}
     assert json.loads(out)["clearance"] == told
     result.write_text(out)
     assert in_process(capsys, "check", path, result)[:2] == (0, f"accepted: fitness 0, {WORDS}\n")
@@ -54,7 +54,7 @@ def test_a_result_in_words_tells_its_clearance(own_problem, capsys):
 
 
 def test_nothing_near_is_said_in_words():
-    assert clearance_words({"least": None, "where": {}, "required": 0.0}) == "nothing to come close to"
+    assert clearance_words({"least": None, "where": {}, "required": 0.0, "unit": "m"}) == "nothing to come close to"
 
 
 def test_a_kind_without_obstacles_tells_of_no_clearance(own_problem, capsys):

@@ -95,7 +95,10 @@ ANSWERS = st.one_of(
         st.none() | st.binary(max_size=40),
         st.none() | st.text(),
         st.none() | st.floats(allow_nan=False),
-        st.none() | st.fixed_dictionaries({"least": st.none() | metres, "where": wheres, "required": metres}),
+        st.none()
+        | st.fixed_dictionaries({"least": st.none() | metres, "where": wheres, "required": metres, "unit": st.text()}),
+        st.none() | st.text(),
+        st.none() | st.text(),
     ),
 )
 REPORTS = st.builds(
@@ -153,7 +156,17 @@ COUNTERS = Counters(*range(1, 11), 0.5, 1.5, 2.5, 0.5, 3, 4, 0.25)
 IMPROVEMENT = Improvement(3, 1, 0.25, 7, 2, 0.5, True, {"angles": [0.1, 0.2], "tip": {"x": 1}})
 
 # How each kind of message is read, and one that is right.
-JUDGED = Judged("solved", True, None, b"\x12", "in words", 0.5, {"least": 0.25, "where": {"link": 2}, "required": 0.0})
+JUDGED = Judged(
+    "solved",
+    True,
+    None,
+    b"\x12",
+    "in words",
+    0.5,
+    {"least": 0.25, "where": {"link": 2}, "required": 0.0, "unit": "m"},
+    None,
+    "in each joint",
+)
 READERS = {
     "command": (control.decode, control.encode(PREPARE)),
     "finish": (control.decode, control.encode(FINISH)),
@@ -395,11 +408,13 @@ def test_the_number_of_a_commands_fields_is_exact(kind):
         ("judgement", 7, "{", "not JSON"),
         ("judgement", 7, "[]", "wrong type"),
         ("judgement", 7, '{"least": 0.5, "where": {}}', "wrong shape"),
-        ("judgement", 7, '{"least": 0.5, "where": {}, "required": 0.0, "more": 1}', "wrong shape"),
-        ("judgement", 7, '{"least": 1, "where": {}, "required": 0.0}', "wrong type"),
-        ("judgement", 7, '{"least": NaN, "where": {}, "required": 0.0}', "not JSON"),
-        ("judgement", 7, '{"least": 0.5, "where": [], "required": 0.0}', "wrong type"),
-        ("judgement", 7, '{"least": 0.5, "where": {}, "required": null}', "wrong type"),
+        ("judgement", 7, '{"least": 0.5, "where": {}, "required": 0.0, "unit": "m", "more": 1}', "wrong shape"),
+        ("judgement", 7, '{"least": 1, "where": {}, "required": 0.0, "unit": "m"}', "wrong type"),
+        ("judgement", 7, '{"least": NaN, "where": {}, "required": 0.0, "unit": "m"}', "not JSON"),
+        ("judgement", 7, '{"least": 0.5, "where": [], "required": 0.0, "unit": "m"}', "wrong type"),
+        ("judgement", 7, '{"least": 0.5, "where": {}, "required": null, "unit": "m"}', "wrong type"),
+        ("judgement", 7, '{"least": 0.5, "where": {}, "required": 0.0, "unit": 1}', "wrong type"),
+        ("judgement", 9, 1, "wrong type"),
         ("report", 0, True, "wrong type"),
         ("report", 1, -1, "out of bounds"),
         ("report", 2, "text", "wrong type"),
