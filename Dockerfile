@@ -27,7 +27,7 @@ RUN pip install --no-deps --no-compile /src \
 
 FROM python:${PYTHON}-slim
 RUN useradd --system --uid 10001 --create-home supernode \
-    && install --directory --owner=supernode --mode=0700 /var/lib/supernode
+    && install --directory --owner=supernode --mode=0700 /var/lib/supernode /var/lib/supernode-secret
 COPY --from=build /opt/supernode /opt/supernode
 # Numba reads a cache only where it could write one.
 COPY --from=build --chown=supernode /opt/kernels /opt/kernels

@@ -21,6 +21,7 @@ from wire import control
 from wire.callbacks import direct
 from wire.control import Command, Done, Finish, Judged, Prepare, Refused
 from wire.report import Report
+from wire.seal import Seal
 from wire.strict import Rejected
 
 # Seconds. Each query keeps some 800 bytes until its time is over, even when it was answered long before.
@@ -74,12 +75,14 @@ class Calls:
 
     Args:
         session: through the router.
+        seal: of the cluster.
         mail: the job's.
         replaces: whether dead processes are replaced, so that it is worth waiting for one.
     """
 
-    def __init__(self, session: zenoh.Session, mail: "queue.SimpleQueue[object]", replaces: bool) -> None:
+    def __init__(self, session: zenoh.Session, seal: Seal, mail: "queue.SimpleQueue[object]", replaces: bool) -> None:
         self.session = session
+        self._seal = seal
         self.mail = mail
         self._replaces = replaces
         self._put_off: deque[object] = deque()
@@ -224,7 +227,7 @@ class Calls:
         self.session.get(
             key,
             handler,
-            payload=control.encode(command),
+            payload=self._seal.close(key, control.encode(command)),
             target=zenoh.QueryTarget.ALL,
             consolidation=zenoh.ConsolidationMode.NONE,
             timeout=timeout,

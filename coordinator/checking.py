@@ -4,47 +4,21 @@ A client names a module, never the place where it lies: modules are those that t
 """
 
 import ctypes
-import dataclasses
 import json
 import os
 import signal
 import subprocess
 import sys
-from collections.abc import Collection
-from pathlib import Path
 
 from problems import BadInput, ProblemFile, registry
+from problems.modules import Modules
 
 _WITHIN = 60.0  # seconds: a user's module may have much to import
 _PR_SET_PDEATHSIG = 1
 
 
-class Checker:
-    """Checks problem files.
-
-    Args:
-        allowed: names of users' modules that may be run.
-        folder: where these lie, if not on ``sys.path``.
-    """
-
-    def __init__(self, allowed: Collection[str] = (), folder: Path | None = None) -> None:
-        self.allowed = frozenset(allowed)
-        self.folder = Path.cwd() if folder is None else folder
-
-    def read(self, text: str) -> ProblemFile:
-        """A problem file that may be run here; its problem is not yet checked.
-
-        Raises:
-            BadInput: if it is none, or of a user's module that is not allowed.
-        """
-        file = ProblemFile.from_json(text)
-        module, own, _ = file.kind.partition(":")
-        if own and module not in self.allowed:
-            raise BadInput(
-                f"{file.name}: kind: this cluster does not run {file.kind!r}: it was not started with"
-                f" --allow-module {module}"
-            )
-        return dataclasses.replace(file, folder=self.folder)
+class Checker(Modules):
+    """Checks the problem files of modules that may be run."""
 
     def check(self, file: ProblemFile, before: ProblemFile | None = None) -> None:
         """Refuse a wrong problem, or one whose individuals are coded otherwise than ``before``.

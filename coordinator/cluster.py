@@ -17,6 +17,7 @@ from spy.least_improvement import LEAST
 from wire import sessions
 from wire.callbacks import direct
 from wire.keys import Keys
+from wire.seal import Seal
 
 _READY_WITHIN = 120.0  # seconds; a thousand nodes on two cores take less than ten
 
@@ -62,6 +63,7 @@ class LocalCluster:
         dispatcher = Dispatcher(
             session,
             self.keys,
+            Seal(self._launcher.secret),
             self.topology.spec,
             cpu_seconds=self.cpu_seconds_by_process,
             seconds_to_ready=self.seconds_to_ready,

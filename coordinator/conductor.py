@@ -32,6 +32,7 @@ from wire.control import Begin, Done, Drop, Finish, Halt, Judged, Look, Prepare,
 from wire.keys import Keys
 from wire.news import Improvement
 from wire.report import Reason, Report
+from wire.seal import Seal
 
 _FOUND_WITHIN = 1.0  # seconds: nodes that live find a new router in a fifth of it
 _HALTED_WITHIN = 60.0  # seconds
@@ -73,6 +74,7 @@ class Conductor:
         self,
         job: JobEntry,
         session: zenoh.Session,
+        seal: Seal,
         keys: Keys,
         nodes: tuple[int, ...],
         dispatch: Dispatch,
@@ -85,7 +87,7 @@ class Conductor:
         self.keys = keys
         self.nodes = nodes
         self.dispatch = dispatch
-        self.calls = Calls(session, job.mail, replaces)
+        self.calls = Calls(session, seal, job.mail, replaces)
         self.worlds = Worlds(job.order.past if adopted is None else adopted.past)
         self.versions: dict[str, str] = {}
         self.best = job.order.best if adopted is None else adopted.best

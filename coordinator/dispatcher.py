@@ -26,6 +26,7 @@ from wire.callbacks import direct
 from wire.control import Drop, Wiring
 from wire.keys import Keys
 from wire.news import Improvement, LogRecord, Statistics
+from wire.seal import Seal
 from wire.strict import Rejected
 
 
@@ -60,6 +61,7 @@ class Dispatcher:
     Args:
         session: through the router.
         keys: of the cluster.
+        seal: by which its processes obey.
         topology: of the nodes.
         wired: whether they have those links; if not, nothing is known of their links.
         hooks: told of what happens.
@@ -74,6 +76,7 @@ class Dispatcher:
         self,
         session: zenoh.Session,
         keys: Keys,
+        seal: Seal,
         topology: str,
         *,
         wired: bool = True,
@@ -87,6 +90,7 @@ class Dispatcher:
     ) -> None:
         self.session = session
         self.keys = keys
+        self._seal = seal
         self.hooks: Hooks = hooks or _NoHooks()
         self._told = hooks is None  # whether somebody here listens to the jobs themselves
         self.cpu_seconds = cpu_seconds
@@ -129,8 +133,9 @@ class Dispatcher:
         job = JobEntry(order, self._told, self.cancel)
         topology = topologies.parse(order.file.run.topology)
         if accepted_before:
-            payload = control.encode(Drop(order.number))
-            self.session.get(self.keys.every_control, direct(lambda _: None), payload=payload, timeout=5.0)
+            key = self.keys.every_control
+            payload = self._seal.close(key, control.encode(Drop(order.number)))
+            self.session.get(key, direct(lambda _: None), payload=payload, timeout=5.0)
         with self._lock:
             if self._failure is not None:
                 raise ClusterFailed(self._failure)
@@ -342,7 +347,9 @@ class Dispatcher:
     def _run(self, job: JobEntry, nodes: tuple[int, ...], adopted: Placing | None) -> None:
         outcome: Result | Exception
         try:
-            conductor = Conductor(job, self.session, self.keys, nodes, self, replaces=self.replaces, adopted=adopted)
+            conductor = Conductor(
+                job, self.session, self._seal, self.keys, nodes, self, replaces=self.replaces, adopted=adopted
+            )
             self._conductors[job.order.number] = conductor
             outcome = conductor.conduct(self.seconds_to_ready, self.cpu_seconds)
         except Exception as error:  # a mistake in the problem, or else; whoever waits must hear of it

@@ -16,13 +16,15 @@ import zenoh
 
 from coordinator import capacity
 from coordinator.errors import ClusterFailed
-from coordinator.launcher import make_folder
+from coordinator.folders import make_folder, new_folder
 from coordinator.zygote import Zygote
 from node.berth import Berth
+from problems.modules import Modules
 from wire import jobs, sessions
 from wire.callbacks import direct
 from wire.hosts import Host
 from wire.keys import Keys
+from wire.seal import Seal
 from wire.strict import Rejected
 
 _ENDING = {signal.SIGTERM, signal.SIGINT, signal.SIGHUP}
@@ -39,6 +41,8 @@ class HostZygote(Zygote):
     Args:
         cluster: the name of the cluster.
         router: the endpoint of its router.
+        secret: of the cluster; see `wire.seal`.
+        modules: users' modules that its nodes may import.
         host: this one, which has no numbers yet.
         force: start its nodes even if this machine cannot hold so many.
 
@@ -46,10 +50,13 @@ class HostZygote(Zygote):
         BadInput: if it cannot; says how many it can.
     """
 
-    def __init__(self, cluster: str, router: str, host: Host, *, force: bool = False) -> None:
+    def __init__(
+        self, cluster: str, router: str, secret: bytes, modules: Modules, host: Host, *, force: bool = False
+    ) -> None:
         capacity.check(host.wants, force=force, has_router=False)
-        folder, self._lock = make_folder()
-        super().__init__(cluster, "", folder)
+        folder = new_folder()
+        self._lock = make_folder(folder)
+        super().__init__(cluster, "", folder, secret, modules)
         self._router = router
         self._host = host
         self.name = f"host {host.name}"
@@ -95,11 +102,21 @@ class HostZygote(Zygote):
             self._fork(name, lambda: _as_usual(partial(self._node_live, self._berth(number))))
 
     def _berth(self, node: int, topology: str = "") -> Berth:
-        return Berth(self.cluster, node, topology, self.folder, self._router, self._host.id, self._batons)
+        return Berth(
+            self.cluster,
+            node,
+            topology,
+            self.folder,
+            self._router,
+            self.secret,
+            self.modules,
+            self._host.id,
+            self._batons,
+        )
 
     def _be_the_agent(self) -> None:
         try:
-            _as_usual(lambda: attend(self._host, Keys(self.cluster), self._router, self._tell))
+            _as_usual(lambda: attend(self._host, Keys(self.cluster), self._router, Seal(self.secret), self._tell))
         except ClusterFailed as error:
             self._log("error", str(error), self.name)
             os._exit(_REFUSED)
@@ -116,7 +133,7 @@ def _as_usual(live: Callable[[], None]) -> None:
     live()
 
 
-def attend(host: Host, keys: Keys, router: str, tell: Callable[[tuple[int, ...]], None]) -> None:
+def attend(host: Host, keys: Keys, router: str, seal: Seal, tell: Callable[[tuple[int, ...]], None]) -> None:
     """Be the agent of a host until the process is ended; ``tell`` is called with the nodes' numbers.
 
     Raises:
@@ -128,20 +145,20 @@ def attend(host: Host, keys: Keys, router: str, tell: Callable[[tuple[int, ...]]
 
     def present(query: zenoh.Query) -> None:
         with query:
-            query.reply(keys.host(host.id), here[0].encode())
+            query.reply(keys.host(host.id), seal.close(keys.host(host.id), here[0].encode()))
 
     declared = [
         session.liveliness().declare_token(keys.host(host.id)),
         session.declare_queryable(keys.host(host.id), direct(present)),
     ]
     if not host.nodes:
-        here[0] = host.with_nodes(_numbers(session, keys, host))
+        here[0] = host.with_nodes(_numbers(session, keys, seal, host))
         tell(here[0].nodes)
     while declared:
         signal.pause()
 
 
-def _numbers(session: zenoh.Session, keys: Keys, host: Host) -> tuple[int, ...]:
+def _numbers(session: zenoh.Session, keys: Keys, seal: Seal, host: Host) -> tuple[int, ...]:
     """Ask the coordinator until there is one that answers.
 
     Raises:
@@ -155,7 +172,8 @@ def _numbers(session: zenoh.Session, keys: Keys, host: Host) -> tuple[int, ...]:
     watcher = session.liveliness().declare_subscriber(keys.coordinator, direct(see), history=True)
     while True:
         there.wait()
-        for reply in session.get(keys.nodes, payload=host.encode(), timeout=_ANSWER_WITHIN):
+        wish = seal.close(keys.nodes, host.encode())
+        for reply in session.get(keys.nodes, payload=wish, timeout=_ANSWER_WITHIN):
             if reply.ok is not None:
                 watcher.undeclare()  # type: ignore[no-untyped-call]
                 return _read(reply.ok.payload.to_bytes())

@@ -5,6 +5,7 @@ comes again under its name before that gets its numbers again, and the jobs on t
 over asks all hosts who they are.
 """
 
+import contextlib
 import itertools
 import queue
 import threading
@@ -19,6 +20,7 @@ from wire.callbacks import direct
 from wire.hosts import Host
 from wire.jobs import Done, Refused
 from wire.keys import Keys
+from wire.seal import NOT_OURS, Seal
 from wire.strict import Rejected
 
 LEFT_AFTER = 30.0  # seconds; a container that starts again is there in a few
@@ -40,15 +42,17 @@ class HostBook:
     Args:
         session: through the router.
         keys: of the cluster.
+        seal: that of those who may join.
         came: called with a host that has got its numbers, before it knows them.
         left: called with one that has stayed away.
     """
 
     def __init__(
-        self, session: zenoh.Session, keys: Keys, came: Callable[[Host], None], left: Callable[[Host], None]
+        self, session: zenoh.Session, keys: Keys, seal: Seal, came: Callable[[Host], None], left: Callable[[Host], None]
     ) -> None:
         self._session = session
         self._keys = keys
+        self._seal = seal
         self._came = came
         self._left = left
         self._hosts: dict[str, Host] = {}  # by id; their nodes are disjoint
@@ -76,7 +80,16 @@ class HostBook:
         )
         for reply in replies:
             if reply.ok is not None:
-                self._note(Host.decode(reply.ok.payload.to_bytes()))
+                with contextlib.suppress(Rejected):  # a stranger's
+                    self._note(self._open(str(reply.ok.key_expr), reply.ok.payload))
+
+    def _open(self, key: str, payload: zenoh.ZBytes | None) -> Host:
+        """What a host says of itself.
+
+        Raises:
+            Rejected: if it is not sealed, or cannot be read.
+        """
+        return Host.decode(self._seal.open(key, b"" if payload is None else payload.to_bytes()))
 
     def _note(self, host: Host) -> None:
         if host.nodes:
@@ -127,8 +140,10 @@ class HostBook:
 
     def _answer(self, query: zenoh.Query) -> Done | Refused:
         try:
-            asking = Host.decode(b"" if query.payload is None else query.payload.to_bytes())
+            asking = self._open(str(query.key_expr), query.payload)
         except Rejected as error:
+            if error.reason == NOT_OURS:
+                return Refused("this host has another secret than the cluster: give both the same --secret-file")
             return Refused(f"the wish to join cannot be read: {error.reason}")
         known = self._hosts.get(asking.id)
         if known is not None:

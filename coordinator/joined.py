@@ -15,20 +15,24 @@ from coordinator.staff import Staff
 from node.berth import Berth
 from wire.hosts import Host
 from wire.keys import Keys
+from wire.seal import Seal
 
 
 def preside(berth: Berth, options: Options, max_queue: int | None) -> None:
     """Be the coordinator until a client, or SIGTERM, ends it; ``options.nodes`` are expected at least."""
-    run(berth, replace(options, joined=True), partial(JoinedStaff, max_queue=max_queue))
+    staff = partial(JoinedStaff, seal=Seal(berth.secret), max_queue=max_queue)
+    run(berth, replace(options, joined=True), staff)
 
 
 class JoinedStaff(Staff):
     """Its nodes come and go by hosts; a host forks anew those of its nodes that die."""
 
-    def __init__(self, session: zenoh.Session, keys: Keys, nodes: int, hooks: Hooks, *, max_queue: int | None) -> None:
-        super().__init__(session, keys, hooks, max_queue=max_queue, expected=nodes)
+    def __init__(
+        self, session: zenoh.Session, keys: Keys, nodes: int, hooks: Hooks, *, seal: Seal, max_queue: int | None
+    ) -> None:
+        super().__init__(session, keys, seal, hooks, max_queue=max_queue, expected=nodes)
         self._first_port = self.began % PORTS
-        self._book = HostBook(session, keys, self._came, self._leave)
+        self._book = HostBook(session, keys, seal, self._came, self._leave)
         self._roster = Roster(session, keys, self.replaced, self.joined)  # after the book: a node is at home on a host
         self._roster.look()
 

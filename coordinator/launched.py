@@ -16,6 +16,7 @@ from coordinator.service import Options, run
 from coordinator.staff import Staff
 from node.berth import Berth
 from wire.keys import Keys
+from wire.seal import Seal
 
 
 def coordinate(berth: Berth, told: Mapping[str, Any], first: bool) -> None:
@@ -25,10 +26,10 @@ def coordinate(berth: Berth, told: Mapping[str, Any], first: bool) -> None:
     """
     url = told["database"] or url_in(Path(told["state"]))
     cells = topologies.parse(berth.topology).cells
-    staff = partial(LaunchedStaff, topology=berth.topology, wired=first, max_queue=told["max_queue"])
+    seal = Seal(berth.secret)
+    staff = partial(LaunchedStaff, seal=seal, topology=berth.topology, wired=first, max_queue=told["max_queue"])
     keep = Keep(told["keep_days"], told["keep_records"])
-    modules = told["modules"] and Path(told["modules"])
-    run(berth, Options(cells, url, keep, told["log_json"], tuple(told["allow_modules"]), modules), staff)
+    run(berth, Options(cells, url, keep, told["log_json"]), staff)
 
 
 class LaunchedStaff(Staff):
@@ -41,12 +42,13 @@ class LaunchedStaff(Staff):
         nodes: int,
         hooks: Hooks,
         *,
+        seal: Seal,
         topology: str,
         wired: bool,
         max_queue: int | None,
     ) -> None:
         assert nodes == topologies.parse(topology).cells
-        super().__init__(session, keys, hooks, topology=topology, wired=wired, max_queue=max_queue)
+        super().__init__(session, keys, seal, hooks, topology=topology, wired=wired, max_queue=max_queue)
         self._roster = Roster(session, keys, self.replaced)
         if not wired:
             self._log("warning", "the coordinator has died: another one goes on in its place")

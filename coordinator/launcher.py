@@ -1,13 +1,12 @@
 """The caller's side of the zygote: start it, hear of its processes, and end it."""
 
 import contextlib
-import fcntl
 import json
 import os
+import secrets
 import shutil
 import subprocess
 import sys
-import tempfile
 import threading
 import time
 from collections.abc import Callable, Mapping
@@ -17,17 +16,15 @@ from pathlib import Path
 import topologies
 from coordinator import capacity
 from coordinator.errors import ClusterFailed
+from coordinator.folders import new_folder
+from wire.seal import SECRET_BYTES
 
-_PREFIX = "supernode-"
-_IN_MEMORY = Path("/dev/shm")
 _END_WITHIN = 60.0  # seconds: a thousand processes are gone in three, but machines may be busy
-_YOUNG = 5.0  # seconds
 _CROWD = 100
 """Nodes. As many would leave next to nothing of the cores to others of their session. So, where Linux shares cores out
 among sessions first (autogroup), the nodes have one of their own, and so have the router, the spy and the coordinator.
 Fewer nodes do better in the caller's: on Linux 6.18 small clusters in many sessions keep each other waiting for long.
 """
-_LONGEST_HOME = 60  # bytes
 ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
 
@@ -71,7 +68,8 @@ class Launcher:
         BadInput: if it cannot; says how many it can.
 
     Attributes:
-        folder: private, holds the Unix sockets; gone when the cluster has ended.
+        folder: private, holds the Unix sockets; the zygote makes it, and it is gone when the cluster has ended.
+        secret: of the cluster; see `wire.seal`.
         processes: name ("router", "spy", "node 7") to process id; complete once ``started`` is set.
     """
 
@@ -86,24 +84,34 @@ class Launcher:
     ) -> None:
         nodes = topologies.parse(topology).cells
         capacity.check(nodes, force=force)
-        self.folder, lock = make_folder()
-        self._lock: int | None = lock
+        self.folder = new_folder()
+        self.secret = secrets.token_bytes(SECRET_BYTES)
         self.processes: dict[str, int] = {}
         self.started = threading.Event()
         self._on_death = on_death
         self._closing = False
         told = None if service is None else asdict(service) | {"state": (service.state or self.folder).absolute()}
-        config = {"cluster": cluster, "topology": topology, "folder": self.folder, "service": told}
+        config = {
+            "cluster": cluster,
+            "secret": self.secret.hex(),
+            "topology": topology,
+            "folder": self.folder,
+            "service": told,
+        }
         crowded = nodes >= _CROWD
         self._zygote = subprocess.Popen(
-            [sys.executable, "-P", "-m", "coordinator.zygote", json.dumps(config, default=str)],
+            [sys.executable, "-P", "-m", "coordinator.zygote"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             env=os.environ | ONE_THREAD,
-            pass_fds=[lock],  # held by every process of the cluster: the folder is stale once none lives
             start_new_session=crowded,  # see `_CROWD`
             process_group=None if crowded else 0,  # Ctrl-C is the caller's business
         )
+        assert self._zygote.stdin is not None, "it is a pipe"
+        with contextlib.suppress(BrokenPipeError):  # the reader sees that it has ended
+            # Not as an argument: everybody can read those, and there are a secret and perhaps a database's password.
+            self._zygote.stdin.write(json.dumps(config, default=str).encode() + b"\n")
+            self._zygote.stdin.flush()
         self._reader = threading.Thread(target=self._read, name="zygote reader", daemon=True)
         self._reader.start()
 
@@ -146,30 +154,7 @@ class Launcher:
             raise ClusterFailed("the zygote did not end by itself") from error
         finally:
             self._reader.join()
-            if self._lock is not None:
-                shutil.rmtree(self.folder, ignore_errors=True)
-                os.close(self._lock)
-                self._lock = None
-
-
-def make_folder() -> tuple[Path, int]:
-    """A private folder for Unix sockets, and an open descriptor that locks it for as long as a process has it."""
-    _remove_stale_folders()
-    folder = Path(tempfile.mkdtemp(prefix=_PREFIX, dir=_home()))
-    lock = _lock(folder)
-    assert lock is not None, "nobody knows it yet"
-    return folder, lock
-
-
-def _home() -> Path:
-    """Where folders of sockets lie: in memory if TMPDIR does not choose, since a disk's file system makes them slowly.
-
-    The path of a Unix socket has at most 107 bytes.
-    """
-    usual = Path(tempfile.gettempdir())
-    if "TMPDIR" not in os.environ and os.access(_IN_MEMORY, os.W_OK | os.X_OK):
-        return _IN_MEMORY
-    return usual if len(os.fsencode(usual)) <= _LONGEST_HOME else Path("/tmp")
+            shutil.rmtree(self.folder, ignore_errors=True)  # if the zygote was killed
 
 
 def cpu_seconds_of(processes: Mapping[str, int]) -> dict[str, float]:
@@ -184,28 +169,3 @@ def cpu_seconds_of(processes: Mapping[str, int]) -> dict[str, float]:
 def _cpu_clock(process: int) -> int:
     """The clock id of another process's CPU time, as Linux makes it (clock_getcpuclockid(3))."""
     return (~process << 3) | 2
-
-
-def _lock(folder: Path) -> int | None:
-    """An open descriptor that locks ``folder`` for as long as any process holds it; None if another one does."""
-    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        os.close(descriptor)
-        return None
-    return descriptor
-
-
-def _remove_stale_folders() -> None:
-    """Folders of clusters whose processes were all killed at once, so that nobody could clean up."""
-    for folder in _home().glob(f"{_PREFIX}*"):
-        try:
-            if folder.stat().st_uid != os.getuid() or time.time() - folder.stat().st_mtime < _YOUNG:
-                continue  # another's, or so young that its owner may not have locked it yet
-            descriptor = _lock(folder)
-        except OSError:
-            continue
-        if descriptor is not None:
-            shutil.rmtree(folder, ignore_errors=True)
-            os.close(descriptor)

@@ -13,7 +13,6 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 
 import zenoh
 
@@ -28,6 +27,7 @@ from coordinator.recorder import Recorder
 from coordinator.store import Store
 from coordinator.waiting_room import Queue, WaitingRoom
 from node.berth import Berth
+from problems.modules import Modules
 from wire import jobs, sessions
 from wire.callbacks import direct
 from wire.jobs import Answer, Done, Down, JobState, Refused, Request, Rewire, Submit, Update
@@ -51,8 +51,6 @@ class Options:
         store: the URL of the database.
         keep: how much of what happened is kept there.
         log_json: whether the log is written in JSON; if None, it is where stderr is no terminal.
-        allow_modules: names of users' modules that jobs may name.
-        modules: the folder where these lie, if not on ``sys.path``.
         joined: whether router, spy and nodes were started by others, and so live on when the coordinator ends.
     """
 
@@ -60,8 +58,6 @@ class Options:
     store: str
     keep: Keep
     log_json: bool | None = None
-    allow_modules: tuple[str, ...] = ()
-    modules: Path | None = None
     joined: bool = False
 
 
@@ -69,7 +65,7 @@ def run(berth: Berth, options: Options, make_dispatcher: MakeDispatcher) -> None
     """Be the coordinator until a client, or SIGTERM, says that the cluster is to end."""
     sessions.use_runtime(sessions.NODE_RUNTIME)
     session = sessions.client(berth.router)
-    service = Service(session, berth.keys, options, make_dispatcher)
+    service = Service(session, berth.keys, berth.modules, options, make_dispatcher)
     signal.signal(signal.SIGTERM, lambda *_: service.stop())
     try:
         service.serve()
@@ -85,7 +81,14 @@ class Service:
         StoreFailed: if the database cannot be used.
     """
 
-    def __init__(self, session: zenoh.Session, keys: Keys, options: Options, make_dispatcher: MakeDispatcher) -> None:
+    def __init__(
+        self,
+        session: zenoh.Session,
+        keys: Keys,
+        modules: Modules,
+        options: Options,
+        make_dispatcher: MakeDispatcher,
+    ) -> None:
         self._session = session
         self._keys = keys
         self._mail: queue.SimpleQueue[zenoh.Query | None] = queue.SimpleQueue()
@@ -99,7 +102,7 @@ class Service:
         book = RecordBook(self._store, options.keep)
         self._recorder = Recorder(self._store, book, lines, self._publish, self._forget)
         self._dispatcher = make_dispatcher(session, keys, options.nodes, self._recorder)
-        checker = Checker(options.allow_modules, options.modules)
+        checker = Checker(modules.allowed, modules.folder)
         self._desk = Desk(
             keys.cluster,
             self._store,

@@ -11,6 +11,7 @@ from coordinator.hooks import Hooks
 from coordinator.roster import Roster
 from wire.keys import Keys
 from wire.news import LogRecord
+from wire.seal import Seal
 
 
 class Staff(Dispatcher):
@@ -19,6 +20,7 @@ class Staff(Dispatcher):
     Args:
         session: through the router.
         keys: of the cluster.
+        seal: by which its processes obey.
         hooks: told of what happens.
         topology: of the nodes, unless they join.
         wired: whether they have those links.
@@ -32,6 +34,7 @@ class Staff(Dispatcher):
         self,
         session: zenoh.Session,
         keys: Keys,
+        seal: Seal,
         hooks: Hooks,
         *,
         topology: str = "",
@@ -43,6 +46,7 @@ class Staff(Dispatcher):
         super().__init__(
             session,
             keys,
+            seal,
             topology,
             wired=wired,
             hooks=hooks,

@@ -27,9 +27,12 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from coordinator.folders import make_folder
+
 if TYPE_CHECKING:
     from node.baton import Batons
     from node.berth import Berth
+    from problems.modules import Modules
 
 _PR_SET_PDEATHSIG = 1
 _PR_SET_NAME = 15  # at most 15 bytes of it
@@ -48,12 +51,40 @@ _LIBC.sigaddset(_WAKING_SET, int(signal.SIGIO))
 
 
 def main() -> None:
-    """Run as ``python -m coordinator.zygote CONFIG`` by the launcher."""
-    config = json.loads(sys.argv[1])
+    """Run as ``python -m coordinator.zygote`` by the launcher, which writes a line to standard input first."""
+    config = json.loads(_first_line(sys.stdin.fileno()))
     folder = Path(config["folder"])
     _end_with_the_caller(folder)
     signal.signal(signal.SIGTTOU, signal.SIG_IGN)  # a terminal that has the log may stop who is in the background
-    Zygote(config["cluster"], config["topology"], folder, config["service"]).run()
+    try:
+        lock = make_folder(folder)  # held by every process of the cluster: the folder is stale once none lives
+    except OSError as error:
+        return _tell({"died": "zygote", "how": f"cannot make {folder}: {error.strerror}"})
+    service = config["service"]
+    zygote = Zygote(
+        config["cluster"], config["topology"], folder, bytes.fromhex(config["secret"]), _modules(service), service
+    )
+    zygote.run()
+    return os.close(lock)
+
+
+def _first_line(descriptor: int) -> bytes:
+    """Nothing else is ever written to it; if the caller has gone before, so does this process."""
+    line = b""
+    while not line.endswith(b"\n"):
+        piece = os.read(descriptor, 1 << 16)
+        if not piece:
+            os._exit(0)
+        line += piece
+    return line
+
+
+def _modules(service: dict[str, Any] | None) -> "Modules":
+    from problems.modules import AnyModules, Modules
+
+    if service is None:
+        return AnyModules()  # what the calling process hands in; nobody else reaches the router's socket
+    return Modules(service["allow_modules"], service["modules"] and Path(service["modules"]))
 
 
 def _end_with_the_caller(folder: Path) -> None:
@@ -85,8 +116,18 @@ class Zygote:
 
     name = "zygote"  # in the log
 
-    def __init__(self, cluster: str, topology: str, folder: Path, service: dict[str, Any] | None = None) -> None:
+    def __init__(
+        self,
+        cluster: str,
+        topology: str,
+        folder: Path,
+        secret: bytes,
+        modules: "Modules",
+        service: dict[str, Any] | None = None,
+    ) -> None:
         self.cluster = cluster
+        self.secret = secret
+        self.modules = modules
         self.topology = topology
         self.folder = folder
         self.service = service  # `coordinator.launcher.ServiceOptions`, as JSON has them
@@ -179,7 +220,7 @@ class Zygote:
         from wire import sessions
 
         router = sessions.unix_socket(self.folder, "router")
-        return Berth(self.cluster, node, topology, self.folder, router, batons=self._batons)
+        return Berth(self.cluster, node, topology, self.folder, router, self.secret, self.modules, batons=self._batons)
 
     def _fork(self, name: str, live: Callable[[], None]) -> None:
         parent = os.getpid()

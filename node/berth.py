@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from node.baton import Batons
+from problems.modules import Modules
 from wire import sessions
 from wire.keys import Keys
 
@@ -19,6 +20,8 @@ class Berth:
         topology: who neighbours whom; empty for a node that takes the place of a dead one: a job will tell it.
         folder: a private folder for Unix sockets, the same for all nodes of one machine.
         router: the endpoint of the cluster's router.
+        secret: of the cluster: commands are obeyed if they are sealed with it; see `wire.seal`.
+        modules: users' modules that problems may name.
         host: names this start of the processes that share ``folder``, if the cluster's live in several places.
         batons: for the nodes that share a core; who has none breeds when the kernel lets it.
     """
@@ -28,6 +31,8 @@ class Berth:
     topology: str
     folder: Path
     router: str
+    secret: bytes
+    modules: Modules
     host: str = ""
     batons: Batons = field(default_factory=dict)
 

@@ -41,13 +41,14 @@ from node.fingerprint import fingerprint
 from node.links import Hear, Links, Task
 from node.plan import Plan
 from node.relay import Relay
-from problems import BadInput, ProblemFile
+from problems import BadInput
 from topologies import Topology
 from wire import control, sessions
 from wire.callbacks import direct
 from wire.control import Begin, Command, Done, Drop, Halt, Look, Missed, Prepare, ProposeStop, Refused, Wiring
 from wire.news import Counters, LogRecord, period_of_reports
 from wire.report import Report
+from wire.seal import Seal
 from wire.strict import Rejected
 
 _FAST_PATH = FastPath()  # before nodes are forked: to make one in each touches forty pages there
@@ -83,6 +84,7 @@ class NodeProcess:
         self._relay = Relay(berth.batons)
         self._fast_path = _FAST_PATH
         self._network_thread = 0  # its number; until it is known, that of whoever asks
+        self._seal = Seal(berth.secret)
         self.control = sessions.client(berth.router)
         self.links: Links | None = None  # those of the latest wiring
         if berth.topology:
@@ -115,7 +117,8 @@ class NodeProcess:
         self._network_thread = threading.get_native_id()
         command: Command | Rejected
         try:
-            command = control.decode(query.payload.to_bytes() if query.payload is not None else b"")
+            payload = query.payload.to_bytes() if query.payload is not None else b""
+            command = control.decode(self._seal.open(str(query.key_expr), payload))
         except Rejected as error:
             command = error
         if (isinstance(command, Prepare) and self.berth.node in command.wiring.nodes) or (
@@ -374,7 +377,7 @@ class NodeProcess:
             self._forget(self.assignment.job)
         self.coming = None
         try:
-            file = ProblemFile.from_json(command.file)
+            file = self.berth.modules.read(command.file)
             plan = Plan.of(file, command.world, command.since or 0, checked=True)
             if goes_on and self.assignment is not None and not command.fresh:  # a user's own is known here only
                 file.keep_coding(self.assignment.cell.plan.coding, plan.coding)
@@ -503,10 +506,12 @@ class NodeProcess:
                 assignment.events.append(Answered(action.neighbour, reply.ok.payload.to_bytes()))
                 self.mail.put(_nothing)
 
+        key = self.keys.control(assignment.links.wiring.nodes[action.neighbour])
+        missed = control.encode(Missed(assignment.job, assignment.world, action.generation))
         self.control.get(
-            self.keys.control(assignment.links.wiring.nodes[action.neighbour]),
+            key,
             direct(hear),
-            payload=control.encode(Missed(assignment.job, assignment.world, action.generation)),
+            payload=self._seal.close(key, missed),
             timeout=PATIENCE,
         )
 

@@ -19,7 +19,7 @@ import zenoh
 import topologies
 from node.berth import Berth
 from node.plan import Plan
-from problems import BadInput, ProblemFile
+from problems import BadInput
 from spy.collector import Collector
 from spy.judge import judge
 from spy.tally import added_up
@@ -29,6 +29,7 @@ from wire.callbacks import direct, frequent
 from wire.control import Answer, Begin, Done, Drop, Finish, Judged, Prepare, Refused, Wiring
 from wire.exchange import Champion, Messages
 from wire.news import Counters, Improvement
+from wire.seal import Seal
 from wire.strict import Rejected
 
 STATISTICS_PERIOD = 0.5  # seconds
@@ -149,6 +150,7 @@ class SpyProcess:
         self.assignments: dict[int, _Assignment] = {}  # by job: its latest world
         self.links: dict[int, _Link] = {}  # by root: its node's number
         self._due = 0.0
+        self._seal = Seal(berth.secret)
         self.control = sessions.client(berth.router)
         if berth.topology:
             nodes = tuple(range(topologies.parse(berth.topology).cells))
@@ -239,7 +241,7 @@ class SpyProcess:
         payload = query.payload.to_bytes() if query.payload is not None else b""
         answer: Answer
         try:
-            answer = self._obey(control.decode(payload))
+            answer = self._obey(control.decode(self._seal.open(str(query.key_expr), payload)))
         except Rejected as error:
             answer = Refused(f"spy: bad command: {error.reason}")
         with query:
@@ -269,7 +271,7 @@ class SpyProcess:
         """Watch a world of a job, instead of the one before if there was one."""
         before = self.assignments.get(command.job)
         try:
-            file = ProblemFile.from_json(command.file)
+            file = self.berth.modules.read(command.file)
             plan = Plan.of(file, command.world)
             best = _better(command.best, before, file.sha256)
             if best is not None and not command.fresh:

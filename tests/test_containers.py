@@ -45,6 +45,15 @@ def test_what_a_service_depends_on_is_there():
         assert set(described["networks"]) <= COMPOSE["networks"].keys()
 
 
+def test_coordinator_spy_and_nodes_share_the_secret_and_nobody_else_has_it():
+    shared = "secret:/var/lib/supernode-secret"
+    having = {name for name, described in SERVICES.items() if shared in described.get("volumes", ())}
+    told = {name for name, described in SERVICES.items() if "SUPERNODE_SECRET_FILE" in described["environment"]}
+    assert having == told == {"coordinator", "spy", "node"}
+    folder = shared.partition(":")[2]
+    assert re.search(rf"install --directory --owner=supernode .*{folder}( |$)", DOCKERFILE, re.MULTILINE)
+
+
 def test_the_nodes_are_as_many_as_the_coordinator_expects():
     node = SERVICES["node"]
     expected = int(SERVICES["coordinator"]["environment"]["SUPERNODE_NODES"])
@@ -69,6 +78,7 @@ def test_the_services_as_plain_processes_solve_a_job():
             "tcp/router:7447": cluster.endpoint,
             "tcp/0.0.0.0:7447": cluster.endpoint,
             "/var/lib/supernode": str(cluster.folder),
+            "/var/lib/supernode-secret/secret": str(cluster.folder / "secret"),
             "0.0.0.0:8080": page,
         }
         started = []

@@ -7,10 +7,13 @@ from supernode.commands.role_options import (
     add_log_json,
     add_membership,
     add_option,
+    add_trust,
     cluster_of,
     endpoint_of,
+    modules_of,
     number_of,
     prepare_process,
+    secret_of,
 )
 
 EXAMPLE = "supernode coordinator --connect tcp/192.168.1.7:7447 --nodes 16"
@@ -26,7 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_log_json(parser)
     add_option(parser, "keep-days", "forget ended jobs and records so old (30)", metavar="D", default="30")
     add_option(parser, "keep-records", "of each kind, the newest (1000000)", metavar="N", default="1000000")
-    add_option(parser, "allow-module", "let jobs name problems of this module of yours (none)", metavar="M")
+    add_trust(parser)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -35,7 +38,7 @@ def run(options: argparse.Namespace) -> int:
     max_queue = None if options.max_queue is None else number_of(options, "max_queue")
     database = options.database or _file(options.state)
     keep_days, keep_records = number_of(options, "keep_days"), number_of(options, "keep_records")
-    modules = tuple((options.allow_module or "").split())
+    secret = secret_of(options)
     prepare_process()
     from pathlib import Path
 
@@ -46,8 +49,8 @@ def run(options: argparse.Namespace) -> int:
     from node.berth import Berth
 
     import_all()
-    how = Options(nodes, database, Keep(keep_days, keep_records), options.log_json, modules)
-    preside(Berth(cluster, 0, "", Path(), router), how, max_queue)
+    how = Options(nodes, database, Keep(keep_days, keep_records), options.log_json)
+    preside(Berth(cluster, 0, "", Path(), router, secret, modules_of(options)), how, max_queue)
     return exits.OK
 
 

@@ -7,11 +7,14 @@ from supernode.commands.cluster_options import add_force
 from supernode.commands.role_options import (
     add_membership,
     add_option,
+    add_trust,
     cluster_of,
     endpoint,
     endpoint_of,
+    modules_of,
     number_of,
     prepare_process,
+    secret_of,
 )
 
 _FAR_AWAY, _ANY_PORT = "198.51.100.1", 9  # of a network that is for documentation only (RFC 5737)
@@ -31,6 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         " tcp/192.168.1.8:7450; 0.0.0.0 stands for this machine's own address (links between hosts by the router)",
         metavar="ENDPOINT",
     )
+    add_trust(parser)
     add_force(parser)
 
 
@@ -42,13 +46,14 @@ def run(options: argparse.Namespace) -> int:
 
     router, cluster, nodes = endpoint_of(options), cluster_of(options), number_of(options, "nodes")
     listen = own_endpoint(endpoint(options.listen, "listen"), router) if options.listen else ""
+    secret = secret_of(options)
     prepare_process()
     from coordinator.host import HostZygote
     from wire.hosts import Host
 
     name = options.host or f"{socket.gethostname()}-{os.getpid()}"
     host = Host(secrets.token_hex(4), name, nodes, listen)
-    HostZygote(cluster, router, host, force=options.force).run()
+    HostZygote(cluster, router, secret, modules_of(options), host, force=options.force).run()
     return exits.OK
 
 

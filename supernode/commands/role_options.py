@@ -6,7 +6,10 @@ Each option has an environment variable, since that is how containers are config
 import argparse
 import os
 import signal
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from problems.modules import Modules
 
 _CLUSTER = "main"
 
@@ -34,6 +37,34 @@ def add_membership(parser: argparse.ArgumentParser) -> None:
     """Which cluster the process belongs to."""
     add_option(parser, "connect", "the router's endpoint, such as tcp/192.168.1.7:7447", metavar="ENDPOINT")
     add_option(parser, "cluster", f"the cluster's name, if the router has several ({_CLUSTER})", default=_CLUSTER)
+
+
+def add_trust(parser: argparse.ArgumentParser) -> None:
+    """Whom the process obeys, and whose code it may run."""
+    file = "the cluster's secret, the same for coordinator, spy and nodes; made if it is not there (the user's own)"
+    add_option(parser, "secret-file", file, metavar="FILE")
+    add_option(parser, "allow-module", "let jobs name problems of this module of yours (none)", metavar="M")
+
+
+def secret_of(options: argparse.Namespace) -> bytes:
+    """The cluster's secret.
+
+    Raises:
+        BadInput: if its file cannot be made or read, or is wrong.
+    """
+    from pathlib import Path
+
+    from supernode.secret_file import read_or_make
+    from supernode.whereabouts import default_folder
+
+    return read_or_make(Path(options.secret_file) if options.secret_file else default_folder() / "secret")
+
+
+def modules_of(options: argparse.Namespace) -> "Modules":
+    """The users' modules that the process may run."""
+    from problems.modules import Modules
+
+    return Modules((options.allow_module or "").split())
 
 
 def endpoint_of(options: argparse.Namespace, name: str = "connect") -> str:

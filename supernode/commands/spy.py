@@ -10,7 +10,15 @@ from typing import TYPE_CHECKING
 
 from supernode import exits
 from supernode.commands.dashboard_options import add_dashboard
-from supernode.commands.role_options import add_membership, cluster_of, endpoint_of, prepare_process
+from supernode.commands.role_options import (
+    add_membership,
+    add_trust,
+    cluster_of,
+    endpoint_of,
+    modules_of,
+    prepare_process,
+    secret_of,
+)
 
 if TYPE_CHECKING:
     from supernode.dashboard.door import Door
@@ -22,6 +30,7 @@ EXAMPLE = "supernode spy --connect tcp/192.168.1.7:7447"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Which cluster, and whether to show it."""
     add_membership(parser)
+    add_trust(parser)
     add_dashboard(parser)
     parser.add_argument(
         "--state", metavar="DIR", help="with --dashboard: the state folder of a cluster on this machine"
@@ -40,13 +49,13 @@ def run(options: argparse.Namespace) -> int:
     from pathlib import Path
 
     _check_state(options.state is None, "expected --dashboard too")
-    router, cluster = endpoint_of(options), cluster_of(options)
+    router, cluster, secret = endpoint_of(options), cluster_of(options), secret_of(options)
     from coordinator.zygote import import_all
     from node.berth import Berth
     from spy.process import watch
 
     import_all()
-    watch(Berth(cluster, 0, "", Path(), router, secrets.token_hex(4)))
+    watch(Berth(cluster, 0, "", Path(), router, secret, modules_of(options), secrets.token_hex(4)))
     return exits.OK
 
 

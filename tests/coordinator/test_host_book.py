@@ -17,9 +17,11 @@ from wire.control import Wiring
 from wire.hosts import Host
 from wire.jobs import Done, Refused
 from wire.keys import Keys
+from wire.seal import Seal
 from wire.strict import pack
 
 KEYS = Keys("c1")
+SECRET = bytes(range(32))
 
 
 class Room:
@@ -36,23 +38,26 @@ class Room:
 
     def open_book(self):
         session = self.sessions["book"] = sessions.client(self.endpoint)
-        return HostBook(session, KEYS, self.came.append, self.left.put)
+        return HostBook(session, KEYS, Seal(SECRET), self.came.append, self.left.put)
 
     def arrive(self, host):
         """A host's session, with its token and its answer to a new coordinator."""
         session = self.sessions[host.id] = sessions.client(self.endpoint)
         self.tokens[host.id] = session.liveliness().declare_token(KEYS.host(host.id))
-        present = [host]
+        present, seal, key = [host], Seal(SECRET), KEYS.host(host.id)
 
         def answer(query):
             with query:
-                query.reply(KEYS.host(host.id), present[0].encode())
+                query.reply(key, seal.close(key, present[0].encode()))
 
-        session.declare_queryable(KEYS.host(host.id), direct(answer))
+        session.declare_queryable(key, direct(answer))
         return present
 
     def ask(self, host):
-        return self.ask_raw(self.sessions[host.id], host.encode())
+        return self.ask_sealed(self.sessions[host.id], host.encode())
+
+    def ask_sealed(self, session, payload, secret=SECRET):
+        return self.ask_raw(session, Seal(secret).close(KEYS.nodes, payload))
 
     def ask_raw(self, session, payload):
         """As hosts do, again until there is an answer: nobody answers before the router has heard of the book."""
@@ -135,9 +140,33 @@ def test_a_coordinator_that_takes_over_asks_who_is_there(room):
 @pytest.mark.parametrize("payload", [b"", b"\xc1", pack([99, "a", "b", 1, "", []]), pack([1, "a", "b", 2, "", [1]])])
 def test_nonsense_is_refused(room, payload):
     session = room.sessions["book"]
-    answer = room.ask_raw(session, payload)
+    answer = room.ask_sealed(session, payload)
     assert isinstance(answer, Refused)
     assert answer.message.startswith("the wish to join cannot be read: ")
+
+
+def test_who_does_not_know_the_secret_is_not_let_in(room):
+    session, wish = room.sessions["book"], Host("a1", "a", 2).encode()
+    for answer in (room.ask_raw(session, wish), room.ask_sealed(session, wish, b"another" * 4)):
+        assert answer == Refused(
+            "this host has another secret than the cluster: give both the same --secret-file", "input"
+        )
+    assert room.came == []
+
+
+def test_a_new_coordinator_does_not_believe_a_stranger_who_says_that_he_is_a_host(room):
+    stranger = room.sessions["stranger"] = sessions.client(room.endpoint)
+    said = Host("x1", "x", 2, "", (0, 1)).encode()
+
+    def answer(query):
+        with query:
+            query.reply(KEYS.host("x1"), said)
+
+    stranger.declare_queryable(KEYS.host("x1"), direct(answer))
+    room.sessions["book"].close()
+    room.book = room.open_book()
+    assert room.came == []
+    assert room.join("a1", "a", 2) == (0, 1)
 
 
 def until_let_in(room, id, name, wants):

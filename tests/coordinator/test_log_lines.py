@@ -20,8 +20,9 @@ TRYING = """
 import sys
 from pathlib import Path
 from coordinator.zygote import Zygote
+from problems.modules import Modules
 
-zygote = Zygote("c1", "torus 2x2", Path(sys.argv[1]), {"listen": [sys.argv[2]], "log_json": True})
+zygote = Zygote("c1", "torus 2x2", Path(sys.argv[1]), bytes(32), Modules(), {"listen": [sys.argv[2]], "log_json": True})
 zygote._fork_again("router")
 """
 

@@ -19,6 +19,7 @@ from coordinator.job import Order
 from wire import sessions
 from wire.callbacks import direct
 from wire.keys import Keys
+from wire.seal import Seal
 
 SPEC = "torus 2x2"
 CLUSTER = "apart"
@@ -29,9 +30,10 @@ ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # none outlives the test
 import node.links
 from coordinator.zygote import import_all
 from node.berth import Berth
+from problems.modules import AnyModules
 role, folder, node_number, router = json.loads(sys.argv[1])
 node.links._DIRECT_WITHIN = 0.5
-berth = Berth("apart", node_number, "torus 2x2", Path(folder), router)
+berth = Berth("apart", node_number, "torus 2x2", Path(folder), router, bytes(32), AnyModules())
 if role == "router":
     from coordinator.router import route
     route([router], 1)
@@ -99,7 +101,7 @@ def wait_for(session, awaited, kind=zenoh.SampleKind.PUT, meanwhile=lambda: None
 def test_cells_on_two_networks_hear_each_other_through_the_router_until_they_can_do_without(apart, own_problem):
     session, keys, join = apart
     file = supernode.load(own_problem("size = 64")).with_run(topology=SPEC, target=-1.0, generations=40, seed=5)
-    dispatcher = Dispatcher(session, keys, SPEC)
+    dispatcher = Dispatcher(session, keys, Seal(bytes(32)), SPEC)
 
     def run(number, file):
         return dispatcher.submit(Order(number, file)).result(timeout=60)

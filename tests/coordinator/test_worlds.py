@@ -14,6 +14,7 @@ from spy.past import Lived, Past
 from wire import control
 from wire.callbacks import direct
 from wire.news import Improvement
+from wire.seal import Seal
 
 FUNCTION = """
 kind = "function"
@@ -159,10 +160,10 @@ def test_four_jobs_at_once_are_each_as_if_alone(cluster, function, own_problem):
 
 
 def test_nodes_of_a_small_job_know_how_many_they_share_the_reports_with(cluster, function):
-    heard = []
+    heard, seal = [], Seal(cluster._launcher.secret)
 
     def hear(query):
-        heard.append(control.decode(query.payload.to_bytes()))
+        heard.append(control.decode(seal.open(str(query.key_expr), query.payload.to_bytes())))
         query.drop()
 
     dispatcher = cluster._dispatcher

@@ -40,7 +40,7 @@ class Places:
 
     def start(self, name, command=None, prefix=(), **settings):
         """A process called ``name`` that runs ``command``, by default the one of that name."""
-        words = {"CONNECT": self.endpoint} | settings
+        words = {"CONNECT": self.endpoint, "SECRET_FILE": self.folder / "secret"} | settings
         variables = {f"SUPERNODE_{key}": str(value) for key, value in words.items()}
         return self.run(name, command or [name], variables, prefix)
 

@@ -1,0 +1,54 @@
+"""The file of a cluster's secret, which coordinator, spy and hosts must share to obey each other; see `wire.seal`."""
+
+import contextlib
+import os
+import re
+import secrets
+import stat
+from pathlib import Path
+
+from problems.errors import BadInput
+from wire.seal import SECRET_BYTES
+
+
+def read_or_make(path: Path) -> bytes:
+    """Return the secret in a file; one that is not there yet is made, with a new secret.
+
+    Raises:
+        BadInput: if it cannot be made or read, others than its owner may read it, or it holds something else.
+    """
+    _make(path)
+    try:
+        text, mode = path.read_text(encoding="ascii").strip(), path.stat().st_mode
+    except (OSError, UnicodeDecodeError) as error:
+        raise BadInput(f"--secret-file: {path}: expected a secret, found {error}") from error
+    if mode & (stat.S_IRGRP | stat.S_IROTH):
+        expected = f"expected a file that only its owner can read, found mode {stat.S_IMODE(mode):o}"
+        raise BadInput(f"--secret-file: {path}: {expected}; chmod 600 {path}")
+    if not re.fullmatch(rf"[0-9a-f]{{{2 * SECRET_BYTES}}}", text):
+        raise BadInput(
+            f"--secret-file: {path}: expected {2 * SECRET_BYTES} hexadecimal digits, as `openssl rand -hex"
+            f" {SECRET_BYTES}` prints them, found something else"
+        )
+    return bytes.fromhex(text)
+
+
+def _make(path: Path) -> None:
+    """Make the file, whole at once, unless it is there: several processes may start at the same time.
+
+    Raises:
+        BadInput: if it cannot be made.
+    """
+    if path.exists():
+        return
+    draft = path.with_name(f"{path.name}.{secrets.token_hex(4)}")  # process ids repeat from container to container
+    try:
+        path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        descriptor = os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+        with os.fdopen(descriptor, "w", encoding="ascii") as file:
+            file.write(secrets.token_hex(SECRET_BYTES) + "\n")
+        with contextlib.suppress(FileExistsError):
+            path.hardlink_to(draft)
+        draft.unlink()
+    except OSError as error:
+        raise BadInput(f"--secret-file: {path}: cannot make it: {error.strerror}") from error
