@@ -123,7 +123,7 @@ class Launcher:
                 self.processes = event["processes"]
                 self.started.set()
             elif not self._closing:
-                self._on_death(None if "down" in event else f"{event['died']} {event['how']}")
+                self._on_death(None if "down" in event else event["failed"])
                 self._closing = True
         if not self._closing:
             self._on_death("the zygote ended")

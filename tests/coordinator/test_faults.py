@@ -123,18 +123,18 @@ def test_when_all_are_killed_at_once_the_next_cluster_removes_the_folder(holder)
     for process in (holder.process.pid, holder.zygote):
         os.kill(process, signal.SIGKILL)
     assert holder.gone_within(ENDS_WITHIN)
-    holder.process.wait()  # it holds the folder's lock too
+    holder.process.wait()
     if holder.folder.exists():
         old = time.time() - 60
         os.utime(holder.folder, (old, old))
-        from coordinator.launcher import _remove_stale_folders
+        from coordinator.folders import _remove_stale_folders
 
         _remove_stale_folders()
     assert not holder.folder.exists()
 
 
 def test_a_folder_in_use_is_not_stale():
-    from coordinator.launcher import _home, _lock, _remove_stale_folders
+    from coordinator.folders import _home, _lock, _remove_stale_folders
 
     folder = Path(tempfile.mkdtemp(prefix="supernode-", dir=_home()))
     descriptor = _lock(folder)
@@ -164,10 +164,4 @@ def test_a_caller_that_dies_while_the_zygote_still_imports_takes_it_along():
     if descriptor is not None:
         assert select.select([descriptor], [], [], ENDS_WITHIN)[0]
         os.close(descriptor)
-    if Path(folder).exists():  # killed before it could remove it: the next cluster does
-        from coordinator.launcher import _remove_stale_folders
-
-        old = time.time() - 60
-        os.utime(folder, (old, old))
-        _remove_stale_folders()
     assert not Path(folder).exists()

@@ -77,7 +77,12 @@ def test_a_router_that_cannot_listen_any_more_is_a_line_of_the_log_too(tmp_path)
         endpoint = f"tcp/127.0.0.1:{taken.getsockname()[1]}"
         command = [sys.executable, "-c", TRYING, str(tmp_path), endpoint]
         environment = os.environ | {"PYTHONPATH": str(Path(__file__).resolve().parents[2])}
-        done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=60, check=True)
+        lifeline, held = os.pipe()
+        done = subprocess.run(
+            command, stdin=lifeline, capture_output=True, text=True, env=environment, timeout=60, check=True
+        )
+        os.close(lifeline)
+        os.close(held)
     (line,) = done.stderr.splitlines()
     told = json.loads(line)
     assert told["event"] == f"router: cannot listen at {endpoint}: Address already in use"
