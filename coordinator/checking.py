@@ -52,10 +52,10 @@ def _check_in_a_child(file: ProblemFile, before: ProblemFile | None) -> None:
             command, input=json.dumps(files).encode(), capture_output=True, timeout=_WITHIN, check=False
         )
         complaint = json.loads(done.stdout)
-    except subprocess.TimeoutExpired as error:
-        raise BadInput(f"{file.name}: the check of {file.kind!r} took longer than {_WITHIN:.0f} s") from error
-    except ValueError as error:  # it has said nothing
-        raise BadInput(f"{file.name}: the check of {file.kind!r} died: {_last_words(done)}") from error
+    except subprocess.TimeoutExpired:
+        raise BadInput(f"{file.name}: the check of {file.kind!r} took longer than {_WITHIN:.0f} s") from None
+    except ValueError:  # it has said nothing
+        raise BadInput(f"{file.name}: the check of {file.kind!r} died: {_last_words(done)}") from None
     if complaint is not None:
         raise BadInput(complaint)
 

@@ -32,7 +32,7 @@ class LocalCluster:
             result = cluster.submit(supernode.load("examples/arm-ik.toml"), seed=1).result()
 
     Args:
-        torus: rows and columns.
+        torus: rows and columns, as a pair or as text such as ``"4x4"``.
         topology: instead of ``torus``, a text such as ``"torus 4x4"``.
         force: start it even if this machine cannot hold so many nodes.
 
@@ -42,9 +42,11 @@ class LocalCluster:
         ClusterFailed: if a process dies before all are ready.
     """
 
-    def __init__(self, torus: tuple[int, int] = (4, 4), *, topology: str | None = None, force: bool = False) -> None:
+    def __init__(
+        self, torus: tuple[int, int] | str = (4, 4), *, topology: str | None = None, force: bool = False
+    ) -> None:
         called = time.monotonic()
-        self.topology = topologies.parse(topology or f"torus {torus[0]}x{torus[1]}")
+        self.topology = topologies.parse(topology or topologies.torus_spec(torus))
         self.keys = Keys(secrets.token_hex(4))
         self._failure: str | None = None
         self._changed = threading.Condition()
@@ -90,7 +92,8 @@ class LocalCluster:
             file: from `supernode.load`.
             log: a file to write a run log to, JSON Lines.
             least_improvement: that is worth a line there, as a share of the fitness before.
-            run: settings that replace those of the file's ``[run]`` table, such as ``seed=1``, ``seconds=5``.
+            run: settings that replace those of the file's ``[run]`` table, such as ``seed=1``, ``seconds=5``,
+                ``torus="2x2"``.
 
         Raises:
             BadInput: if a setting is unknown or wrong, or the log cannot be written.
@@ -98,7 +101,8 @@ class LocalCluster:
         """
         self._raise_failure()
         assert self._dispatcher is not None, "ready by now"
-        settings = {"topology": self.topology.spec} | {name: value for name, value in run.items() if value is not None}
+        asked = any(run.get(name) is not None for name in ("topology", "torus"))
+        settings = run if asked else run | {"topology": self.topology.spec}
         self._submitted += 1
         order = Order(self._submitted, file.with_run(**settings), log, least_improvement=least_improvement)
         return self._dispatcher.submit(order)

@@ -15,7 +15,10 @@ from problems import registry
 from problems.digests import digest
 from problems.errors import BadInput, first_line, shorten
 from problems.problem import CHECKED, Problem
-from problems.run import Run
+from problems.run import Run, with_topology
+
+_FOR_PEOPLE = (BadInput, ValueError)
+"""Errors whose messages say all that there is to know."""
 
 
 @dataclass(frozen=True)
@@ -49,11 +52,15 @@ class ProblemFile:
         return digest(self.fields)
 
     def with_run(self, **settings: Any) -> "ProblemFile":
-        """The same problem, run with other settings where one is given (not None).
+        """The same problem, run with other settings where one is given (not None); a ``torus`` is a topology.
 
         Raises:
             BadInput: if a setting is unknown or wrong.
         """
+        try:
+            settings = with_topology(settings)
+        except ValueError as error:
+            raise BadInput(f"options: {error}") from None
         given = {name: value for name, value in settings.items() if value is not None}
         merged = self.run.model_dump(exclude_unset=True) | given
         return replace(self, run=_run(merged, self.name, frozenset(given)))
@@ -146,12 +153,12 @@ class ProblemFile:
         try:
             model = registry.find(self.kind, self.folder)
         except BadInput as error:
-            raise BadInput(f"{self.name}: {error}") from error
+            raise BadInput(f"{self.name}: {error}") from error.__cause__  # what a user's module raised, if it did
         try:
             fields, context = json.dumps(self.fields | self.attempt_fields), CHECKED if checked else None
             problem = model.model_validate_json(fields, strict=True, context=context)
         except ValidationError as error:
-            raise first_line(error, model, self.name) from error
+            raise first_line(error, model, self.name) from None
         except Exception as error:  # from a user's class, which may be abstract or raise as it likes
             raise BadInput(f"{self.name}: kind: cannot make a {self.kind!r}: {_said(error)}") from error
         return self._with_recipe(problem)
@@ -162,7 +169,8 @@ class ProblemFile:
             _ = ready.coding.genome_bytes
             ready.coding.check(self.run.breeding(ready))
         except Exception as error:
-            raise BadInput(f"{self.name}: {_said(error)}") from error
+            why = None if type(error) in _FOR_PEOPLE else error  # else a user's class is wrong, and they look for where
+            raise BadInput(f"{self.name}: {_said(error)}") from why
         return ready
 
     def to_json(self) -> str:
@@ -185,8 +193,8 @@ class ProblemFile:
             right = right and type(number) is int and number >= 0 and isinstance(changed, dict)
             if not (right and isinstance(run, dict) and isinstance(folder, str)):
                 raise TypeError
-        except (ValueError, TypeError, RecursionError) as error:
-            raise BadInput(f"expected a problem file as JSON, found {shorten(text)}") from error
+        except (ValueError, TypeError, RecursionError):
+            raise BadInput(f"expected a problem file as JSON, found {shorten(text)}") from None
         return ProblemFile(name, fields, _run(run, name), Path(folder), number, changed)
 
 
@@ -203,7 +211,7 @@ def load(path: str | Path) -> ProblemFile:
             kind = registry.find(loaded.kind)
             loaded = replace(loaded, fields=kind.work_out(kind.gather(loaded.fields, loaded.folder)))
         except BadInput as error:
-            raise BadInput(f"{path}: {error}") from error
+            raise BadInput(f"{path}: {error}") from None
         loaded.problem()
     elif ":" not in loaded.kind:
         loaded.problem()  # says which kinds there are
@@ -240,7 +248,7 @@ def filled_in(patch: dict[str, Any], world: ProblemFile, path: str | Path) -> di
     try:
         return kind.gather(kind.read_angles(patch, world.fields), Path(path).resolve().parent)
     except BadInput as error:
-        raise BadInput(f"{path}: {error}") from error
+        raise BadInput(f"{path}: {error}") from None
 
 
 def parse(text: str, name: str, folder: Path) -> ProblemFile:
@@ -263,12 +271,12 @@ def parse(text: str, name: str, folder: Path) -> ProblemFile:
 def _text(path: Path, what: str = "problem file") -> str:
     try:
         return path.read_text(encoding="utf-8")
-    except FileNotFoundError as error:
-        raise BadInput(f"{path}: expected a {what}, found no such file") from error
+    except FileNotFoundError:
+        raise BadInput(f"{path}: expected a {what}, found no such file") from None
     except UnicodeDecodeError as error:
-        raise BadInput(f"{path}: expected TOML in UTF-8, found {error}") from error
+        raise BadInput(f"{path}: expected TOML in UTF-8, found {error}") from None
     except OSError as error:
-        raise BadInput(f"{path}: expected a readable {what}, found {error.strerror}") from error
+        raise BadInput(f"{path}: expected a readable {what}, found {error.strerror}") from None
 
 
 def _plain(text: str, name: str) -> dict[str, Any]:
@@ -276,20 +284,22 @@ def _plain(text: str, name: str) -> dict[str, Any]:
     try:
         plain: dict[str, Any] = json.loads(json.dumps(tomllib.loads(text), default=str))
     except (ValueError, RecursionError) as error:  # also for numbers too long, or tables too deep, to read at all
-        raise BadInput(f"{name}: expected TOML, found {error}") from error
+        raise BadInput(f"{name}: expected TOML, found {error}") from None
     return plain
 
 
 def _said(error: Exception) -> str:
     """What ``error`` says; its type too, unless it is of those whose message is meant for people."""
-    return str(error) if type(error) in (BadInput, ValueError) else f"{type(error).__name__}: {error}"
+    return str(error) if type(error) in _FOR_PEOPLE else f"{type(error).__name__}: {error}"
 
 
 def _run(settings: dict[str, Any], name: str, given: frozenset[str] = frozenset()) -> Run:
     """The settings; a complaint names the file, but not for what was ``given`` beside it."""
     try:
-        return Run.model_validate_json(json.dumps(settings, default=str), strict=True)
+        return Run.model_validate_json(json.dumps(with_topology(settings), default=str), strict=True)
     except ValidationError as error:
         location = error.errors()[0]["loc"]
         where = "options" if location and location[0] in given else f"{name}: run"
-        raise first_line(error, Run, where) from error
+        raise first_line(error, Run, where) from None
+    except ValueError as error:
+        raise BadInput(f"{name}: run: {error}") from None

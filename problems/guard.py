@@ -231,7 +231,7 @@ def next_attempt(problem: Problem, attempt: int) -> dict[str, Any] | None:
         fields = problem.next_attempt(attempt)
         return None if fields is None else _plain(problem, "next_attempt", fields)
     except EvaluationFailed as error:
-        raise BadInput(str(error)) from error
+        raise BadInput(str(error)) from None
     except _ANYTHING as error:
         raise BadInput(str(_raised(problem, "next_attempt", error))) from error
 

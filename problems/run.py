@@ -1,7 +1,8 @@
 """The settings of a run: the ``[run]`` table of a problem file, and the options of the commands."""
 
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, field_validator, model_validator
 
@@ -15,6 +16,23 @@ MOST_DEME = 1 << 16
 MOST_GENERATIONS = 1 << 31
 
 Count = Annotated[int, Field(ge=0, lt=MOST_GENERATIONS)]
+
+
+def with_topology(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Settings in which a ``torus``, "RxC" or a pair of rows and columns, is written as the ``topology`` that it is.
+
+    Raises:
+        ValueError: if it is none, or there is a topology beside it; the message begins with the field.
+    """
+    others = {name: value for name, value in settings.items() if name != "torus"}
+    if settings.get("torus") is None:
+        return others
+    if others.get("topology") is not None:
+        raise ValueError(f"torus: expected either a torus or a topology, found both ({others['topology']!r})")
+    try:
+        return others | {"topology": topologies.torus_spec(settings["torus"])}
+    except ValueError as error:
+        raise ValueError(f"torus: {error}") from None
 
 
 class Run(Table):

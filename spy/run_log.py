@@ -44,7 +44,7 @@ class RunLog:
             try:
                 self._file = Path(path).open("w", encoding="utf-8", buffering=1)  # noqa: SIM115
             except OSError as error:
-                raise BadInput(f"--log: expected a file that can be written, found {path}: {error.strerror}") from error
+                raise BadInput(f"--log: expected a file that can be written, found {path}: {error.strerror}") from None
 
     def write(self, event: str, **values: Any) -> None:
         """One line, with the wall-clock time."""

@@ -45,7 +45,7 @@ def judged(file: ProblemFile, result: str) -> Judgement:
     except BadInput as error:
         if str(error).startswith(file.name):
             raise
-        raise BadInput(f"{result}: {error}") from error
+        raise BadInput(f"{result}: {error}") from None
 
 
 def _judged(file: ProblemFile, claim: dict[str, Any]) -> Judgement:
@@ -74,7 +74,7 @@ def _as_it_was_run(file: ProblemFile, claim: dict[str, Any]) -> ProblemFile:
         for update in _updates(claim.get("directives")):
             file = file.changed(update, {})
     except BadInput as error:
-        raise BadInput(f"directives: {error}") from error
+        raise BadInput(f"directives: {error}") from None
     return file
 
 

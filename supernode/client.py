@@ -244,7 +244,7 @@ class AsyncClient:
         try:
             wire.job_id(job)
         except Rejected as error:
-            raise BadInput(error.reason) from error
+            raise BadInput(error.reason) from None
         trail = self._trails.get(job)
         if trail is None:
             trail = self._trails[job] = Trail(job, self._loop.time())
@@ -385,7 +385,7 @@ class AsyncClientJob:
         try:
             text = json.dumps({**(patch or {}), **keys}, default=str, allow_nan=False)
         except ValueError as error:
-            raise BadInput(f"update: expected plain values, found {error}") from error
+            raise BadInput(f"update: expected plain values, found {error}") from None
         return await self._new_world(wire.Update(self.id, text))
 
     async def _read(self, path: str | Path) -> dict[str, Any]:

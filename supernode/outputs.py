@@ -14,7 +14,7 @@ def write_output(data: bytes, name: str) -> None:
     try:
         Path(name).write_bytes(data)
     except OSError as error:
-        raise unwritable(name, error) from error
+        raise unwritable(name, error) from None
 
 
 def unwritable(name: str, error: OSError) -> BadInput:

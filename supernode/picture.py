@@ -86,7 +86,7 @@ def save(figure: "Figure", name: str) -> None:
     try:
         figure.savefig(name, dpi=150)
     except OSError as error:
-        raise BadInput(f"--plot: expected a file that can be written, found {name}: {error.strerror}") from error
+        raise BadInput(f"--plot: expected a file that can be written, found {name}: {error.strerror}") from None
 
 
 def _began_in(result: "Result") -> int:

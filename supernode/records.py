@@ -92,7 +92,7 @@ def write_csv(found: Iterator[Page], name: str | None) -> None:
         with Path(name).open("w", encoding="utf-8", newline="") as file:
             _write_lines(first, found, file)
     except OSError as error:
-        raise unwritable(name, error) from error
+        raise unwritable(name, error) from None
 
 
 def write_parquet(found: Iterator[Page], name: str) -> None:
@@ -114,7 +114,7 @@ def write_parquet(found: Iterator[Page], name: str) -> None:
                 rows = [dict(zip(schema.names, row, strict=True)) for row in page.rows]
                 file.write_table(pyarrow.Table.from_pylist(rows, schema))
     except OSError as error:
-        raise unwritable(name, error) from error
+        raise unwritable(name, error) from None
 
 
 def _write_lines(first: Page, others: Iterator[Page], file: TextIO) -> None:

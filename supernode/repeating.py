@@ -70,7 +70,7 @@ class Recorded:
         try:
             worlds = worlds_of(began, self.directives)
         except BadInput as error:
-            raise BadInput(f"{self.name}: {error}") from error
+            raise BadInput(f"{self.name}: {error}") from None
         if worlds[-1].file.sha256 != self.problem:
             raise BadInput(f"{self.name}: the result is of another problem than {file.name}: problem_sha256 differs")
         return worlds

@@ -24,9 +24,9 @@ def read_table(name: str) -> dict[str, Any]:
     try:
         found = json.loads(Path(name).read_text(encoding="utf-8"))
     except OSError as error:
-        raise BadInput(f"{name}: expected a result, found {error.strerror}") from error
+        raise BadInput(f"{name}: expected a result, found {error.strerror}") from None
     except (ValueError, RecursionError) as error:
-        raise BadInput(f"{name}: expected JSON, found {error}") from error
+        raise BadInput(f"{name}: expected JSON, found {error}") from None
     if not isinstance(found, dict):
         raise BadInput(f"{name}: expected a result, found {shorten(found)}")
     return found

@@ -131,7 +131,7 @@ def _topology(options: argparse.Namespace) -> str:
     try:
         return topologies.parse(options.topology or "torus 4x4").spec
     except ValueError as error:
-        raise BadInput(f"--topology: {error}") from error
+        raise BadInput(f"--topology: {error}") from None
 
 
 class _AskedToEndError(Exception):

@@ -141,7 +141,7 @@ def occupy(folder: Path) -> int:
             raise BadInput(f"--state: expected a folder into which not everybody may write, found {folder}")
         descriptor = os.open(folder / _LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
     except OSError as error:
-        raise BadInput(f"--state: expected a folder of one's own, found {folder}: {error.strerror}") from error
+        raise BadInput(f"--state: expected a folder of one's own, found {folder}: {error.strerror}") from None
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:

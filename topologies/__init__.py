@@ -1,7 +1,7 @@
 """Who neighbours whom: pure graphs, without any input or output."""
 
 from topologies.grids import Torus, torus_of
-from topologies.parse import parse
+from topologies.parse import parse, torus_spec
 from topologies.topology import ROOT, Topology
 
-__all__ = ["ROOT", "Topology", "Torus", "parse", "torus_of"]
+__all__ = ["ROOT", "Topology", "Torus", "parse", "torus_of", "torus_spec"]

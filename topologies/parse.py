@@ -52,6 +52,22 @@ _KINDS: tuple[tuple[str, Callable[[re.Match[str]], Topology]], ...] = (
 )
 
 
+def torus_spec(value: object) -> str:
+    """The spec of a torus of which only rows and columns are given, as the text "RxC" or as a pair.
+
+    Raises:
+        ValueError: if they are none.
+    """
+    match value:
+        case str() if re.fullmatch(rf"\s*{_SHAPE}\s*", value):
+            spec = f"torus {value}"
+        case (int(rows), int(columns)) if not (isinstance(rows, bool) or isinstance(columns, bool)):
+            spec = f"torus {rows}x{columns}"
+        case _:
+            raise ValueError(f'expected rows and columns such as "4x4", found {value!r}')
+    return parse(spec).spec
+
+
 @lru_cache(_KEPT)
 def parse(spec: str) -> Topology:
     """The topology named by ``spec``, such as ``"torus 8x8"``: see `EXAMPLES`.

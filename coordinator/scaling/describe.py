@@ -37,7 +37,7 @@ def _problem(file: ProblemFile) -> dict[str, str]:
     try:
         text = Path(file.name).read_text(encoding="utf-8")
     except OSError as error:
-        raise BadInput(f"{file.name}: expected a readable problem file, found {error.strerror}") from error
+        raise BadInput(f"{file.name}: expected a readable problem file, found {error.strerror}") from None
     digest = hashlib.sha256(text.encode()).hexdigest()
     return {"file": file.name, "kind": file.kind, "sha256": file.sha256, "text_sha256": digest, "text": text}
 

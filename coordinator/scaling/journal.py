@@ -95,7 +95,7 @@ def _complaints(folder: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise BadInput(f"{folder}: expected a folder that can be written, found {error.strerror}") from error
+        raise BadInput(f"{folder}: expected a folder that can be written, found {error.strerror}") from None
 
 
 def _locked(folder: Path) -> int:
@@ -103,9 +103,9 @@ def _locked(folder: Path) -> int:
     descriptor = os.open(folder / "runs.jsonl", os.O_RDWR | os.O_APPEND | os.O_CREAT, 0o644)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError as error:
+    except BlockingIOError:
         os.close(descriptor)
-        raise BadInput(f"{folder}: expected a folder of one experiment, found one that is still running") from error
+        raise BadInput(f"{folder}: expected a folder of one experiment, found one that is still running") from None
     return descriptor
 
 
@@ -155,7 +155,7 @@ def _object(path: Path) -> Record:
     try:
         value = json.loads(path.read_text(encoding="utf-8"))
     except ValueError as error:
-        raise BadInput(f"{path}: expected JSON, found {error}") from error
+        raise BadInput(f"{path}: expected JSON, found {error}") from None
     if not isinstance(value, dict):
         raise BadInput(f"{path}: expected a JSON object, found {type(value).__name__}")
     return value

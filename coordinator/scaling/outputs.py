@@ -39,7 +39,7 @@ def write_all(summary: Summary, journal: Journal) -> None:
         pictures = draw_all(summary, folder)
         write_report(summary, journal.experiment, pictures, folder / "report.html")
     except OSError as error:
-        raise BadInput(f"{folder}: expected a folder that can be written, found {error.strerror}") from error
+        raise BadInput(f"{folder}: expected a folder that can be written, found {error.strerror}") from None
 
 
 def as_json(summary: Summary, folder: Path) -> str:

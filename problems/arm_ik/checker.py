@@ -82,7 +82,7 @@ def _parsed(arm: Arm, solution: Solution) -> ArmSolution:
     try:
         claimed = ArmSolution.model_validate_json(json.dumps(solution), strict=True)
     except ValidationError as error:
-        raise first_line(error, ArmSolution, "solution") from error
+        raise first_line(error, ArmSolution, "solution") from None
     if len(claimed.configuration) != len(arm.links):
         raise BadInput(f"solution: configuration: expected {len(arm.links)} angles, found {len(claimed.configuration)}")
     return claimed

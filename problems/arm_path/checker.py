@@ -76,7 +76,7 @@ def _parsed(problem: ArmPath, solution: Solution) -> PathSolution:
     try:
         claimed = PathSolution.model_validate_json(json.dumps(solution), strict=True)
     except ValidationError as error:
-        raise first_line(error, PathSolution, "solution") from error
+        raise first_line(error, PathSolution, "solution") from None
     links, levels = len(problem.arm.links), 1 << problem.bits
     for row in claimed.path:
         if len(row) != links:

@@ -244,7 +244,7 @@ def path_of_result(name: str, folder: Path) -> list[list[float]]:
     try:
         found = json.loads((folder / name).read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as error:
-        raise BadInput(f"expected an arm-path result as JSON, found {name}: {error}") from error
+        raise BadInput(f"expected an arm-path result as JSON, found {name}: {error}") from None
     if isinstance(found, dict) and isinstance(found.get("solution"), dict):
         found = found["solution"]
     if not (isinstance(found, dict) and isinstance(found.get("path"), list)):

@@ -56,7 +56,7 @@ def _parsed(solution: Solution) -> CoordinationSolution:
     try:
         return CoordinationSolution.model_validate_json(json.dumps(solution), strict=True)
     except ValidationError as error:
-        raise first_line(error, CoordinationSolution, "solution") from error
+        raise first_line(error, CoordinationSolution, "solution") from None
 
 
 def _descents(corners: list[Cell]) -> Iterator[str]:

@@ -255,5 +255,5 @@ def _with_path(robot: Any, folder: Path, number: int) -> Any:
     try:
         path = arms.path_of_result(robot["result"], folder)
     except BadInput as error:
-        raise BadInput(f"robots[{number}].result: {error}") from error
+        raise BadInput(f"robots[{number}].result: {error}") from None
     return {name: value for name, value in robot.items() if name != "result"} | {"path": path}

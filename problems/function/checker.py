@@ -111,7 +111,7 @@ def _parsed(model: type[Model], solution: Solution, field: str, length: int, wha
     try:
         claim = model.model_validate_json(json.dumps(solution), strict=True)
     except ValidationError as error:
-        raise first_line(error, model, "solution") from error
+        raise first_line(error, model, "solution") from None
     found = len(getattr(claim, field))
     if found != length:
         raise BadInput(f"solution: {field}: expected {length} {what}, found {found}")

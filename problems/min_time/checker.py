@@ -146,7 +146,7 @@ def _parsed(problem: MinTime, solution: Solution) -> Claim:
     try:
         trip = Trip.model_validate(solution, strict=True)
     except ValidationError as error:
-        raise first_line(error, Trip, "solution") from error
+        raise first_line(error, Trip, "solution") from None
     rows, joints = trip.trajectory, problem.arm.size
     for name, table, count in (
         ("nodes", trip.nodes, len(trip.nodes)),

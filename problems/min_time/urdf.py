@@ -77,7 +77,7 @@ def _parsed(pinocchio: Any, path: Path) -> Any:
         except Exception as error:
             complaints.seek(0)
             reason = _first_complaint(complaints.read().decode(errors="replace")) or error
-            raise BadInput(f"arm.urdf: expected a URDF, found {path}: {reason}") from error
+            raise BadInput(f"arm.urdf: expected a URDF, found {path}: {reason}") from None
 
 
 @contextmanager

@@ -72,7 +72,7 @@ def _parsed(solution: Solution) -> RobotSolution:
     try:
         claimed = RobotSolution.model_validate_json(json.dumps(solution), strict=True)
     except ValidationError as error:
-        raise first_line(error, RobotSolution, "solution") from error
+        raise first_line(error, RobotSolution, "solution") from None
     if len(claimed.path) != len(claimed.commands) + 1:
         raise BadInput(
             f"solution: path: expected {len(claimed.commands) + 1} poses, one more than commands, "

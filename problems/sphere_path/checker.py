@@ -59,7 +59,7 @@ def _parsed(problem: SpherePath, solution: Solution) -> PathSolution:
     try:
         claimed = PathSolution.model_validate_json(json.dumps(solution), strict=True)
     except ValidationError as error:
-        raise first_line(error, PathSolution, "solution") from error
+        raise first_line(error, PathSolution, "solution") from None
     for number, row in enumerate(claimed.path):
         if len(row) != len(problem.start):
             raise BadInput(f"solution: path[{number}]: expected {len(problem.start)} numbers, found {len(row)}")

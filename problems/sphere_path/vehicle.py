@@ -116,7 +116,7 @@ def _read(name: str, field: str, folder: Path) -> Floats:
     try:
         triangles = np.array(trimesh.load_mesh(path, process=False).triangles, np.float64)
     except Exception as error:  # whatever its parsers raise
-        raise BadInput(f"{field}.file: expected a mesh in {name}, found {type(error).__name__}: {error}") from error
+        raise BadInput(f"{field}.file: expected a mesh in {name}, found {type(error).__name__}: {error}") from None
     if not 0 < len(triangles) <= MOST_TRIANGLES or not np.isfinite(triangles).all():
         raise BadInput(f"{field}.file: expected 1 to {MOST_TRIANGLES:,} triangles in {name}, found {len(triangles):,}")
     return triangles

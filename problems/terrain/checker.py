@@ -91,7 +91,7 @@ def _parsed(solution: Solution) -> TerrainSolution:
     try:
         return TerrainSolution.model_validate_json(json.dumps(solution), strict=True)
     except ValidationError as error:
-        raise first_line(error, TerrainSolution, "solution") from error
+        raise first_line(error, TerrainSolution, "solution") from None
 
 
 def _hindrance(problem: Terrain, here: Cell, there: Cell) -> str | None:

@@ -13,14 +13,14 @@ def read(path: Path) -> list[str]:
     """
     try:
         lines = path.read_text(encoding="ascii").splitlines()
-    except FileNotFoundError as error:
-        raise BadInput(f"file: expected a map, found no such file as {path}") from error
+    except FileNotFoundError:
+        raise BadInput(f"file: expected a map, found no such file as {path}") from None
     except UnicodeDecodeError as error:
-        raise BadInput(f"file: expected a map in ASCII, found {error} in {path}") from error
+        raise BadInput(f"file: expected a map in ASCII, found {error} in {path}") from None
     except OSError as error:
-        raise BadInput(f"file: expected a readable map, found {error.strerror}: {path}") from error
+        raise BadInput(f"file: expected a readable map, found {error.strerror}: {path}") from None
     except ValueError as error:
-        raise BadInput(f"file: expected the name of a map, found {shorten(str(path))}: {error}") from error
+        raise BadInput(f"file: expected the name of a map, found {shorten(str(path))}: {error}") from None
     words = [line.split() for line in lines[:4]]
     keys = ["type", "height", "width", "map"]
     if [each[0] for each in words if each] != keys or words[0][1:] != ["octile"]:

@@ -22,14 +22,14 @@ def run(options: argparse.Namespace) -> int:
     try:
         template = find_built_in(options.kind).template
     except BadInput as error:
-        raise BadInput(f"KIND: {error}") from error
+        raise BadInput(f"KIND: {error}") from None
     path = Path(options.file or f"{options.kind}.toml")
     try:
         with path.open("x", encoding="utf-8") as file:
             file.write(template)
-    except FileExistsError as error:
-        raise BadInput(f"{path}: expected a new file, found one that exists") from error
+    except FileExistsError:
+        raise BadInput(f"{path}: expected a new file, found one that exists") from None
     except OSError as error:
-        raise BadInput(f"{path}: expected a file that can be written, found {error.strerror}") from error
+        raise BadInput(f"{path}: expected a file that can be written, found {error.strerror}") from None
     print(f"wrote {path}; solve it with: supernode solve {path}")
     return exits.OK

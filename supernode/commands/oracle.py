@@ -40,7 +40,7 @@ def run(options: argparse.Namespace) -> int:
         try:
             answer = foretold(problem)
         except BadInput as error:
-            raise BadInput(f"{options.problem}: {error}") from error
+            raise BadInput(f"{options.problem}: {error}") from None
         seconds = time.perf_counter() - started
     print(_json(answer, seconds) if options.json else _words(answer, seconds))
     return exits.OK

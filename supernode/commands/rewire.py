@@ -4,6 +4,7 @@ import argparse
 
 from supernode import exits
 from supernode.commands.cluster_options import add_cluster_options, add_job, connected, tell
+from supernode.commands.run_options import torus
 
 EXAMPLE = 'supernode rewire 5f3a09c1 --topology "hypercube 4"'
 
@@ -11,7 +12,9 @@ EXAMPLE = 'supernode rewire 5f3a09c1 --topology "hypercube 4"'
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Which job, and which topology."""
     add_job(parser)
-    parser.add_argument("--topology", metavar="SPEC", required=True, help='such as "torus 4x4" or "ring 16"')
+    shape = parser.add_mutually_exclusive_group(required=True)
+    shape.add_argument("--torus", metavar="RxC", type=torus, dest="topology", help="rows and columns")
+    shape.add_argument("--topology", metavar="SPEC", help='such as "torus 4x4" or "ring 16"')
     add_cluster_options(parser, "the number of the new world")
 
 
@@ -23,7 +26,7 @@ def run(options: argparse.Namespace) -> int:
     try:
         spec = topologies.parse(options.topology).spec
     except ValueError as error:
-        raise BadInput(f"--topology: {error}") from error
+        raise BadInput(f"--topology: {error}") from None
     with connected(options) as client:
         world = client.job(options.job).rewire(spec)
     tell(options, {"job": options.job, "world": world}, f"{options.job}: world {world}")

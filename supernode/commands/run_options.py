@@ -111,7 +111,12 @@ def _check_folder(option: str, name: str | None) -> None:
 
 def torus(text: str) -> str:
     """The type of an option."""
-    return f"torus {text}"
+    import topologies
+
+    try:
+        return topologies.torus_spec(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
 
 
 def whole(text: str) -> int:

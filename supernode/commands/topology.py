@@ -30,7 +30,7 @@ def run(options: argparse.Namespace) -> int:
     try:
         topology = topologies.parse(options.spec)
     except ValueError as error:
-        raise BadInput(f"SPEC: {error}") from error
+        raise BadInput(f"SPEC: {error}") from None
     print(json.dumps(_facts(topology)) if options.json else _words(topology))
     if options.plot is not None:
         _draw(topology, options.plot)

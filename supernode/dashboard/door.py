@@ -57,7 +57,7 @@ class Door:
             sock.listen(_WAITING)
         except OSError as error:
             sock.close()
-            raise BadInput(f"--dashboard: cannot listen at {self.host}:{self.port}: {error.strerror}") from error
+            raise BadInput(f"--dashboard: cannot listen at {self.host}:{self.port}: {error.strerror}") from None
         return sock
 
     def address(self, sock: socket.socket) -> str:
@@ -89,7 +89,7 @@ def _token(path: Path) -> str:
     try:
         token, mode = path.read_text(encoding="utf-8").strip(), path.stat().st_mode
     except (OSError, UnicodeDecodeError) as error:
-        raise BadInput(f"--dashboard-token-file: {path}: expected a token, found {error}") from error
+        raise BadInput(f"--dashboard-token-file: {path}: expected a token, found {error}") from None
     if mode & (stat.S_IRGRP | stat.S_IROTH):
         expected = f"expected a file that only its owner can read, found mode {stat.S_IMODE(mode):o}"
         raise BadInput(f"--dashboard-token-file: {path}: {expected}; chmod 600 {path}")

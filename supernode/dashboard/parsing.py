@@ -39,8 +39,8 @@ class Parser:
             raise BadInput(f"{name}: expected TOML that can be read within {_WITHIN} s, found some that takes longer")
         try:
             file, complaint = json.loads(answer)
-        except ValueError as error:  # it has said nothing
-            raise BadInput(f"{name}: expected TOML that can be read, but its reader died of it ({status})") from error
+        except ValueError:  # it has said nothing
+            raise BadInput(f"{name}: expected TOML that can be read, but its reader died of it ({status})") from None
         if complaint is not None:
             raise BadInput(complaint)
         return ProblemFile.from_json(file)

@@ -322,8 +322,8 @@ async def _given(request: Request) -> dict[str, Any]:
         if kind != "application/json":
             raise HTTPException(415, "expected JSON or a form")
         given = json.loads(body)
-    except (ValueError, RecursionError) as error:
-        raise BadInput("expected a JSON object or a form, found something else") from error
+    except (ValueError, RecursionError):
+        raise BadInput("expected a JSON object or a form, found something else") from None
     if not isinstance(given, dict):
         raise BadInput("expected a JSON object, found something else")
     return given

@@ -96,6 +96,14 @@ def test_async_runs_have_the_same_result_type(cluster, own_problem):
     assert (limited.status, limited.generations) == ("exhausted", 30)
 
 
+@pytest.mark.parametrize("torus", ["2x3", (2, 3)])
+def test_a_job_may_ask_for_a_torus(cluster, own_problem, torus):
+    file = supernode.load(own_problem("[run]", 'topology = "ring 5"'))
+    assert cluster.submit(file, torus=torus, generations=1).result().topology == "torus 2x3"
+    with pytest.raises(supernode.BadInput, match=r"^options: torus: expected rows and columns"):
+        cluster.submit(file, torus=6)
+
+
 def test_the_result_is_the_documented_json(cluster, own_problem):
     result = cluster.submit(supernode.load(own_problem()), generations=0, target=-1.0).result()
     plain = json.loads(json.dumps(result.to_json()))

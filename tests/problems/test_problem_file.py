@@ -477,6 +477,64 @@ def test_wrong_settings_given_later_are_refused(settings, complaint):
         file.with_run(**settings)
 
 
+@pytest.mark.parametrize("lines", ['torus = "3x5"', "torus = [3, 5]"])
+def test_a_torus_in_the_file_is_a_topology(lines):
+    file = parse(ARM + f"[run]\n{lines}\n", "arm.toml", folder=None)
+    assert (file.run.topology, file.run.model_fields_set) == ("torus 3x5", {"topology"})
+    assert ProblemFile.from_json(json.dumps(["arm.toml", file.fields, {"torus": "3x5"}, ""])).run == file.run
+
+
+@pytest.mark.parametrize("torus", ["2x3", (2, 3), [2, 3]])
+def test_a_torus_given_later_wins_over_the_files_topology(torus):
+    file = parse(ARM + '[run]\ntopology = "ring 16"\n', "arm.toml", folder=None)
+    assert file.with_run(torus=torus).run.topology == "torus 2x3"
+    assert file.with_run(torus=None).run.topology == "ring 16"
+
+
+@pytest.mark.parametrize(
+    ("settings", "complaint"),
+    [
+        ({"torus": "4y4"}, "torus: expected rows and columns such as \"4x4\", found '4y4'"),
+        ({"torus": [4]}, 'torus: expected rows and columns such as "4x4", found [4]'),
+        ({"torus": [True, 4]}, 'torus: expected rows and columns such as "4x4", found [True, 4]'),
+        ({"torus": "0x4"}, "torus: expected at least 1 row and 1 column, found 0 x 4"),
+        ({"torus": "4x4", "topology": "ring 4"}, "torus: expected either a torus or a topology, found both ('ring 4')"),
+    ],
+)
+def test_a_wrong_torus_is_refused_wherever_it_stands(settings, complaint):
+    file = parse(ARM, "arm.toml", folder=None)
+    with pytest.raises(BadInput, match=re.escape(f"options: {complaint}")):
+        file.with_run(**settings)
+    with pytest.raises(BadInput, match=re.escape(f"arm.toml: run: {complaint}")):
+        ProblemFile.from_json(json.dumps(["arm.toml", file.fields, settings, ""]))
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        lambda folder: load(folder / "none.toml"),
+        lambda folder: parse("kind = ", "x.toml", folder),
+        lambda folder: parse(ARM + "[run]\nsed = 1\n", "x.toml", folder),
+        lambda folder: parse(ARM, "x.toml", folder).with_run(seed=-1),
+        lambda folder: parse(ARM, "x.toml", folder).with_run(torus="4"),
+        lambda folder: parse(ARM + "length = 1\n", "x.toml", folder).problem(),
+        lambda folder: parse('kind = "arm"\n', "x.toml", folder).problem(),
+    ],
+)
+def test_a_mistake_is_one_error_not_a_chain_of_them(tmp_path, wrong):
+    with pytest.raises(BadInput) as caught:
+        wrong(tmp_path)
+    assert caught.value.__cause__ is None
+    assert caught.value.__suppress_context__, "a traceback shows this one alone"
+
+
+def test_what_a_users_module_raised_is_shown_too(tmp_path):
+    (tmp_path / "broken.py").write_text("import nothing_of_that_name\n")
+    with pytest.raises(BadInput) as caught:
+        parse('kind = "broken:Broken"\n', "x.toml", tmp_path).problem()
+    assert isinstance(caught.value.__cause__, ModuleNotFoundError)
+
+
 def test_a_setting_may_be_zero():
     file = parse(ARM, "arm.toml", folder=None)
     assert file.with_run(generations=0, seed=0).run == Run(generations=0, seed=0)

@@ -91,7 +91,7 @@ def test_watch_shows_improvements_and_the_result(supernode, service, file):
     code, out, err = supernode("watch", "a")
     thread.join()
     assert code == 0
-    assert [line.split()[-2] for line in err.splitlines()] == ["9", "0"]
+    assert [line.split()[-2:] for line in err.splitlines()] == [["9", "feasible"], ["0", "feasible"]]
     assert out.splitlines()[0] == "solved: fitness 0, found by cell (0, 2) in generation 3"
     code, out, err = supernode("watch", "a", "--json", "--quiet")
     assert (code, err, json.loads(out)["status"]) == (0, "", "solved")
@@ -114,10 +114,10 @@ def test_watch_says_of_a_job_that_is_kept_alive_whether_it_waits_or_searches(sup
     thread.join()
     assert code == 3
     first, searching, anew, best, waiting = err.splitlines()
-    assert "fitness 9" in first
+    assert first.endswith("fitness 9  feasible")
     assert searching.startswith("searching: it stalled without an answer, and begins anew until it has one (`supernode")
     assert anew == "stalled: begins anew, restart 2, seed 77, commands = 16"
-    assert "fitness 0" in best
+    assert best.endswith("fitness 0  feasible")
     assert waiting.startswith("waiting: it is kept alive for an update (`supernode cancel a` ends it")
 
 
@@ -179,6 +179,7 @@ def test_cancel_update_and_rewire(supernode, service, file, tmp_path):
     no_such = f"error: {tmp_path}/none.toml: expected a patch of a problem file, found no such file\n"
     assert supernode("update", "a", tmp_path / "none.toml") == (2, "", no_such)
     assert json.loads(supernode("rewire", "a", "--topology", "ring 16", "--json")[1]) == {"job": "a", "world": 2}
+    assert json.loads(supernode("rewire", "a", "--torus", "2x8", "--json")[1]) == {"job": "a", "world": 3}
     assert service.jobs["a"]["worlds"][1] == "ring 16"
     assert supernode("cancel", "a")[:2] == (0, "a: queued\n")
     assert supernode("watch", "a")[0] == 3
@@ -207,6 +208,7 @@ def test_status_is_a_table_of_nodes(supernode, service):
         (["jobs", "none"], "there is no job 'none'", 2),
         (["jobs", "no job"], "expected a job's id", 2),
         (["rewire", "a", "--topology", "cube"], "--topology: expected a topology", 2),
+        (["rewire", "a", "--torus", "cube"], "--torus: expected rows and columns", 2),
         (["rewire", "a"], "--topology", 2),
         (["update", "none", "none.toml"], "there is no job 'none'", 2),
         (["submit", "none.toml"], "none.toml: expected a problem file", 2),
