@@ -238,8 +238,8 @@ def decode_answer(payload: bytes) -> Answer:
             return Refused(message, blame)
         case ["judged", str(status), bool(feasible), message, best, words, target, clearance, fields, when]:
             texts = _maybe(str, message), _maybe(bytes, best), _maybe(str, words)
-            told = _maybe(float, target), _clearance(clearance), _maybe(str, fields), _maybe(str, when)
-            return Judged(status, feasible, *texts, *told)
+            told = _maybe(str, fields), _maybe(str, when)
+            return Judged(status, feasible, *texts, _maybe(float, target), _clearance(clearance), *told)
     raise Rejected("no such answer")
 
 
