@@ -70,7 +70,7 @@ def many_links_world(number: int) -> ArmPath:
 
 def same_arm(problem: ArmPath) -> ArmIk:
     """The same arm among the same obstacles, whose `distances` tell which configurations collide."""
-    shared = problem.model_dump(include={"arm", "obstacles", "self_collision"})
+    shared = problem.model_dump(include={"arm", "obstacles", "self_collision"}, exclude_unset=True)
     return ArmIk.model_validate(shared | {"kind": "arm-ik", "target": problem.arm.base})
 
 

@@ -19,6 +19,7 @@ Floats = NDArray[np.float64]
 
 MOST_ROWS = 1_000_000
 RATE = 50.0  # rows a second, unless told
+RAMP = 0.5  # s, after which a path's speed is reached unless told
 _CORNERS = 48  # of the line that stands for a circle
 _TICK = 1e-9  # s
 _NEAR = 0.1  # of a period: an even moment so near to another row is left out
@@ -106,6 +107,33 @@ Track = Values | Joints | Body
 
 
 @dataclass(frozen=True)
+class Limit:
+    """What a motion keeps to.
+
+    Attributes:
+        name: of what is limited, such as ``"speed"``.
+        values: the limit, or one for each joint.
+        unit: of the values.
+        source: who says so: an option, a field of the problem file, or a default.
+    """
+
+    name: str
+    values: tuple[float, ...]
+    unit: str
+    source: str
+
+    @property
+    def value(self) -> float:
+        """The limit, if it is one."""
+        (value,) = self.values
+        return value
+
+    def __str__(self) -> str:
+        shown = ", ".join(f"{value:.4g}" for value in self.values)
+        return f"{self.name} {f'[{shown}]' if len(self.values) > 1 else shown} {self.unit} ({self.source})"
+
+
+@dataclass(frozen=True)
 class Motion:
     """What moves, and when.
 
@@ -113,11 +141,15 @@ class Motion:
         times: of the rows, s, increasing, the first 0; shape (rows,).
         tracks: what moves.
         obstacles: closed lines around what stands still, each of shape (corners, 3), for a picture.
+        limits: what the motion keeps to.
+        notes: what else who drives it must know.
     """
 
     times: Floats
     tracks: tuple[Track, ...]
     obstacles: tuple[Floats, ...] = ()
+    limits: tuple[Limit, ...] = ()
+    notes: tuple[str, ...] = ()
 
     def columns(self) -> Iterator[Column]:
         """The time, and all that moves; names say of which track, if there are several."""
@@ -133,17 +165,21 @@ class Pace:
     """How quick a motion shall be, where the solution does not say, and how densely it is told.
 
     Attributes:
-        speed: along a path without times, in the path's unit per second.
-        turn_speed: of a body that turns on the spot, rad/s.
+        speed: the greatest along a path without times, in the path's unit per second.
+        turn_speed: the greatest of a body that turns, rad/s.
+        acceleration: with which speed is gained and lost, in the path's unit per second².
+        turn_acceleration: likewise of turns, rad/s².
         rate: rows a second, for motions that can be told at any moment.
     """
 
     speed: float | None = None
     turn_speed: float | None = None
+    acceleration: float | None = None
+    turn_acceleration: float | None = None
     rate: float | None = None
 
     def along(self, kind: str, unit: str) -> float:
-        """The speed along a path without times.
+        """The greatest speed along a path without times.
 
         Raises:
             BadInput: if there is none: to invent one would look like a plan.
@@ -151,6 +187,41 @@ class Pace:
         if self.speed is None:
             raise BadInput(f"--speed: expected a speed in {unit}, as a path of {kind} has no times, found nothing")
         return self.speed
+
+    def moving(self, kind: str, unit: str) -> tuple[Limit, Limit]:
+        """Speed and acceleration along a path without times: full speed after `RAMP` unless told.
+
+        Raises:
+            BadInput: if there is no speed.
+        """
+        speed = self.along(kind, unit + "/s")
+        gain, source = self.acceleration, "--acceleration"
+        if gain is None:
+            gain, source = speed / RAMP, f"default: full speed after {RAMP:g} s"
+        return (
+            Limit("speed", (speed,), unit + "/s", "--speed"),
+            Limit("acceleration", (gain,), unit + "/s^2", source),
+        )
+
+    def turning(self, speed: float, gain: float, reach: float) -> tuple[Limit, Limit]:
+        """Speed and acceleration of turns on the spot.
+
+        Unless told, no point within ``reach`` of the axis is quicker than ``speed``, and turns take as long as moves to
+        reach their speed.
+        """
+        turn, source = self.turn_speed, "--turn-speed"
+        if turn is None:
+            turn, source = (
+                speed / reach,
+                f"default: no point of it, {reach:.4g} from the axis at most, exceeds the speed",
+            )
+        turn_gain, gain_source = self.turn_acceleration, "--turn-acceleration"
+        if turn_gain is None:
+            turn_gain, gain_source = turn * (gain / speed), "default: as soon at full speed as along the path"
+        return (
+            Limit("turn speed", (turn,), "rad/s", source),
+            Limit("turn acceleration", (turn_gain,), "rad/s^2", gain_source),
+        )
 
     def refuse(self, kind: str, **reasons: str) -> None:
         """Complain of what is given, but means nothing for such a motion.
@@ -185,22 +256,6 @@ def _apart(knots: Floats) -> Floats:
     """Increasing knots without those that a clock of nanoseconds cannot tell from the one before, or from the last."""
     first, inner, last = knots[:1], knots[1:-1], knots[-1:]
     return np.unique(np.concatenate([first, inner[(inner - knots[:-2] > _TICK) & (last - inner > _TICK)], last]))
-
-
-def straight(path: Floats, seconds: Floats, pace: Pace) -> tuple[Floats, Floats]:
-    """A path whose rows are reached one after another, straight in between, at an even speed.
-
-    Args:
-        path: shape (corners, numbers).
-        seconds: from each corner to the next, shape (corners − 1,).
-        pace: how densely.
-
-    Returns:
-        The moments, (rows,), and where the path is then, (rows, numbers); all corners are among them.
-    """
-    knots = np.concatenate([[0.0], np.cumsum(seconds)])
-    times = pace.moments(knots)
-    return times, np.column_stack([np.interp(times, knots, column) for column in path.T])
 
 
 def joint_names(count: int) -> tuple[str, ...]:

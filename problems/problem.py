@@ -297,7 +297,7 @@ class Problem(Table):
 
         Args:
             solution: one that `check` accepts.
-            pace: the speed of a path without times, and how densely the motion is told.
+            pace: speed and acceleration along a path without times, and how densely the motion is told.
 
         Raises:
             BadInput: if ``pace`` does not suit the solution.

@@ -54,6 +54,9 @@ def as_mcap(motion: Motion) -> bytes:
         moment = _nanoseconds(message.time)
         data = json.dumps(message.fields).encode()
         writer.add_message(channels[message.topic], log_time=moment, data=data, publish_time=moment)
+    if motion.limits or motion.notes:
+        said = {limit.name: f"{list(limit.values)} {limit.unit} ({limit.source})" for limit in motion.limits}
+        writer.add_metadata("limits", said | {f"note {number}": note for number, note in enumerate(motion.notes, 1)})
     writer.finish()
     return stream.getvalue()
 

@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+from dataclasses import asdict
 
 from problems.motion import Column, Motion
 
@@ -18,10 +19,12 @@ def as_csv(motion: Motion) -> str:
 
 
 def as_json(motion: Motion, kind: str) -> str:
-    """One object: kind, names and units of the columns, rows."""
+    """One object: kind, what the motion keeps to, names and units of the columns, rows."""
     columns = list(motion.columns())
     table = {
         "kind": kind,
+        "limits": [asdict(limit) for limit in motion.limits],
+        "notes": motion.notes,
         "columns": [column.name for column in columns],
         "units": [column.unit for column in columns],
         "rows": _rows(columns),

@@ -1,4 +1,4 @@
-"""An arm-path solution over time: one joint turns after another."""
+"""An arm-path solution over time: one joint turns after another, each from rest to rest."""
 
 from __future__ import annotations
 
@@ -6,20 +6,62 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from problems.motion import Joints, Motion, Pace, joint_names, planar_links, straight
+from problems.errors import BadInput
+from problems.motion import RAMP, Floats, Joints, Limit, Motion, Pace, joint_names, planar_links
 from problems.plane import outlines
 from problems.problem import Solution
+from problems.profile import ride
 
 if TYPE_CHECKING:
     from problems.arm_path.problem import ArmPath
 
 
 def motion(problem: ArmPath, solution: Solution, pace: Pace) -> Motion:
-    """Each joint turns at the same even speed, rad/s."""
-    speed = pace.along(problem.kind, "rad/s")
-    pace.refuse(problem.kind, turn_speed="whose joints turn at --speed")
-    path = np.array(solution["path"], np.float64)
-    times, angles = straight(path, np.abs(np.diff(path, axis=0)).sum(axis=1) / speed, pace)
+    """Each joint turns as fast as --speed and the arm's own limits allow."""
+    none = "whose joints turn at --speed"
+    pace.refuse(problem.kind, turn_speed=none, turn_acceleration=none)
     arm = problem.arm
-    links = planar_links(arm.links, arm.base, angles)
-    return Motion(times, (Joints("", joint_names(len(arm.links)), angles, links=links),), outlines(problem.obstacles))
+    speeds, gains = _limits(problem, pace)
+    path = np.array(solution["path"], np.float64)
+    turns = np.abs(np.diff(path, axis=0))
+    joint = np.argmax(turns, axis=1)
+    way = ride(path, turns.sum(axis=1), np.array(speeds.values)[joint], np.array(gains.values)[joint], pace)
+    links = planar_links(arm.links, arm.base, way.rows)
+    track = Joints("", joint_names(len(arm.links)), way.rows, way.velocities, way.accelerations, links=links)
+    return Motion(way.times, (track,), outlines(problem.obstacles), (speeds, gains), way.notes)
+
+
+def _limits(problem: ArmPath, pace: Pace) -> tuple[Limit, Limit]:
+    """Speed and acceleration of each joint.
+
+    Raises:
+        BadInput: if nobody states a speed.
+    """
+    arm, joints = problem.arm, len(problem.arm.links)
+    speed, speed_source = _least(pace.speed, arm.velocity, ("--speed", "arm.velocity"), joints)
+    if speed is None:
+        raise BadInput(
+            f"--speed: expected a speed in rad/s, as a path of {problem.kind} has no times and its arm no `velocity`, "
+            "found nothing"
+        )
+    gain, gain_source = _least(pace.acceleration, arm.acceleration, ("--acceleration", "arm.acceleration"), joints)
+    if gain is None:
+        gain, gain_source = speed / RAMP, f"default: full speed after {RAMP:g} s"
+    return (
+        Limit("velocity", tuple(speed.tolist()), "rad/s", speed_source),
+        Limit("acceleration", tuple(gain.tolist()), "rad/s^2", gain_source),
+    )
+
+
+def _least(
+    option: float | None, field: list[float] | None, names: tuple[str, str], joints: int
+) -> tuple[Floats | None, str]:
+    """The lesser of what the command line and the problem file state, for each joint, and who states it."""
+    known: list[tuple[str, Floats]] = []
+    if option is not None:
+        known.append((names[0], np.full(joints, option)))
+    if field is not None:
+        known.append((names[1], np.array(field)))
+    if not known:
+        return None, ""
+    return np.min([values for _, values in known], axis=0), " and ".join(name for name, _ in known)

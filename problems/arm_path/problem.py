@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import cached_property
-from typing import TYPE_CHECKING, ClassVar, Literal, Self
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import model_validator
+from pydantic import Field, model_validator
 
 from genetics.arrays import Fitness, Genomes, writable
 from genetics.recipe import ONE_BIT, Recipe
 from problems.angles import Angle
+from problems.arm_ik import problem as arm_ik
 from problems.arm_ik.problem import ArmProblem
 from problems.arm_path import checker
 from problems.plane import Shapes
@@ -32,8 +33,27 @@ _SLICES = slice(8, 12)  # of the table of all kernels
 _COARSE = 4  # bits of an angle in the first generations of the tuned recipe
 _MUTATION = 0.03  # of a bit
 
+Rate = Annotated[float, Field(gt=0, le=1e6)]
 Path = NDArray[np.float64]  # (rows, links), rad, unwrapped
 Cells = NDArray[np.bool_]  # (2^q, 2^q), by the angle of joint 1, then of joint 2
+
+
+class Arm(arm_ik.Arm):
+    """A planar arm whose joints may be slow."""
+
+    velocity: list[Rate] | None = quantity(
+        "rad/s", "the greatest of each joint, for `supernode export`; if not given, --speed", default=None
+    )
+    acceleration: list[Rate] | None = quantity(
+        "rad/s²", "the greatest of each joint, for `supernode export`; if not given, --acceleration", default=None
+    )
+
+    @model_validator(mode="after")
+    def _one_rate_a_link(self) -> Self:
+        for name, rates in (("velocity", self.velocity), ("acceleration", self.acceleration)):
+            if rates is not None and len(rates) != len(self.links):
+                raise ValueError(f"{name}: expected one limit for each of {len(self.links)} joints, found {len(rates)}")
+        return self
 
 
 class ArmPath(ArmProblem):
@@ -56,6 +76,8 @@ links = [1.0, 0.8]              # m, from the base outwards; two to six
 base = [0.0, 0.0]               # m
 radius = 0.04                   # m, half the thickness of a link
 # limits = [[-3.1, 3.1], [-2.6, 2.6]]   # rad, one pair a joint; full circles if not given
+# velocity = [1.0, 1.5]         # rad/s, the greatest of each joint when the motion is exported
+# acceleration = [2.0, 4.0]     # rad/s², likewise
 
 [[obstacles]]
 shape = "circle"
@@ -79,6 +101,7 @@ seed = 1
     batches_alike: ClassVar[bool] = True
     any_thread: ClassVar[bool] = True
 
+    arm: Arm = quantity("", "the arm")
     start: list[Angle] = quantity("rad", "the configuration where the arm stands, one angle a joint")
     goal: list[Angle] = quantity("rad", "the configuration where it shall go")
     rounds: int = quantity("", "how often each joint is moved, in turn: k of M(k, q)", default=24, ge=1, le=1000)
@@ -259,7 +282,7 @@ seed = 1
         return oracle.answer(self)
 
     def motion(self, solution: Solution, pace: Pace) -> Motion:
-        """One joint after another, each at the same even speed, rad/s."""
+        """One joint after another, each from rest to rest within its limits."""
         from problems.arm_path import moving
 
         return moving.motion(self, solution, pace)

@@ -28,6 +28,7 @@ Cells = Annotated[int, Field(ge=2, le=2000)]
 
 _SCORBOT_SPEEDS = [0.349, 0.459, 0.459, 1.449, 1.85]  # 20, 26.3, 26.3, 83, 106 °/s
 _RIGHT_ANGLE = float(np.pi / 2.0)
+_STRAIGHT = 1e-9  # by how much unit vectors of two directions may differ that count as one
 
 
 class Robot(Table):
@@ -139,6 +140,19 @@ def directions(robot: Robot, indices: NDArray[Any]) -> Floats:
     motion = Motion(robot)
     cell = motion.length / (robot.cells - 1)
     return motion.directions(indices * cell) * cell
+
+
+def corners(robot: Robot) -> Floats:
+    """Where along its path an arm turns from one direction in joint space to another, in cells, increasing."""
+    motion = Motion(robot)
+    if motion.length == 0.0:
+        return np.empty(0)
+    at = np.linalg.norm(np.diff(motion.corners, axis=0), axis=1)
+    ends, moving = np.cumsum(at), np.flatnonzero(at > 0.0)
+    ways = np.diff(motion.corners, axis=0)[moving] / at[moving, None]
+    turns = np.linalg.norm(np.diff(ways, axis=0), axis=1) > _STRAIGHT
+    found: Floats = ends[moving[:-1][turns]] * (robot.cells - 1) / motion.length
+    return found
 
 
 def origins(robot: Robot, configurations: Floats) -> Floats:

@@ -1,87 +1,123 @@
 """A coordination solution over time: between two synchronisation points each robot goes from rest to rest, and waits.
 
-It gains speed evenly, keeps it, and loses it evenly, as §2 has it; the check holds the times of all moves to that.
+It gains speed evenly, keeps it, and loses it evenly, as §2 has it; the check holds the times of all moves to that. An
+arm also rests where its own path has a corner, as its joints' velocities would jump there. That takes longer than the
+plan says, and is as safe: in the rectangle between two synchronisation points either robot may move as it likes.
 """
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from problems.coordination import arms
-from problems.coordination.diagram import move_times
 from problems.errors import BadInput
-from problems.motion import Column, Floats, Joints, Motion, Pace, Track, Values, joint_names
+from problems.motion import Column, Floats, Joints, Limit, Motion, Pace, Track, Values, joint_names
 from problems.problem import Solution
+from problems.profile import Profile
 
 if TYPE_CHECKING:
     from problems.coordination.arms import Robot
     from problems.coordination.problem import Coordination
 
+_SAME = 1e-9  # cells
 
-class Moves(NamedTuple):
-    """One robot's moves between synchronisation points, shape (moves,) each."""
 
-    origins: Floats  # cells
-    cells: Floats
-    seconds: Floats
-    ramps: Floats  # s, of gaining speed, and of losing it
-    peaks: Floats  # cells/s
+class Law(NamedTuple):
+    """How a robot moves (§2)."""
+
+    robot: Robot | None
+    speed: float  # cells/s
+    acceleration: float  # cells/s²
+    corners: Floats  # of its own path, cells, increasing
 
 
 def motion(problem: Coordination, solution: Solution, pace: Pace) -> Motion:
     """Both robots; rows are also where one begins or ends to gain or lose speed, or waits."""
     own = "which has times of its own"
-    pace.refuse(problem.kind, speed=own, turn_speed=own)
-    corners = np.array([(0, 0), *solution["points"], problem.last])
-    both = [
-        _moves(along, problem.world.cells[robot], problem.world.times[robot]) for robot, along in enumerate(corners.T)
-    ]
-    ends = np.cumsum(np.maximum(both[0].seconds, both[1].seconds))
-    starts = np.concatenate([[0.0], ends[:-1]])
-    phases = [starts + part for m in both for part in (m.ramps, m.seconds - m.ramps, m.seconds)]
-    times = pace.moments(np.concatenate([[0.0], ends, *phases]))
-    if len(times) == 1 and np.any(corners[-1]):
-        raise BadInput("solution: expected one that takes some time, found 0 s, as the problem's `times` have it")
-    tracks = []
-    for number, moves in enumerate(both):
-        robot = None if problem.robots is None else problem.robots[number]
-        tracks.append(_track(f"robot_{number + 1}", robot, *_at(times, starts, moves)))
-    return Motion(times, tuple(tracks))
+    pace.refuse(problem.kind, speed=own, turn_speed=own, acceleration=own, turn_acceleration=own)
+    laws = [_law(problem, number) for number in (0, 1)]
+    timed = _timed(laws, [(0, 0), *solution["points"], problem.last])
+    times = pace.moments(np.concatenate([each.knots for each in timed]))
+    tracks = (_track(f"robot_{number}", *each, times) for number, each in enumerate(zip(laws, timed, strict=True), 1))
+    late = float(times[-1]) - solution["time"]
+    notes = (f"it takes {late:.4g} s longer than the plan, as the arms rest at the corners of their own paths",)
+    return Motion(
+        times,
+        tuple(tracks),
+        limits=tuple(limit for number, law in enumerate(laws) for limit in _limits(problem, number, law)),
+        notes=notes if late > 1e-6 else (),
+    )
 
 
-def _moves(along: Floats, cells: int, times: tuple[float, float]) -> Moves:
-    counts = np.diff(along)
-    seconds = move_times(cells, times)[counts]
-    ramps = np.minimum(times[1], seconds / 2.0)
-    peaks = np.divide(counts, seconds - ramps, out=np.zeros(len(counts)), where=seconds > 0.0)
-    return Moves(along[:-1].astype(np.float64), counts.astype(np.float64), seconds, ramps, peaks)
+def _law(problem: Coordination, number: int) -> Law:
+    """How a robot moves.
+
+    Raises:
+        BadInput: if its speed would jump.
+    """
+    robot = None if problem.robots is None else problem.robots[number]
+    per_cell, to_speed = problem.world.times[number]
+    if robot is not None and per_cell == 0.0:  # its path is one place, so that any speed will do
+        per_cell, to_speed = 1e-3, 1e-3
+    if per_cell == 0.0 or to_speed == 0.0:
+        where = f"the times of robot {number + 1}" if robot is None else f"robots[{number}].acceleration"
+        raise BadInput(
+            f"{where}: expected more than 0 s for a cell and more than 0 s to reach full speed, as speed would jump "
+            f"otherwise, found {per_cell:g} and {to_speed:g}"
+        )
+    return Law(robot, 1.0 / per_cell, 1.0 / per_cell / to_speed, np.empty(0) if robot is None else arms.corners(robot))
 
 
-def _at(times: Floats, starts: Floats, moves: Moves) -> tuple[Floats, Floats]:
-    """Where a robot is, cells, and how quick, cells/s; at a synchronisation point it has arrived."""
-    move = np.maximum(np.searchsorted(starts, times, side="left") - 1, 0)
-    origin, cells, seconds, ramp, peak = (part[move] for part in moves)
-    elapsed = times - starts[move]
-    left = np.where(times < starts[move] + seconds, seconds - elapsed, 0.0)
-    gained = _from_rest(np.minimum(elapsed, seconds / 2.0), ramp)
-    lost = _from_rest(np.minimum(left, seconds / 2.0), ramp)
-    place = np.where(elapsed < left, origin + peak * gained, origin + cells - peak * lost)
-    share = np.divide(np.minimum(elapsed, left), ramp, out=(left > 0.0).astype(np.float64), where=ramp > 0.0)
-    return np.where(elapsed > 0.0, place, origin), peak * np.minimum(share, 1.0)
+def _timed(laws: list[Law], points: list[tuple[int, int]]) -> list[Profile]:
+    """The pieces of both robots: from each point on when both are there."""
+    lengths: tuple[list[float], ...] = ([], [])
+    starts: tuple[list[float], ...] = ([], [])
+    clock = 0.0
+    for point, following in pairwise(points):
+        arrivals = []
+        for robot, law in enumerate(laws):
+            first, last = point[robot], following[robot]
+            inner = law.corners[(law.corners > first + _SAME) & (law.corners < last - _SAME)]
+            rests = np.array([first, *inner, last], np.float64)
+            pieces = np.diff(rests) if last > first else np.empty(0)
+            alone = _profile(law, pieces)
+            lengths[robot].extend(pieces)
+            starts[robot].extend(clock + alone.begins)
+            arrivals.append(clock + alone.seconds.sum())
+        clock = max(arrivals)
+    return [_profile(law, np.array(lengths[robot]), np.array(starts[robot])) for robot, law in enumerate(laws)]
 
 
-def _from_rest(elapsed: Floats, ramp: Floats) -> Floats:
-    """The way after some seconds, for a peak of 1."""
-    rising = np.minimum(elapsed, ramp)
-    way: Floats = np.divide(rising**2, 2.0 * ramp, out=np.zeros(len(ramp)), where=ramp > 0.0) + elapsed - rising
-    return way
+def _profile(law: Law, lengths: Floats, starts: Floats | None = None) -> Profile:
+    return Profile(lengths, np.full(len(lengths), law.speed), np.full(len(lengths), law.acceleration), starts)
 
 
-def _track(name: str, robot: Robot | None, cells: Floats, speeds: Floats) -> Track:
-    if robot is None:
+def _track(name: str, law: Law, timed: Profile, times: Floats) -> Track:
+    cells, speeds, piece = timed.at(times)
+    if law.robot is None:
         return Values(name, (Column("cell", "cells", cells), Column("speed", "cells/s", speeds)))
-    angles, directions = arms.places(robot, cells), arms.directions(robot, cells)
-    links = arms.origins(robot, angles)
-    return Joints(name, joint_names(angles.shape[1]), angles, directions * speeds[:, None], links=links)
+    gains, begun = timed.gains(times)
+    middles = np.append(np.cumsum(timed.lengths) - timed.lengths / 2.0, 0.0)  # if there is no piece at all, the start
+    ways = arms.directions(law.robot, middles)  # of each piece, which has no corner in it
+    angles = arms.places(law.robot, cells)
+    links = arms.origins(law.robot, angles)
+    velocity, acceleration = ways[piece] * speeds[:, None], ways[begun] * gains[:, None]
+    return Joints(name, joint_names(angles.shape[1]), angles, velocity, acceleration, links=links)
+
+
+def _limits(problem: Coordination, number: int, law: Law) -> tuple[Limit, ...]:
+    """What the file states, and the plan keeps to."""
+    name, to_speed = f"robot_{number + 1}", law.speed / law.acceleration
+    if law.robot is None:
+        source = "diagram.times" if problem.diagram is not None else "random.times"
+        return (
+            Limit(f"{name} speed", (law.speed,), "cells/s", source),
+            Limit(f"{name} time to full speed", (to_speed,), "s", source),
+        )
+    return (
+        Limit(f"{name} velocity", tuple(law.robot.speeds), "rad/s", f"robots[{number}].speeds"),
+        Limit(f"{name} time to full speed", (to_speed,), "s", f"robots[{number}].acceleration"),
+    )

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from problems.motion import Joints, Motion, Pace, joint_names, planar_links
+from problems.min_time.arm import LIMITS
+from problems.motion import Joints, Limit, Motion, Pace, joint_names, planar_links
 from problems.problem import Solution
 
 if TYPE_CHECKING:
@@ -16,7 +17,8 @@ if TYPE_CHECKING:
 def motion(problem: MinTime, solution: Solution, pace: Pace) -> Motion:
     """Row by row; accelerations and torques of a row are those of the step that begins there."""
     own = "which has times of its own"
-    pace.refuse(problem.kind, speed=own, turn_speed=own, rate="whose rows are those of the solution")
+    pace.refuse(problem.kind, speed=own, turn_speed=own, acceleration=own, turn_acceleration=own,
+                rate="whose rows are those of the solution")  # fmt: skip
     arm, rows = problem.arm, solution["trajectory"]
     position, velocity, acceleration, effort = (
         np.array(rows[name], np.float64) for name in ("q", "qd", "qdd", "torque")
@@ -24,4 +26,10 @@ def motion(problem: MinTime, solution: Solution, pace: Pace) -> Motion:
     links = None if arm.lengths is None else planar_links(arm.lengths, (0.0, 0.0), position)
     names = joint_names(arm.size) if arm.is_planar else tuple(arm.names)
     track = Joints("", names, position, velocity, acceleration, effort, links)
-    return Motion(np.array(rows["t"], np.float64), (track,))
+    limits = tuple(
+        Limit(name, tuple(values), unit.replace("²", "^2").replace("³", "^3"), f"arm.{name}")
+        for name, unit in LIMITS.items()
+        if (values := getattr(arm, name)) is not None
+    )
+    notes = () if arm.velocity is not None else ("no limit of velocity is stated: arm.velocity",)
+    return Motion(np.array(rows["t"], np.float64), (track,), limits=limits, notes=notes)

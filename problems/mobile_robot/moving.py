@@ -1,4 +1,4 @@
-"""A mobile-robot solution over time: it turns on the spot, and moves ahead."""
+"""A mobile-robot solution over time: it turns on the spot, and moves ahead, each from rest to rest."""
 
 from __future__ import annotations
 
@@ -6,26 +6,35 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from problems.motion import Body, Column, Floats, Motion, Pace, loop, straight
+from problems.motion import Body, Column, Floats, Motion, Pace, loop
 from problems.plane import outlines
 from problems.problem import Solution
+from problems.profile import ride
 
 if TYPE_CHECKING:
     from problems.mobile_robot.problem import MobileRobot
 
 
 def motion(problem: MobileRobot, solution: Solution, pace: Pace) -> Motion:
-    """Moves at an even speed, m/s; turns at another, unless told such that no point of the robot exceeds the first."""
-    speed = pace.along(problem.kind, "m/s")
+    """Moves at most at --speed, m/s; turns, unless told, such that no point of the robot exceeds that."""
+    speed, gain = pace.moving(problem.kind, "m")
     robot = problem.robot
-    turn_speed = pace.turn_speed or speed / (robot.radius or robot.circumscribed_radius)
+    turn, turn_gain = pace.turning(speed.value, gain.value, robot.radius or robot.circumscribed_radius)
     path = np.array(solution["path"], np.float64)
     steps = np.abs(np.diff(path, axis=0))
-    seconds = np.hypot(steps[:, 0], steps[:, 1]) / speed + steps[:, 2] / turn_speed
-    times, poses = straight(path, seconds, pace)
+    moves = np.hypot(steps[:, 0], steps[:, 1])
+    going = moves > 0.0
+    way = ride(
+        path,
+        np.where(going, moves, steps[:, 2]),
+        np.where(going, speed.value, turn.value),
+        np.where(going, gain.value, turn_gain.value),
+        pace,
+    )
     x0, y0, x1, y1 = problem.bounds
     walls = loop(np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]]))
-    return Motion(times, (_body(problem, poses),), (walls, *outlines(problem.obstacles)))
+    obstacles = (walls, *outlines(problem.obstacles))
+    return Motion(way.times, (_body(problem, way.rows),), obstacles, (speed, gain, turn, turn_gain), way.notes)
 
 
 def _body(problem: MobileRobot, poses: Floats) -> Body:

@@ -261,7 +261,7 @@ seed = 1
         return oracle.foretell(self)
 
     def motion(self, solution: Solution, pace: Pace) -> Motion:
-        """Moves at an even speed, m/s, and turns at another, rad/s; see `problems.mobile_robot.moving`."""
+        """Moves and turns, each from rest to rest; see `problems.mobile_robot.moving`."""
         from problems.mobile_robot import moving
 
         return moving.motion(self, solution, pace)

@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from problems.motion import Body, Column, Floats, Motion, Pace, Track, Values, loop, straight
+from problems.motion import Body, Column, Floats, Limit, Motion, Pace, Track, Values, loop
 from problems.plane import outlines
 from problems.problem import Solution
+from problems.profile import ride
 
 if TYPE_CHECKING:
     from problems.sphere_path.problem import SpherePath
@@ -19,14 +20,30 @@ _IN_SPACE = {3: ("x", "y", "z"), 4: ("x", "y", "z", "yaw"), 6: ("x", "y", "z", "
 
 
 def motion(problem: SpherePath, solution: Solution, pace: Pace) -> Motion:
-    """At an even speed, by the lengths of the solution: a vehicle's angles count as arcs of its farthest point."""
-    unit = "units of its axes per second" if problem.vehicle is None else "m/s"
-    speed = pace.along(problem.kind, unit)
-    pace.refuse(problem.kind, turn_speed="where angles count as arcs, at --speed")
+    """At most at --speed, by the lengths of the solution: a vehicle's angles count as arcs of its farthest point.
+
+    A vehicle's turns may be slower: their speed and acceleration, of all its angles together, are limited on demand.
+    """
+    speed, gain = pace.moving(problem.kind, "units of its axes" if problem.vehicle is None else "m")
     path = np.array(solution["path"], np.float64)
-    lengths = np.linalg.norm(np.diff(path, axis=0) * problem.space.scale, axis=1)
-    times, rows = straight(path, lengths / speed, pace)
-    return Motion(times, (_track(problem, rows),), outlines(problem.obstacles))
+    steps = np.diff(path, axis=0)
+    lengths = np.linalg.norm(steps * problem.space.scale, axis=1)
+    limits, speeds, gains = [speed, gain], np.full(len(steps), speed.value), np.full(len(steps), gain.value)
+    if problem.vehicle is None:
+        none = "where nothing turns"
+        pace.refuse(problem.kind, turn_speed=none, turn_acceleration=none)
+    else:
+        turns = np.abs(steps[:, 2 if problem.mesh is None else 3 :]).sum(axis=1)
+        for most, given, unit, name in (
+            (speeds, pace.turn_speed, "rad/s", "turn speed"),
+            (gains, pace.turn_acceleration, "rad/s^2", "turn acceleration"),
+        ):
+            if given is not None:
+                slow = np.divide(given * lengths, turns, out=np.full(len(turns), np.inf), where=turns > 0.0)
+                np.minimum(most, slow, out=most)
+                limits.append(Limit(name, (given,), unit, "--" + name.replace(" ", "-")))
+    way = ride(path, lengths, speeds, gains, pace)
+    return Motion(way.times, (_track(problem, way.rows),), outlines(problem.obstacles), tuple(limits), way.notes)
 
 
 def _track(problem: SpherePath, rows: Floats) -> Track:

@@ -363,7 +363,7 @@ target = 0.03                   # nothing crossed, and a detour of at most 1.1; 
         return oracle.answer(self)
 
     def motion(self, solution: Solution, pace: Pace) -> Motion:
-        """Along the path at an even speed, in the unit of its length per second."""
+        """Along the path, from rest to rest between its corners."""
         from problems.sphere_path import moving
 
         return moving.motion(self, solution, pace)

@@ -1,4 +1,4 @@
-"""A terrain solution over time: from the centre of a cell to that of the next."""
+"""A terrain solution over time: from the centre of a cell to that of the next; it turns where it rests."""
 
 from __future__ import annotations
 
@@ -6,29 +6,37 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from problems.motion import Body, Column, Motion, Pace, loop, straight
+from problems.motion import Body, Column, Floats, Motion, Pace, loop
 from problems.problem import Solution
+from problems.profile import ride
 
 if TYPE_CHECKING:
     from problems.terrain.problem import Terrain
 
+_HALF_A_CELL = 0.5  # from the axis of a robot that is but a point, so that it turns at some speed
+
 
 def motion(problem: Terrain, solution: Solution, pace: Pace) -> Motion:
-    """At an even speed, cells/s, whatever the difficulty; the heading of a row is that of the step that begins there.
+    """Moves at most at --speed, cells/s, whatever the difficulty; turns on the spot, by the shorter way.
 
-    In space x is the column and y the row backwards, so that headings are anticlockwise from x.
+    It begins heading where it goes. In space x is the column and y the row backwards, so that headings are
+    anticlockwise from x.
     """
-    speed = pace.along(problem.kind, "cells/s")
-    pace.refuse(problem.kind, turn_speed="where turns take no time")
-    path = np.array(solution["path"], np.float64)
-    steps = np.diff(path, axis=0)
-    seconds = np.hypot(steps[:, 0], steps[:, 1]) / speed
-    times, places = straight(path, seconds, pace)
-    row, column = places.T
-    headings = np.array([heading for heading, cells in solution["moves"] for _ in range(cells)] or [0.0])
-    begun = np.searchsorted(np.cumsum(seconds), times, side="right")
-    heading = headings[np.minimum(begun, len(headings) - 1)]
-    still = np.zeros(len(times))
+    speed, gain = pace.moving(problem.kind, "cells")
+    turn, turn_gain = pace.turning(speed.value, gain.value, problem.robot_radius or _HALF_A_CELL)
+    poses = _with_turns(np.array(solution["path"], np.float64), solution["moves"])
+    steps = np.abs(np.diff(poses, axis=0))
+    moves = np.hypot(steps[:, 0], steps[:, 1])
+    going = moves > 0.0
+    way = ride(
+        poses,
+        np.where(going, moves, steps[:, 2]),
+        np.where(going, speed.value, turn.value),
+        np.where(going, gain.value, turn_gain.value),
+        pace,
+    )
+    row, column, heading = way.rows.T
+    still = np.zeros(len(way.times))
     robot = Body(
         "",
         (Column("row", "cells", row), Column("column", "cells", column), Column("heading", "rad", heading)),
@@ -36,4 +44,11 @@ def motion(problem: Terrain, solution: Solution, pace: Pace) -> Motion:
         np.column_stack([still, still, heading]),
         loop(np.zeros((1, 2)), problem.robot_radius) if problem.robot_radius > 0.0 else None,
     )
-    return Motion(times, (robot,))
+    return Motion(way.times, (robot,), limits=(speed, gain, turn, turn_gain), notes=way.notes)
+
+
+def _with_turns(path: Floats, moves: list[tuple[float, int]]) -> Floats:
+    """Rows of row, column and heading (rad, unwrapped): a turn on the spot wherever the heading changes."""
+    headings = np.unwrap([heading for heading, cells in moves for _ in range(cells)] or [0.0])
+    places = np.repeat(path, 2, axis=0)[1:-1] if len(path) > 1 else path
+    return np.column_stack([places, np.repeat(headings, 2)[: len(places)]])

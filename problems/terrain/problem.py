@@ -289,7 +289,7 @@ seed = 1
         return oracle.easiest(self)
 
     def motion(self, solution: Solution, pace: Pace) -> Motion:
-        """From cell to cell at an even speed, cells/s."""
+        """From cell to cell, from rest to rest between its turns."""
         from problems.terrain import moving
 
         return moving.motion(self, solution, pace)

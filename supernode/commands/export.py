@@ -30,7 +30,14 @@ _KIND = "statistics"  # if none is asked for: of all kinds it alone tells of a w
 _OF_MOTIONS = ("csv", "json", "mcap")
 _OF_RECORDS = ("csv", "parquet")
 _FORMATS = tuple(dict.fromkeys(_OF_MOTIONS + _OF_RECORDS))
-_FOR_MOTIONS = {"result": "RESULT.json", "speed": "--speed", "turn_speed": "--turn-speed", "rate": "--rate"}
+_FOR_MOTIONS = {
+    "result": "RESULT.json",
+    "speed": "--speed",
+    "acceleration": "--acceleration",
+    "turn_speed": "--turn-speed",
+    "turn_acceleration": "--turn-acceleration",
+    "rate": "--rate",
+}
 _FOR_RECORDS = {"state": "--state", "connect": "--connect"}
 _IN_FILES_ONLY = {"mcap": "MCAP", "parquet": "Parquet"}
 
@@ -42,20 +49,33 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "result", metavar="RESULT.json", nargs="?", help="a result as `solve --json` prints it, or its solution"
     )
-    parser.add_argument("--format", choices=_FORMATS, help="if not given, as FILE ends, else csv")
+    parser.add_argument("--format", choices=_FORMATS, help="if not given, as FILE ends; csv if it has no ending")
     parser.add_argument("-o", "--output", metavar="FILE", help="stdout if not given; mcap and parquet need a file")
     motion = parser.add_argument_group("the motion of a result")
     motion.add_argument(
         "--speed",
         type=_positive,
         metavar="V",
-        help="along a path that has no times, in its unit per second: m/s, rad/s (arm-path) or cells/s (terrain)",
+        help="the greatest along a path that has no times, in its unit per second: m/s, rad/s (arm-path) or cells/s "
+        "(terrain)",
+    )
+    motion.add_argument(
+        "--acceleration",
+        type=_positive,
+        metavar="A",
+        help="with which speed is gained and lost, likewise per second²; if not given, full speed after 0.5 s",
     )
     motion.add_argument(
         "--turn-speed",
         type=_positive,
         metavar="W",
-        help="rad/s, of a mobile-robot that turns; if not given, no point of it is quicker than --speed",
+        help="rad/s, the greatest of what turns; if not given, no point of it is quicker than --speed",
+    )
+    motion.add_argument(
+        "--turn-acceleration",
+        type=_positive,
+        metavar="B",
+        help="rad/s²; if not given, turns reach full speed as soon as moves do",
     )
     motion.add_argument(
         "--rate", type=_positive, metavar="HZ", help="rows a second (50); min-time has the rows of its solution"
@@ -118,7 +138,7 @@ def _run_motion(options: argparse.Namespace) -> int:
     from problems.registry import find
     from supernode.claims import judged
 
-    pace = Pace(options.speed, options.turn_speed, options.rate)
+    pace = Pace(options.speed, options.turn_speed, options.acceleration, options.turn_acceleration, options.rate)
     kind_of_file, file = _format(options, _OF_MOTIONS), load(options.source)
     with contextlib.redirect_stdout(sys.stderr):  # a user's module may print
         if not _moves(find(file.kind, file.folder)):
@@ -131,6 +151,8 @@ def _run_motion(options: argparse.Namespace) -> int:
         if motion is None:
             raise _no_motion(file)
     _write(_rendered(motion, file.kind, kind_of_file), options.output)
+    for said in (*(f"limit: {limit}" for limit in motion.limits), *(f"note: {note}" for note in motion.notes)):
+        print(said, file=sys.stderr)
     return exits.OK
 
 
@@ -148,7 +170,10 @@ def _format(options: argparse.Namespace, known: tuple[str, ...]) -> str:
     from problems import BadInput
 
     ending = Path(options.output or "").suffix.lower().lstrip(".")
-    chosen = str(options.format or (ending if ending in known else "csv"))
+    if options.format is None and ending and ending not in known:
+        endings = ", ".join(f".{each}" for each in known)
+        raise BadInput(f"-o: expected a file that ends in one of {endings}, or --format, found {options.output}")
+    chosen = str(options.format or ending or "csv")
     if chosen not in known:
         raise BadInput(f"--format: expected one of {', '.join(known)}, found {chosen}")
     if chosen in _IN_FILES_ONLY and options.output is None:

@@ -137,7 +137,12 @@ def test_legal_ranges_are_where_sampled_configurations_are_free(links, radius):
     for _ in range(6):
         problem = random_world(generator, links, radius)
         sampled = ArmIk.model_validate(
-            {"kind": "arm-ik", "target": [0, 0], "arm": problem.arm.model_dump(), "obstacles": problem.obstacles}
+            {
+                "kind": "arm-ik",
+                "target": [0, 0],
+                "arm": problem.arm.model_dump(exclude_unset=True),
+                "obstacles": problem.obstacles,
+            }
         )
         for joint in range(links):
             angles = generator.uniform(0.0, TURN, 1500)
@@ -152,7 +157,12 @@ def test_a_turn_is_legal_if_everything_on_the_way_is():
     for _ in range(10):
         problem = random_world(generator, 2, 0.03)
         sampled = ArmIk.model_validate(
-            {"kind": "arm-ik", "target": [0, 0], "arm": problem.arm.model_dump(), "obstacles": problem.obstacles}
+            {
+                "kind": "arm-ik",
+                "target": [0, 0],
+                "arm": problem.arm.model_dump(exclude_unset=True),
+                "obstacles": problem.obstacles,
+            }
         )
         start = np.array(problem.start)
         for joint, turn in ((0, 1.7), (1, -2.5), (0, -6.0), (1, 6.2)):

@@ -16,7 +16,7 @@ from node import Plan, simulate
 from problems import EvaluationFailed
 from problems.file import parse
 from problems.guard import moved
-from problems.motion import MOST_ROWS, Body, Column, Joints, Motion, Pace, Values, straight
+from problems.motion import MOST_ROWS, Body, Column, Joints, Motion, Pace, Values
 from problems.sphere_path.pose import rotations
 from spy.past import best_known
 
@@ -73,8 +73,24 @@ def test_a_path_is_followed_from_start_to_goal_through_all_its_rows(name):
     np.testing.assert_array_equal(rows[0], path[0])
     np.testing.assert_array_equal(rows[-1], path[-1])
     assert all(np.abs(rows - place).max(axis=1).min() < 1e-9 for place in path)
-    _, _, slower = moving(name, rate=10.0, speed=0.35)
+    limits = {limit.name: limit.values for limit in motion.limits}
+    assert limits.get("speed", limits.get("velocity", (0.0,)))[0] == 0.7
+    assert limits["acceleration"][0] == pytest.approx(0.7 / 0.5)
+    _, _, slower = moving(name, rate=10.0, speed=0.35, acceleration=0.7 / 2)  # time stretched to twice as long
     assert slower.times[-1] == pytest.approx(2.0 * motion.times[-1])
+
+
+@pytest.mark.parametrize("name", [name for name in NAMES if not name.startswith(TIMED)])
+def test_no_velocity_of_a_path_ever_jumps(name):
+    """By finite differences of what is exported, ten times as dense as the ramps need."""
+    _, solution, motion = moving(name, rate=100.0, acceleration=1.0)
+    numbers = np.array(solution["path"], float).shape[1]
+    rows = np.column_stack([column.values for column in list(motion.columns())[1 : 1 + numbers]])
+    velocities = np.diff(rows, axis=0) / np.diff(motion.times)[:, None]
+    middles = (motion.times[1:] + motion.times[:-1]) / 2.0
+    assert np.abs(velocities[[0, -1]]).max() <= 0.02 * 1.01
+    gains = np.diff(velocities, axis=0) / np.diff(middles)[:, None]
+    assert np.abs(gains).max() <= 20.0  # angles of vehicles and robots count by their reach; a jump has thousands
 
 
 @pytest.mark.parametrize("name", [name for name in NAMES if not name.startswith(TIMED)])
@@ -87,9 +103,10 @@ def test_a_path_without_times_needs_a_speed(name):
 @pytest.mark.parametrize("name", ["min-time.toml", "coordination.toml"])
 def test_a_motion_with_times_takes_no_speed(name):
     problem, solution = solved(name)
-    for pace in (Pace(speed=1.0), Pace(turn_speed=1.0)):
-        with pytest.raises(supernode.BadInput, match=f"speed: expected none for {problem.kind}, which has times"):
-            moved(problem, solution, pace)
+    for field in ("speed", "turn_speed", "acceleration", "turn_acceleration"):
+        option = "--" + field.replace("_", "-")
+        with pytest.raises(supernode.BadInput, match=f"^{option}: expected none for {problem.kind}, which has times"):
+            moved(problem, solution, Pace(**{field: 1.0}))
 
 
 def test_nothing_else_is_a_motion():
@@ -110,15 +127,6 @@ def test_moments_hold_all_knots_and_leave_no_gap(steps, rate):
     gaps = np.diff(times)
     assert np.all(gaps > 0.0)
     assert gaps.max(initial=0.0) <= 1.2 / rate + 1e-9
-
-
-@given(st.lists(st.tuples(st.floats(-9, 9), lengths), min_size=1, max_size=6), st.floats(0.1, 9.0))
-def test_a_straight_motion_keeps_its_speed(steps, speed):
-    path = np.cumsum([(0.0, 0.0), *((length * np.cos(way), length * np.sin(way)) for way, length in steps)], axis=0)
-    seconds = np.array([length for _, length in steps]) / speed
-    times, places = straight(path, seconds, Pace(rate=7.0))
-    moved_by = np.linalg.norm(np.diff(places, axis=0), axis=1)
-    np.testing.assert_allclose(moved_by, speed * np.diff(times), atol=1e-9)
 
 
 def test_what_a_clock_of_nanoseconds_cannot_tell_apart_is_one_moment():
@@ -165,7 +173,7 @@ waits = st.lists(st.tuples(st.integers(0, 39), st.integers(0, 24)), max_size=6).
     lambda points: [list(each) for each in zip(*(sorted(axis) for axis in zip(*points, strict=True)), strict=True)]
 )
 quick = st.floats(0.01, 2.0)
-ramp = st.one_of(st.just(0.0), st.floats(0.01, 20.0))
+ramp = st.floats(0.01, 20.0)
 
 
 @given(waits, quick, ramp, quick, ramp)
@@ -183,27 +191,31 @@ def test_robots_gain_and_lose_speed_evenly_and_meet_where_they_wait(points, cell
         cells, speeds = columns[f"{robot}.cell"], columns[f"{robot}.speed"]
         assert np.all(np.diff(cells) >= -1e-9)
         assert speeds.max() <= (1.0 + 1e-9) / per_cell
-        if to_speed > 0.0:
-            steps = np.diff(motion.times)
-            np.testing.assert_allclose(np.diff(cells), steps * (speeds[:-1] + speeds[1:]) / 2.0, atol=1e-6)
-            assert np.all(np.abs(np.diff(speeds)) <= steps / (per_cell * to_speed) + 1e-6)
+        steps = np.diff(motion.times)
+        np.testing.assert_allclose(np.diff(cells), steps * (speeds[:-1] + speeds[1:]) / 2.0, atol=1e-6)
+        assert np.all(np.abs(np.diff(speeds)) <= steps / (per_cell * to_speed) + 1e-6)
 
 
-def test_robots_that_take_no_time_have_no_motion():
-    with pytest.raises(supernode.BadInput, match=r"^solution: expected one that takes some time"):
-        moved(made(DIAGRAM.format(0.0, 0.0, 0.0, 0.0)), {"time": 0.0, "points": []}, Pace())
+@pytest.mark.parametrize("times", [(0.0, 0.0, 0.0, 0.0), (0.0, 1.0, 1.0, 1.0), (1.0, 1.0, 1.0, 0.0)])
+def test_robots_whose_speed_would_jump_have_no_motion(times):
+    number = 1 if times[0] == 0.0 else 2
+    with pytest.raises(supernode.BadInput, match=f"^the times of robot {number}: expected more than 0 s for a cell"):
+        moved(made(DIAGRAM.format(*times)), {"time": 0.0, "points": []}, Pace())
 
 
 def test_arms_follow_their_paths_within_their_speeds():
-    problem, _, motion = moving("coordination-arms.toml", rate=200.0)
+    problem, solution, motion = moving("coordination-arms.toml", rate=200.0)
+    (note,) = motion.notes
+    assert note.startswith(
+        f"it takes {motion.times[-1] - solution['time']:.4g} s longer than the plan, as the arms rest"
+    )
     for robot, track in zip(problem.robots, motion.tracks, strict=True):
         np.testing.assert_allclose(track.position[[0, -1]], [robot.path[0], robot.path[-1]], atol=1e-9)
         assert np.all(np.abs(track.velocity) <= np.array(robot.speeds) * (1.0 + 1e-9))
-        slopes = np.diff(track.position, axis=0) / np.diff(motion.times)[:, None]
+        seconds = np.diff(motion.times)[:, None]
         between = (track.velocity[:-1] + track.velocity[1:]) / 2.0
-        corners = np.abs(np.diff(np.sign(np.where(np.abs(slopes) > 1e-3, slopes, 0.0)), axis=0)).max(axis=1) > 0
-        smooth = ~(np.append(corners, False) | np.insert(corners, 0, False))  # a corner of the path is no place to ask
-        np.testing.assert_allclose(slopes[smooth], between[smooth], atol=0.02)
+        np.testing.assert_allclose(np.diff(track.position, axis=0), between * seconds, atol=1e-7)
+        np.testing.assert_allclose(np.diff(track.velocity, axis=0), track.acceleration[:-1] * seconds, atol=1e-6)
         np.testing.assert_allclose(track.links[:, 0], np.tile(robot.base[:3], (len(motion.times), 1)))
 
 
@@ -212,9 +224,18 @@ def test_a_robot_that_turns_is_nowhere_quicker_than_its_speed(robot):
     problem = made(EMPTY_ROOM + robot)
     solution = {"commands": [], "path": [[1, 1, 0], [3, 1, 0], [3, 1, 1.5]], "length": 2}
     motion = moved(problem, solution, Pace(speed=0.5, rate=10.0))
-    assert motion.times[-1] == pytest.approx(4.0 + 1.5 * 0.5 / 0.5)
-    told = moved(problem, solution, Pace(speed=0.5, turn_speed=3.0, rate=10.0))
-    assert told.times[-1] == pytest.approx(4.0 + 0.5)
+    ramp = 0.5  # s, by default, of the move and of the turn
+    assert motion.times[-1] == pytest.approx(4.0 + ramp + 1.5 * 0.5 / 0.5 + ramp)
+    told = moved(
+        problem, solution, Pace(speed=0.5, turn_speed=3.0, acceleration=1.0, turn_acceleration=30.0, rate=10.0)
+    )
+    assert told.times[-1] == pytest.approx(4.0 + 0.5 + 0.5 + 0.1)
+    assert [str(limit) for limit in told.limits] == [
+        "speed 0.5 m/s (--speed)",
+        "acceleration 1 m/s^2 (--acceleration)",
+        "turn speed 3 rad/s (--turn-speed)",
+        "turn acceleration 30 rad/s^2 (--turn-acceleration)",
+    ]
     (body,) = motion.tracks
     np.testing.assert_array_equal(body.angles[-1], [0.0, 0.0, 1.5])
     assert np.linalg.norm(body.outline, axis=1).max() == pytest.approx(0.5)
@@ -230,17 +251,27 @@ def test_a_terrain_robot_heads_where_it_goes():
     }
     motion = moved(problem, solution, Pace(speed=2.0, rate=20.0))
     (body,) = motion.tracks
-    steps = np.diff(body.places, axis=0)
-    np.testing.assert_allclose(np.arctan2(steps[:, 1], steps[:, 0]), body.angles[:-1, 2], atol=1e-9)
-    assert motion.times[-1] == pytest.approx((math.sqrt(2.0) + 2.0) / 2.0)
+    steps, turns = np.diff(body.places, axis=0), np.diff(body.angles[:, 2])
+    moves = np.linalg.norm(steps, axis=1) > 1e-9
+    np.testing.assert_allclose(np.arctan2(steps[moves, 1], steps[moves, 0]), body.angles[:-1][moves, 2], atol=1e-9)
+    assert np.all(np.abs(turns[moves]) < 1e-12)
+    gain, turn_gain = 2.0 / 0.5, 2.0 / 0.2 / 0.5  # by default; its rim is as quick as the robot
+    moved_on = [math.sqrt(2.0) / 2.0 + 0.5, 2 * math.sqrt(1.0 / gain), 2 * math.sqrt(1.0 / gain)]  # two are triangles
+    turned = [2 * math.sqrt(angle / turn_gain) for angle in (math.pi / 4, math.pi / 2)]
+    assert motion.times[-1] == pytest.approx(sum(moved_on) + sum(turned))
     alone = moved(problem, {"path": [[2, 0]], "cost": 0.0, "moves": []}, Pace(speed=2.0))
     assert alone.times.tolist() == [0.0]
 
 
 def test_a_vehicle_turns_by_its_angles_and_arcs_count_as_lengths():
     problem, solution, motion = moving("sphere-path-vehicle.toml")
-    assert motion.times[-1] == pytest.approx(solution["length"] / 0.7)
     assert list(table(motion)) == ["t", "x", "y", "heading"]
+    arcs = np.linalg.norm(np.diff(np.array(solution["path"]), axis=0) * problem.space.scale, axis=1)
+    assert arcs.sum() == pytest.approx(solution["length"])
+    _, _, slow = moving("sphere-path-vehicle.toml", turn_speed=0.1, turn_acceleration=0.05, rate=200.0)
+    turning = np.diff(table(slow)["heading"]) / np.diff(slow.times)
+    assert np.abs(turning).max() == pytest.approx(0.1, rel=1e-3)
+    assert slow.times[-1] > motion.times[-1]
     (body,) = motion.tracks
     assert isinstance(body, Body)
     assert len(motion.obstacles) == len(problem.obstacles)
@@ -261,10 +292,35 @@ def test_an_arm_path_turns_one_joint_after_another():
     assert isinstance(arm, Joints)
     turned = np.abs(np.diff(arm.position, axis=0))
     assert np.all(np.count_nonzero(turned > 1e-9, axis=1) <= 1)
-    np.testing.assert_allclose(turned.sum(axis=1), 0.5 * np.diff(motion.times), atol=1e-9)
+    assert np.abs(arm.velocity).max() == pytest.approx(0.5)
+    assert np.abs(arm.acceleration).max() == pytest.approx(0.5 / 0.5)
     reach = np.linalg.norm(np.diff(arm.links, axis=1), axis=2)
     np.testing.assert_allclose(reach, np.tile(problem.arm.links, (len(reach), 1)))
     assert len(motion.obstacles) == len(problem.obstacles)
+
+
+def slow_arm(**limits):
+    lines = "\n".join(f"{name} = {values}" for name, values in limits.items())
+    return made(f'kind = "arm-path"\nstart = [0.0, 0.0]\ngoal = [2.0, 1.0]\n[arm]\nlinks = [1.0, 0.8]\n{lines}')
+
+
+def test_an_arm_keeps_to_its_own_limits_and_to_those_of_the_command_line():
+    solution = {"path": [[0.0, 0.0], [2.0, 0.0], [2.0, 1.0]]}
+    problem = slow_arm(velocity=[0.5, 2.0], acceleration=[1.0, 8.0])
+    motion = moved(problem, solution, Pace(rate=100.0))
+    (arm,) = motion.tracks
+    np.testing.assert_allclose(np.abs(arm.velocity).max(axis=0), [0.5, 2.0])
+    np.testing.assert_allclose(np.abs(arm.acceleration).max(axis=0), [1.0, 8.0])
+    assert motion.times[-1] == pytest.approx(2.0 / 0.5 + 0.5 / 1.0 + 1.0 / 2.0 + 2.0 / 8.0)
+    slower = moved(problem, solution, Pace(speed=1.0, acceleration=0.8))
+    assert [str(limit) for limit in slower.limits] == [
+        "velocity [0.5, 1] rad/s (--speed and arm.velocity)",
+        "acceleration [0.8, 0.8] rad/s^2 (--acceleration and arm.acceleration)",
+    ]
+    with pytest.raises(supernode.BadInput, match=r"^--speed: expected a speed in rad/s, .* and its arm no `velocity`"):
+        moved(slow_arm(), solution, Pace())
+    with pytest.raises(supernode.BadInput, match=r"arm: velocity: expected one limit for each of 2 joints, found 1"):
+        slow_arm(velocity=[0.5])
 
 
 # A user's own ---------------------------------------------------------------------------------------------------------

@@ -36,9 +36,15 @@ MEETING = """
 kind = "coordination"
 [diagram]
 cells = [4, 3]
-times = [[0.5, 0.1], [0.25, 0.0]]
+times = [[0.5, 0.1], [0.25, 0.2]]
 """
 MET = {"time": 1.7, "points": [[2, 1]]}  # robot 1 is the slower one in both rectangles
+LIMITS = """limit: speed 0.5 m/s (--speed)
+limit: acceleration 1 m/s^2 (default: full speed after 0.5 s)
+limit: turn speed 1 rad/s (default: no point of it, 0.5 from the axis at most, exceeds the speed)
+limit: turn acceleration 2 rad/s^2 (default: as soon at full speed as along the path)
+note: it rests at 1 corner of the path
+"""
 
 
 @pytest.fixture
@@ -82,21 +88,28 @@ def read(data):
 
 def test_csv_has_names_with_units_and_goes_from_start_to_goal(export):
     code, out, err = export(ROOM, DRIVE, "--speed", 0.5, "--rate", 2)
-    assert (code, err) == (0, "")
+    assert (code, err) == (0, LIMITS)
     names, *rows = csv.reader(io.StringIO(out))
     assert names == ["t [s]", "x [m]", "y [m]", "heading [rad]"]
     numbers = np.array(rows, float)
     assert np.all(np.diff(numbers[:, 0]) > 0.0)
-    np.testing.assert_array_equal(numbers[[0, -1]], [[0.0, 1.0, 1.0, 0.0], [5.5, 3.0, 1.0, 1.5]])
-    assert [4.0, 3.0, 1.0, 0.0] in numbers.tolist()
+    np.testing.assert_array_equal(numbers[[0, -1]], [[0.0, 1.0, 1.0, 0.0], [6.5, 3.0, 1.0, 1.5]])
+    assert [4.5, 3.0, 1.0, 0.0] in numbers.tolist()
 
 
 def test_json_has_the_same_rows(export):
     _, text, _ = export(ROOM, DRIVE, "--speed", 0.5)
     code, out, err = export(ROOM, {"solution": DRIVE}, "--speed", 0.5, "--format", "json")
-    assert (code, err, len(out.splitlines())) == (0, "", 1)
+    assert (code, err, len(out.splitlines())) == (0, LIMITS, 1)
     table = json.loads(out)
-    assert list(table) == ["kind", "columns", "units", "rows"]
+    assert list(table) == ["kind", "limits", "notes", "columns", "units", "rows"]
+    assert table["limits"][1] == {
+        "name": "acceleration",
+        "values": [1.0],
+        "unit": "m/s^2",
+        "source": "default: full speed after 0.5 s",
+    }
+    assert table["notes"] == ["it rests at 1 corner of the path"]
     assert (table["kind"], table["columns"]) == ("mobile-robot", ["t", "x", "y", "heading"])
     assert table["units"] == ["s", "m", "m", "rad"]
     assert table["rows"] == [[float(cell) for cell in row] for row in list(csv.reader(io.StringIO(text)))[1:]]
@@ -104,7 +117,10 @@ def test_json_has_the_same_rows(export):
 
 def test_mcap_shows_a_robot_among_its_obstacles(export, tmp_path):
     path = tmp_path / "motion.mcap"
-    assert export(ROOM, DRIVE, "--speed", 0.5, "-o", path) == (0, "", "")
+    assert export(ROOM, DRIVE, "--speed", 0.5, "-o", path) == (0, "", LIMITS)
+    (said,) = make_reader(io.BytesIO(path.read_bytes())).iter_metadata()
+    assert said.name == "limits"
+    assert said.metadata["speed"] == "[0.5] m/s (--speed)"
     table = json.loads(export(ROOM, DRIVE, "--speed", 0.5, "--format", "json")[1])
     found = read(path.read_bytes())
     poses = found["/pose", "foxglove.PoseInFrame"]
@@ -125,7 +141,9 @@ def test_mcap_shows_a_robot_among_its_obstacles(export, tmp_path):
 
 def test_mcap_has_a_topic_for_each_robot(export, tmp_path):
     path = tmp_path / "motion.mcap"
-    assert export(MEETING, MET, "-o", path) == (0, "", "")
+    code, out, err = export(MEETING, MET, "-o", path)
+    assert (code, out) == (0, "")
+    assert err.splitlines()[0] == "limit: robot_1 speed 2 cells/s (diagram.times)"
     found = read(path.read_bytes())
     ends = {topic: messages[-1][1] for (topic, _), messages in found.items()}
     assert {topic: end["cell"] for topic, end in ends.items()} == {"/robot_1/values": 3.0, "/robot_2/values": 2.0}
@@ -172,11 +190,12 @@ def test_the_format_is_the_files_unless_it_is_told(export, tmp_path):
     for name, options, start in (
         ("a.json", [], b'{"kind"'),
         ("a.csv", [], b"t [s],"),
-        ("a.txt", [], b"t [s],"),
+        ("a", [], b"t [s],"),
+        ("a.txt", ["--format", "csv"], b"t [s],"),
         ("a.mcap", [], b"\x89MCAP0"),
         ("b.csv", ["--format", "json"], b'{"kind"'),
     ):
-        assert export(ROOM, DRIVE, "--speed", 1, "-o", tmp_path / name, *options) == (0, "", "")
+        assert export(ROOM, DRIVE, "--speed", 1, "-o", tmp_path / name, *options)[:2] == (0, "")
         assert (tmp_path / name).read_bytes().startswith(start)
 
 
@@ -190,6 +209,13 @@ def test_the_format_is_the_files_unless_it_is_told(export, tmp_path):
         (ROOM, DRIVE, ["--speed", 1, "--rate", 1e9], "--rate: expected at most 1,000,000 rows, found "),
         (ROOM, DRIVE, ["--speed", 5e-324], "--rate: expected at most 1,000,000 rows, found inf: 50 a second for inf s"),
         (ROOM, DRIVE, ["--speed", 1, "--format", "mcap"], "-o: expected a file to write MCAP to, found nothing"),
+        (
+            ROOM,
+            DRIVE,
+            ["--speed", 1, "-o", "x.bag"],
+            "-o: expected a file that ends in one of .csv, .json, .mcap, or --format, found x.bag",
+        ),
+        (ROOM, DRIVE, ["--speed", 1, "--acceleration", 0], "--acceleration: expected a number greater than 0, found 0"),
         (ROOM, DRIVE, ["--speed", 1, "-o", "/nowhere/x.csv"], "-o: expected a file that can be written, found /nowher"),
         (ROOM, "{", ["--speed", 1], "{folder}/result.json: expected JSON, found "),
         (ROOM, {"path": []}, ["--speed", 1], "{folder}/result.json: solution: "),
