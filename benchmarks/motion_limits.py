@@ -1,0 +1,119 @@
+"""Do motions of real arms keep to their limits? A UR5 and a Panda between random configurations, judged by pinocchio.
+
+    python -m benchmarks.motion_limits [--motions 50] [--generations 8]
+
+Each motion is played as a robot's controller would: cubics through the positions and velocities of its rows. At sixteen
+moments between any two rows its speeds and accelerations are compared with the limits, and its torques, which pinocchio
+works out from the URDF itself. Every second motion also has limits of acceleration, every fourth limits of jerk.
+"""
+
+from __future__ import annotations
+
+import argparse
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from pydantic import ValidationError
+from scipy.interpolate import CubicHermiteSpline
+
+from benchmarks.planners.runs import on_all_cores
+from node import Plan, simulate
+from problems import BadInput, ProblemFile, Run
+from problems.min_time import MinTime, urdf
+from spy.past import best_known
+
+ARMS = {
+    "UR5": ("ur_description/urdf/ur5_robot.urdf", None),
+    "Panda": ("panda_description/urdf/panda.urdf", [f"panda_joint{number}" for number in range(1, 8)]),
+}
+ACCELERATION, JERK = 8.0, 80.0  # rad/s², rad/s³, of each joint, where they are limited
+_SAMPLES = 16  # between two rows
+_ALLOWED = 1.01  # of a limit
+
+
+class Found(NamedTuple):
+    """What one motion is like."""
+
+    time: float  # s, inf if there is none
+    accepted: bool  # by `check`
+    velocity: float  # greatest share of its limit, as the following; 0 where there is no limit
+    acceleration: float
+    jerk: float
+    torque: float
+
+
+def main() -> None:
+    """Print a row for each arm."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--motions", type=int, default=50, help="of each arm (50)")
+    parser.add_argument("--generations", type=int, default=8, help="of each search, on a torus of 4x4 (8)")
+    options = parser.parse_args()
+    print(
+        "| arm | motions | accepted by check | time: median / s | velocity | acceleration | jerk | torque | over 1 % |"
+    )
+    print("|---|---|---|---|---|---|---|---|---|")
+    for name in ARMS:
+        found = list(on_all_cores(partial(_judged, name, options.generations), range(1, options.motions + 1)))
+        worst = [f"{max(getattr(each, what) for each in found):.4f}" for what in Found._fields[2:]]
+        over = sum(max(each[2:]) > _ALLOWED for each in found)
+        accepted, median = sum(each.accepted for each in found), np.median([each.time for each in found])
+        print(f"| {name} | {len(found)} | {accepted} | {median:.3f} | {' | '.join(worst)} | {over} |", flush=True)
+
+
+def _judged(name: str, generations: int, number: int) -> Found:
+    """Motion ``number`` of an arm: planned, checked, and played against the URDF."""
+    import pinocchio
+
+    path, joints = ARMS[name]
+    file = _problem(name, number, generations)
+    problem = file.problem()
+    assert isinstance(problem, MinTime)
+    best = best_known(simulate(Plan.of(file)), "champion")
+    solution = problem.decode(np.frombuffer(best.genome, np.uint8))
+    rows = solution["trajectory"]
+    played = CubicHermiteSpline(rows["t"], rows["q"], rows["qd"])
+    shares = np.arange(1, _SAMPLES) / _SAMPLES
+    t = np.array(rows["t"])
+    moments = (t[:-1, None] + np.diff(t)[:, None] * shares).ravel()
+    q, qd, qdd = (played(moments, order) for order in range(3))
+    whole = pinocchio.buildModelFromUrdf(str(urdf._path(f"example-robot-data:{path}", Path())))
+    model = urdf._reduced(pinocchio, whole, joints)
+    data = model.createData()
+    torque = np.array([pinocchio.rnea(model, data, *each) for each in zip(q, qd, qdd, strict=True)])
+    jerk = np.diff(rows["qdd"], axis=0) / np.diff(t)[:, None] / JERK if problem.arm.jerk else np.zeros(1)
+    return Found(
+        solution["time"],
+        problem.check(solution).feasible,
+        float(np.abs(qd / model.velocityLimit).max()),
+        float(np.abs(qdd / ACCELERATION).max()) if problem.arm.acceleration else 0.0,
+        float(np.abs(jerk).max()),
+        float(np.abs(torque / model.effortLimit).max()),
+    )
+
+
+def _problem(name: str, number: int, generations: int) -> ProblemFile:
+    """Random start and goal, which the arm can hold, and limits that not every motion has."""
+    path, joints = ARMS[name]
+    generator = np.random.Generator(np.random.PCG64([1993, number]))
+    arm: dict[str, Any] = urdf.read(f"example-robot-data:{path}", joints, Path())
+    size = len(arm["bodies"])
+    if number % 2 == 0:
+        arm["acceleration"] = [ACCELERATION] * size
+    if number % 4 == 0:
+        arm["jerk"] = [JERK] * size
+    low, high = np.clip(np.array([body["limits"] for body in arm["bodies"]]).T, -np.pi, np.pi)
+    while True:
+        ends = {end: generator.uniform(low, high).tolist() for end in ("start", "goal")}
+        fields = {"kind": "min-time", "grid": 6, "free": True, "arm": arm} | ends
+        file = ProblemFile(f"{name} {number}", fields, Run(topology="torus 4x4", generations=generations), Path())
+        try:
+            file.problem()
+        except (BadInput, ValidationError):  # it could not hold itself there
+            continue
+        return file
+
+
+if __name__ == "__main__":
+    main()
