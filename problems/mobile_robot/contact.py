@@ -297,3 +297,29 @@ def can_turn(robot: Any, floor: Any, x: Any, y: Any, heading: Any, turn: Any) ->
         if _turns_into_shape(robot, floor, shape, x, y, cosine, sine, sense, abs(turn)):
             return False
     return True
+
+
+@subroutine
+def shorter_angle(angle: Any) -> Any:
+    """The same angle in (-π, π]."""
+    return angle - _FULL_TURN * np.ceil((angle - np.pi) / _FULL_TURN)
+
+
+@subroutine
+def full_turn_less(turn: Any) -> Any:
+    """The turn to the same heading by the other sense."""
+    return turn - _FULL_TURN if turn > 0.0 else turn + _FULL_TURN
+
+
+@subroutine
+def turn_to(robot: Any, floor: Any, pose: Any, heading: Any, turned: Any) -> Any:
+    """Turn to ``heading`` by the shorter sense, else by the other; whether one was free. Fills the pose ``turned``."""
+    x, y, now = pose
+    turned[0], turned[1] = x, y
+    short = shorter_angle(heading - now)
+    if can_turn(robot, floor, x, y, now, short):
+        turned[2] = now + short
+        return True
+    long = full_turn_less(short)
+    turned[2] = now + long
+    return can_turn(robot, floor, x, y, now, long)

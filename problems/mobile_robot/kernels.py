@@ -16,8 +16,9 @@ from genetics.arrays import Fitness, Genomes
 from genetics.bit_kernels import integers_of
 from genetics.compiled import kernel, subroutine
 from genetics.operators import FITNESS, Table, integers, reals
-from problems.mobile_robot.contact import Floor, Robot, can_turn, drive
+from problems.mobile_robot.contact import Floor, Robot, drive, shorter_angle, turn_to
 from problems.mobile_robot.guide_kernels import Field, distance_at
+from problems.mobile_robot.shortening import shortened
 from problems.plane import CONTACT
 
 Floats = NDArray[np.float64]
@@ -54,26 +55,6 @@ def _reach(outline: Any) -> Any:
 
 
 @subroutine
-def _shorter(angle: Any) -> Any:
-    """The same angle in (-π, π]."""
-    return angle - _FULL_TURN * np.ceil((angle - np.pi) / _FULL_TURN)
-
-
-@subroutine
-def _turn(robot: Any, floor: Any, pose: Any, heading: Any, turned: Any) -> Any:
-    """Turn to ``heading`` by the shorter sense, else by the other; whether one was free. Fills the pose ``turned``."""
-    x, y, now = pose
-    turned[0], turned[1] = x, y
-    short = _shorter(heading - now)
-    if can_turn(robot, floor, x, y, now, short):
-        turned[2] = now + short
-        return True
-    long = short - _FULL_TURN if short > 0.0 else short + _FULL_TURN
-    turned[2] = now + long
-    return can_turn(robot, floor, x, y, now, long)
-
-
-@subroutine
 def _move(robot: Any, floor: Any, pose: Any, share: Any, moved: Any) -> Any:
     """Drive a share of the free length ahead. Fills the pose ``moved``."""
     x, y, heading = pose
@@ -96,7 +77,7 @@ def _way_is_free(robot: Any, floor: Any, pose: Any, goal: Any, spare: Any) -> An
     spare[1, 0], spare[1, 1], spare[1, 2] = goal[0], goal[1], facing
     if drive(robot, floor, x, y, facing, away)[0] < away:
         return False
-    return _turn(robot, floor, spare[1], goal[2], spare[2])
+    return turn_to(robot, floor, spare[1], goal[2], spare[2])
 
 
 @subroutine
@@ -106,8 +87,8 @@ def _approach(robot: Any, floor: Any, path: Any, row: Any, goal: Any, spare: Any
     Appends their poses to the path.
     """
     if np.hypot(goal[0] - path[row, 0], goal[1] - path[row, 1]) <= CONTACT:
-        return 1 if _turn(robot, floor, path[row], goal[2], path[row + 1]) else -1
-    if not _turn(robot, floor, path[row], spare[0, 2], path[row + 1]):
+        return 1 if turn_to(robot, floor, path[row], goal[2], path[row + 1]) else -1
+    if not turn_to(robot, floor, path[row], spare[0, 2], path[row + 1]):
         return -1
     full_turns = path[row + 1, 2] - spare[0, 2]
     path[row + 2], path[row + 3] = spare[1], spare[2]
@@ -122,7 +103,7 @@ def _short_of(task: Any, pose: Any) -> Any:
     x, y, heading = pose
     goal = task.goal
     away = distance_at(task.field, x, y) if task.around else np.hypot(goal[0] - x, goal[1] - y)
-    return away + task.radius * abs(_shorter(goal[2] - heading))
+    return away + task.radius * abs(shorter_angle(goal[2] - heading))
 
 
 @subroutine
@@ -149,7 +130,7 @@ def _scan(task: Any, room: Any) -> Any:
             break
         share = codes[row] / levels
         if row % 2 == 0:
-            if not _turn(robot, floor, path[row], _FULL_TURN * share, path[row + 1]):
+            if not turn_to(robot, floor, path[row], _FULL_TURN * share, path[row + 1]):
                 break
         else:
             _move(robot, floor, path[row], share + 1.0 / levels, path[row + 1])
@@ -194,12 +175,17 @@ def evaluate(genomes: Genomes, fitness: Fitness, table: Table) -> None:
         fitness[row] = _carry_out(genomes[row], table, task, room)[0]
 
 
-@kernel("Tuple((float64[:,::1], int64))(uint8[::1], int64[:,::1])")
-def follow(genome: Genomes, table: Table) -> tuple[Floats, int]:
+@kernel("Tuple((float64[:,::1], int64))(uint8[::1], int64[:,::1], boolean)")
+def follow(genome: Genomes, table: Table, shorten: bool) -> tuple[Floats, int]:
     """The poses, shape (poses, 3), that a genome's commands lead to, and how many of the commands count.
 
-    What leads from there to the goal follows in the poses.
+    What leads from there to the goal follows in the poses: a turn, or a turn, a drive and a turn. A way to the goal is
+    shortened if that is asked for; then it is another, of turns and drives by turns.
     """
-    room = _room_for(table)
-    _, scanned, last = _carry_out(genome, table, _task_of(table), room)
+    room, task = _room_for(table), _task_of(table)
+    _, scanned, last = _carry_out(genome, table, task, room)
+    if shorten and last > 0:
+        poses = shortened(task.robot, task.floor, room.path, scanned + last)
+        if len(poses) > 0:
+            return poses, max(0, len(poses) - 4)
     return room.path[: 1 + scanned + last].copy(), scanned

@@ -98,6 +98,7 @@ goal = [6.8, 1.2, 1.57]         # m, m, rad
 bits = 8                        # of each command
 # code = "gray"                 # or "binary"; if not given, the recipe's
 # guide = "around"              # or "straight": how the way to the goal is measured; if not given, the recipe's
+# shorten = true                # ways that have been found; if not given, the recipe's
 bounds = [0.0, 0.0, 8.0, 6.0]   # m, the walls around the floor: x0, y0, x1, y1
 
 [robot]                         # in its own frame: it turns about the origin, ahead is +x
@@ -145,6 +146,11 @@ seed = 1
         "",
         "what a scan that does not see the goal is worth: the straight distance from where it ends, or the way around"
         ' the obstacles from where that is least; if not given, the recipe\'s: tuned "around", paper "straight"',
+        default=None,
+    )
+    shorten: bool | None = quantity(
+        "",
+        "whether a way that has been found is shortened; if not given, the recipe's: tuned true, paper false",
         default=None,
     )
     bounds: tuple[Metres, Metres, Metres, Metres] = quantity("m", "the walls around the floor: [x0, y0, x1, y1]")
@@ -201,7 +207,7 @@ seed = 1
     def for_recipe(self, name: RecipeName, deme: int) -> Self:
         """§5 to the letter, or what has been found to be best, unless the file chooses."""
         coded = super().for_recipe(name, deme)
-        return coded.filled_in(guide="around" if name == "tuned" else "straight")
+        return coded.filled_in(guide="around" if name == "tuned" else "straight", shorten=name == "tuned")
 
     def next_attempt(self, attempt: int) -> dict[str, Any] | None:
         """Half as many commands again; the paper knows of no other attempt."""
@@ -230,11 +236,12 @@ seed = 1
         """``{"commands": [["rotate", rad], ["move", m], ..], "path": [[x, y, heading], ..], "length": m}``.
 
         A rotate command's number is the turn to make, anticlockwise if positive, so that it also says which sense is
-        free; headings are in the path, which has a pose more than there are commands. A goal that is visible ends both.
+        free; headings are in the path, which has a pose more than there are commands. A goal that is visible ends both,
+        and then `shorten` may have made other commands of those that found it.
         """
         from problems.mobile_robot import kernels
 
-        path, scanned = kernels.follow(writable(genome), self._compiled.table)
+        path, scanned = kernels.follow(writable(genome), self._compiled.table, self.shorten is not False)
         last = ["rotate", "move", "rotate"] if len(path) - 1 - scanned > 1 else ["rotate"]
         names = [["rotate", "move"][number % 2] for number in range(scanned)] + last
         steps = np.diff(path, axis=0)

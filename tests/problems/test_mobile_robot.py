@@ -35,6 +35,7 @@ def robot_file(**fields):
         "bounds": [0.0, 0.0, 8.0, 6.0],
         "robot": {"vertices": HOOK},
         "obstacles": [WALL],
+        "shorten": False,
     }
     return parse("kind = 'mobile-robot'", "robot.toml", Path()), base | fields
 
