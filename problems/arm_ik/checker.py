@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Annotated
+from itertools import combinations
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import shapely
@@ -17,7 +18,7 @@ from pydantic import Field, ValidationError
 
 from problems.errors import BadInput, first_line
 from problems.plane import CONTACT, Circle, Obstacle
-from problems.problem import Solution, Table, Verdict
+from problems.problem import Clearance, Solution, Table, Verdict
 
 if TYPE_CHECKING:
     from problems.arm_ik.problem import Arm, ArmIk, ArmProblem
@@ -48,7 +49,7 @@ def judge(problem: ArmIk, solution: Solution) -> Verdict:
         *collisions,
         *_wrong_claims(problem.arm, claimed, joints[-1], distance),
     ]
-    return Verdict(np.inf if collisions else distance, tuple(objections))
+    return Verdict(np.inf if collisions else distance, tuple(objections), _clearance(problem, claimed, joints))
 
 
 def is_free(problem: ArmIk, configuration: Sequence[float]) -> bool:
@@ -72,7 +73,7 @@ def obstacle_at_base(problem: ArmProblem) -> int | None:
     """The first obstacle that the arm's first joint stands in, so that no configuration is free."""
     for number, obstacle in enumerate(problem.obstacles):
         if obstacle.covers(problem.arm.base) or _is_near(
-            shapely.Point(problem.arm.base), obstacle, problem.arm.radius - CONTACT
+            shapely.Point(problem.arm.base), obstacle, problem.arm.radius + problem.clearance - CONTACT
         ):
             return number
     return None
@@ -111,8 +112,8 @@ def _is_hit(link: shapely.LineString, obstacle: Obstacle, radius: float) -> bool
 def _obstacles_hit(problem: ArmIk, links: list[shapely.LineString]) -> Iterator[str]:
     for number, link in enumerate(links, start=1):
         for index, obstacle in enumerate(problem.obstacles):
-            if _is_hit(link, obstacle, problem.arm.radius):
-                yield f"link {number} is in obstacles[{index}]"
+            if _is_hit(link, obstacle, problem.arm.radius + problem.clearance):
+                yield f"link {number} {_near(problem, 'is in')} obstacles[{index}]"
 
 
 def _links_touching(problem: ArmIk, links: list[shapely.LineString]) -> Iterator[str]:
@@ -120,8 +121,9 @@ def _links_touching(problem: ArmIk, links: list[shapely.LineString]) -> Iterator
         return
     for one in range(len(links)):
         for other in range(one + 2, len(links)):
-            if _are_in_each_other(links[one], links[other], 2 * problem.arm.radius):
-                yield f"links {one + 1} and {other + 1} touch"
+            if _are_in_each_other(links[one], links[other], 2 * problem.arm.radius + problem.clearance):
+                touch = f"come nearer than the clearance {problem.clearance:g} m" if problem.clearance else "touch"
+                yield f"links {one + 1} and {other + 1} {touch}"
 
 
 def _are_in_each_other(one: shapely.LineString, other: shapely.LineString, thickness: float) -> bool:
@@ -130,6 +132,28 @@ def _are_in_each_other(one: shapely.LineString, other: shapely.LineString, thick
     ends = [*shapely.points(one.coords), *shapely.points(other.coords)]
     stick_out = min(max(end.distance(one), end.distance(other)) for end in ends)
     return bool(one.crosses(other)) and stick_out > _LENIENCE
+
+
+def _near(problem: ArmIk, touching: str) -> str:
+    """A verb for what comes nearer to something than it may."""
+    return f"comes nearer than the clearance {problem.clearance:g} m to" if problem.clearance else touching
+
+
+def _clearance(problem: ArmIk, claimed: ArmSolution, joints: Joints) -> Clearance:
+    """The least gap between links and obstacles, and between links that are no neighbours, by shapely: exact, m."""
+    links, radius = links_of(joints), problem.arm.radius
+    found: list[tuple[float, dict[str, Any]]] = []
+    for number, link in enumerate(links, start=1):
+        for index, obstacle in enumerate(problem.obstacles):
+            solid = shapely.Point(obstacle.center) if isinstance(obstacle, Circle) else obstacle.polygon
+            found.append((link.distance(solid) - obstacle.thickness - radius, {"link": number, "obstacle": index}))
+    if problem.self_collision:
+        for one, other in combinations(range(len(links)), 2):
+            if other > one + 1:
+                gap = links[one].distance(links[other]) - 2 * radius
+                found.append((gap, {"links": [one + 1, other + 1]}))
+    least, where = min(found, key=lambda each: each[0], default=(np.inf, {}))
+    return Clearance(float(least), where | {"configuration": claimed.configuration} if where else {})
 
 
 def _limits_exceeded(arm: Arm, configuration: list[float]) -> Iterator[str]:

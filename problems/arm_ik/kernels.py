@@ -1,8 +1,9 @@
 """The compiled fitness of coded arm configurations: forward kinematics, then collisions, without allocation per arm.
 
 The table (see `genetics.operators`): bits of each angle, whether by Gray code, whether the arm must be clear of itself;
-lengths (m), lowest angles and their ranges (rad), shape (3, links); base and target (m), half a link's thickness (m)
-and the code steps in a range; and the fields of `Obstacles`.
+lengths (m), lowest angles and their ranges (rad), shape (3, links); base and target (m), half a link's thickness with
+the clearance to obstacles (m), the code steps in a range, and a link's thickness with the clearance of links that are
+no neighbours (m); and the fields of `Obstacles`.
 
 A clearance here is signed: the gap between two shapes, or, if they overlap, minus the depth. Two shapes collide if
 their clearance falls below a limit; for links of thickness that limit is the sum of their radii less `CONTACT`, so the
@@ -32,7 +33,8 @@ class Arm(NamedTuple):
     lengths: Any  # (links,), m
     base: Any  # (2,), m
     target: Any  # (2,), m
-    radius: Any  # m
+    radius: Any  # m, of a link and its clearance
+    apart: Any  # m, at least between the axes of links that are no neighbours
     self_collision: Any
 
 
@@ -181,9 +183,9 @@ def link_hits(ax: Any, ay: Any, bx: Any, by: Any, radius: Any, obstacles: Any) -
 
 
 @subroutine
-def touches_itself(joints: Any, radius: Any) -> Any:
-    """Whether two links that are not neighbours, each thickened by ``radius``, are in each other."""
-    limit = 2.0 * radius - CONTACT
+def touches_itself(joints: Any, apart: Any) -> Any:
+    """Whether the axes of two links that are not neighbours come nearer to each other than ``apart``."""
+    limit = apart - CONTACT
     links = joints.shape[0] - 1
     for one in range(links - 2):
         ax, ay, bx, by = joints[one, 0], joints[one, 1], joints[one + 1, 0], joints[one + 1, 1]
@@ -211,7 +213,7 @@ def place(joints: Any, angles: Any, links: Any) -> Any:
 @subroutine
 def _arm_of(table: Any) -> Any:
     self_collision, lengths, places = integers(table, 0)[0, 2] != 0, reals(table, 1)[0], reals(table, 2)[0]
-    return Arm(lengths, places[:2], places[2:4], places[4], self_collision)
+    return Arm(lengths, places[:2], places[2:4], places[4], places[6], self_collision)
 
 
 @subroutine
@@ -231,7 +233,7 @@ def _turn(codes: Any, table: Any, angles: Any) -> Any:
 def _distance(angles: Any, arm: Any, obstacles: Any, joints: Any) -> Any:
     """f(θ) of §3.1: the tip's distance to the target, m, +inf in collision; ``joints`` as for `place`."""
     place(joints, angles, arm.lengths)
-    if arm.self_collision and touches_itself(joints, arm.radius):
+    if arm.self_collision and touches_itself(joints, arm.apart):
         return np.inf
     for link in range(arm.lengths.size):
         ax, ay, bx, by = joints[link, 0], joints[link, 1], joints[link + 1, 0], joints[link + 1, 1]

@@ -149,13 +149,15 @@ def _clearances(problem: ArmIk, configuration: Floats) -> Floats:
     gaps = [np.full(1, 1.0)]
     for obstacle in problem.obstacles:
         if isinstance(obstacle, Circle):
-            gaps.append(shapely.distance(links, shapely.Point(obstacle.center)) - obstacle.radius - problem.arm.radius)
+            gaps.append(
+                shapely.distance(links, shapely.Point(obstacle.center)) - obstacle.radius - problem.reach_of_links
+            )
         else:
             inside = shapely.length(shapely.intersection(links, obstacle.polygon))
-            gaps.append(shapely.distance(links, obstacle.polygon) - inside - problem.arm.radius)
+            gaps.append(shapely.distance(links, obstacle.polygon) - inside - problem.reach_of_links)
     if problem.self_collision:
         one, other = np.triu_indices(len(links), k=2)
-        gaps.append(shapely.distance(links[one], links[other]) - 2.0 * problem.arm.radius)
+        gaps.append(shapely.distance(links[one], links[other]) - problem.apart)
     return np.concatenate(gaps)
 
 

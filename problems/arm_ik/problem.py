@@ -61,6 +61,13 @@ class ArmProblem(CodedProblem, WithAngles):
     """What all problems of planar arms among obstacles share."""
 
     bits: int = quantity("bit", "bits of each joint angle", default=8, ge=1, le=62)
+    clearance: float = quantity(
+        "m",
+        "what links keep at least from obstacles, and from links that are not their neighbours",
+        default=0.0,
+        ge=0,
+        le=1e6,
+    )
     self_collision: bool = quantity("", "whether links that are not neighbours must not touch each other", default=True)
     arm: Arm = quantity("", "the arm")
     obstacles: list[Obstacle] = quantity("", "solid shapes that no link may touch", default_factory=list)
@@ -70,16 +77,30 @@ class ArmProblem(CodedProblem, WithAngles):
         hit = checker.obstacle_at_base(self)
         if hit is not None:
             raise ValueError(
-                f"arm.base: expected a place clear of the obstacles by the arm's radius {self.arm.radius:g}, "
-                f"found {list(self.arm.base)} in obstacles[{hit}]"
+                f"arm.base: expected a place clear of the obstacles by the arm's radius {self.arm.radius:g}"
+                f"{self._and_clearance}, found {list(self.arm.base)} in obstacles[{hit}]"
             )
         shortest = min(self.arm.links[1:-1], default=np.inf)
-        if self.self_collision and shortest < 2 * self.arm.radius:
+        if self.self_collision and shortest < self.apart:
             raise ValueError(
-                f"arm.links: expected links between others at least twice the radius {self.arm.radius:g} long, "
-                f"else these would always touch, found {shortest:g}"
+                f"arm.links: expected links between others at least twice the radius {self.arm.radius:g}"
+                f"{self._and_clearance} long, else these would always touch, found {shortest:g}"
             )
         return self
+
+    @property
+    def _and_clearance(self) -> str:
+        return f" and the clearance {self.clearance:g}" if self.clearance else ""
+
+    @property
+    def reach_of_links(self) -> float:
+        """How far obstacles have to be from the axis of a link, m: half its thickness, and the clearance."""
+        return self.arm.radius + self.clearance
+
+    @property
+    def apart(self) -> float:
+        """How far the axes of links that are no neighbours have to be from each other, m."""
+        return 2.0 * self.arm.radius + self.clearance
 
     @cached_property
     def joint_ranges(self) -> tuple[Configurations, Configurations]:
@@ -106,6 +127,7 @@ target = [1.2, 0.9]             # m, where the tip shall be
 bits = 8                        # of each joint angle
 # code = "gray"                 # or "binary"; if not given, the recipe's
 # self_collision = true         # links that are not neighbours must not touch
+# clearance = 0.02              # m, to obstacles and between links that are not neighbours; 0 if not given
 # unit = "deg"                  # of all angles in this file; "rad" if not given
 
 [arm]
@@ -260,7 +282,7 @@ seed = 1
             kernels.evaluate,
             [self.bits, self.coding.gray, self.self_collision],
             np.array([self.arm.links, *self.joint_ranges]),
-            [*self.arm.base, *self.target, self.arm.radius, float(self.steps)],
+            [*self.arm.base, *self.target, self.reach_of_links, float(self.steps), self.apart],
             shapes.corners,
             shapes.starts,
             shapes.thickness,

@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 from pydantic import Field, ValidationError
 
 from problems.errors import BadInput, first_line
+from problems.nearest import least_along
 from problems.plane import CONTACT, Circle, Obstacle
-from problems.problem import Solution, Table, Verdict
+from problems.problem import Clearance, Solution, Table, Verdict
 
 if TYPE_CHECKING:
     from problems.arm_path.problem import ArmPath
@@ -32,6 +33,7 @@ TOLERANCE = 1e-6  # rad, and m where the arm stands still
 _SAMPLES_A_RADIAN = 400
 _SHARE = 1e-3  # of configuration space: cells that only touch may be judged either way
 _FULL_TURN = 2.0 * np.pi
+_ACCURACY = 1e-3  # of the clearance, as a share of the arm's reach
 
 
 class PathSolution(Table):
@@ -55,7 +57,7 @@ def judge(problem: ArmPath, solution: Solution) -> Verdict:
     ]
     if away > TOLERANCE:
         objections.append(f"the path ends {away:.3g} rad from the goal")
-    return Verdict(0.0 if away <= TOLERANCE else away, tuple(objections))
+    return Verdict(0.0 if away <= TOLERANCE else away, tuple(objections), _clearance(problem, path))
 
 
 def objection_to(problem: ArmPath, configuration: Sequence[float]) -> str | None:
@@ -65,11 +67,16 @@ def objection_to(problem: ArmPath, configuration: Sequence[float]) -> str | None
             return f"joint {joint + 1} is beyond its limits [{lowest:g}, {highest:g}]"
     lines = _lines(_joints(problem, np.array([configuration])))
     for index, obstacle in enumerate(problem.obstacles):
-        if _hits(lines, obstacle, problem.arm.radius - 2 * CONTACT).any():
-            return f"the arm is in obstacles[{index}]"
+        if _hits(lines, obstacle, problem.arm.radius + problem.clearance - 2 * CONTACT).any():
+            return f"the arm {_near(problem, 'is in')} obstacles[{index}]"
     if problem.self_collision and _touching(problem, lines[0]):
-        return "the arm touches itself"
+        return f"the arm {_near(problem, 'touches')} itself"
     return None
+
+
+def _near(problem: ArmPath, touching: str) -> str:
+    """A verb for what comes nearer to something than it may."""
+    return f"comes nearer than the clearance {problem.clearance:g} m to" if problem.clearance else touching
 
 
 def _parsed(problem: ArmPath, solution: Solution) -> PathSolution:
@@ -127,10 +134,45 @@ def _collisions(problem: ArmPath, path: Angles) -> Iterator[str]:
         allowed = TOLERANCE + sum(problem.arm.links) * (np.abs(turn).max() / samples) ** 2 / 8
         swept = _swept(joints[:, moved:])
         for index, obstacle in enumerate(problem.obstacles):
-            if _hits(swept, obstacle, problem.arm.radius - allowed).any():
-                yield f"move {number} hits obstacles[{index}]"
-        if problem.self_collision and _hits_itself(joints, moved, 2 * problem.arm.radius - allowed):
-            yield f"move {number} makes the arm touch itself"
+            if _hits(swept, obstacle, problem.arm.radius + problem.clearance - allowed).any():
+                yield f"move {number} {_near(problem, 'hits')} obstacles[{index}]"
+        if problem.self_collision and _hits_itself(joints, moved, 2 * problem.arm.radius + problem.clearance - allowed):
+            near = f"come nearer than the clearance {problem.clearance:g} m to" if problem.clearance else "touch"
+            yield f"move {number} makes the arm {near} itself"
+
+
+def _clearance(problem: ArmPath, path: Angles) -> Clearance:
+    """The least on the way, m: at most `_ACCURACY` of the arm's reach more than it is.
+
+    By shapely; what turns goes no farther than its angle times the arm's reach.
+    """
+    moves = [(path[0], path[0])] if len(path) == 1 else list(pairwise(path))
+
+    def at(move: int, share: float) -> Angles:
+        row, following = moves[move]
+        configuration: Angles = row + share * np.clip(following - row, -_FULL_TURN, _FULL_TURN)
+        return configuration
+
+    reach = sum(problem.arm.links)
+    ways = [reach * min(_FULL_TURN, float(np.abs(following - row).max())) for row, following in moves]
+    least, move, share = least_along(lambda *place: _gaps(problem, at(*place))[0], ways, _ACCURACY * reach)
+    where = _gaps(problem, at(move, share))[1]
+    return Clearance(least, where | {"move": move + 1, "configuration": at(move, share).tolist()} if where else {})
+
+
+def _gaps(problem: ArmPath, configuration: Angles) -> tuple[float, dict[str, Any]]:
+    """The least gap of a configuration, m, and of what."""
+    links, radius = _lines(_joints(problem, configuration[None]))[0], problem.arm.radius
+    found: list[tuple[float, dict[str, Any]]] = []
+    for index, obstacle in enumerate(problem.obstacles):
+        solid = shapely.Point(obstacle.center) if isinstance(obstacle, Circle) else obstacle.polygon
+        gaps = shapely.distance(links, solid) - obstacle.thickness - radius
+        found.append((float(gaps.min()), {"link": int(gaps.argmin()) + 1, "obstacle": index}))
+    for one in range(len(links) if problem.self_collision else 0):
+        for other in range(one + 2, len(links)):
+            gap = float(shapely.distance(links[one], links[other])) - 2 * radius
+            found.append((gap, {"links": [one + 1, other + 1]}))
+    return min(found, key=lambda each: each[0], default=(float("inf"), {}))
 
 
 def _joints(problem: ArmPath, configurations: Angles) -> Joints:
@@ -171,7 +213,7 @@ def _hits(shapes: Lines, obstacle: Obstacle, limit: float) -> NDArray[np.bool_]:
 
 def _touching(problem: ArmPath, links: Lines) -> bool:
     """Whether links that are not neighbours touch, all standing still."""
-    limit = 2 * problem.arm.radius - 2 * CONTACT
+    limit = 2 * problem.arm.radius + problem.clearance - 2 * CONTACT
     return any(
         _overlap(links[one], links[other], limit) for one in range(len(links)) for other in range(one + 2, len(links))
     )
@@ -244,5 +286,5 @@ def _clear(problem: ArmPath, configurations: Angles) -> NDArray[np.bool_]:
     lines = _lines(_joints(problem, configurations))
     clear = np.ones(len(lines), np.bool_)
     for obstacle in problem.obstacles:
-        clear &= ~_hits(lines, obstacle, problem.arm.radius - 2 * CONTACT).any(axis=1)
+        clear &= ~_hits(lines, obstacle, problem.arm.radius + problem.clearance - 2 * CONTACT).any(axis=1)
     return clear

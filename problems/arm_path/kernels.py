@@ -7,8 +7,9 @@ kept: for ever if there are two links, so that each slice has a slot of its own;
 What is kept never shows in a fitness.
 
 The table (see `genetics.operators`): the fields of `Sizes`; the numbers of the coded angles next to start and goal,
-shape (2, links); lengths (m); the angle of each place (rad), shape (links, places); base and half a link's thickness
-(m); the obstacles' corners, starts and thickness; the arrays of `Slices`; and those that are only written to.
+shape (2, links); lengths (m); the angle of each place (rad), shape (links, places); base, half a link's thickness with
+the clearance, and its thickness with that (m); the obstacles' corners, starts and thickness; the arrays of `Slices`;
+and those that are only written to.
 """
 
 from typing import Any, NamedTuple
@@ -71,7 +72,7 @@ class Task(NamedTuple):
 def _task_of(table: Any) -> Any:
     head, angles, place = integers(table, 0)[0], reals(table, 3), reals(table, 4)[0]
     sizes = Sizes(head[0], head[1] != 0, head[2] != 0, head[3] != 0, head[4] != 0, head[5])
-    arm = Arm(reals(table, 2)[0], place[:2], place[2], sizes.self_collision)
+    arm = Arm(reals(table, 2)[0], place[:2], place[2], place[3], sizes.self_collision)
     obstacles = Obstacles(reals(table, 5), integers(table, 6)[0], reals(table, 7)[0])
     slices = Slices(integers(table, 8), integers(table, 9)[0], reals(table, 10), integers(table, 11)[0])
     room = Room(reals(table, 12), reals(table, 13)[0], reals(table, 14))

@@ -103,7 +103,7 @@ def _free(problem: ArmPath, thicker: NDArray[np.float64]) -> Free:
     base = complex(*problem.arm.base)
     elbows = base + problem.arm.links[0] * np.exp(1j * angles[0])
     tips = elbows[:, None] + problem.arm.links[1] * np.exp(1j * (angles[0][:, None] + angles[1]))
-    radii = problem.arm.radius + thicker
+    radii = problem.reach_of_links + thicker
     first = _clear(problem, _segments(np.full_like(elbows, base), elbows), radii[0])
     second = _clear(problem, _segments(np.broadcast_to(elbows[:, None], tips.shape), tips), radii[1])
     return first[:, None] & second

@@ -69,6 +69,7 @@ rounds = 24                     # k: each joint is moved so often, in turn
 bits = 8                        # of each move: the angle where it ends
 # scan = "from-start"           # or "from-both-ends"; if not given, the recipe's
 # self_collision = true         # links that are not neighbours must not touch
+# clearance = 0.02              # m, to obstacles and between links that are not neighbours; 0 if not given
 # stretch = true                # drop moves that are not needed, and shorten the others
 
 [arm]
@@ -335,7 +336,7 @@ seed = 1
             self._nearest,
             np.array(self.arm.links),
             self.angles,
-            [*self.arm.base, self.arm.radius],
+            [*self.arm.base, self.reach_of_links, self.apart],
             shapes.corners,
             shapes.starts,
             shapes.thickness,

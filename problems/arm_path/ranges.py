@@ -28,7 +28,8 @@ class Arm(NamedTuple):
 
     lengths: Any  # (links,), m
     base: Any  # (2,), m
-    radius: Any  # m
+    radius: Any  # m, of a link and its clearance
+    apart: Any  # m, at least between the axes of links that are no neighbours
     self_collision: Any
 
 
@@ -269,7 +270,7 @@ def legal_ranges(joint: Any, angles: Any, arm: Any, obstacles: Any, room: Any, r
             limit = arm.radius + obstacles.thickness[shape] - CONTACT
             count = _block_by(room, count, px, py, qx, qy, obstacles.corners, first, last, limit, pivot)
         if arm.self_collision:
-            limit = 2.0 * arm.radius - CONTACT
+            limit = arm.apart - CONTACT
             for other in range(min(joint, link - 1)):
                 count = _block_by(room, count, px, py, qx, qy, joints, other, other + 2, limit, pivot)
     return _rest(room.blocked, count, ranges)

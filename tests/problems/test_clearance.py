@@ -1,0 +1,140 @@
+"""Clearance: planners hold it, checks measure it with code of their own and refuse what comes nearer."""
+
+import math
+
+import numpy as np
+import pytest
+import shapely
+
+from node import Plan, simulate
+from problems import Run
+from problems.arm_ik import ArmIk
+from problems.arm_path import ArmPath
+from problems.nearest import least_along
+
+CLEARANCE = 0.05
+ARM = {"links": [1.0, 0.8, 0.5], "radius": 0.03}
+OBSTACLES = [
+    {"shape": "circle", "center": [1.1, 0.5], "radius": 0.2},
+    {"shape": "box", "center": [-0.4, 1.2], "size": [0.5, 0.3], "angle": 0.3},
+]
+PATH = {"kind": "arm-path", "start": [0.0, 0.0], "goal": [2.4, -0.5], "arm": {"links": [1.0, 0.8], "radius": 0.03}}
+
+
+def arm_ik(**fields):
+    return ArmIk.model_validate({"kind": "arm-ik", "target": [0.9, 0.9], "arm": ARM, "obstacles": OBSTACLES} | fields)
+
+
+def arm_path(**fields):
+    return ArmPath.model_validate(PATH | {"obstacles": OBSTACLES} | fields)
+
+
+def solids():
+    box = shapely.affinity.rotate(shapely.box(-0.65, 1.05, -0.15, 1.35), 0.3, use_radians=True)
+    return [shapely.Point(1.1, 0.5).buffer(0.2, quad_segs=4096), box]
+
+
+def links_at(lengths, angles):
+    steps = np.array(lengths)[:, None] * np.column_stack([np.cos(np.cumsum(angles)), np.sin(np.cumsum(angles))])
+    joints = np.concatenate([[[0.0, 0.0]], np.cumsum(steps, axis=0)])
+    return [shapely.LineString(joints[link : link + 2]) for link in range(len(lengths))]
+
+
+def measured(lengths, angles):
+    """The least gap, m, by shapely on the shapes themselves."""
+    links = links_at(lengths, angles)
+    gaps = [link.distance(solid) - 0.03 for link in links for solid in solids()]
+    return min(
+        [*gaps, *(links[i].distance(links[j]) - 0.06 for i in range(len(links)) for j in range(i + 2, len(links)))]
+    )
+
+
+def champion(problem, seed):
+    plan = Plan(problem.for_recipe("tuned", 1), Run(seed=seed, topology="torus 4x4"))
+    best = simulate(plan)[0].champion
+    return best.fitness, plan.problem.decode(np.frombuffer(best.genome, np.uint8))
+
+
+@pytest.mark.parametrize("seed", range(1, 9))
+def test_an_arm_that_is_found_keeps_its_clearance(seed):
+    problem = arm_ik(clearance=CLEARANCE)
+    fitness, solution = champion(problem, seed)
+    assert fitness <= problem.solved_at
+    gap = measured(ARM["links"], solution["configuration"])
+    verdict = problem.check(solution)
+    assert gap >= CLEARANCE - 1e-6
+    assert verdict.feasible
+    assert verdict.clearance.least == pytest.approx(gap, abs=1e-6)
+    assert verdict.clearance.where["configuration"] == solution["configuration"]
+
+
+def test_check_refuses_an_arm_that_comes_nearer_than_the_clearance():
+    refused = 0
+    for seed in range(1, 9):
+        _, solution = champion(arm_ik(target=[0.75, 0.75]), seed)
+        gap = measured(ARM["links"], solution["configuration"])
+        verdict = arm_ik(target=[0.75, 0.75], clearance=max(gap, 0.0) + 1e-3).check(solution)
+        assert any("nearer than the clearance" in each for each in verdict.objections)
+        refused += not verdict.feasible
+    assert refused == 8
+
+
+@pytest.mark.parametrize("seed", range(1, 5))
+def test_a_path_of_an_arm_keeps_its_clearance(seed):
+    problem = arm_path(clearance=CLEARANCE)
+    fitness, solution = champion(problem, seed)
+    assert fitness == 0.0
+    verdict = problem.check(solution)
+    assert verdict.feasible
+    rows = [
+        row + share * (following - row)
+        for row, following in zip(np.array(solution["path"]), np.array(solution["path"])[1:], strict=False)
+        for share in np.linspace(0.0, 1.0, 60)
+    ]
+    gaps = [measured(PATH["arm"]["links"], row) for row in rows]
+    assert min(gaps) >= CLEARANCE - 1e-6
+    assert verdict.clearance.least <= min(gaps) + 1e-3 * 1.8 + 1e-9
+
+
+def test_check_refuses_a_path_that_comes_nearer_than_the_clearance_on_its_way():
+    """The stretched arm swings past a circle, 0.07 m away from it half-way."""
+    circle = {"shape": "circle", "center": [2.0 * math.cos(0.75), 2.0 * math.sin(0.75)], "radius": 0.1}
+    world = {"goal": [1.5, 0.0], "obstacles": [circle]}
+    solution = {"path": [[0.0, 0.0], [1.5, 0.0]], "cspace_evaluated": 0.0, "slices": [[], []]}
+    for clearance, refused in ((0.0, False), (0.0699, False), (0.0701, True)):
+        verdict = arm_path(clearance=clearance, **world).check(solution)
+        assert any("move 1 comes nearer than the clearance" in each for each in verdict.objections) == refused
+        assert verdict.feasible != refused
+        assert 0.07 - 1e-9 <= verdict.clearance.least <= 0.07 + 1.8e-3
+        assert verdict.clearance.where["configuration"] == pytest.approx([0.75, 0.0], abs=0.1)
+        assert (verdict.clearance.where["link"], verdict.clearance.where["obstacle"]) == (2, 0)
+
+
+def test_ends_that_are_too_near_are_refused():
+    near = {"start": [0.0, 0.0], "obstacles": [{"shape": "circle", "center": [1.0, 0.3], "radius": 0.2}]}
+    arm_path(**near)
+    with pytest.raises(ValueError, match=r"start: .* the arm comes nearer than the clearance 0\.1 m to obstacles\[0\]"):
+        arm_path(**near, clearance=0.1)
+    with pytest.raises(ValueError, match=r"arm.base: .* the clearance 0\.5, found .* in obstacles\[1\]"):
+        arm_ik(obstacles=[OBSTACLES[0], OBSTACLES[0] | {"center": [0.6, 0.0]}], clearance=0.5)
+    with pytest.raises(ValueError, match=r"clearance"):
+        arm_ik(clearance=-0.1)
+
+
+def test_nothing_near_is_no_clearance():
+    alone = arm_ik(obstacles=[], self_collision=False)
+    _, solution = champion(alone, 1)
+    assert (alone.check(solution).clearance.least, alone.check(solution).clearance.where) == (math.inf, {})
+
+
+def test_the_least_along_motions_is_within_its_accuracy():
+    draws = np.random.default_rng(3)
+    for _ in range(50):
+        centres = draws.uniform(-1, 2, (6, 2))
+
+        def gap(motion, share, centres=centres):
+            return float(np.hypot(*(centres[motion] - [share, 0.2])) - 0.1)
+
+        least, _, _ = least_along(gap, [1.0] * 6, 1e-4)
+        exact = min(np.hypot(centre[0] - np.clip(centre[0], 0, 1), centre[1] - 0.2) - 0.1 for centre in centres)
+        assert exact - 1e-9 <= least <= exact + 1e-4
