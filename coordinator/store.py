@@ -184,7 +184,7 @@ class Store:
         with self.writing() as session:
             if job is not None and (there := _find(session, job)) is not None:
                 if there.digest != new.digest:
-                    raise IdTaken(f"another problem file was submitted as job {job!r} before")
+                    raise IdTaken(_taken(job, json.loads(there.file), json.loads(new.file)))
                 return _summary(there), False
             at = time.time() if at is None else at
             row = JobRow(
@@ -522,6 +522,16 @@ def _find(session: Session, job: str, query: Select[JobRow] | None = None) -> Jo
 def _whole() -> Select[JobRow]:
     """Of rows with all that may be large."""
     return select(JobRow).options(undefer("*"))
+
+
+def _taken(job: str, there: list[Any], new: list[Any]) -> str:
+    """Why a problem file as JSON (its name, fields, settings, folder) is not the one of that id."""
+    if there[1] != new[1]:
+        return f"another problem file was submitted as job {job!r} before"
+    before, now = there[2], new[2]
+    names = sorted(name for name in {*before, *now} if before.get(name) != now.get(name))
+    changed = ", ".join(f"{name} {before.get(name, 'not given')}, now {now.get(name, 'not given')}" for name in names)
+    return f"this problem was submitted as job {job!r} before with other settings ({changed}); give it another id"
 
 
 def _new_id(session: Session) -> str:

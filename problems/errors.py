@@ -51,6 +51,8 @@ def first_line(error: ValidationError, model: type[BaseModel], where: str) -> Ba
     first = complaints[0]
     if first["type"] == "extra_forbidden":
         text = f"unknown field, expected {_siblings(model, first['loc'])}"
+    elif first["type"] == "missing" and isinstance(first["loc"][-1], int):
+        field, text = _field(first | {"loc": first["loc"][:-1]}), _too_few(complaints, error)
     elif first["type"] in ("missing", "union_tag_not_found"):
         text = "expected this field, found nothing"
     elif first["type"] == "union_tag_invalid":
@@ -62,6 +64,13 @@ def first_line(error: ValidationError, model: type[BaseModel], where: str) -> Ba
             text += f", found {shorten(first.get('input'))}"
     more = f" (and {len(by_field) - 1} more)" if len(by_field) > 1 else ""
     return BadInput(f"{where}: {field + ': ' if field else ''}{text}{more}")
+
+
+def _too_few(complaints: list[Any], error: ValidationError) -> str:
+    """Of an array that is too short: each element that it lacks has a complaint, whose input is the array."""
+    found, place = complaints[0]["input"], complaints[0]["loc"][:-1]
+    missing = [each for each in error.errors() if each["type"] == "missing" and each["loc"][:-1] == place]
+    return f"expected {len(found) + len(missing)} values, found {len(found)}: {shorten(found)}"
 
 
 def shorten(value: Any) -> str:

@@ -6,6 +6,7 @@ Only argparse is imported here; a command imports what it needs when it runs, so
 import argparse
 import importlib
 import os
+import re
 import sys
 from collections.abc import Sequence
 from importlib.metadata import version
@@ -45,14 +46,33 @@ class _Parser(argparse.ArgumentParser):
     """An argument parser whose complaint is one line."""
 
     def error(self, message: str) -> NoReturn:
-        message = message.removeprefix("argument ")
+        message = message.removeprefix("argument ") + _suggested_command(message)
         self.exit(BAD_INPUT, f"error: {message} (see `{self.prog} --help`)\n")
+
+
+def _suggested_command(message: str) -> str:
+    """What was meant, if a command is unknown and another is spelled much like it."""
+    from problems.errors import did_you_mean
+
+    found = re.search(r"COMMAND: invalid choice: '([^']*)'", message)
+    return did_you_mean(found[1], _COMMANDS) if found else ""
+
+
+def _refuse_unknown(options: argparse.Namespace, unknown: Sequence[str]) -> None:
+    """Say which options are unknown, and what was meant if another is spelled much like the first."""
+    from problems.errors import did_you_mean
+
+    word, known = unknown[0].partition("=")[0], options.parser._option_string_actions
+    meant = did_you_mean(word, known) if word.startswith("--") else ""
+    options.parser.error(f"unrecognized arguments: {' '.join(unknown)}{meant}")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code."""
     parser = _parser()
-    options = parser.parse_args(arguments)
+    options, unknown = parser.parse_known_args(arguments)
+    if unknown:
+        _refuse_unknown(options, unknown)
     return _run(options)
 
 
@@ -73,7 +93,7 @@ def _parser() -> argparse.ArgumentParser:
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
         module.add_arguments(command)
-        command.set_defaults(run=module.run)
+        command.set_defaults(run=module.run, parser=command)
     return parser
 
 

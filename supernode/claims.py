@@ -12,6 +12,8 @@ from problems.guard import checked, cleared, solved_at
 from spy.judge import same_fitness
 from supernode.results import read_table
 
+_MOST_OBJECTIONS = 3  # of the check, that are named
+
 
 @dataclass(frozen=True)
 class Judgement:
@@ -49,13 +51,16 @@ def judged(file: ProblemFile, result: str) -> Judgement:
 
 
 def _judged(file: ProblemFile, claim: dict[str, Any]) -> Judgement:
+    if claim.get("kind", file.kind) != file.kind and "run" in claim:
+        kinds = f"of kind {claim['kind']!r}, and {file.name} is of kind {file.kind!r}"
+        return Judgement(file.problem(), None, math.inf, [f"the result is of another problem: it is {kinds}"])
     problem, attempt = file.problem(), claim.get("best_attempt")
     solution = claim.get("solution", claim if attempt is None else None)
     found = attempt if solution is None else solution
     if found is None:
         return Judgement(problem, None, math.inf, ["there is no solution"])
     verdict = checked(problem, found)
-    objections = [*verdict.objections, *_false_claims(claim, verdict, file)]
+    objections = [*_of_another(claim, file), *_few(verdict.objections), *_false_claims(claim, verdict, file)]
     if solution is None:
         objections.insert(0, "there is no solution, only a best attempt")
     return Judgement(problem, solution, verdict.fitness, objections, cleared(problem, verdict))
@@ -86,6 +91,19 @@ def _updates(directives: object) -> Iterator[dict[str, Any]]:
             yield fields
 
 
+def _of_another(claim: dict[str, Any], file: ProblemFile) -> list[str]:
+    """Whether a whole result is of another problem, which is then the reason of all that is wrong with it."""
+    if claim.get("problem_sha256", file.sha256) == file.sha256:
+        return []
+    return [f"the result is of another problem than {file.name}: problem_sha256 differs"]
+
+
+def _few(objections: tuple[str, ...]) -> list[str]:
+    """The first objections, and how many more there are."""
+    more = len(objections) - _MOST_OBJECTIONS
+    return [*objections[:_MOST_OBJECTIONS], *([f"and {more} more"] if more > 0 else [])]
+
+
 def _false_claims(claim: dict[str, Any], verdict: Verdict, file: ProblemFile) -> list[str]:
     """What a whole result says beside its solution, and is not so."""
     false = []
@@ -93,8 +111,6 @@ def _false_claims(claim: dict[str, Any], verdict: Verdict, file: ProblemFile) ->
     claimed = math.inf if claimed is None else claimed
     if not isinstance(claimed, float | int) or not same_fitness(claimed, verdict.fitness):
         false.append(f"the result claims a fitness of {claimed}, the check finds {verdict.fitness:.9g}")
-    if claim.get("problem_sha256", file.sha256) != file.sha256:
-        false.append("the result is of another problem: problem_sha256 differs")
     target = file.run.target if file.run.target is not None else solved_at(file.problem())
     solved = target is None or verdict.fitness <= target or same_fitness(verdict.fitness, target)
     if claim.get("solved") is True and not solved:

@@ -8,7 +8,8 @@ import sys
 from collections.abc import Mapping
 from typing import Any
 
-from problems import BadInput, ProblemFile
+from problems import BadInput, ProblemFile, Run
+from problems.run import DEFAULT_STALL
 from spy.result import Result
 from supernode import exits
 
@@ -49,7 +50,7 @@ def exit_code(result: Result) -> int:
 
 
 def _words(result: Result) -> str:
-    lines = [_headline(result)]
+    lines = [headline(result)]
     if result.message is not None:
         lines.append(f"  {result.message}")
     lines.append(
@@ -91,7 +92,10 @@ def _short(value: object) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
-def _headline(result: Result) -> str:
+def headline(result: Result) -> str:
+    """How it ended, in a line."""
+    if result.found is None and result.evaluations == 0 and result.status in ("deadline", "cancelled"):
+        return f"{result.status}: it was still waiting for nodes, and never ran"
     if not math.isfinite(result.fitness) or result.found_at is None:
         return f"{result.status}: nothing feasible was found"
     place = ", ".join(str(part) for part in result.found_at["cell"])
@@ -99,4 +103,11 @@ def _headline(result: Result) -> str:
     found = (
         f"fitness {result.fitness:.6g}, found by cell ({place}) in generation {result.found_at['generation']}{world}"
     )
-    return f"{result.status}: {found if result.feasible else f'no solution; the best attempt has {found}'}"
+    status: str = result.status
+    if status == "stalled" and result.feasible and result.target is None:  # which is how a search for the least ends
+        status = f"stalled, nothing better for {_stall(result)} generations"
+    return f"{status}: {found if result.feasible else f'no solution; the best attempt has {found}'}"
+
+
+def _stall(result: Result) -> int:
+    return Run(**result.run).stall_limit() or DEFAULT_STALL

@@ -105,7 +105,7 @@ def _by_moves(worlds: Sequence[World]) -> list[str]:
         "|---|---:|---:|---:|---:|---:|",
     ]
     for least, most in ((4, 4), (5, 5), (6, 7), (8, 99)):
-        some = [world for world in worlds if least <= world.answer.figures["fewest_moves"] <= most]
+        some = [world for world in worlds if least <= world.answer.figures["fewest_moves_at_most"] <= most]
         if not some:
             continue
         tuned, paper = ([world.outcomes[place] for world in some] for place in (0, 1))

@@ -49,7 +49,7 @@ class Grid(NamedTuple):
 
 
 def answer(problem: ArmPath) -> Answer:
-    """Whether the goal can be reached at all, by how few moves, and on how short a way.
+    """Whether the goal can be reached at all; and bounds from above of the fewest moves and the shortest way there.
 
     Raises:
         BadInput: if the arm has not two links, or the codes are too many.
@@ -59,7 +59,8 @@ def answer(problem: ArmPath) -> Answer:
     figures: dict[str, float | int | bool] = {"surely_solvable": bool(corners)}
     if corners:
         solution = _solution(problem, grid, corners)
-        figures |= {"fewest_moves": len(solution["path"]) - 1, "shortest_rad": round(shortest(problem, grid), 6)}
+        moves, length = len(solution["path"]) - 1, round(shortest(problem, grid), 6)
+        figures |= {"fewest_moves_at_most": moves, "shortest_rad_at_most": length}  # cells in doubt may allow less
         return Answer("optimum", 0.0, _METHOD, solution, figures)
     unreachable = not fewest_moves(grid._replace(surely_free=grid.maybe_free))
     return Answer("lower bound", np.inf if unreachable else 0.0, _METHOD, None, figures)

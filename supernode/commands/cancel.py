@@ -16,7 +16,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Ask for it; `watch` shows the end."""
+    from coordinator.states import ENDS
+
     with connected(options) as client:
         status = client.job(options.job).cancel()
-    tell(options, {"job": options.job, "status": status}, f"{options.job}: {status}")
+    told = f"had ended before: {status}" if status in ENDS else f"is being cancelled (it was {status})"
+    tell(options, {"job": options.job, "status": status}, f"{options.job} {told}")
     return exits.OK

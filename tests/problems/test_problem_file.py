@@ -243,7 +243,7 @@ def test_an_unknown_field_of_a_table_names_those_of_that_table(tmp_path):
         (["values = [1.0, '2']"], 'values[1]: expected a valid number, found "2"'),
         (["values = [1.0, nan]"], "values[1]: expected a finite number, found NaN"),
         (["values = ['a', 'b', 'c']"], 'values[0]: expected a valid number, found "a" (and 2 more)'),
-        (["pair = [1.0]"], "pair[1]: expected this field, found nothing"),
+        (["pair = [1.0]"], "pair: expected 2 values, found 1: [1.0]"),
         (["pair = [1.0, 2.0, 3.0]"], "pair: expected at most 2 items, found [1.0, 2.0, 3.0]"),
         (["inner = 1"], "inner: expected an object, found 1"),
         (["inner = {}"], "inner.size: expected this field, found nothing"),
@@ -275,6 +275,13 @@ def test_an_unknown_field_of_a_table_names_those_of_that_table(tmp_path):
 def test_a_wrong_field(refused, lines, complaint):
     others = "name, switch, choice, either, values, pair, inner, obstacles"
     assert refused(*lines) == complaint.replace("{others}", others)
+
+
+def test_too_few_values_are_counted(tmp_path):
+    path = tmp_path / "arm.toml"
+    path.write_text(ARM.replace("[1.2, 0.9]", "[1.2]"))
+    with pytest.raises(BadInput, match=re.escape(f"{path}: target: expected 2 values, found 1: [1.2]")):
+        load(path)
 
 
 def test_a_missing_field_is_named(tmp_path):

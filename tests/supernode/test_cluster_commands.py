@@ -125,7 +125,7 @@ def test_watch_ends_as_the_job_did(supernode, service, file):
     supernode("submit", file, "--id", "a")
     service.tell("a", "cancelled")
     code, out, _ = supernode("watch", "a")
-    assert (code, out.splitlines()[0]) == (3, "cancelled: nothing feasible was found")
+    assert (code, out.splitlines()[0]) == (3, "cancelled: it was still waiting for nodes, and never ran")
     supernode("submit", file, "--id", "b")
     service.tell("b", "failed", message="two nodes fell asleep")
     code, _, err = supernode("watch", "b")
@@ -181,7 +181,7 @@ def test_cancel_update_and_rewire(supernode, service, file, tmp_path):
     assert json.loads(supernode("rewire", "a", "--topology", "ring 16", "--json")[1]) == {"job": "a", "world": 2}
     assert json.loads(supernode("rewire", "a", "--torus", "2x8", "--json")[1]) == {"job": "a", "world": 3}
     assert service.jobs["a"]["worlds"][1] == "ring 16"
-    assert supernode("cancel", "a")[:2] == (0, "a: queued\n")
+    assert supernode("cancel", "a")[:2] == (0, "a is being cancelled (it was queued)\n")
     assert supernode("watch", "a")[0] == 3
 
 

@@ -1,14 +1,17 @@
 """What `solve`, `simulate` and `check` say of a result: its clearance, and that an attempt is no solution."""
 
 import json
+import re
+from pathlib import Path
 
 import pytest
 
 from problems import load
 from supernode.__main__ import main
-from supernode.present import clearance_words
+from supernode.present import clearance_words, headline
 from supernode.results import result_in
 
+ROOT = Path(__file__).resolve().parents[2]
 NEAR = """
 
 class Near(OneMax):
@@ -130,3 +133,52 @@ def test_a_lost_result_holds_what_was_known_as_what_it_was(file, feasible):
     result = result_in(view)
     assert (result.fitness, result.feasible, result.found) == (0.5, feasible, best["solution"])
     assert (result.solution is None, result.best_attempt is None) == (not feasible, feasible)
+
+
+# What misled ----------------------------------------------------------------------------------------------------------
+def test_the_result_of_another_kind_is_said_to_be_one(own_problem, file, tmp_path, capsys):
+    result = tmp_path / "result.json"
+    result.write_text(
+        in_process(capsys, "simulate", file, "--generations", 1, "--torus", "1x1", "--json", "--quiet")[1]
+    )
+    code, out, _ = in_process(capsys, "check", own_problem(), result)
+    assert (code, len(out.splitlines())) == (3, 1)
+    assert out.startswith("rejected: the result is of another problem: it is of kind 'function', and ")
+    assert out.endswith("own.toml is of kind 'own_module:OneMax'\n")
+
+
+MANY = """
+
+class Many(OneMax):
+    def check(self, solution):
+        return supernode.Verdict(super().check(solution).fitness, tuple(f"wall {n}" for n in range(300)))
+"""
+
+
+def test_of_many_objections_three_are_named_after_what_explains_them(own_problem, tmp_path, capsys):
+    path, result = of_a_kind(own_problem, "Many", MANY), tmp_path / "result.json"
+    result.write_text(json.dumps({"problem_sha256": "0" * 64, "solution": {"genome": "ff" * 5}}))
+    code, out, _ = in_process(capsys, "check", path, result)
+    first = f"rejected: the result is of another problem than {path}: problem_sha256 differs; "
+    assert (code, out) == (3, f"{first}wall 0; wall 1; wall 2; and 297 more\n")
+
+
+@pytest.mark.parametrize(
+    ("typed", "meant"), [(["slove", "x.toml"], "'solve'"), (["solve", "x.toml", "--sed", "7"], "'--seed'")]
+)
+def test_what_is_spelled_wrongly_gets_a_suggestion(capsys, typed, meant):
+    with pytest.raises(SystemExit):
+        main(typed)
+    assert f"; did you mean {meant}? (see `supernode" in capsys.readouterr().err
+
+
+def test_a_search_for_the_least_that_finds_nothing_better_says_for_how_long(tmp_path, capsys):
+    terrain = tmp_path / "terrain.toml"
+    terrain.write_text(re.sub(r"(?m)^target = .*$", "", (ROOT / "examples" / "terrain.toml").read_text()))
+    code, out, _ = in_process(capsys, "simulate", terrain, "--torus", "2x2", "--stall", 30, "--quiet")
+    assert (code, out.startswith("stalled, nothing better for 30 generations: fitness ")) == (0, True)
+
+
+def test_a_job_that_never_ran_says_so_in_words(file):
+    view = {"job": "a", "status": "deadline", "result": None, "best": None, "file": load(file).to_json()}
+    assert headline(result_in(view)) == "deadline: it was still waiting for nodes, and never ran"
