@@ -88,19 +88,26 @@ def with_restarts(costs: Sequence[float]) -> tuple[float, float]:
 
 
 def _best(sequential: Sequence[Sequence[float]], draws: np.random.Generator) -> tuple[float, Any]:
-    """The least median of all algorithms, and that of each replicate."""
-    if not sequential:
-        return math.inf, np.full(_REPLICATES, np.inf)
-    drawn = np.array([_medians(costs, draws) for costs in sequential])
-    return min(map(_median, sequential)), drawn.min(axis=0)
+    """The median cost of the algorithm that failed least often, among equals the cheapest; and in each replicate."""
+    failures, best = np.full(1 + _REPLICATES, np.inf), np.full(1 + _REPLICATES, np.inf)
+    for costs in sequential:
+        if costs:
+            drawn = np.vstack([_finite(costs), _resampled(costs, draws)])
+            failing, medians = np.isinf(drawn).mean(axis=1), np.median(drawn, axis=1)
+            is_better = (failing < failures) | ((failing == failures) & (medians < best))
+            failures, best = np.where(is_better, failing, failures), np.where(is_better, medians, best)
+    return float(best[0]), best[1:]
+
+
+def _resampled(costs: Sequence[float], draws: np.random.Generator) -> Any:
+    """Costs drawn again, (replicates, costs)."""
+    sample = _finite(costs)
+    return sample[draws.integers(0, sample.size, (_REPLICATES, sample.size))]
 
 
 def _medians(costs: Sequence[float], draws: np.random.Generator) -> Any:
     """Of resampled costs, (replicates,)."""
-    if not costs:
-        return np.full(_REPLICATES, np.inf)
-    sample = _finite(costs)
-    return np.median(sample[draws.integers(0, sample.size, (_REPLICATES, sample.size))], axis=1)
+    return np.median(_resampled(costs, draws), axis=1) if costs else np.full(_REPLICATES, np.inf)
 
 
 def _median(costs: Sequence[float]) -> float:

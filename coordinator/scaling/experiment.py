@@ -2,8 +2,8 @@
 
 Three series ask three questions, and a run that two of them need is made once:
 
-- *weak*: the deme on a node is fixed, so that the population grows with the nodes; run to the target;
-- *strong*: the whole population is fixed and divided among the nodes; run to the target;
+- *growing-population* (weak scaling): the deme on a node is fixed, the population grows with them; run to the target;
+- *fixed-population* (strong scaling): the whole population is fixed and divided among the nodes; run to the target;
 - *budget*: the deme on a node is fixed and so are the evaluations of all nodes together; how good is the answer then?
 
 Two references belong to them: the *sequential* algorithm, one deme in one process without neighbours; and the *twin* of
@@ -20,12 +20,12 @@ from problems import BadInput, ProblemFile, Run
 from topologies import torus_of
 
 Mode = Literal["lockstep", "async"]
-Series = Literal["strong", "weak", "budget"]
+Series = Literal["fixed-population", "growing-population", "budget"]
 Goal = Literal["target", "budget"]
 Role = Literal["nodes", "twin", "sequential"]
 
 MODES: tuple[Mode, ...] = ("lockstep", "async")
-SERIES: tuple[Series, ...] = ("strong", "weak", "budget")
+SERIES: tuple[Series, ...] = ("fixed-population", "growing-population", "budget")
 MOST_NODES = 4096  # each is a process
 
 _OWN = ("topology", "deme", "mode", "seed", "evaluations", "restarts")  # settings that the experiment itself decides
@@ -46,9 +46,10 @@ class Parameters:
 
     Attributes:
         nodes: the sizes, ascending.
-        repeats: runs of each kind, with seeds 1, 2, ...
-        demes: on a node, in the weak and budget series.
-        population: of the strong series.
+        repeats: runs of each kind on nodes, with seeds 1, 2, ...
+        seeds: runs of each kind in one process; verdicts on the search rest on these.
+        demes: on a node, in the growing-population and budget series.
+        population: of the fixed-population series.
         budget: evaluations of a run of the budget series, of all nodes together.
         evaluations: the limit of a run to the target.
         sequential: demes of the sequential algorithm, the best of which counts.
@@ -58,6 +59,7 @@ class Parameters:
 
     nodes: tuple[int, ...]
     repeats: int
+    seeds: int
     modes: tuple[Mode, ...]
     demes: tuple[int, ...]
     series: tuple[Series, ...]
@@ -151,10 +153,10 @@ def goal_of(series: Series) -> Goal:
 def points(parameters: Parameters) -> list[Point]:
     """Every point of every curve, curve by curve."""
     return [
-        Point(series, mode, nodes, parameters.population // nodes if series == "strong" else deme)
+        Point(series, mode, nodes, parameters.population // nodes if series == "fixed-population" else deme)
         for series in parameters.series
         for mode in parameters.modes
-        for deme in (parameters.demes if series != "strong" else (0,))
+        for deme in (parameters.demes if series != "fixed-population" else (0,))
         for nodes in parameters.nodes
     ]
 
@@ -162,14 +164,14 @@ def points(parameters: Parameters) -> list[Point]:
 def cases_on(parameters: Parameters, nodes: int, role: Role = "nodes") -> list[Case]:
     """The runs of one size: seed by seed, so that what an interruption leaves is of all kinds."""
     wanted = [point for point in points(parameters) if point.nodes == nodes and (role == "nodes" or point.has_twin)]
-    return list(dict.fromkeys(point.case(seed, role) for seed in _seeds(parameters) for point in wanted))
+    return list(dict.fromkeys(point.case(seed, role) for seed in _seeds(parameters, role) for point in wanted))
 
 
 def sequential_cases(parameters: Parameters) -> list[Case]:
     """The runs of the sequential algorithm."""
     return [
         Case("sequential", 1, "lockstep", deme, goal, seed)
-        for seed in _seeds(parameters)
+        for seed in _seeds(parameters, "sequential")
         for deme in parameters.sequential
         for goal in parameters.goals
     ]
@@ -183,8 +185,8 @@ def all_cases(parameters: Parameters) -> Iterator[Case]:
         yield from cases_on(parameters, nodes, "twin")
 
 
-def _seeds(parameters: Parameters) -> range:
-    return range(1, parameters.repeats + 1)
+def _seeds(parameters: Parameters, role: Role) -> range:
+    return range(1, (parameters.repeats if role == "nodes" else max(parameters.repeats, parameters.seeds)) + 1)
 
 
 def design(
@@ -192,6 +194,7 @@ def design(
     *,
     nodes: Sequence[int] = (16, 64),
     repeats: int = 5,
+    seeds: int = 100,
     modes: Sequence[Mode] = MODES,
     demes: Sequence[int] | None = None,
     series: Sequence[Series] = SERIES,
@@ -213,12 +216,13 @@ def design(
     _check_range("demes", own_demes)
     _check_range("sequential", sequential)
     whole_numbers = {"population": population, "budget": budget, "evaluations": evaluations}
-    for name, value in {"repeats": repeats, "launches": launches, **whole_numbers}.items():
+    for name, value in {"repeats": repeats, "seeds": seeds, "launches": launches, **whole_numbers}.items():
         _check_range(name, (1 if value is None else value,))
     whole = population or math.lcm(*nodes) * own_demes[0]
     parameters = Parameters(
         nodes=tuple(sorted(set(nodes))),
         repeats=repeats,
+        seeds=seeds,
         modes=tuple(dict.fromkeys(modes)),
         demes=own_demes,
         series=tuple(dict.fromkeys(series)),
@@ -255,7 +259,7 @@ def _check_range(name: str, values: Sequence[int], most: int | None = None) -> N
 
 def _check(file: ProblemFile, parameters: Parameters) -> None:
     """Everything that can be wrong before the first process is launched."""
-    if "strong" in parameters.series:
+    if "fixed-population" in parameters.series:
         _check_division(parameters)
     for case in all_cases(parameters):
         if case.seed == 1:

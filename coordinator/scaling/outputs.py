@@ -6,10 +6,19 @@ from pathlib import Path
 
 from coordinator.scaling import tables
 from coordinator.scaling.journal import Journal
-from coordinator.scaling.plots import draw_all
+from coordinator.scaling.plots import FORMATS, draw_all
 from coordinator.scaling.report import write_report
 from coordinator.scaling.statistics import Estimate
-from coordinator.scaling.summary import FITNESS, PER_GENERATION, SPEEDUPS, SUCCESS, TO_TARGET, Metric, Summary
+from coordinator.scaling.summary import (
+    FITNESS,
+    INDEPENDENT,
+    PER_GENERATION,
+    STRONG_EVALUATIONS,
+    SUCCESS,
+    TO_TARGET,
+    Metric,
+    Summary,
+)
 from coordinator.scaling.words import number, verdict
 from problems import BadInput
 from wire.plain import plain
@@ -20,14 +29,13 @@ _COLUMNS: tuple[tuple[str, Metric], ...] = (
     ("evaluations", TO_TARGET[1]),
     ("fitness", FITNESS),
     ("µs CPU/node/gen.", PER_GENERATION[2]),
-    ("strong ×, eval.", SPEEDUPS[0]),
-    ("strong ×, CPU", SPEEDUPS[1]),
-    ("weak ×, twin", SPEEDUPS[2]),
+    ("strong ×, eval.", STRONG_EVALUATIONS),
+    ("n independent ×", INDEPENDENT),
 )
 
 
-def write_all(summary: Summary, journal: Journal) -> None:
-    """Tables, pictures and the report.
+def write_all(summary: Summary, journal: Journal, formats: Sequence[str] = FORMATS) -> None:
+    """Tables, pictures in these formats, and the report.
 
     Raises:
         BadInput: if they cannot be written.
@@ -36,7 +44,7 @@ def write_all(summary: Summary, journal: Journal) -> None:
     try:
         tables.write_runs(summary, folder)
         tables.write_summary(summary, folder)
-        pictures = draw_all(summary, folder)
+        pictures = draw_all(summary, folder, formats)
         write_report(summary, journal.experiment, pictures, folder / "report.html")
     except OSError as error:
         raise BadInput(f"{folder}: expected a folder that can be written, found {error.strerror}") from None

@@ -1,5 +1,6 @@
 """Pictures of an experiment: on logarithmic axes, with intervals, and the ideal where there is one."""
 
+import io
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
@@ -11,6 +12,7 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
 from coordinator.scaling.summary import (
     FITNESS,
+    INDEPENDENT,
     LAUNCH,
     MEMORY,
     PER_GENERATION,
@@ -26,12 +28,15 @@ from coordinator.scaling.summary import (
     Summary,
 )
 
+FORMATS = ("png", "svg")
+"""Of pictures; PDF is another that may be asked for."""
+
 _COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000")  # told apart by all eyes
 _MARKERS = {"lockstep": "o", "async": "s"}
 _LINES = {"lockstep": "-", "async": "--"}
 _DODGE = 1.035  # so that error bars stand beside each other
 _LEAST_SPAN = 6.0
-_TO_TARGET = ("strong", "weak")
+_TO_TARGET = ("fixed-population", "growing-population")
 
 
 @dataclass(frozen=True)
@@ -46,7 +51,7 @@ class _Panel:
 
 @dataclass(frozen=True)
 class Picture:
-    """A picture: its file's name, what it shows, and its panels."""
+    """A picture: its file's name without an ending, what it shows, and its panels."""
 
     name: str
     caption: str
@@ -57,65 +62,72 @@ def _itself(nodes: int) -> float:
     return float(nodes)
 
 
-_ALL = ("strong", "weak", "budget")
+_ALL = ("fixed-population", "growing-population", "budget")
 _PICTURES = (
     Picture(
-        "strong-speedup.png",
-        "Strong speed-up: against the best sequential algorithm. Left in evaluations, right in critical-path CPU time. "
-        "Grey: ideal, one node's worth from each node; above it, super-linear.",
-        (_Panel(STRONG_EVALUATIONS, _TO_TARGET, _itself), _Panel(STRONG_CPU, _TO_TARGET, _itself)),
+        "strong-speedup",
+        "Strong speed-up: against the best sequential algorithm, in evaluations; in the middle what n independent runs "
+        "of that make; right the same programs in critical-path CPU time, which is no speed-up of a search. Grey: "
+        "ideal, one node's worth from each node; above it, super-linear.",
+        (
+            _Panel(STRONG_EVALUATIONS, _TO_TARGET, _itself),
+            _Panel(INDEPENDENT, _TO_TARGET, _itself),
+            _Panel(STRONG_CPU, _TO_TARGET, _itself),
+        ),
     ),
     Picture(
-        "weak-speedup.png",
-        "Weak speed-up: the same n-cell algorithm on one processor, against its critical-path CPU time on n nodes. "
+        "weak-speedup",
+        "What a processor costs: the same n-cell algorithm on one, against its critical-path CPU time on n nodes. "
         "Left the one processor simulates it without messages; right it does all that the nodes did. Grey: ideal.",
         (_Panel(WEAK_TWIN, _TO_TARGET, _itself), _Panel(WEAK_BALANCE, _TO_TARGET, _itself)),
     ),
     Picture(
-        "to-target.png",
+        "to-target",
         "What it takes to reach the target: medians over the runs that reached it. Critical-path CPU time is that of "
         "the node that used most, to the agreed stop.",
         tuple(_Panel(TO_TARGET[index], _TO_TARGET) for index in (0, 1, 3)),
     ),
     Picture(
-        "success.png",
+        "success",
         "Runs that reached the target, with Wilson's intervals: left within the limit of evaluations, right within the "
         "budget.",
         (_Panel(SUCCESS, _TO_TARGET, None, False), _Panel(SUCCESS, ("budget",), None, False)),
     ),
     Picture(
-        "budget.png",
+        "budget",
         "Fixed budget: the best fitness (lower is better) after the same number of evaluations of all nodes together.",
         (_Panel(FITNESS, ("budget",), None, False),),
     ),
     Picture(
-        "throughput.png",
+        "throughput",
         "Generations and evaluations in a second on this machine, whose cores the nodes share.",
         (_Panel(PER_GENERATION[0], _ALL), _Panel(PER_GENERATION[1], _ALL)),
     ),
     Picture(
-        "cost-of-a-generation.png",
+        "cost-of-a-generation",
         "What a generation costs a node: CPU time for everything (breeding, evaluations, messages); and messages "
         "received.",
         (_Panel(PER_GENERATION[2], _ALL), _Panel(PER_GENERATION[4], _ALL, None, False)),
     ),
     Picture(
-        "size.png",
+        "size",
         "What a size costs, whatever runs on it: from the call to the ready cluster, and memory of a node (PSS).",
         (_Panel(LAUNCH, ()), _Panel(MEMORY, (), None, False)),
     ),
 )
 
 
-def draw_all(summary: Summary, folder: Path) -> list[tuple[Path, Picture]]:
-    """Draw every picture for which there are numbers."""
+def draw_all(summary: Summary, folder: Path, formats: Sequence[str] = FORMATS) -> list[tuple[bytes, Picture]]:
+    """Draw every picture for which there are numbers, in each of the formats; as PNG they are returned too."""
     drawn = []
     for picture in _PICTURES:
         panels = [panel for panel in picture.panels if _curves(summary, panel)]
         if panels:
-            path = folder / picture.name
-            _draw(summary, panels).savefig(path, dpi=130)
-            drawn.append((path, picture))
+            figure, shown = _draw(summary, panels), io.BytesIO()
+            for kind in formats:
+                figure.savefig(folder / f"{picture.name}.{kind}", dpi=130)
+            figure.savefig(shown, dpi=130)
+            drawn.append((shown.getvalue(), picture))
     return drawn
 
 

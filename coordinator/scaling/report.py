@@ -23,13 +23,13 @@ from coordinator.scaling.summary import (
 )
 
 _SECTIONS: tuple[tuple[str, tuple[str, ...], tuple[Metric, ...], tuple[str, ...]], ...] = (
-    ("To the target", ("strong", "weak"), (SUCCESS, *TO_TARGET), ("to-target.png", "success.png")),
-    ("With a fixed budget", ("budget",), (FITNESS, SUCCESS), ("budget.png",)),
+    ("To the target", ("fixed-population", "growing-population"), (SUCCESS, *TO_TARGET), ("to-target", "success")),
+    ("With a fixed budget", ("budget",), (FITNESS, SUCCESS), ("budget",)),
     (
         "What a generation costs",
-        ("strong", "weak", "budget"),
+        ("fixed-population", "growing-population", "budget"),
         PER_GENERATION,
-        ("throughput.png", "cost-of-a-generation.png"),
+        ("throughput", "cost-of-a-generation"),
     ),
 )
 
@@ -60,10 +60,10 @@ class _Section:
 
 
 def write_report(
-    summary: Summary, experiment: dict[str, Any], pictures: Sequence[tuple[Path, Picture]], path: Path
+    summary: Summary, experiment: dict[str, Any], pictures: Sequence[tuple[bytes, Picture]], path: Path
 ) -> None:
     """Fill in the template."""
-    inlined = {picture.name: (_data_url(file), picture.caption) for file, picture in pictures}
+    inlined = {picture.name: (_data_url(png), picture.caption) for png, picture in pictures}
     page = rendered(
         "coordinator.scaling",
         experiment=experiment,
@@ -78,8 +78,8 @@ def write_report(
     path.write_text(page, encoding="utf-8")
 
 
-def _data_url(path: Path) -> str:
-    return "data:image/png;base64," + base64.b64encode(path.read_bytes()).decode()
+def _data_url(png: bytes) -> str:
+    return "data:image/png;base64," + base64.b64encode(png).decode()
 
 
 def _cores(count: int) -> str:
@@ -93,13 +93,13 @@ def _series(summary: Summary, name: str) -> str:
 
 def _sections(summary: Summary, pictures: dict[str, tuple[str, str]]) -> list[_Section]:
     """Those that have anything to show."""
-    speed_ups = _Section("Speed-up", _speed_ups(summary), _chosen(pictures, "strong-speedup.png", "weak-speedup.png"))
+    speed_ups = _Section("Speed-up", _speed_ups(summary), _chosen(pictures, "strong-speedup", "weak-speedup"))
     reference = _Section("The sequential algorithm", [_sequential(summary)], [])
     others = [
         _Section(title, [_points(summary, series, metrics)], _chosen(pictures, *names))
         for title, series, metrics, names in _SECTIONS
     ]
-    sizes = _Section("What a size costs", [_sizes(summary)], _chosen(pictures, "size.png"))
+    sizes = _Section("What a size costs", [_sizes(summary)], _chosen(pictures, "size"))
     return [
         section for section in (speed_ups, *others, sizes, reference) if any(table.rows for table in section.tables)
     ]
@@ -147,7 +147,7 @@ def _speed_ups(summary: Summary) -> list[_Table]:
                 _Cell(words.number(row.estimate.value), words.interval(row.estimate), row.is_super_linear),
                 _Cell(words.number(row.efficiency.value), words.interval(row.efficiency), row.is_super_linear),
             ]
-            for curve in summary.curves("strong", "weak")
+            for curve in summary.curves("fixed-population", "growing-population")
             for row in summary.find(metric, curve)
         ]
         if rows:

@@ -1,9 +1,13 @@
 """From runs to numbers with intervals: what each point costs, and which speed-up that is.
 
-Speed-ups are named after Alba's taxonomy. *Strong*: the best sequential algorithm known here, divided by n nodes.
-*Weak*: an algorithm of n cells on one processor, divided by the same on n nodes. A cost is in evaluations (those on the
-critical path: evaluations divided by nodes) or in CPU seconds (those on the critical path: of the node that used most).
-In a strong speed-up a run that did not reach the target counts as dearer than any that did.
+Speed-ups are named after Alba's taxonomy (Alba 2002, "Parallel evolutionary algorithms can achieve super-linear
+performance", Information Processing Letters 82:7-13). *Strong*: the best sequential algorithm known here, divided by n
+nodes. *Weak, orthodox*: the same algorithm of n cells on one processor, divided by n nodes; his weak speed-up against
+panmixia, one population without structure, is the strong one here wherever the sequential deme is the best.
+
+A cost is in evaluations (those on the critical path: evaluations divided by nodes) or in CPU seconds (those on the
+critical path: of the node that used most). Only the former compares searches. In a strong speed-up a run that did not
+reach the target counts as dearer than any that did.
 """
 
 import math
@@ -13,6 +17,7 @@ from statistics import median as middle
 from typing import Any
 
 from coordinator.scaling import statistics
+from coordinator.scaling.comparison import Comparison, compare, first_of
 from coordinator.scaling.experiment import Case, Parameters, Point, Series, points, sequential_cases
 from coordinator.scaling.journal import Journal, Record
 from coordinator.scaling.statistics import Estimate
@@ -95,10 +100,15 @@ LAUNCH = Metric("launch_seconds", "launch time", "s", "mean")
 MEMORY = Metric("memory_per_node", "memory per node, PSS", "MB", "mean")
 
 STRONG_EVALUATIONS = Metric("strong_speedup_evaluations", "strong speed-up, in evaluations", "×", "ratio of medians")
-STRONG_CPU = Metric("strong_speedup_cpu", "strong speed-up, in CPU time", "×", "ratio of medians")
-WEAK_TWIN = Metric("weak_speedup_twin", "weak speed-up, against the simulator", "×", "median")
-WEAK_BALANCE = Metric("weak_speedup_balance", "weak speed-up, against its own CPU time", "×", "median")
-SPEEDUPS = (STRONG_EVALUATIONS, STRONG_CPU, WEAK_TWIN, WEAK_BALANCE)
+STRONG_CPU = Metric(
+    "strong_speedup_cpu", "CPU time of the best sequential program over the critical path", "×", "ratio of medians"
+)
+INDEPENDENT = Metric(
+    "independent_speedup", "speed-up of n independent sequential runs, in evaluations", "×", "ratio of medians"
+)
+WEAK_TWIN = Metric("weak_speedup_twin", "CPU time of the simulator over the critical path", "×", "median")
+WEAK_BALANCE = Metric("weak_speedup_balance", "CPU time of all nodes over the critical path", "×", "median")
+SPEEDUPS = (STRONG_EVALUATIONS, INDEPENDENT, STRONG_CPU, WEAK_TWIN, WEAK_BALANCE)
 
 
 @dataclass(frozen=True)
@@ -124,6 +134,7 @@ class Row:
     deme: int | None
     metric: Metric
     estimate: Estimate
+    comparison: Comparison | None = None  # of a speed-up in evaluations: its verdict among all of them
 
     @property
     def efficiency(self) -> Estimate:
@@ -133,7 +144,7 @@ class Row:
     @property
     def is_super_linear(self) -> bool:
         """Of a speed-up: whether the whole interval of its efficiency is above 1."""
-        return self.metric in SPEEDUPS and self.efficiency.is_above(1.0)
+        return self.metric in SPEEDUPS and self.metric is not INDEPENDENT and self.efficiency.is_above(1.0)
 
 
 @dataclass(frozen=True)
@@ -187,7 +198,7 @@ def summarise(parameters: Parameters, journal: Journal) -> Summary:
     runs = _Runs(journal.runs)
     return Summary(
         parameters=parameters,
-        rows=[*_sizes(parameters, journal), *_rows(parameters, runs)],
+        rows=[*_sizes(parameters, journal), *_rows(parameters, runs), *_strong(parameters, runs)],
         sequential=list(_sequential(parameters, runs)),
         runs=list(journal.runs.values()),
         failed=[run for run in journal.runs.values() if run["status"] == "failed"],
@@ -227,7 +238,7 @@ def _sizes(parameters: Parameters, journal: Journal) -> Iterator[Row]:
 
 def _rows(parameters: Parameters, runs: _Runs) -> Iterator[Row]:
     for point in points(parameters):
-        curve = Curve(point.series, point.mode, None if point.series == "strong" else point.deme)
+        curve = Curve(point.series, point.mode, None if point.series == "fixed-population" else point.deme)
         for metric, estimate in _estimates(parameters, point, runs):
             if estimate is not None:
                 yield Row(curve, point.nodes, point.deme, metric, estimate)
@@ -241,7 +252,6 @@ def _estimates(parameters: Parameters, point: Point, runs: _Runs) -> Iterator[tu
     for metric in (*to_target, FITNESS, *PER_GENERATION):
         yield metric, _estimate(metric, its_runs)
     if point.goal == "target":
-        yield from _strong(parameters, its_runs, runs)
         yield from _weak(parameters, point, its_runs, runs)
 
 
@@ -254,13 +264,38 @@ def _estimate(metric: Metric, runs: Sequence[Record]) -> Estimate | None:
     return Estimate(sum(values), None, None, len(values)) if values else None
 
 
-def _strong(
-    parameters: Parameters, its_runs: Sequence[Record], runs: _Runs
-) -> Iterator[tuple[Metric, Estimate | None]]:
-    """The best sequential algorithm over these nodes."""
-    for metric, cost in ((STRONG_EVALUATIONS, evaluations_on_path), (STRONG_CPU, cpu_on_path)):
-        best = _best_sequential(parameters, runs, cost)
-        yield metric, statistics.ratio_of_medians([cost(run) for run in best], [cost(run) for run in its_runs])
+def _compared(parameters: Parameters, runs: _Runs) -> dict[Point, Comparison]:
+    """Each point beside the best sequential algorithm, in evaluations, all at once.
+
+    A lockstep run needs the same evaluations as its twin, of which there are more seeds.
+    """
+    of_target = [point for point in points(parameters) if point.goal == "target"]
+    seeds = range(1, max(parameters.repeats, parameters.seeds) + 1)
+    costs = []
+    for point in of_target:
+        its_runs = runs.of(point.case(seed, "twin" if point.has_twin else "nodes") for seed in seeds)
+        costs.append([evaluations_on_path(run) * point.nodes for run in its_runs])
+    sequential = [_sequential_runs(parameters, runs, deme, "target") for deme in parameters.sequential]
+    alone = [[evaluations_on_path(run) for run in those] for those in sequential if those]
+    return dict(zip(of_target, compare(alone, costs), strict=True))
+
+
+def _strong(parameters: Parameters, runs: _Runs) -> Iterator[Row]:
+    """The best sequential algorithm over these nodes; and what independent runs of it would do."""
+    best = {cost: _best_sequential(parameters, runs, cost) for cost in (evaluations_on_path, cpu_on_path)}
+    alone = [evaluations_on_path(run) for run in best[evaluations_on_path]]
+    for point, comparison in _compared(parameters, runs).items():
+        curve = Curve(point.series, point.mode, None if point.series == "fixed-population" else point.deme)
+        place = (curve, point.nodes, point.deme)
+        if comparison.efficiency is not None:
+            estimate = comparison.efficiency.divided_by(1 / point.nodes)
+            yield Row(*place, STRONG_EVALUATIONS, estimate, comparison)
+            first = first_of(alone, point.nodes)
+            yield Row(*place, INDEPENDENT, Estimate(middle(alone) / first, None, None, len(alone)))
+        its_runs = runs.at(point, parameters.repeats)
+        above, below = ([cpu_on_path(run) for run in those] for those in (best[cpu_on_path], its_runs))
+        if (estimate_of_cpu := statistics.ratio_of_medians(above, below)) is not None:
+            yield Row(*place, STRONG_CPU, estimate_of_cpu)
 
 
 def _weak(

@@ -49,6 +49,8 @@ def as_record(row: Row) -> dict[str, Any]:
         "runs": row.estimate.count,
         "efficiency": plain(row.efficiency.value) if speed_up else None,
         "super_linear": row.is_super_linear if speed_up else None,
+        "verdict": None if row.comparison is None else row.comparison.verdict,
+        "seeds_to_decide": None if row.comparison is None else row.comparison.seeds,
     }
 
 

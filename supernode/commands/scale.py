@@ -19,11 +19,13 @@ if TYPE_CHECKING:
 EXAMPLE = "supernode scale examples/mobile-robot.toml --nodes 16,64 --repeats 5 -o office-scaling"
 
 _LIBRARIES = ("pyarrow", "jinja2")
-_SERIES = ("strong", "weak", "budget")
+_SERIES = ("fixed-population", "growing-population", "budget")
+_FORMATS = ("png", "svg", "pdf")
 _MODES = ("lockstep", "async")
 _OF_THE_EXPERIMENT = (
     "nodes",
     "repeats",
+    "seeds",
     "modes",
     "demes",
     "series",
@@ -55,6 +57,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     _add_run(parser.add_argument_group("how to run (each wins over the file's [run] table)"))
     add_force(parser)
     out = parser.add_argument_group("what to tell")
+    out.add_argument(
+        "--plot-format", metavar="F,F", type=_among(_FORMATS), default=("png", "svg"), help="png, svg, pdf (png,svg)"
+    )
     out.add_argument("--json", action="store_true", help="print the summary as one JSON object")
     out.add_argument("--quiet", action="store_true", help="no progress on stderr")
 
@@ -63,17 +68,25 @@ def _add_grid(grid: argparse._ArgumentGroup) -> None:
     from supernode.commands.run_options import whole
 
     grid.add_argument("--nodes", metavar="N,N", type=_wholes, help="sizes: each the most square torus (16,64)")
-    grid.add_argument("--repeats", metavar="R", type=whole, help="runs of each kind, seeds 1 to R (5)")
+    grid.add_argument("--repeats", metavar="R", type=whole, help="runs of each kind on nodes, seeds 1 to R (5)")
+    grid.add_argument(
+        "--seeds",
+        metavar="N",
+        type=whole,
+        help="runs of each kind in one process, without messages: verdicts on the search rest on these (100)",
+    )
     grid.add_argument("--modes", metavar="M,M", type=_among(_MODES), help="lockstep, async (both)")
     grid.add_argument(
-        "--demes", metavar="N,N", type=_wholes, help="individuals on a node, weak and budget (the file's)"
+        "--demes", metavar="N,N", type=_wholes, help="individuals on a node, growing-population and budget (the file's)"
     )
-    grid.add_argument("--series", metavar="S,S", type=_among(_SERIES), help="strong, weak, budget (all)")
+    grid.add_argument(
+        "--series", metavar="S,S", type=_among(_SERIES), help="fixed-population, growing-population, budget (all)"
+    )
     grid.add_argument(
         "--population",
         metavar="N",
         type=whole,
-        help="strong: of all nodes (least common multiple of sizes × deme)",
+        help="fixed-population: of all nodes (least common multiple of sizes × deme)",
     )
     grid.add_argument("--budget", metavar="N", type=whole, help="budget: evaluations of all nodes (128 × population)")
     grid.add_argument("--sequential", metavar="N,N", type=_wholes, help="demes of the sequential reference (16,64,256)")
@@ -145,7 +158,7 @@ def _experiment(file: "ProblemFile", parameters: "Parameters", options: argparse
             say(f"interrupted; the same command goes on from here, {len(journal.runs)} runs are in {journal.folder}")
             raise
         summary = summarise(parameters, journal)
-        write_all(summary, journal)
+        write_all(summary, journal, options.plot_format)
     return as_json(summary, journal.folder) if options.json else as_words(summary, journal.folder)
 
 

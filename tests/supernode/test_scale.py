@@ -10,7 +10,10 @@ import pytest
 
 from supernode.__main__ import main
 
-QUICK = ("--nodes", "4", "--repeats", "2", "--series", "weak", "--sequential", "4", "--evaluations", "20000")
+QUICK = (
+    *("--nodes", "4", "--repeats", "2", "--seeds", "2", "--series", "growing-population"),
+    *("--sequential", "4", "--evaluations", "20000"),
+)
 
 
 @pytest.fixture
@@ -99,7 +102,7 @@ def _check_nothing_is_done_again(problem, folder, result, capsys):
         (("--nodes", "4,zero"), "error: --nodes: expected whole numbers separated by commas, found '4,zero'"),
         (("--nodes", "0"), "error: --nodes: expected whole numbers from 1 to 4096, found 0"),
         (("--modes", "sync"), "error: --modes: expected some of lockstep, async, found 'sync'"),
-        (("--series", ""), "error: --series: expected some of strong, weak, budget, found ''"),
+        (("--series", ""), "error: --series: expected some of fixed-population, growing-population, budget, found ''"),
         (("--mutation", "2"), "error: options: mutation"),
     ],
 )
