@@ -151,6 +151,8 @@ def test_min_time_is_its_trajectory():
     np.testing.assert_allclose(arm.position[[0, -1]], [problem.start, problem.goal], atol=1e-9)
     assert list(table(motion))[:3] == ["t", "joint_1.position", "joint_2.position"]
     np.testing.assert_allclose(arm.links[0, -1], [math.cos(-0.5) + math.cos(-1.5), math.sin(-0.5) + math.sin(-1.5), 0])
+    assert [str(limit) for limit in motion.limits] == ["torque [64.5, 64.5] N m (arm.torque)"]
+    assert motion.notes == ("no limit of velocity is stated: arm.velocity",)
     with pytest.raises(supernode.BadInput, match=r"^--rate: expected none for min-time, whose rows"):
         moved(problem, solution, Pace(rate=5.0))
 
@@ -160,6 +162,9 @@ def test_joints_of_a_urdf_keep_their_names():
     problem, solution, motion = moving("min-time-panda.toml")
     assert motion.tracks[0].joints == tuple(problem.arm.names)
     assert motion.tracks[0].joints[0] == "panda_joint1"
+    limits = {limit.name: limit.values for limit in motion.limits}
+    assert limits["velocity"] == (2.175, 2.175, 2.175, 2.175, 2.61, 2.61, 2.61)
+    assert np.all(np.abs(motion.tracks[0].velocity) <= np.array(limits["velocity"]) * (1.0 + 1e-6))
     assert motion.times[-1] == solution["time"]
 
 
