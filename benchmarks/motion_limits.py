@@ -2,9 +2,9 @@
 
     python -m benchmarks.motion_limits [--motions 50] [--generations 8]
 
-Each motion is played as a robot's controller would: cubics through the positions and velocities of its rows. At sixteen
-moments between any two rows its speeds and accelerations are compared with the limits, and its torques, which pinocchio
-works out from the URDF itself. Every second motion also has limits of acceleration, every fourth limits of jerk.
+Each motion is followed along its curve by the law that docs/min-time.md states. At sixteen places between any two rows
+its speeds and accelerations are compared with the limits, and its torques, which pinocchio works out from the URDF
+itself. Every second motion also has limits of acceleration, every fourth limits of jerk.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from pydantic import ValidationError
-from scipy.interpolate import CubicHermiteSpline
+from scipy.interpolate import BSpline, CubicHermiteSpline
 
 from benchmarks.planners.runs import on_all_cores
 from node import Plan, simulate
@@ -73,11 +73,8 @@ def _judged(name: str, generations: int, number: int) -> Found:
     best = best_known(simulate(Plan.of(file)), "champion")
     solution = problem.decode(np.frombuffer(best.genome, np.uint8))
     rows = solution["trajectory"]
-    played = CubicHermiteSpline(rows["t"], rows["q"], rows["qd"])
-    shares = np.arange(1, _SAMPLES) / _SAMPLES
     t = np.array(rows["t"])
-    moments = (t[:-1, None] + np.diff(t)[:, None] * shares).ravel()
-    q, qd, qdd = (played(moments, order) for order in range(3))
+    q, qd, qdd = _followed(solution)
     whole = pinocchio.buildModelFromUrdf(str(urdf._path(f"example-robot-data:{path}", Path())))
     model = urdf._reduced(pinocchio, whole, joints)
     data = model.createData()
@@ -91,6 +88,32 @@ def _judged(name: str, generations: int, number: int) -> Found:
         float(np.abs(jerk).max()),
         float(np.abs(torque / model.effortLimit).max()),
     )
+
+
+def _followed(solution: dict[str, Any]) -> tuple[Any, Any, Any]:
+    """Angles, speeds and accelerations between the rows of a trajectory, shape (samples, joints) each."""
+    rows, nodes = solution["trajectory"], np.array(solution["nodes"])
+    stretches, count = len(nodes) - 1, len(rows["t"])
+    controls = np.concatenate([[2 * nodes[0] - nodes[1]], nodes, [2 * nodes[-1] - nodes[-2]]])
+    curve = BSpline(np.arange(-3, stretches + 4), controls, 3)
+    s = np.array(rows.get("place", np.linspace(0.0, stretches, count)))
+    slope = curve(s, 1)
+    speed = np.sum(np.array(rows["qd"]) * slope, axis=1) / np.sum(slope**2, axis=1)
+    shares = np.arange(_SAMPLES + 1) / _SAMPLES
+    if "place" in rows:  # s is a cubic of time
+        t, law = np.array(rows["t"]), CubicHermiteSpline(rows["t"], s, speed)
+        moments = (t[:-1, None] + np.diff(t)[:, None] * shares).ravel()
+        s, fast, push = law(moments), law(moments, 1), law(moments, 2)
+    else:  # the squared speed is a parabola of s
+        square, length = speed**2, stretches / (count - 1)
+        pushes = np.sum((np.array(rows["qdd"]) - curve(s, 2) * square[:, None]) * slope, axis=1)
+        begin = (pushes / np.sum(slope**2, axis=1))[:-1, None]
+        bend = (np.diff(square)[:, None] - 2.0 * length * begin) * shares
+        s = np.minimum((s[:-1, None] + length * shares).ravel(), stretches)
+        fast = np.sqrt(np.maximum(square[:-1, None] + (2.0 * length * begin + bend) * shares, 0.0)).ravel()
+        push = (begin + bend / length).ravel()
+    fast, push = fast[:, None], push[:, None]
+    return curve(s), curve(s, 1) * fast, curve(s, 1) * push + curve(s, 2) * fast**2
 
 
 def _problem(name: str, number: int, generations: int) -> ProblemFile:
