@@ -113,14 +113,14 @@ class Motion:
         return np.column_stack([np.interp(where, self._at, column) for column in values.T])
 
 
-def diagram(first: Robot, second: Robot) -> Diagram:
-    """The coordination diagram of two arms.
+def diagram(first: Robot, second: Robot, clearance: float = 0.0) -> Diagram:
+    """The coordination diagram of two arms, whose links are to keep a clearance, m, from each other.
 
     A cell is free only if every point in it is (§2): each capsule is thickened by the farthest that it moves from where
     it is in the middle of its stretch.
     """
     times = (_times(first), _times(second))
-    return Diagram.of(_colliding(_capsules(first), _capsules(second)), times)
+    return Diagram.of(_colliding(_capsules(first, clearance), _capsules(second)), times)
 
 
 def _times(robot: Robot) -> tuple[float, float]:
@@ -184,12 +184,12 @@ def _about_x(angle: float) -> Floats:
     return np.array([[1.0, 0.0, 0.0], [0.0, cosine, -sine], [0.0, sine, cosine]])
 
 
-def _capsules(robot: Robot) -> list[list[Any]]:
-    """The capsules of each cell, thick enough for the whole stretch, as collision objects."""
+def _capsules(robot: Robot, clearance: float = 0.0) -> list[list[Any]]:
+    """The capsules of each cell, thick enough for the whole stretch and a clearance, m, as collision objects."""
     import fcl
 
     ends = origins(robot, places(robot, np.arange(robot.cells)))
-    radii = robot.radius + _sweeps(robot)
+    radii = robot.radius + clearance + _sweeps(robot)
     links = np.flatnonzero(robot.lengths > 0.0)
     return [
         [

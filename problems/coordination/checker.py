@@ -99,9 +99,12 @@ def _encounters(problem: Coordination, rectangles: list[tuple[Cell, Cell]]) -> I
     thickness = sum(robot.radius for robot in problem.robots)
     for number, ((i, j), (k, to)) in enumerate(rectangles, start=1):
         ones, others = first[2 * i : 2 * k + 1], second[2 * j : 2 * to + 1]
-        overlap = thickness - min((_nearest(one, others) for one in ones), default=np.inf)
-        if overlap > DEPTH:
+        gap = min((_nearest(one, others) for one in ones), default=np.inf) - thickness
+        if -gap > DEPTH:
+            overlap = -gap
             yield f"in rectangle {number} the arms overlap by {overlap:.2g} m"
+        elif problem.clearance - gap > DEPTH:
+            yield f"in rectangle {number} the arms come as near as {gap:.3g} m, the clearance is {problem.clearance:g}"
 
 
 def _nearest(one: Floats, others: Floats) -> float:

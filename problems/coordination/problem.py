@@ -54,6 +54,7 @@ obstacles = [                   # where the robots would collide: [i0, j0, i1, j
 # seed = 1
 # layout = "mirrored"           # or "scattered"
 
+# clearance = 0.02              # m, between two arms; above the tables
 # [[robots]]                    # twice, instead of [diagram]: arms, SCORBOT-like ones unless told otherwise
 # path = [[0.0, 0.5, -0.9, 0.4, 0.0], [1.4, 0.5, -0.9, 0.4, 0.0]]   # rad
 # base = [0.0, 0.0, 0.0, 0.0]   # m, m, m, rad; with unit = "deg" above, all angles are in degrees
@@ -78,6 +79,7 @@ seed = 1
     diagram: Diagram | None = quantity("", "which cells collide, and how long moves take", default=None)
     random: RandomDiagram | None = quantity("", "instead of diagram, a random one", default=None)
     robots: list[Robot] | None = quantity("", "instead of diagram, two arms", default=None, min_length=2, max_length=2)
+    clearance: float = quantity("m", "what the links of two arms keep from each other", default=0.0, ge=0, le=1e3)
     collisions: Diagram | None = quantity(
         "", "the diagram of the robots, made once, where the file is read; not to be written", default=None
     )
@@ -88,6 +90,8 @@ seed = 1
         given = [name for name in ("diagram", "random", "robots") if getattr(self, name) is not None]
         if len(given) != 1:
             raise ValueError(f"expected one of diagram, random, robots, found {' and '.join(given) or 'none'}")
+        if self.clearance and self.robots is None:
+            raise ValueError(f"clearance: expected robots that keep it: cells of a diagram have none, found {given[0]}")
         return self
 
     @model_validator(mode="after")
@@ -112,7 +116,7 @@ seed = 1
         """With the diagram of robots; one that is there is made anew if a robot is another."""
         if fields.get("robots") is None:
             return {name: value for name, value in fields.items() if name not in ("collisions", "collisions_of")}
-        made_of = digest(fields["robots"])
+        made_of = digest([fields["robots"], fields.get("clearance", 0.0)])
         if fields.get("collisions_of") == made_of:
             return fields
         fields = {name: value for name, value in fields.items() if name != "collisions"}
@@ -130,7 +134,8 @@ seed = 1
         if self.random is not None:
             return Diagram.of(self.random.mask(), self.random.times)
         assert self.robots is not None, "a diagram comes from somewhere"
-        return arms.diagram(*self.robots)
+        first, second = self.robots
+        return arms.diagram(first, second, self.clearance)
 
     @cached_property
     def blocked(self) -> Mask:

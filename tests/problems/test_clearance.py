@@ -10,6 +10,7 @@ from node import Plan, simulate
 from problems import Run
 from problems.arm_ik import ArmIk
 from problems.arm_path import ArmPath
+from problems.coordination.problem import Coordination
 from problems.nearest import least_along
 
 CLEARANCE = 0.05
@@ -138,3 +139,27 @@ def test_the_least_along_motions_is_within_its_accuracy():
         least, _, _ = least_along(gap, [1.0] * 6, 1e-4)
         exact = min(np.hypot(centre[0] - np.clip(centre[0], 0, 1), centre[1] - 0.2) - 0.1 for centre in centres)
         assert exact - 1e-9 <= least <= exact + 1e-4
+
+
+def test_two_arms_keep_their_clearance():
+    path = [[-0.9, 0.5, -0.9, 0.4, 0.0], [1.5, 0.5, -0.9, 0.4, 0.0]]
+    robots = [{"path": path, "cells": 40}, {"path": path, "cells": 40, "base": [0.9, 0.0, 0.0, math.pi]}]
+    near, far = (
+        Coordination.model_validate({"kind": "coordination", "robots": robots, "clearance": clearance})
+        for clearance in (0.0, 0.05)
+    )
+    assert (near.blocked <= far.blocked).all()
+    assert near.blocked.sum() < far.blocked.sum()
+    straight = {"time": float(np.max([times[-1] for times in near.move_times])), "points": []}
+    assert any("collide" in each or "overlap" in each for each in near.check(straight).objections)
+    for problem in (near, far):
+        assert problem.check(problem.oracle().solution).feasible
+    free = {"time": straight["time"], "points": []}
+    apart = Coordination.model_validate(
+        {"kind": "coordination", "robots": [robots[0], robots[1] | {"base": [1.3, 0.0, 0.0, math.pi]}]}
+    )
+    assert apart.check(free).feasible
+    wide = apart.model_copy(update={"clearance": 0.5})
+    assert any("the clearance is 0.5" in each for each in wide.check(free).objections)
+    with pytest.raises(ValueError, match="clearance: expected robots that keep it"):
+        Coordination.model_validate({"kind": "coordination", "random": {"seed": 1}, "clearance": 0.1})
