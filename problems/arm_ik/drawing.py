@@ -11,6 +11,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 from numpy.typing import NDArray
 
+from problems.outlines import capsule
 from problems.plane import draw_obstacles
 from problems.problem import Populations, Solution
 
@@ -65,17 +66,11 @@ def _draw_arm(problem: ArmIk, axes: Axes, solution: Solution) -> None:
     """Links as thick as they are, at least thick enough to be seen, with their joints."""
     points = _joints(problem, np.array(solution["configuration"]))
     for start, end in pairwise(points):
-        _draw_capsule(axes, start, end, problem.arm.radius)
+        outline = capsule(start, end, problem.arm.radius)
+        axes.fill(*outline.T, facecolor=ARM, alpha=0.35, edgecolor=ARM, linewidth=0.8, zorder=3)
     axes.plot(*points.T, color=ARM, linewidth=2, zorder=4)
     axes.plot(*points[:-1].T, "o", markersize=6, color="white", markeredgecolor=ARM, markeredgewidth=1.5, zorder=5)
     axes.plot(*points[-1], "o", markersize=4, color=ARM, zorder=5)
-
-
-def _draw_capsule(axes: Axes, start: NDArray[np.float64], end: NDArray[np.float64], radius: float) -> None:
-    bearing = np.arctan2(*(end - start)[::-1])
-    half = np.linspace(-np.pi / 2, np.pi / 2, 19)
-    caps = [end + radius * _unit(bearing + half), start + radius * _unit(bearing + np.pi + half)]
-    axes.fill(*np.concatenate(caps).T, facecolor=ARM, alpha=0.35, edgecolor=ARM, linewidth=0.8, zorder=3)
 
 
 def _unit(angles: NDArray[np.float64]) -> NDArray[np.float64]:

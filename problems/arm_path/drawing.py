@@ -6,24 +6,31 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.collections import LineCollection
+from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.colors import to_rgba
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
+from problems.outlines import capsule
 from problems.plane import draw_obstacles
 from problems.problem import Solution
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.typing import ColorType
 
     from problems.arm_path.problem import ArmPath
 
 Rows = NDArray[np.float64]  # (n, links), rad
 
 ARM = "#1f5fa8"
+SWEPT = (0.12, 0.37, 0.66)
+_THROUGH = 0.35  # of the opacity of a line has the link around it: many lie over each other
 START = "#2a8c4a"
 GOAL = "#c8321e"
 FREE, BLOCKED, UNKNOWN = (1.0, 1.0, 1.0), (0.62, 0.62, 0.62), (0.90, 0.90, 0.88)
@@ -53,14 +60,15 @@ def _draw_world(problem: ArmPath, axes: Axes, path: Rows | None) -> None:
     if path is not None:
         arms = _joints(problem, _along(path))
         shades = np.linspace(0.15, 0.75, len(arms))
-        lines = LineCollection(
-            list(arms), colors=[(0.12, 0.37, 0.66, shade) for shade in shades], linewidths=0.9, zorder=3
+        _draw_links(problem, axes, arms, [(*SWEPT, _THROUGH * shade) for shade in shades])
+        axes.add_collection(
+            LineCollection(list(arms), colors=[(*SWEPT, shade) for shade in shades], linewidths=0.7, zorder=3)
         )
-        axes.add_collection(lines)
         axes.plot(*arms[:, -1].T, color=ARM, linewidth=1.4, zorder=4)
     for configuration, color, label in ((problem.start, START, "start"), (problem.goal, GOAL, "goal")):
-        joints = _joints(problem, np.array([configuration]))[0]
-        axes.plot(*joints.T, "-o", color=color, linewidth=3.5, markersize=5, zorder=6, label=label)
+        joints = _joints(problem, np.array([configuration]))
+        _draw_links(problem, axes, joints, [to_rgba(color, 0.45)], zorder=5)
+        axes.plot(*joints[0].T, "-o", color=color, linewidth=2.0, markersize=4, zorder=6, label=label)
     axes.plot(*arm.base, marker="s", markersize=9, color="black", zorder=7)
     reach = 1.05 * sum(arm.links)
     axes.set_xlim(arm.base[0] - reach, arm.base[0] + reach)
@@ -70,6 +78,18 @@ def _draw_world(problem: ArmPath, axes: Axes, path: Rows | None) -> None:
     axes.set_ylabel("y / m")
     axes.set_title(_title(problem, path))
     axes.legend(loc="upper right", framealpha=0.9, fontsize="small")
+
+
+def _draw_links(
+    problem: ArmPath, axes: Axes, arms: NDArray[np.float64], colors: Sequence[ColorType], zorder: float = 2
+) -> None:
+    """Links as thick as they are, of arms of shape (n, links + 1, 2), each arm in its colour."""
+    if problem.arm.radius == 0.0:
+        return
+    outlines = [capsule(*ends, problem.arm.radius) for arm in arms for ends in pairwise(arm)]
+    axes.add_collection(
+        PolyCollection(outlines, facecolors=np.repeat(colors, arms.shape[1] - 1, axis=0), zorder=zorder)
+    )
 
 
 def _title(problem: ArmPath, path: Rows | None) -> str:

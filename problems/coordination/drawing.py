@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.colors import ListedColormap
 from matplotlib.patches import Rectangle
+from matplotlib.ticker import MultipleLocator
 
 from problems.coordination.arms import Robot, origins, places
 from problems.problem import Populations, Solution
@@ -28,6 +29,8 @@ END = "#c8321e"
 ARMS = ("#1f5fa8", "#d07a1c")
 _SIDE = 7.0  # inches
 _ARMS_WIDTH = 4.4  # inches
+_TICK = 0.5  # m, between the labels of an axis, which all have one scale: closer ones overlap on the upright one
+_MOST_TICKS = 8  # on an axis
 
 
 def draw(problem: Coordination, figure: Figure, solution: Solution | None, populations: Populations) -> None:
@@ -122,3 +125,6 @@ def _draw_arms(robots: list[Robot], axes: Axes3D, cell: Cell, title: str) -> Non
     axes.set_aspect("equal")
     axes.view_init(elev=35.0, azim=-70.0)
     axes.tick_params(labelsize=6, pad=-3)
+    for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
+        low, high = axis.get_view_interval()
+        axis.set_major_locator(MultipleLocator(_TICK * max(1.0, np.ceil((high - low) / (_MOST_TICKS * _TICK)))))

@@ -38,6 +38,16 @@ _MOST_FACES = 4000
 _PIXELS = 120  # of a projection, each way
 
 
+def _unit_ball() -> Floats:
+    """The faces of a ball of radius 1 about the origin, shape (n, 4, 3)."""
+    around, across = np.meshgrid(np.linspace(0.0, 2.0 * np.pi, 17), np.linspace(0.0, np.pi, 9), indexing="ij")
+    ball = np.stack([np.cos(around) * np.sin(across), np.sin(around) * np.sin(across), np.cos(across)], axis=-1)
+    return np.stack([ball[:-1, :-1], ball[1:, :-1], ball[1:, 1:], ball[:-1, 1:]], axis=2).reshape(-1, 4, 3)
+
+
+_BALL = _unit_ball()
+
+
 def draw(problem: SpherePath, figure: Figure, solution: Solution | None, populations: Populations) -> None:
     """Fill an empty figure; see `problems.problem.Problem.draw`."""
     figure.set_layout_engine("constrained")
@@ -164,8 +174,12 @@ def _frame_space(problem: SpherePath, axes: Any) -> None:
 
 
 def _draw_vehicle(problem: SpherePath, axes: Any, pose: Floats, color: str, alpha: float) -> None:
-    """A solid at a pose; a ball is where its path is."""
-    if problem.vehicle is not None and problem.vehicle.mesh is not None:
+    """A solid or a ball at a pose."""
+    if problem.vehicle is None:
+        return
+    if problem.vehicle.radius is not None:
+        _draw_faces(axes, _BALL * problem.vehicle.radius + pose[:3], color, alpha, 3)
+    elif problem.vehicle.mesh is not None:
         turned = problem.vehicle.mesh.triangles @ rotations(pose[None, 3:], 3)[0].T + pose[:3]
         _draw_solid(axes, turned, color, alpha, 3)
 
@@ -179,17 +193,17 @@ def _draw_path(problem: SpherePath, axes: Any, path: Floats) -> None:
 
 
 def _draw_solid(axes: Any, triangles: Floats, color: str, alpha: float, zorder: float) -> None:
-    faces = triangles[:: max(1, len(triangles) // _MOST_FACES)]
+    _draw_faces(axes, triangles[:: max(1, len(triangles) // _MOST_FACES)], color, alpha, zorder)
+
+
+def _draw_faces(axes: Any, faces: Floats, color: str, alpha: float, zorder: float) -> None:
     solid = Poly3DCollection(faces, facecolors=[color], linewidth=0, alpha=alpha, shade=True, zorder=zorder)
     axes.add_collection3d(solid)
 
 
 def _draw_spheres(axes: Any, spheres: Floats) -> None:
     """All spheres as one body of many faces, so that those behind are hidden by those before."""
-    around, across = np.meshgrid(np.linspace(0.0, 2.0 * np.pi, 17), np.linspace(0.0, np.pi, 9), indexing="ij")
-    ball = np.stack([np.cos(around) * np.sin(across), np.sin(around) * np.sin(across), np.cos(across)], axis=-1)
-    faces = np.stack([ball[:-1, :-1], ball[1:, :-1], ball[1:, 1:], ball[:-1, 1:]], axis=2).reshape(-1, 4, 3)
-    shown = np.concatenate([np.empty((0, 4, 3)), *(faces * radius + centre for *centre, radius in spheres)])
+    shown = np.concatenate([np.empty((0, 4, 3)), *(_BALL * radius + centre for *centre, radius in spheres)])
     body = Poly3DCollection(
         shown,
         facecolors=[BALL],
