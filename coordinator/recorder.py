@@ -107,6 +107,7 @@ class Recorder:
         self._book = book
         self._lines = lines
         self._measured: dict[int, float] = {}  # by job: when it was last written down how it is
+        self._unwritten: dict[int, _Measured] = {}  # by job: how it has been since
         self._publish = publish
         self._forget = forget
         self._events: queue.SimpleQueue[_Event | None] = queue.SimpleQueue()
@@ -153,11 +154,14 @@ class Recorder:
         self._events.put(_Lived(number, epoch, records, time.time()))
 
     def measured(self, statistics: Statistics) -> None:
-        """How a job is; once a second is enough."""
+        """How a job is; once a second is enough, and how it was at its end."""
         at = time.time()
         if at - self._measured.get(statistics.job, 0.0) >= _SAMPLE_EVERY:
             self._measured[statistics.job] = at
+            self._unwritten.pop(statistics.job, None)
             self._events.put(_Measured(statistics.job, statistics, at))
+        else:
+            self._unwritten[statistics.job] = _Measured(statistics.job, statistics, at)
 
     def logged(self, record: LogRecord) -> None:
         """A process has something to say: it is written down, and shown."""
@@ -165,6 +169,8 @@ class Recorder:
 
     def ended(self, number: int, outcome: Result | Exception) -> None:
         """The end of a job."""
+        if (last := self._unwritten.pop(number, None)) is not None:
+            self._events.put(last)
         self._events.put(_Ended(number, outcome))
 
     def close(self) -> None:

@@ -496,6 +496,7 @@ class NodeProcess:
         elif isinstance(action, Report):
             if action.error is not None:
                 self._log("error", action.error, assignment.cell)
+            self._tell_counters(assignment)  # the last ones, before the report: who has heard of all ends knows them
             assignment.report = action.encode()
             self._report(assignment)
             self._turn_to_the_next_world()

@@ -28,7 +28,7 @@ from starlette.staticfiles import StaticFiles
 from starlette.templating import Jinja2Templates
 
 from coordinator.errors import ClusterFailed
-from problems import BadInput
+from problems import BadInput, ProblemFile
 from problems.errors import shorten
 from problems.registry import find_built_in, kinds
 from supernode.client import AsyncClientJob
@@ -368,9 +368,9 @@ def _number(given: Any, field: str) -> float:
 @lru_cache(_MADE)
 def _made_of(file: str) -> dict[str, Any]:
     """What a page tells of a problem file: not whole maps and meshes."""
-    name, fields, run, _ = json.loads(file)
-    short = {field: value for field, value in fields.items() if len(json.dumps(value)) <= _SHORT}
-    return {"name": name, "problem": short, "run": run}
+    told = ProblemFile.from_json(file)
+    short = {field: value for field, value in told.fields.items() if len(json.dumps(value)) <= _SHORT}
+    return {"name": told.name, "problem": short, "run": told.run.model_dump()}  # with the defaults, such as the seed
 
 
 # For machines ---------------------------------------------------------------------------------------------------------

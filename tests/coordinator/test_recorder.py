@@ -17,7 +17,7 @@ from coordinator.record_book import Keep, RecordBook
 from coordinator.recorder import Recorder
 from coordinator.store import Store, Submission
 from problems import BadInput
-from wire.news import Improvement
+from wire.news import Improvement, Statistics
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "arm-ik.toml"
 NEW = Submission("file", "digest", "arm-ik", "ring 4", 4)
@@ -172,3 +172,15 @@ def test_one_that_cannot_be_written_does_not_stop_the_others(bench, monkeypatch)
     assert bench.settled() == [("a", "preparing"), ("c", "preparing")]
     assert bench.store.counts() == {"preparing": 2, "queued": 1}
     assert "no such thing" in bench.said.getvalue()
+
+
+def test_how_a_job_was_at_its_end_is_written_though_a_second_has_not_gone_by(bench):
+    bench.store.add(NEW, "a")
+    for generation in (1, 2, 3):
+        values = dict.fromkeys(Statistics._fields, 0) | {"job": 1, "generation": generation}
+        bench.recorder.measured(Statistics(**values))
+    bench.recorder.ended(1, BadInput("over"))
+    bench.settled()
+    page = RecordBook(bench.store, Keep()).page("statistics", "a", 0)
+    generations = [row[page["columns"].index("generation")] for row in page["rows"]]
+    assert generations == [1, 3]

@@ -55,7 +55,7 @@ function showJob() {
     problem: name, kind, topology, seed: job.run.seed, world: job.world,
     seconds: job.started ? Number((end - job.started).toFixed(1)) : null,
     generations: result?.generations ?? now?.generation, evaluations: result?.evaluations ?? now?.evaluations,
-    best: now?.best, median: now?.median, worst: now?.worst,
+    "best alive": now?.best, "median alive": now?.median, "worst alive": now?.worst,
     diversity: now && `${Math.round(100 * now.diversity)} %`, "champion's age": now?.age,
     ...(job.message && { message: job.message }),
   });
@@ -84,7 +84,7 @@ function showHistory() {
   ];
   const now = history.statistics.at(-1), [best, median, worst, age] =
     ["best", "median", "worst", "age"].map((name) => number(now?.[name]));
-  const words = `Fitness against ${along}, now: verified ${number(job.fitness)}, best ${best}, median ${median}, worst ${worst}`;
+  const words = `Fitness against ${along}, now: verified ${number(job.fitness)}, of those alive best ${best}, median ${median}, worst ${worst}`;
   plot(byId("convergence"), lines, [along, "fitness"], words, { yaxis: { type: byId("log").checked ? "log" : "linear" } });
   plot(byId("diversity"), [
     line("diversity", statistics, x, "diversity", { line: { color: "#2a8c4a" } }, isOfNewLife),

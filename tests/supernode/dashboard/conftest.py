@@ -51,22 +51,35 @@ class Shown:
     def post(self, path, value, **headers):
         return self.ask("POST", path, json.dumps(value), **({"Content_Type": "application/json"} | headers))
 
+    def json(self, path):
+        """The answer of a dashboard that has found its cluster."""
+        until(lambda: self.dashboard.view.answers)
+        status, _, text = self.ask("GET", path)
+        assert status == 200, text
+        return json.loads(text)
+
     def close(self):
         self._server.should_exit = True
         self._thread.join()
 
 
 @pytest.fixture
-def show(service):
-    """Starts a dashboard of the played cluster; call it with a token, or without."""
+def show_at():
+    """Starts a dashboard of the cluster at an endpoint."""
     with contextlib.ExitStack() as stack:
 
-        def start(token=None):
-            shown = Shown(service.endpoint, token)
+        def start(endpoint, token=None):
+            shown = Shown(endpoint, token)
             stack.callback(shown.close)
             return shown
 
         yield start
+
+
+@pytest.fixture
+def show(service, show_at):
+    """Starts a dashboard of the played cluster; call it with a token, or without."""
+    return lambda token=None: show_at(service.endpoint, token)
 
 
 @pytest.fixture
