@@ -6,6 +6,7 @@ Importing this package loads no compiled code: codings import their kernels when
 from genetics.arrays import Cells, Fitness, Genomes
 from genetics.bit_string import BitString
 from genetics.coding import Coding, Keys
+from genetics.permutation import Permutation
 from genetics.real_vector import RealVector
 from genetics.recipe import ONE_BIT, Pairing, Recipe, Replacement, evaluations_per_generation
 from genetics.sequence import Sequence
@@ -19,6 +20,7 @@ __all__ = [
     "Genomes",
     "Keys",
     "Pairing",
+    "Permutation",
     "RealVector",
     "Recipe",
     "Replacement",

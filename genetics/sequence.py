@@ -34,6 +34,8 @@ class Sequence(ABC):
 
     crossovers: ClassVar[tuple[str, ...]]
     """The names of crossovers that a recipe may ask for."""
+    distinct: ClassVar[bool] = False
+    """Whether the first genes of all items differ."""
 
     def __init__(self, least: int, most: int, genes: Iterable[tuple[int, int]]) -> None:
         self.least, self.most, self.genes = least, most, tuple(genes)
@@ -100,8 +102,8 @@ class Sequence(ABC):
 
     @cached_property
     def alphabet(self) -> Alphabet:
-        """The number of items and all genes are within their limits, and zeros follow."""
-        limits = [self.least, self.most, *(bound for gene in self.genes for bound in gene)]
+        """The number of items and all genes are within their limits, distinct where they must be, and zeros follow."""
+        limits = [self.least, self.most, *(bound for gene in self.genes for bound in gene), self.distinct]
         return Alphabet.of_items(self.genome_bytes, np.array(limits, np.int64))
 
     def items(self, genome: Genomes) -> Items:
@@ -120,6 +122,8 @@ class Sequence(ABC):
         low, high = np.array(self.genes).T
         if not self.least <= len(items) <= self.most or np.any((items < low) | (items > high)):
             raise ValueError(f"expected {self.least} to {self.most} items within {self.genes}, found {items.tolist()}")
+        if self.distinct and len(np.unique(items[:, 0])) < len(items):
+            raise ValueError(f"expected items that differ, found {items[:, 0].tolist()}")
         numbers[0] = len(items)
         numbers[1 : 1 + items.size] = items.ravel()
         return numbers.astype(np.uint16).view(np.uint8)

@@ -8,7 +8,8 @@ from genetics.arrays import Cells, Genomes
 from genetics.compiled import kernel, subroutine
 
 LEAST, MOST = 0, 1
-"""Places in the limits: the fewest and the most items; then the least and the greatest of each gene of an item."""
+"""Places in the limits: the fewest and the most items; then the least and the greatest of each gene of an item; and
+last whether the first genes of all items must differ."""
 
 
 @subroutine
@@ -18,9 +19,20 @@ def numbers_of(genome: Any) -> Any:
 
 
 @subroutine
+def _are_distinct(numbers: Any, count: Any, width: Any, greatest: Any) -> Any:
+    """Whether the first genes of all items differ; none is above ``greatest``."""
+    known = np.zeros(greatest + 1, np.bool_)
+    for place in range(1, 1 + count * width, width):
+        if known[numbers[place]]:
+            return False
+        known[numbers[place]] = True
+    return True
+
+
+@subroutine
 def is_sound_sequence(genome: Any, limits: Any) -> Any:
-    """Whether the number of items and each gene are within the limits, and nothing follows the last item."""
-    numbers, width = numbers_of(genome), (limits.size - 2) // 2
+    """Whether the number of items and each gene keep to the limits, and nothing follows the last item."""
+    numbers, width = numbers_of(genome), (limits.size - 3) // 2
     count = np.int64(numbers[0])
     if count < limits[LEAST] or count > limits[MOST]:
         return False
@@ -32,7 +44,7 @@ def is_sound_sequence(genome: Any, limits: Any) -> Any:
             gene = 2 + 2 * ((place - 1) % width)
             if not limits[gene] <= numbers[place] <= limits[gene + 1]:
                 return False
-    return True
+    return limits[-1] == 0 or _are_distinct(numbers, count, width, limits[3])
 
 
 @kernel("boolean(uint8[::1], int64[::1])")

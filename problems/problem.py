@@ -234,9 +234,12 @@ class Problem(Table):
     def recipe(self, name: RecipeName, deme: int) -> Recipe:
         """The operators of a recipe for demes of that size."""
         from genetics.bit_string import BitString
+        from genetics.permutation import Permutation
 
         if isinstance(self.coding, BitString):
             return Recipe("one-point", 1.0 / self.coding.length, "offspring" if name == "paper" else "elitist")
+        if isinstance(self.coding, Permutation):
+            return Recipe("order", 0.5, "elitist")
         return Recipe("blend", 0.1, "elitist")
 
     def decode(self, genome: Genomes) -> Solution:

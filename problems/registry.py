@@ -96,7 +96,7 @@ def _module(name: str, folder: Path | None) -> ModuleType:
 
 def kernels() -> tuple[str, ...]:
     """The modules that compile something, those first that others use."""
-    shared = ("bit_kernels", "real_kernels", "selection", "sequence_kernels")
+    shared = ("bit_kernels", "real_kernels", "selection", "replacement", "sequence_kernels", "permutation_kernels")
     return (*(f"genetics.{name}" for name in shared), *_in_packages("kernels"), *_in_packages("coding_kernels"))
 
 

@@ -15,7 +15,8 @@ On a cluster that is up already (``supernode up``)::
     with supernode.connect() as client:
         job = client.submit("examples/arm-ik.toml", seed=1, seconds=5)
 
-A user's own problem is a subclass of `Problem` that codes individuals by a `BitString` or a `RealVector`.
+A user's own problem is a subclass of `Problem` that codes individuals by a `BitString`, a `RealVector` or a
+`Permutation`.
 
 Names are imported when they are first used, so that ``supernode --help`` answers at once.
 """
@@ -25,7 +26,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from coordinator import ClusterFailed, Job, LocalCluster
-    from genetics import BitString, RealVector, Recipe
+    from genetics import BitString, Permutation, RealVector, Recipe
     from problems import Answer, BadInput, Clearance, Problem, ProblemFile, Table, Verdict, load, quantity
     from spy.result import Result
     from supernode.client import AsyncClient, AsyncClientJob, Client, ClientJob, connect, connect_async
@@ -44,6 +45,7 @@ _HOMES = {
     "Improvement": "wire.news",
     "Job": "coordinator",
     "LocalCluster": "coordinator",
+    "Permutation": "genetics",
     "Problem": "problems",
     "ProblemFile": "problems",
     "RealVector": "genetics",
@@ -70,6 +72,7 @@ __all__ = [
     "Improvement",
     "Job",
     "LocalCluster",
+    "Permutation",
     "Problem",
     "ProblemFile",
     "RealVector",

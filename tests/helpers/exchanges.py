@@ -10,7 +10,7 @@ import numpy as np
 from hypothesis import strategies as st
 from lists import Lists, items_of
 
-from genetics import BitString, RealVector
+from genetics import BitString, Permutation, RealVector
 from genetics.coding import Alphabet
 from wire.exchange import NEVER, VERSION, Champion, Limits, Messages, most_bytes
 from wire.strict import Rejected
@@ -94,6 +94,7 @@ def decode(payload: bytes, limits: Limits) -> Exchange:
 BITS = BitString(3, 5)
 REALS = RealVector(2, -1.0, 1.0)
 LISTS = Lists(0, 3)
+ORDERS = Permutation(4)
 MOST = NEVER - 1
 
 
@@ -114,6 +115,8 @@ fitnesses = st.floats(allow_nan=False).filter(lambda value: value != -math.inf)
 bit_genomes = st.lists(st.integers(0, 31), min_size=3, max_size=3).map(lambda row: BITS.encode([row])[0].tobytes())
 real_genomes = st.lists(st.floats(-1, 1), min_size=2, max_size=2).map(lambda genes: struct.pack("2d", *genes))
 list_genomes = items_of(LISTS).map(lambda items: LISTS.encode(np.array(items, np.int64)).tobytes())
+
+order_genomes = st.permutations(range(4)).map(lambda order: ORDERS.encode(np.array(order)).tobytes())
 
 
 def exchanges(genomes, emigrants, cells):

@@ -17,7 +17,7 @@ GENES = ((0, 9), (7, 1000))
 def found(deme, seed, cell, generation, table):
     """Lists of random length and random genes."""
     limits = integers(table, 0)[0]
-    width = (limits.size - 2) // 2
+    width = (limits.size - 3) // 2
     for individual in range(deme.shape[0]):
         numbers = numbers_of(deme[individual])
         bits = draw(seed, cell, generation, INITIAL, individual, 0)
@@ -32,7 +32,7 @@ def found(deme, seed, cell, generation, table):
 def mate(couples, offspring, seed, cell, generation, table):
     """The head of one parent and the tail of the other, as much as there is room for; the first fills up the least."""
     limits, rate = integers(table, 0)[0], reals(table, 1)[0, 0]
-    width = (limits.size - 2) // 2
+    width = (limits.size - 3) // 2
     for child in range(offspring.shape[0]):
         couple, turn = child >> 1, child & 1
         first, second = numbers_of(couples[couple, turn]), numbers_of(couples[couple, 1 - turn])

@@ -9,6 +9,7 @@ import pytest
 from functions import DEMES, PROBLEMS, plan_of
 from lists import Adding, AddingSlowly
 from one_max import Bus, OneMax
+from tours import Visiting, VisitingSlowly
 
 from genetics import Recipe
 from genetics.operators import FITNESS, Operator, integers
@@ -132,6 +133,8 @@ def ruled(problem, recipe, fields, **run):
     ("compiled", "slow", "fields", "recipe"),
     [
         (Adding, AddingSlowly, {"kind": "adding"}, Recipe("splice", 0.1)),
+        (Visiting, VisitingSlowly, {"kind": "visiting"}, Recipe("order", 0.3)),
+        (Visiting, VisitingSlowly, {"kind": "visiting"}, Recipe("edge", 0.3)),
         (Function, Slow, {"kind": "function"} | PROBLEMS["onemax"], Recipe("uniform", 0.02)),
         (Function, Slow, {"kind": "function"} | PROBLEMS["trap"], Recipe("one-point", "one-bit")),
     ],

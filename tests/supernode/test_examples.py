@@ -2,6 +2,8 @@
 
 import functools
 import hashlib
+import itertools
+import math
 import subprocess
 import sys
 from pathlib import Path
@@ -67,9 +69,31 @@ def test_the_office_is_crossed_in_19_of_20_seeds_and_check_accepts():
     assert solved >= 19
 
 
-def test_own_problem_runs_as_a_script():
+def test_the_shortest_tour_is_found_in_19_of_20_seeds():
+    file = supernode.load(EXAMPLES / "inspection_tour.toml")
+    problem = file.problem()
+    shortest = problem.oracle().fitness
+    found = 0
+    for seed in range(1, 21):
+        best = best_known(simulate(Plan.of(file.with_run(seed=seed))), "champion")
+        assert best.fitness >= shortest - 1e-9
+        found += best.fitness <= shortest + 1e-9
+    assert found >= 19
+
+
+def test_the_shortest_tour_of_few_points_is_that_of_all_orders():
+    file = supernode.load(EXAMPLES / "inspection_tour.toml")
+    first, *others = points = file.fields["points"][:7]
+    problem = file.changed({"points": points}, {}).problem()
+    ways = ((first, *way, first) for way in itertools.permutations(others))
+    shortest = min(sum(itertools.starmap(math.dist, itertools.pairwise(way))) for way in ways)
+    assert problem.oracle().fitness == pytest.approx(shortest, abs=1e-12)
+
+
+@pytest.mark.parametrize(("script", "says"), [("own_problem.py", "solved after "), ("inspection_tour.py", "[0, ")])
+def test_own_problems_run_as_scripts(script, says):
     done = subprocess.run(
-        [sys.executable, str(EXAMPLES / "own_problem.py")], capture_output=True, text=True, timeout=60, check=False
+        [sys.executable, str(EXAMPLES / script)], capture_output=True, text=True, timeout=60, check=False
     )
     assert done.returncode == 0, done.stderr
-    assert done.stdout.splitlines()[-1].startswith("solved after ")
+    assert done.stdout.splitlines()[-1].startswith(says)

@@ -13,6 +13,7 @@ from exchanges import (
     LISTS,
     MESSAGE,
     MOST,
+    ORDERS,
     REALS,
     Emigrant,
     anything,
@@ -22,6 +23,7 @@ from exchanges import (
     exchanges,
     limits_of,
     list_genomes,
+    order_genomes,
     read_slowly,
     real_genomes,
     values_of,
@@ -35,10 +37,12 @@ from wire.strict import Rejected
 
 OF_REALS = limits_of(REALS, 1)
 OF_LISTS = limits_of(LISTS)
+OF_ORDERS = limits_of(ORDERS)
 messages = st.one_of(
     exchanges(bit_genomes, 2, 16).map(lambda message: (message, LIMITS)),
     exchanges(real_genomes, 1, 16).map(lambda message: (message, OF_REALS)),
     exchanges(list_genomes, 2, 16).map(lambda message: (message, OF_LISTS)),
+    exchanges(order_genomes, 2, 16).map(lambda message: (message, OF_ORDERS)),
 )
 NUMBERS = dataclasses.replace(
     MESSAGE,
@@ -49,6 +53,11 @@ PACKED = dataclasses.replace(
     MESSAGE,
     emigrants=(Emigrant(struct.pack("7H", 1, 9, 512, 0, 0, 0, 0), -2.0), Emigrant(bytes(14), math.inf)),
     champion=Champion(-2.5, 3, 0, struct.pack("7H", 3, 0, 1000, 1, 256, 2, 7)),
+)
+ORDERED = dataclasses.replace(
+    MESSAGE,
+    emigrants=(Emigrant(struct.pack("5H", 4, 2, 0, 3, 1), -2.0), Emigrant(struct.pack("5H", 4, 3, 2, 1, 0), math.inf)),
+    champion=Champion(-2.5, 3, 0, struct.pack("5H", 4, 0, 1, 2, 3)),
 )
 
 
@@ -207,6 +216,7 @@ BASES = [
     pytest.param(dataclasses.replace(MESSAGE, champion=None, stop_at=None), LIMITS, id="no champion"),
     pytest.param(NUMBERS, OF_REALS, id="numbers"),
     pytest.param(PACKED, OF_LISTS, id="lists"),
+    pytest.param(ORDERED, OF_ORDERS, id="orders"),
 ]
 
 
