@@ -99,6 +99,7 @@ def _parser() -> argparse.ArgumentParser:
 
 def _run(options: argparse.Namespace) -> int:
     try:
+        _tell_what_takes_long(options)
         code: int = options.run(options)
         sys.stdout.flush()
     except KeyboardInterrupt:
@@ -109,6 +110,14 @@ def _run(options: argparse.Namespace) -> int:
     except Exception as error:
         return _explain(error)
     return code
+
+
+def _tell_what_takes_long(options: argparse.Namespace) -> None:
+    """On stderr, of commands that read a problem file and may say something."""
+    if {"problem", "source"} & vars(options).keys() and not getattr(options, "quiet", False):
+        from problems import progress
+
+        progress.tell(lambda line: print(line, file=sys.stderr, flush=True))
 
 
 def _explain(error: Exception) -> int:

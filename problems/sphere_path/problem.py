@@ -19,7 +19,7 @@ from problems.digests import digest
 from problems.errors import BadInput
 from problems.plane import CONTACT, Obstacle
 from problems.problem import Answer, CodedProblem, Populations, RecipeName, Solution, Verdict, quantity
-from problems.sphere_path import cells
+from problems.sphere_path import cells, making
 from problems.sphere_path.random_world import Random, random_spheres
 from problems.sphere_path.space import Space, length_of
 from problems.sphere_path.vehicle import Mesh, Vehicle, gathered
@@ -37,7 +37,6 @@ Axes = Annotated[list[Place], Field(min_length=2, max_length=7)]
 
 _FULL_TURN = 2.0 * np.pi
 _ANGLES = {(2, 2): 0, (2, 3): 1, (3, 3): 0, (3, 4): 1, (3, 6): 3}  # of vehicles, by dimensions of the world and axes
-_SHAPING = ("vehicle", "mesh", "obstacles", "bounds", "periodic", "accuracy")  # fields that the spheres are made of
 _FLIPS = 8.0  # bits changed in an offspring, on average, by the tuned recipe
 
 
@@ -142,7 +141,7 @@ target = 0.03                   # nothing crossed, and a detour of at most 1.1; 
         """With the spheres; those that are there are made anew if the world has moved since."""
         if fields.get("vehicle") is None:
             return {name: value for name, value in fields.items() if name not in ("hierarchy", "hierarchy_of")}
-        made_of = digest([fields.get(name) for name in _SHAPING])
+        made_of = digest([fields.get(name) for name in making.SHAPING])
         if fields.get("hierarchy_of") == made_of:
             return fields
         fields = {name: value for name, value in fields.items() if name != "hierarchy"}
@@ -238,7 +237,7 @@ target = 0.03                   # nothing crossed, and a detour of at most 1.1; 
         for name, place, written in (("start", self.ends[0], self.start), ("goal", self.ends[1], self.goal)):
             depth = obstacles[:, -1] - CONTACT - self.space.clearances(place[None], obstacles[:, :-1])
             if np.any(depth > 0.0):
-                found = f"in spheres[{np.argmax(depth)}]" if self.spheres else "nearer than `accuracy` to a collision"
+                found = f"in spheres[{np.argmax(depth)}]" if self.spheres else making.why_blocked(self, written)
                 raise ValueError(f"{name}: expected a place clear of all obstacles, found {written} {found}")
 
     @cached_property
@@ -275,14 +274,7 @@ target = 0.03                   # nothing crossed, and a detour of at most 1.1; 
         """The cells of configuration space that a vehicle cannot reach, see `problems.sphere_path.cells`."""
         if self.hierarchy is not None:
             return self.hierarchy
-        assert self.vehicle is not None, "cells are made for a vehicle"
-        if self.mesh is None:
-            from problems.sphere_path.floor import in_the_plane
-
-            return cells.subdivide(self.space, 2, self.accuracy, in_the_plane(self.vehicle, self.obstacles))
-        from problems.sphere_path.solid import in_space
-
-        return cells.subdivide(self.space, 3, self.accuracy, in_space(self.vehicle, self.mesh.triangles))
+        return making.made_or_kept(self)
 
     def for_recipe(self, name: RecipeName, deme: int) -> Self:
         """Also with the spheres of a vehicle, so that whoever gets the result need not make them again."""

@@ -604,7 +604,7 @@ BAD_FILES = [
     ),
     (
         HEAD + "[vehicle]\nradius = 1\n[[obstacles]]\nshape = 'circle'\ncenter = [1, 3]\nradius = 1.5",
-        "start: expected a place clear of all obstacles, found [1.0, 1.0] nearer than `accuracy` to a collision",
+        "start: expected a place clear of all obstacles, found [1.0, 1.0] in collision",
     ),
 ]
 

@@ -1,0 +1,99 @@
+"""The spheres of a vehicle among obstacles: made once, then kept in the user's cache folder."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import os
+import secrets
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from problems.digests import digest
+from problems.progress import telling
+from problems.sphere_path import cells
+
+if TYPE_CHECKING:
+    from problems.sphere_path.problem import SpherePath
+
+SHAPING = ("vehicle", "mesh", "obstacles", "bounds", "periodic", "accuracy")  # fields that the spheres are made of
+MOST_BYTES = 64 << 20  # of all that is kept; the oldest goes first
+_DIGITS = 64  # of a digest
+
+
+def gaps_of(problem: SpherePath) -> cells.Clearance:
+    """Return the exact gap between a problem's vehicle and all obstacles, see `cells.Clearance`."""
+    assert problem.vehicle is not None, "obstacles are there for a vehicle"
+    if problem.mesh is None:
+        from problems.sphere_path.floor import in_the_plane
+
+        return in_the_plane(problem.vehicle, problem.obstacles)
+    from problems.sphere_path.solid import in_space
+
+    return in_space(problem.vehicle, problem.mesh.triangles)
+
+
+def why_blocked(problem: SpherePath, place: list[float]) -> str:
+    """Return whether the vehicle itself collides at a place in a sphere, or `accuracy` is what blocks."""
+    gap = float(gaps_of(problem)(np.array([place]))[0])
+    if gap <= 0.0:
+        return "in collision"
+    return (
+        f"nearer than `accuracy` to a collision, though {gap:.3g} m away from one:"
+        f" a finer accuracy may free it, such as {min(gap, problem.accuracy) / 2:.2g} instead of {problem.accuracy:g}"
+    )
+
+
+def made_or_kept(problem: SpherePath) -> str:
+    """Return the cells that the vehicle cannot reach, see `problems.sphere_path.cells`."""
+    kept = folder() / digest([_source(), problem.model_dump(mode="json", include=set(SHAPING))])
+    code = _read(kept)
+    if code is None:
+        with telling("making the spheres of configurations in collision; they are kept for the next time"):
+            code = cells.subdivide(problem.space, 2 if problem.mesh is None else 3, problem.accuracy, gaps_of(problem))
+        with contextlib.suppress(OSError):  # to keep it is a favour
+            _write(kept, code)
+    return code
+
+
+def folder() -> Path:
+    """Return where they are kept."""
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "supernode" / "spheres"
+
+
+@cache
+def _source() -> str:
+    """Return a digest of this package: what other code has made is not used."""
+    files = sorted(Path(__file__).parent.glob("*.py"))
+    return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
+
+
+def _read(path: Path) -> str | None:
+    """Return what is kept there; None if it is nothing, or not as it was written."""
+    try:
+        text = path.read_text(encoding="ascii")
+    except (OSError, UnicodeDecodeError):
+        return None
+    told, code = text[:_DIGITS], text[_DIGITS:]
+    return code if hashlib.sha256(code.encode()).hexdigest() == told else None
+
+
+def _write(path: Path, code: str) -> None:
+    """Keep it, whole or not at all, and forget what is too much.
+
+    Raises:
+        OSError: if that is not possible.
+    """
+    path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+    draft = path.with_name(f"{path.name}.{secrets.token_hex(4)}")
+    draft.write_text(hashlib.sha256(code.encode()).hexdigest() + code, encoding="ascii")
+    draft.replace(path)
+    files = sorted(((file.stat().st_mtime_ns, file) for file in path.parent.iterdir()), reverse=True)
+    total = 0
+    for _, file in files:
+        total += file.stat().st_size
+        if total > MOST_BYTES:
+            file.unlink(missing_ok=True)
