@@ -95,12 +95,15 @@ def _followed(client: "Client", file: "ProblemFile", options: argparse.Namespace
 def _on_its_own(file: "ProblemFile", options: argparse.Namespace) -> int:
     """Launch a cluster, and end it."""
     import topologies
+    from coordinator import capacity
+
+    topology = topologies.parse(file.run.topology)
+    capacity.check(topology.cells, force=options.force)  # as the launcher does, but before half a second of imports
     from coordinator import LocalCluster
     from spy.terminal import Terminal
     from supernode.present import present
 
     log, least = options.log, options.least_improvement
-    topology = topologies.parse(file.run.topology)
     with Terminal(topology, options.quiet, least=least) as terminal:
         terminal.say(f"starting nodes: {topology.cells} ({topology.spec})")
         with LocalCluster(topology=topology.spec, force=options.force) as cluster:
