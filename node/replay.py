@@ -14,7 +14,7 @@ import numpy as np
 import topologies
 from genetics import Fitness, Genomes
 from node.plan import Plan, retry
-from node.simulation import Outside, Watch, ignore, never, simulate
+from node.simulation import Outside, Snapshot, Watch, ignore, never, simulate
 from problems import BadInput, ProblemFile
 from problems.errors import shorten
 from wire.report import Report
@@ -73,9 +73,11 @@ class World:
         file = self.file.next_attempt(fields)
         return World(self.number + 1, file, self.since + generation, retry(file, self.number + 1, fields))
 
-    def live(self, demes: Genomes | None, watch: Watch = ignore, outside: Outside = never) -> list[Report]:
+    def live(
+        self, demes: Genomes | None, watch: Watch = ignore, outside: Outside = never, snapshot: Snapshot = ignore
+    ) -> list[Report]:
         """Live through it as the last one, beginning with ``demes`` unless it is fresh."""
-        return simulate(self.ending, watch, outside=outside, demes=None if self.is_fresh else demes)
+        return simulate(self.ending, watch, snapshot, outside, None if self.is_fresh else demes)
 
     def leave(self, demes: Genomes | None) -> tuple[list[Report], Genomes]:
         """The same until cells go on to the next world, and the demes with which they do.

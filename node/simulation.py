@@ -24,7 +24,8 @@ from wire.report import Birth, Proposal, Reason, Report, Staleness
 Watch = Callable[[int, Champion], None]
 """Called with the root's generation and champion, whenever the root knows of a better one."""
 Snapshot = Callable[[int, Genomes, Fitness], None]
-"""Called in each generation with all demes: (cells, deme, genome_bytes) and (cells, deme). In lockstep only."""
+"""Called in each generation, after `Watch`, with all demes: (cells, deme, genome_bytes) and (cells, deme). In lockstep
+only."""
 
 Outside = Callable[[], Reason | None]
 """Asked in each generation whether somebody outside (a clock, a user) wants the run to stop."""
@@ -71,10 +72,10 @@ def _lockstep(plan: Plan, watch: Watch, snapshot: Snapshot, outside: Outside, de
     rows.begin(demes)
     while True:
         history.note(rows.generation, rows.genomes, rows.fitness)
-        snapshot(rows.generation, rows.genomes, rows.fitness)
         champion = rows.messages.champion(ROOT)
         if champion is not None and rows.better_at[ROOT] == rows.generation:
             watch(rows.generation, champion)
+        snapshot(rows.generation, rows.genomes, rows.fitness)
         if rows.generation >= rows.stop_at[ROOT]:
             break
         if (reason := outside()) is not None:

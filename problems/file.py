@@ -151,7 +151,7 @@ class ProblemFile:
             BadInput: names this file and the field that is wrong.
         """
         try:
-            model = registry.find(self.kind, self.folder)
+            model = self.find_model()
         except BadInput as error:
             raise BadInput(f"{self.name}: {error}") from error.__cause__  # what a user's module raised, if it did
         try:
@@ -162,6 +162,14 @@ class ProblemFile:
         except Exception as error:  # from a user's class, which may be abstract or raise as it likes
             raise BadInput(f"{self.name}: kind: cannot make a {self.kind!r}: {_said(error)}") from error
         return self._with_recipe(problem)
+
+    def find_model(self) -> type[Problem]:
+        """The problem's class; this imports a user's module.
+
+        Raises:
+            BadInput: if there is no such kind, module or class.
+        """
+        return registry.find(self.kind, self.folder)
 
     def _with_recipe(self, problem: Problem) -> Problem:
         try:

@@ -10,6 +10,10 @@
             print(best.fitness, best.feasible, best.solution)
         result = job.result()
 
+The same run in this process, generation by generation::
+
+    result = supernode.simulate("examples/arm-ik.toml", seed=1, callback=lambda generation: print(generation.best))
+
 On a cluster that is up already (``supernode up``)::
 
     with supernode.connect() as client:
@@ -30,6 +34,7 @@ if TYPE_CHECKING:
     from problems import Answer, BadInput, Clearance, Problem, ProblemFile, Table, Verdict, load, quantity
     from spy.result import Result
     from supernode.client import AsyncClient, AsyncClientJob, Client, ClientJob, connect, connect_async
+    from supernode.simulation import Generation, simulate
     from wire.news import Improvement
 
 _HOMES = {
@@ -43,6 +48,7 @@ _HOMES = {
     "ClientJob": "supernode.client",
     "ClusterFailed": "coordinator",
     "Improvement": "wire.news",
+    "Generation": "supernode.simulation",
     "Job": "coordinator",
     "LocalCluster": "coordinator",
     "Permutation": "genetics",
@@ -57,6 +63,7 @@ _HOMES = {
     "connect_async": "supernode.client",
     "load": "problems",
     "quantity": "problems",
+    "simulate": "supernode.simulation",
 }
 
 __all__ = [
@@ -69,6 +76,7 @@ __all__ = [
     "Client",
     "ClientJob",
     "ClusterFailed",
+    "Generation",
     "Improvement",
     "Job",
     "LocalCluster",
@@ -84,6 +92,7 @@ __all__ = [
     "connect_async",
     "load",
     "quantity",
+    "simulate",
 ]
 
 

@@ -1,4 +1,4 @@
-"""A job lived through in this process, world by world, and judged as the spy does it.
+"""A job simulated in this process, for the command `simulate` and for Python; judged as the spy does it.
 
 What a coordinator does with processes is done here with `node.replay`: a job that stalls without an answer begins anew.
 """
@@ -6,16 +6,19 @@ What a coordinator does with processes is done here with `node.replay`: a job th
 import contextlib
 import time
 from collections import deque
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from genetics import Genomes
+from genetics import Fitness, Genomes
 from node.fingerprint import fingerprint
-from node.replay import World
-from node.simulation import Outside, never
-from problems import EvaluationFailed
+from node.replay import World, worlds_of
+from node.simulation import Outside, Snapshot, ignore, never
+from problems import BadInput, EvaluationFailed, Problem, ProblemFile, load
+from problems.made import MadeProblem
 from spy.collector import Collector
 from spy.improvement_records import ImprovementRecord, records_of
 from spy.judge import Judgement, judge
@@ -23,7 +26,78 @@ from spy.past import Lived, Past, stopped_after
 from spy.result import Clocks, Result, result_of, states_of, stop_reasons
 from wire.exchange import Champion
 from wire.news import Improvement
-from wire.report import Proposal, Report
+from wire.report import Proposal, Reason, Report
+
+
+@dataclass(frozen=True)
+class Generation:
+    """What a callback of `simulate` is told of a generation.
+
+    Attributes:
+        number: from 0, the first demes, on; generations of earlier attempts count.
+        attempt: how often the run has begun anew.
+        genomes: all demes, shape (cells, deme, genome_bytes), uint8; a copy.
+        fitness: theirs, shape (cells, deme), +inf where infeasible; a copy.
+        best: the best verified individual that the root cell has heard of, decoded; None before the first.
+    """
+
+    number: int
+    attempt: int
+    genomes: Genomes
+    fitness: Fitness
+    best: Improvement | None
+
+
+Callback = Callable[[Generation], object]
+"""Called in each generation; the run stops if it returns a true value."""
+
+
+def simulate(problem: ProblemFile | Problem | str | Path, *, callback: Callback | None = None, **run: Any) -> Result:
+    """Run a job in this process, bit-identical to a run of processes in lockstep.
+
+    Args:
+        problem: from `load`, the path of a problem file, or a problem made in Python.
+        callback: called in each generation, see `Generation`; the run is cancelled if it returns a true value.
+        run: settings that replace those of the file's ``[run]`` table, such as ``seed=1``, ``torus="8x8"``.
+
+    Raises:
+        BadInput: if the problem or a setting is wrong, or a callback is given for an asynchronous run, which has no
+            common generation.
+    """
+    if isinstance(problem, Problem):
+        file: ProblemFile = MadeProblem.of(problem)
+    else:
+        file = problem if isinstance(problem, ProblemFile) else load(problem)
+    file = file.with_run(**run)
+    if callback is not None and file.run.mode != "lockstep":
+        raise BadInput(f"callback: expected mode lockstep, which has common generations, found {file.run.mode}")
+    wish = StopWish(file.run.seconds)
+    told = None if callback is None else _Told(callback, wish)
+    simulation = Simulation(worlds_of(file), None, told, wish.reason, ignore if told is None else told.see)
+    wish.began = time.monotonic()
+    return simulation.run()
+
+
+class StopWish:
+    """Whether somebody outside wants a run to stop: its deadline has passed, or it was cancelled.
+
+    Attributes:
+        began: when the deadline's time began, by the monotonic clock, s.
+        cancelled: whether a user or a program wants it.
+    """
+
+    def __init__(self, seconds: float | None) -> None:
+        self.began = time.monotonic()
+        self.cancelled = False
+        self._seconds = seconds
+
+    def reason(self) -> Reason | None:
+        """Why to stop now, if at all."""
+        if self.cancelled:
+            return "cancel"
+        if self._seconds is not None and time.monotonic() - self.began >= self._seconds:
+            return "deadline"
+        return None
 
 
 class Listener:
@@ -42,6 +116,28 @@ class Listener:
         """A world ended after that generation: the last one, or an attempt that stalled."""
 
 
+class _Told(Listener):
+    """Calls a callback."""
+
+    def __init__(self, callback: Callback, wish: StopWish) -> None:
+        self._callback, self._wish = callback, wish
+        self._best: Improvement | None = None
+        self._since = self._attempt = 0
+
+    def begins(self, world: World) -> None:
+        self._since, self._attempt = world.since, world.file.attempt
+
+    def improvement(self, world: World, better: Improvement) -> None:
+        if self._best is None or better.fitness < self._best.fitness:
+            self._best = better
+
+    def see(self, generation: int, genomes: Genomes, fitness: Fitness) -> None:
+        """A generation of the world that began last."""
+        number = self._since + generation
+        if self._callback(Generation(number, self._attempt, genomes.copy(), fitness.copy(), self._best)):
+            self._wish.cancelled = True
+
+
 class Simulation:
     """One run.
 
@@ -51,6 +147,7 @@ class Simulation:
             begin anew by itself.
         listener: is told of it.
         outside: asked in each generation whether somebody wants the run to stop.
+        snapshot: sees each generation of each attempt, in lockstep.
 
     Attributes:
         file: the problem of the last world.
@@ -62,6 +159,7 @@ class Simulation:
         stops: Sequence[Proposal] | None = None,
         listener: Listener | None = None,
         outside: Outside = never,
+        snapshot: Snapshot = ignore,
     ) -> None:
         self.file = worlds[-1].file
         self._first, self._last = worlds[0], worlds[-1]
@@ -69,7 +167,7 @@ class Simulation:
         self._repeats = stops is not None
         self._stops = stops or ()
         self._listener = listener or Listener()
-        self._outside = outside
+        self._outside, self._snapshot = outside, snapshot
         self._load_compiled_code()
 
     def run(self) -> Result:
@@ -80,7 +178,7 @@ class Simulation:
         while True:
             world = self._known.popleft()
             attempt = _Attempt(world, best, self._listener)
-            demes = attempt.live(demes, self._outside)
+            demes = attempt.live(demes, self._outside, self._snapshot)
             if world is self._last:
                 attempt.stop_as(self._stops)
             if attempt.error is None:
@@ -132,13 +230,13 @@ class _Attempt:
         """What is kept of it."""
         return Lived(self.world.file, self.reports, self.world.number)
 
-    def live(self, demes: Genomes | None, outside: Outside) -> Genomes | None:
+    def live(self, demes: Genomes | None, outside: Outside, snapshot: Snapshot) -> Genomes | None:
         """To its end, or until it is left; the demes that go on then."""
         try:
             if self.world.left_at is not None:
                 self.reports, demes = self.world.leave(demes)
             else:
-                self.reports = self.world.live(demes, lambda _, champion: self._hear(champion), outside)
+                self.reports = self.world.live(demes, lambda _, champion: self._hear(champion), outside, snapshot)
         except EvaluationFailed as failure:
             self.error = str(failure)
         return demes

@@ -5,7 +5,7 @@ import contextlib
 import signal
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from supernode import exits
@@ -17,9 +17,8 @@ if TYPE_CHECKING:
     from spy.judge import Judgement
     from spy.run_log import RunLog
     from spy.terminal import Terminal
-    from supernode.simulation import Listener
+    from supernode.simulation import Listener, StopWish
     from wire.news import Improvement
-    from wire.report import Reason
 
 EXAMPLE = "supernode simulate examples/arm-ik.toml --torus 8x8 --seed 7"
 
@@ -47,48 +46,38 @@ def run(options: argparse.Namespace) -> int:
     log = RunLog(options.log, options.least_improvement)
     with (
         Terminal(topologies.parse(file.run.topology), options.quiet, least=options.least_improvement) as terminal,
-        _Outside(file.run.seconds if recorded is None else None) as outside,
+        _interruptible(file.run.seconds if recorded is None else None) as wish,
         contextlib.redirect_stdout(sys.stderr),  # a user's module may print
     ):
         stops = None if recorded is None else recorded.stops
-        simulation = Simulation(worlds, stops, _shown(terminal, log), outside.wish)
-        outside.began = time.monotonic()
+        simulation = Simulation(worlds, stops, _shown(terminal, log), wish.reason)
+        wish.began = time.monotonic()
         result = simulation.run()
         log.close()
-    code = present(result, simulation.file, options, outside.interrupted)
-    if recorded is None or outside.interrupted or (complaint := recorded.complaint(result)) is None:
+    code = present(result, simulation.file, options, wish.cancelled)
+    if recorded is None or wish.cancelled or (complaint := recorded.complaint(result)) is None:
         return code
     print(f"error: {complaint}", file=sys.stderr)
     return exits.NOT_REACHED
 
 
-class _Outside:
-    """The clock and the user, who may want the run to stop."""
+@contextlib.contextmanager
+def _interruptible(seconds: float | None) -> "Iterator[StopWish]":
+    """A wish to stop at a deadline, or at Ctrl-C; another Ctrl-C ends the command at once."""
+    from supernode.simulation import StopWish
 
-    def __init__(self, seconds: float | None) -> None:
-        self.began = time.monotonic()
-        self.interrupted = False
-        self._seconds = seconds
+    wish = StopWish(seconds)
 
-    def __enter__(self) -> "_Outside":
-        self._handler = signal.signal(signal.SIGINT, self._interrupt)
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        signal.signal(signal.SIGINT, self._handler)
-
-    def _interrupt(self, *_: object) -> None:
-        if self.interrupted:
+    def interrupt(*_: object) -> None:
+        if wish.cancelled:
             raise KeyboardInterrupt
-        self.interrupted = True
+        wish.cancelled = True
 
-    def wish(self) -> "Reason | None":
-        """Why to stop now, if at all."""
-        if self.interrupted:
-            return "cancel"
-        if self._seconds is not None and time.monotonic() - self.began >= self._seconds:
-            return "deadline"
-        return None
+    handler = signal.signal(signal.SIGINT, interrupt)
+    try:
+        yield wish
+    finally:
+        signal.signal(signal.SIGINT, handler)
 
 
 def _shown(terminal: "Terminal", log: "RunLog") -> "Listener":
