@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import supernode
+from genetics import Keys
 from node import Plan, simulate
 from problems import Verdict
 from spy.past import best_known
@@ -88,6 +89,30 @@ def test_the_shortest_tour_of_few_points_is_that_of_all_orders():
     ways = ((first, *way, first) for way in itertools.permutations(others))
     shortest = min(sum(itertools.starmap(math.dist, itertools.pairwise(way))) for way in ways)
     assert problem.oracle().fitness == pytest.approx(shortest, abs=1e-12)
+
+
+def test_the_own_coding_keeps_the_rules_of_codings():
+    coding = load(EXAMPLES / "own_coding.toml").problem().coding
+    recipe, cells, seed = supernode.Recipe("two-point", 0.1), np.array([3, 0, 99]), np.uint64((1 << 64) - 1)
+    demes = coding.random(Keys(cells, seed, 0), 6)
+    couples = demes.reshape(3, 3, 2, coding.genome_bytes)
+    before, offspring = couples.copy(), coding.recombine(couples, recipe, Keys(cells, seed, 5))
+    np.testing.assert_array_equal(couples, before)
+    for row, cell in enumerate(cells):
+        alone = [Keys(np.array([cell]), seed, generation) for generation in (0, 5)]
+        np.testing.assert_array_equal(coding.random(alone[0], 6)[0], demes[row])
+        np.testing.assert_array_equal(coding.recombine(couples[row : row + 1], recipe, alone[1])[0], offspring[row])
+    assert len({genome.tobytes() for genome in offspring.reshape(18, -1)}) == 18
+    assert all(map(coding.alphabet.admits, [*demes.reshape(18, -1), *offspring.reshape(18, -1)]))
+    for wrong in (supernode.Recipe("one-point"), supernode.Recipe("two-point", "one-bit")):
+        with pytest.raises(ValueError, match="moves cross by 'two-point' and mutate with a probability"):
+            coding.check(wrong)
+
+
+def test_the_docs_show_the_own_coding_as_it_is():
+    source = (EXAMPLES / "own_coding.py").read_text()
+    shown = source[source.index("class Moves:") : source.index("    def mutate_one")].strip()
+    assert shown in (EXAMPLES.parent / "docs" / "own-problem.md").read_text()
 
 
 @pytest.mark.parametrize(("script", "says"), [("own_problem.py", "solved after "), ("inspection_tour.py", "[0, ")])
