@@ -40,12 +40,14 @@ def _without_repeats(corners: Floats) -> Floats:
     return kept
 
 
-def robot_arrays(vertices: Sequence[Point] | None, radius: float | None) -> tuple[Floats, float]:
-    """The outline and thickness of `problems.mobile_robot.contact.Robot`."""
+def robot_arrays(
+    vertices: Sequence[Point] | None, radius: float | None, clearance: float = 0.0
+) -> tuple[Floats, float]:
+    """The outline and thickness of `problems.mobile_robot.contact.Robot`, which keeps a clearance (m) all round."""
     if vertices is not None:
-        return _offset(vertices, CONTACT), 0.0
+        return _offset(vertices, CONTACT), clearance
     assert radius is not None, "a robot is a polygon or a disc"
-    return np.zeros((1, 2)), radius - CONTACT
+    return np.zeros((1, 2)), radius - CONTACT + clearance
 
 
 def floor_arrays(bounds: Sequence[float], obstacles: Sequence[Obstacle]) -> tuple[NDArray[np.generic], ...]:

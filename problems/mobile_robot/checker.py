@@ -20,7 +20,7 @@ from pydantic import Field, ValidationError
 from problems.errors import BadInput, first_line
 from problems.mobile_robot.guide_check import distance_around
 from problems.plane import CONTACT, Circle, Obstacle
-from problems.problem import Solution, Table, Verdict
+from problems.problem import Clearance, Solution, Table, Verdict
 
 if TYPE_CHECKING:
     from problems.mobile_robot.problem import Body, MobileRobot
@@ -47,25 +47,30 @@ def judge(problem: MobileRobot, solution: Solution) -> Verdict:
     claimed = _parsed(solution)
     away, off = _short_of(problem, claimed.path[-1])
     arrived = away <= TOLERANCE and off <= TOLERANCE
+    clearance = _clearance(problem, claimed.path)
     objections = [
         *_wrong_start(problem, claimed.path[0]),
         *_wrong_claims(claimed),
-        *_collisions(problem, claimed.path),
+        *(list(_collisions(problem, claimed.path)) or _too_near(problem, clearance)),
         *_wrong_end(away, off),
     ]
-    return Verdict(0.0 if arrived else _worth(problem, claimed.path[-1]), tuple(objections))
+    return Verdict(0.0 if arrived else _worth(problem, claimed.path[-1]), tuple(objections), clearance)
 
 
 def objection_to(problem: MobileRobot, pose: Pose) -> str | None:
     """Why the robot cannot stand there, if it cannot."""
     standing = _swept(problem.robot, pose, pose)
-    thickness = problem.robot.radius or 0.0
+    thickness = (problem.robot.radius or 0.0) + problem.clearance
     if _beyond(problem, standing, thickness) > CONTACT:
-        return "outside the bounds"
+        return "outside the bounds" + _nearer(problem)
     for index, obstacle in enumerate(problem.obstacles):
         if _overlaps(standing, thickness, obstacle, CONTACT).any():
-            return f"in obstacles[{index}]"
+            return f"in obstacles[{index}]{_nearer(problem)}"
     return None
+
+
+def _nearer(problem: MobileRobot) -> str:
+    return f", or nearer to it than the clearance, {problem.clearance:g} m" if problem.clearance > 0.0 else ""
 
 
 def _parsed(solution: Solution) -> RobotSolution:
@@ -143,6 +148,42 @@ def _collisions(problem: MobileRobot, path: list[Pose]) -> Iterator[str]:
         for index in np.flatnonzero(hits.any(axis=0)).tolist():
             depth = _depth(pieces[hits[:, index]], thickness, obstacles[index])
             yield f"segment {number} of the path hits obstacles[{index}] by {depth:.2g} m"
+
+
+def _clearance(problem: MobileRobot, path: list[Pose]) -> Clearance:
+    """How near the robot comes to an obstacle or a wall, and in which segment of the path (0: where it stands)."""
+    thickness = problem.robot.radius or 0.0
+    round_ones = [each.radius if isinstance(each, Circle) else 0.0 for each in problem.obstacles]
+    cores = np.array(
+        [shapely.Point(each.center) if isinstance(each, Circle) else each.polygon for each in problem.obstacles],
+        dtype=object,
+    )
+    gaps = thickness + np.array(round_ones)
+    least, where = np.inf, {}
+    for number, (pose, following) in enumerate(list(pairwise(path)) or [(path[0], path[0])], start=len(path) > 1):
+        pieces = _swept(problem.robot, pose, following)
+        wall = -_beyond(problem, pieces, thickness)
+        if wall < least:
+            least, where = wall, {"segment": number, "obstacle": "bounds"}
+        if not problem.obstacles:
+            continue
+        around = shapely.box(*shapely.total_bounds(pieces))
+        near = np.flatnonzero(shapely.distance(around, cores) - gaps < least)
+        for index in near.tolist():
+            here = float(shapely.distance(pieces, cores[index]).min() - gaps[index])
+            if here < least:
+                least, where = here, {"segment": number, "obstacle": index}
+    return Clearance(float(least), where)
+
+
+def _too_near(problem: MobileRobot, clearance: Clearance) -> Iterator[str]:
+    if clearance.least < problem.clearance - TOLERANCE:
+        place = clearance.where["obstacle"]
+        yield (
+            f"segment {clearance.where['segment']} of the path is {clearance.least:.3g} m from "
+            f"{'the bounds' if place == 'bounds' else f'obstacles[{place}]'}, "
+            f"nearer than the clearance, {problem.clearance:g} m"
+        )
 
 
 def _allowed(obstacle: Obstacle) -> float:

@@ -245,7 +245,7 @@ def _turns_into_shape(
     robot: Any, floor: Any, shape: Any, x: Any, y: Any, cosine: Any, sine: Any, sense: Any, turn: Any
 ) -> Any:
     first, last = floor.starts[shape], floor.starts[shape + 1]
-    thickness = floor.thickness[shape]
+    thickness = robot.thickness + floor.thickness[shape]
     east, north = floor.corners[last - 1, 0] - x, floor.corners[last - 1, 1] - y
     ax, ay = cosine * east + sine * north, cosine * north - sine * east
     for corner in range(first, last):
@@ -260,6 +260,7 @@ def _turns_into_shape(
 @subroutine
 def _turns_across(robot: Any, nx: Any, ny: Any, room: Any, sense: Any, turn: Any) -> Any:
     """Whether the robot turns across a wall ``room`` away, whose normal into the room is n."""
+    room -= robot.thickness
     if room < robot.reach:
         outline = robot.outline
         for corner in range(outline.shape[0]):
@@ -292,7 +293,8 @@ def can_turn(robot: Any, floor: Any, x: Any, y: Any, heading: Any, turn: Any) ->
     for shape in range(floor.thickness.size):
         box = floor.boxes[shape]
         east, north = max(box[0] - x, 0.0, x - box[2]), max(box[1] - y, 0.0, y - box[3])
-        if east * east + north * north > robot.reach * robot.reach:
+        reach = robot.reach + robot.thickness
+        if east * east + north * north > reach * reach:
             continue
         if _turns_into_shape(robot, floor, shape, x, y, cosine, sine, sense, abs(turn)):
             return False

@@ -40,7 +40,7 @@ _HEADINGS = 2.0 * _HALF_SLICE * np.arange(_SLICES)  # in their middles
 
 def foretell(problem: MobileRobot) -> Answer:
     """Whether the goal can be reached, and bounds of the shortest way's length."""
-    outer, inner = _discs(problem)
+    outer, inner = (radius + problem.clearance if radius > 0.0 else 0.0 for radius in _discs(problem))
     least, away = _least(problem, inner)
     if away > 0.0:
         method = "visibility graph of a disc that the robot covers" if problem.robot.vertices else "visibility graph"
@@ -252,10 +252,16 @@ def _free_in_slice(problem: MobileRobot, number: int, surely: bool) -> shapely.G
     if not body:
         return shapely.box(*problem.bounds).buffer(problem.robot.circumscribed_radius)
     corners = np.concatenate(body)
-    (x0, y0), (x1, y1) = problem.bounds[:2] - corners.min(axis=0), problem.bounds[2:] - corners.max(axis=0)
+    gap = problem.clearance
+    (x0, y0), (x1, y1) = problem.bounds[:2] - corners.min(axis=0) + gap, problem.bounds[2:] - corners.max(axis=0) - gap
     if x0 > x1 or y0 > y1:
         return shapely.Polygon()
-    solids = [_forbidden(obstacle, piece, surely) for obstacle in problem.obstacles for piece in body]
+    grown = gap * _AROUND if surely else max(gap - TOLERANCE, 0.0)
+    solids = [
+        _forbidden(obstacle, piece, surely).buffer(grown, quad_segs=_ARC)
+        for obstacle in problem.obstacles
+        for piece in body
+    ]
     return shapely.box(x0, y0, x1, y1).difference(shapely.union_all(solids))
 
 

@@ -99,6 +99,7 @@ bits = 8                        # of each command
 # code = "gray"                 # or "binary"; if not given, the recipe's
 # guide = "around"              # or "straight": how the way to the goal is measured; if not given, the recipe's
 # shorten = true                # ways that have been found; if not given, the recipe's
+# clearance = 0.05             # m, that the robot keeps from obstacles and walls
 bounds = [0.0, 0.0, 8.0, 6.0]   # m, the walls around the floor: x0, y0, x1, y1
 
 [robot]                         # in its own frame: it turns about the origin, ahead is +x
@@ -154,6 +155,7 @@ seed = 1
         default=None,
     )
     bounds: tuple[Metres, Metres, Metres, Metres] = quantity("m", "the walls around the floor: [x0, y0, x1, y1]")
+    clearance: float = quantity("m", "how far the robot keeps from obstacles and walls", default=0.0, ge=0, le=1e4)
     robot: Body = quantity("", "the robot")
     obstacles: list[Obstacle] = quantity(
         "", "solid shapes that the robot may touch, but not enter", default_factory=list
@@ -285,7 +287,7 @@ seed = 1
         from genetics.operators import Operator
         from problems.mobile_robot import guide_kernels, kernels
 
-        outline, thickness = robot_arrays(self.robot.vertices, self.robot.radius)
+        outline, thickness = robot_arrays(self.robot.vertices, self.robot.radius, self.clearance)
         floor = floor_arrays(self.bounds, self.obstacles)
         goes_around = self.guide != "straight"
         return Operator.of(
@@ -302,7 +304,7 @@ seed = 1
     @cached_property
     def grid(self) -> Guide:
         """Over which the way around the obstacles is measured."""
-        return guide_of(self.bounds, self.robot, 0.0)
+        return guide_of(self.bounds, self.robot, self.clearance)
 
 
 def _commands_for(obstacles: int) -> int:
