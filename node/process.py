@@ -496,7 +496,8 @@ class NodeProcess:
         elif isinstance(action, Report):
             if action.error is not None:
                 self._log("error", action.error, assignment.cell)
-            self._tell_counters(assignment)  # the last ones, before the report: who has heard of all ends knows them
+            else:  # the last counters, before the report; a cell that failed may not have any individuals to tell of
+                self._tell_counters(assignment)
             assignment.report = action.encode()
             self._report(assignment)
             self._turn_to_the_next_world()

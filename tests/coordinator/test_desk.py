@@ -138,7 +138,9 @@ def test_the_same_submit_again_is_the_same_job(office):
     office.until("a", "running")
     assert office.ask(Submit(file(), "a")) == first | {"status": "running"}
     assert office.dispatcher.asked == [("submit", 1)]
-    assert office.refusal(Submit(file(seed=2), "a")) == "another problem file was submitted as job 'a' before"
+    assert office.refusal(Submit(file(seed=2), "a")) == (
+        "this problem was submitted as job 'a' before with other settings (seed not given, now 2); give it another id"
+    )
 
 
 def test_many_at_once_with_one_id_are_one_job(office):

@@ -238,7 +238,7 @@ def test_the_judge_rejects_links_that_cross():
         ({"configuration": [0.0], "tip": [0, 0], "distance": 0}, "configuration: expected 2 angles, found 1"),
         ({"configuration": [0.0, "a"], "tip": [0, 0], "distance": 0}, "configuration[1]: expected a valid number"),
         ({"configuration": [0, float("nan")], "tip": [0, 0], "distance": 0}, "expected a finite number"),
-        ({"configuration": [0, 0], "tip": [0], "distance": 0}, "tip[1]: expected this field"),
+        ({"configuration": [0, 0], "tip": [0], "distance": 0}, "tip: expected 2 values, found 1: [0]"),
         ({"configuration": [0, 0], "tip": [0, 0], "distance": -1}, "distance: expected greater than or equal to 0"),
         ({"genome": "00"}, "expected"),
     ],
@@ -369,7 +369,7 @@ BAD_FILES = [
     (HEAD + 'code = "grey"\n[arm]\nlinks = [1]', "code: expected 'binary' or 'gray', found \"grey\""),
     ('kind = "arm-ik"\ntarget = [1, nan]\n[arm]\nlinks = [1]', "target[1]: expected a finite number, found NaN"),
     ('kind = "arm-ik"\ntarget = [1, inf]\n[arm]\nlinks = [1]', "target[1]: expected a finite number, found Infinity"),
-    ('kind = "arm-ik"\ntarget = [1]\n[arm]\nlinks = [1]', "target[1]: expected this field, found nothing"),
+    ('kind = "arm-ik"\ntarget = [1]\n[arm]\nlinks = [1]', "target: expected 2 values, found 1: [1]"),
     (
         HEAD + '[arm]\nlinks = [1]\n[[obstacles]]\nshape = "circle"\ncenter = [0.1, 0]\nradius = 0.2',
         "arm.base: expected a place clear of the obstacles by the arm's radius 0, found [0.0, 0.0] in obstacles[0]",
