@@ -154,6 +154,21 @@ def test_tests_are_no_packages_and_their_names_are_unique():
     assert [name for name, count in counts.items() if count > 1] == []
 
 
+def test_the_citation_is_of_this_version():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    citation = (ROOT / "CITATION.cff").read_text()
+    said = dict(re.findall(r"^([\w-]+): *(.*)$", citation, re.MULTILINE))
+    assert (said["version"], said["license"]) == (project["version"], project["license"])
+    assert said.keys() >= {"cff-version", "message", "title", "authors"}
+
+
+def test_what_the_algorithm_s_page_refers_to_is_among_the_references():
+    named = set(re.findall(r"\[([A-ZŞ]\w+(?: \d{4})?)\](?!\()", (ROOT / "docs" / "algorithm.md").read_text()))
+    known = set(re.findall(r"^- \*\*\[(.+?)\]\*\*", (ROOT / "docs" / "references.md").read_text(), re.MULTILINE))
+    assert len(named) > 10
+    assert named <= known, named - known
+
+
 def test_links_between_pages_lead_somewhere():
     for page in [ROOT / "README.md", *(ROOT / "docs").glob("*.md")]:
         for target in re.findall(r"\]\((?!https?:)([^)#]+)\)", page.read_text()):
