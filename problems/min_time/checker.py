@@ -27,7 +27,8 @@ TOLERANCE = 0.01
 
 _SAMPLES = 8  # between two rows
 _ROUNDING = 1e-6
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(1000)  # 200 are too few where a step all but comes to rest between its ends
+# 200 nodes are too few where a step almost comes to rest between its ends.
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(1000)
 _BASIS = np.array([[1, 4, 1, 0], [-3, 0, 3, 0], [3, -6, 3, 0], [-1, 3, -3, 1]]) / 6.0
 
 

@@ -146,7 +146,8 @@ def test_an_ended_run_is_repeated_from_its_report_alone(client, report, command,
 
 
 def test_a_run_through_several_worlds(client, report, command, tmp_path):
-    file = supernode.load(ROOT / "examples" / "mobile-robot.toml").with_run(topology="torus 2x2", target=-1.0, restarts=0)
+    file = supernode.load(ROOT / "examples" / "mobile-robot.toml")
+    file = file.with_run(topology="torus 2x2", target=-1.0, restarts=0)
     running = client.submit(file, id="moved", seconds=60)
     next(running.improvements())
     assert running.update(obstacles=[]) == 1
