@@ -170,6 +170,22 @@ def ride(path: Floats, lengths: Floats, speeds: Floats, accelerations: Floats, p
     )
 
 
+def drive(poses: Floats, moving: tuple[float, float], turning: tuple[float, float], pace: Pace) -> Ride:
+    """The quickest motion of a body that moves ahead or turns on the spot, and rests between the two.
+
+    Args:
+        poses: two coordinates and a heading, rad; from each to the next one or the other changes; shape (poses, 3).
+        moving: the greatest speed, units/s, and acceleration, units/s².
+        turning: the greatest speed, rad/s, and acceleration, rad/s².
+        pace: how densely it is told.
+    """
+    steps = np.abs(np.diff(poses, axis=0))
+    moves = np.hypot(steps[:, 0], steps[:, 1])
+    goes = moves > 0.0
+    lengths = np.where(goes, moves, steps[:, 2])
+    return ride(poses, lengths, np.where(goes, moving[0], turning[0]), np.where(goes, moving[1], turning[1]), pace)
+
+
 def _turns(directions: Floats) -> NDArray[np.int64]:
     """The first of each run of directions that are the same."""
     sizes = np.linalg.norm(directions, axis=1, keepdims=True)

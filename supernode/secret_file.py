@@ -4,10 +4,10 @@ import contextlib
 import os
 import re
 import secrets
-import stat
 from pathlib import Path
 
 from problems.errors import BadInput
+from supernode.private_file import read_private
 from wire.seal import SECRET_BYTES
 
 
@@ -18,13 +18,7 @@ def read_or_make(path: Path) -> bytes:
         BadInput: if it cannot be made or read, others than its owner may read it, or it holds something else.
     """
     _make(path)
-    try:
-        text, mode = path.read_text(encoding="ascii").strip(), path.stat().st_mode
-    except (OSError, UnicodeDecodeError) as error:
-        raise BadInput(f"--secret-file: {path}: expected a secret, found {error}") from error
-    if mode & (stat.S_IRGRP | stat.S_IROTH):
-        expected = f"expected a file that only its owner can read, found mode {stat.S_IMODE(mode):o}"
-        raise BadInput(f"--secret-file: {path}: {expected}; chmod 600 {path}")
+    text = read_private(path, "--secret-file", "a secret")
     if not re.fullmatch(rf"[0-9a-f]{{{2 * SECRET_BYTES}}}", text):
         raise BadInput(
             f"--secret-file: {path}: expected {2 * SECRET_BYTES} hexadecimal digits, as `openssl rand -hex"

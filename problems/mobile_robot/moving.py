@@ -9,7 +9,7 @@ import numpy as np
 from problems.motion import Body, Column, Floats, Motion, Pace, loop
 from problems.plane import outlines
 from problems.problem import Solution
-from problems.profile import ride
+from problems.profile import drive
 
 if TYPE_CHECKING:
     from problems.mobile_robot.problem import MobileRobot
@@ -21,16 +21,7 @@ def motion(problem: MobileRobot, solution: Solution, pace: Pace) -> Motion:
     robot = problem.robot
     turn, turn_gain = pace.turning(speed.value, gain.value, robot.radius or robot.circumscribed_radius)
     path = np.array(solution["path"], np.float64)
-    steps = np.abs(np.diff(path, axis=0))
-    moves = np.hypot(steps[:, 0], steps[:, 1])
-    going = moves > 0.0
-    way = ride(
-        path,
-        np.where(going, moves, steps[:, 2]),
-        np.where(going, speed.value, turn.value),
-        np.where(going, gain.value, turn_gain.value),
-        pace,
-    )
+    way = drive(path, (speed.value, gain.value), (turn.value, turn_gain.value), pace)
     x0, y0, x1, y1 = problem.bounds
     walls = loop(np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]]))
     obstacles = (walls, *outlines(problem.obstacles))

@@ -8,7 +8,7 @@ import numpy as np
 
 from problems.motion import Body, Column, Floats, Motion, Pace, loop
 from problems.problem import Solution
-from problems.profile import ride
+from problems.profile import drive
 
 if TYPE_CHECKING:
     from problems.terrain.problem import Terrain
@@ -25,16 +25,7 @@ def motion(problem: Terrain, solution: Solution, pace: Pace) -> Motion:
     speed, gain = pace.moving(problem.kind, "cells")
     turn, turn_gain = pace.turning(speed.value, gain.value, problem.robot_radius or _HALF_A_CELL)
     poses = _with_turns(np.array(solution["path"], np.float64), solution["moves"])
-    steps = np.abs(np.diff(poses, axis=0))
-    moves = np.hypot(steps[:, 0], steps[:, 1])
-    going = moves > 0.0
-    way = ride(
-        poses,
-        np.where(going, moves, steps[:, 2]),
-        np.where(going, speed.value, turn.value),
-        np.where(going, gain.value, turn_gain.value),
-        pace,
-    )
+    way = drive(poses, (speed.value, gain.value), (turn.value, turn_gain.value), pace)
     row, column, heading = way.rows.T
     still = np.zeros(len(way.times))
     robot = Body(

@@ -4,12 +4,12 @@ import ipaddress
 import re
 import secrets
 import socket
-import stat
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 
 from problems.errors import BadInput
+from supernode.private_file import read_private
 
 _NEEDED = ("jinja2", "plotly", "prometheus_client", "starlette", "uvicorn")
 _ADDRESS = re.compile(r"(?:\[(?P<six>[^\]]+)\]|(?P<four>[^:\s]+)):(?P<port>\d{1,5})")
@@ -86,13 +86,7 @@ def door_of(address: str, token_file: str | None) -> Door:
 
 
 def _token(path: Path) -> str:
-    try:
-        token, mode = path.read_text(encoding="utf-8").strip(), path.stat().st_mode
-    except (OSError, UnicodeDecodeError) as error:
-        raise BadInput(f"--dashboard-token-file: {path}: expected a token, found {error}") from None
-    if mode & (stat.S_IRGRP | stat.S_IROTH):
-        expected = f"expected a file that only its owner can read, found mode {stat.S_IMODE(mode):o}"
-        raise BadInput(f"--dashboard-token-file: {path}: {expected}; chmod 600 {path}")
+    token = read_private(path, "--dashboard-token-file", "a token")
     if not re.fullmatch(rf"[A-Za-z0-9._~-]{{{_SHORTEST_TOKEN},}}", token):
         expected = f"at least {_SHORTEST_TOKEN} letters, digits, '.', '_', '~' or '-', such as {secrets.token_hex(4)}…"
         raise BadInput(f"--dashboard-token-file: {path}: expected {expected}, found something else")
