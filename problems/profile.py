@@ -158,6 +158,7 @@ def ride(path: Floats, lengths: Floats, speeds: Floats, accelerations: Floats, p
     way, speed, piece = profile.at(times)
     corners = path[np.concatenate([[0], moving + 1])]
     rows = np.column_stack([np.interp(way, ways, column) for column in corners.T])
+    rows[-1] = path[-1]  # else a last bit off: the same lengths are added up in two ways
     if len(moving) == 0:
         return Ride(times, rows, np.zeros(rows.shape), np.zeros(rows.shape), 0)
     gains, begun = profile.gains(times)
