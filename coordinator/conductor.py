@@ -23,6 +23,7 @@ from coordinator.job import BegunAnew, Change, JobEntry, Placing, Replaced, Wish
 from coordinator.worlds import World, Worlds
 from node.plan import retry
 from problems import BadInput, ProblemFile
+from problems.errors import blaming_the_update
 from spy.improvement_records import ImprovementRecord, records_of
 from spy.judge import STATUS_OF, Judgement
 from spy.past import Lived, lived_for, stopped_after
@@ -436,7 +437,8 @@ class Conductor:
                 raise BadInput(f"topology: expected one of {before.cells} cells, found {file.run.topology!r}")
             wiring = self.dispatch.wire(self.nodes, file.run.topology)
             world = World(before.number + 1, file, wiring, why=_directive(change))
-            self._prepare(world)
+            with blaming_the_update(bool(change.fields)):
+                self._prepare(world)
         except (GivenUpError, ReplacedError):
             raise
         except Exception as error:  # whatever is wrong with the new world, the old one is as good as before

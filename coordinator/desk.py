@@ -20,7 +20,7 @@ from coordinator.states import ENDS, LIVING
 from coordinator.store import Answered, Store, Stored, Submission, Summary
 from problems import BadInput, ProblemFile
 from problems.digests import digest
-from problems.errors import one_line
+from problems.errors import blaming_the_update, one_line
 from spy.past import Lived, Past
 from wire.jobs import (
     MOST_LISTED,
@@ -225,7 +225,8 @@ class Desk:
         now = self._running(job)
         before = self._checker.read(now.file_now)
         if is_own(before):  # any other is checked by whoever changes the world
-            self._checker.check(before.changed(patch, {}), before)
+            with blaming_the_update():
+                self._checker.check(before.changed(patch, {}), before)
         world = self._dispatcher.update(now.number, patch)
         return {"job": job, "world": world}
 

@@ -1,9 +1,10 @@
 """What is said of input that cannot be used, and of a problem that breaks while it runs."""
 
+import contextlib
 import difflib
 import json
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import Any, Literal, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
@@ -27,6 +28,21 @@ class EvaluationFailed(RuntimeError):  # noqa: N818
 
     def __init__(self, message: str) -> None:
         super().__init__(one_line(message))
+
+
+UPDATE_OF = "update of "
+"""Before the name of a problem file, where an update of it is wrong and not the file."""
+
+
+@contextlib.contextmanager
+def blaming_the_update(is_one: bool = True) -> Iterator[None]:
+    """Say of bad input that it is an update of the problem file named in the message, if this ``is_one``."""
+    try:
+        yield
+    except BadInput as error:
+        if not is_one or str(error).startswith(UPDATE_OF):
+            raise
+        raise BadInput(f"{UPDATE_OF}{error}") from error.__cause__
 
 
 def one_line(text: str) -> str:

@@ -13,7 +13,7 @@ from pydantic import ValidationError
 from genetics.coding import Coding
 from problems import registry
 from problems.digests import digest
-from problems.errors import BadInput, first_line, shorten
+from problems.errors import BadInput, blaming_the_update, first_line, shorten
 from problems.problem import CHECKED, Problem
 from problems.run import Run, with_topology
 
@@ -71,8 +71,13 @@ class ProblemFile:
         A user's own problem is not checked here. No file is read: what others hold is in the fields already.
 
         Raises:
-            BadInput: if a field is unknown or wrong, or the individuals of the old world could not live in the new one.
+            BadInput: if a field is unknown or wrong, or the individuals of the old world could not live in the new one;
+                it says that the update is wrong, not this file.
         """
+        with blaming_the_update(bool(fields)):
+            return self._changed(fields, run)
+
+    def _changed(self, fields: dict[str, Any], run: dict[str, Any]) -> "ProblemFile":
         if fields.get("kind", self.kind) != self.kind:
             raise BadInput(f"{self.name}: kind: expected {self.kind!r} as before, found {shorten(fields['kind'])}")
         if "run" in fields:

@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 from coordinator.errors import ClusterFailed
 from problems import ProblemFile, load
-from problems.errors import BadInput
+from problems.errors import UPDATE_OF, BadInput
 from problems.file import filled_in, load_patch
 from supernode.link import PATIENCE, Link
 from supernode.trail import ENDED, WAITING, Trail, improvement_in
@@ -378,15 +378,22 @@ class AsyncClientJob:
             the number of the new world.
 
         Raises:
-            BadInput: if the problem is wrong with it; the job goes on with the old world.
+            BadInput: names the file of the patch, if there is one, and the key with which the problem is wrong; the job
+                goes on with the old world.
         """
+        path = patch if isinstance(patch, str | Path) else None
         if isinstance(patch, str | Path):
             patch = await self._read(patch)
         try:
             text = json.dumps({**(patch or {}), **keys}, default=str, allow_nan=False)
         except ValueError as error:
             raise BadInput(f"update: expected plain values, found {error}") from None
-        return await self._new_world(wire.Update(self.id, text))
+        try:
+            return await self._new_world(wire.Update(self.id, text))
+        except BadInput as error:
+            if path is None or not str(error).startswith(UPDATE_OF):  # such as a job that has ended
+                raise
+            raise BadInput(f"{path}: {error}") from None
 
     async def _read(self, path: str | Path) -> dict[str, Any]:
         """A patch in a file. It does not say which problem it changes: the job does."""

@@ -269,7 +269,7 @@ def test_an_update_replaces_top_level_keys(robot):
     ("patch", "expected"),
     [
         ({"start": [-50.0, 1.0, 0.0]}, "start: "),
-        ({"strat": [1.0, 1.0, 0.0]}, "strat: unknown field"),
+        ({"strat": [1.0, 1.0, 0.0]}, "strat: unknown field, expected one of "),
         ({"kind": "terrain"}, "kind: expected 'mobile-robot' as before, found \"terrain\""),
         ({"run": {"seed": 2}}, "run: expected no [run]"),
         ({"start": "here"}, "start: "),
@@ -277,7 +277,8 @@ def test_an_update_replaces_top_level_keys(robot):
 )
 def test_a_wrong_update_is_refused_and_the_job_goes_on(robot, patch, expected):
     message = robot.refusal(Update("r", json.dumps(patch)))
-    assert message.startswith(f"{OFFICE.name}: {expected}")
+    assert message.startswith(f"update of {OFFICE.name}: {expected}")
+    assert "strat" not in patch or message.endswith("; did you mean 'start'?")
     shown = robot.ask(Show("r"))
     assert (shown["status"], shown["worlds"]) == ("running", [])
     assert robot.dispatcher.placings[1].world == 0

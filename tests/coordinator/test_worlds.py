@@ -360,12 +360,12 @@ def test_what_cannot_be_is_refused_and_the_job_goes_on(cluster, room):
     improvements = job.improvements()
     next(improvements)
     refused = [
-        ({"start": [5.0, 5.0, 0.0]}, r"room.toml: start: .*"),
+        ({"start": [5.0, 5.0, 0.0]}, r"^update of .*room.toml: start: .*"),
         ({"commands": 7}, "room.toml: the update would change how individuals are coded; submit another job instead"),
-        ({"strat": [1.0, 1.0, 0.0]}, r"room.toml: strat: unknown field"),
-        ({"kind": "terrain"}, r"room.toml: kind: expected 'mobile-robot' as before"),
-        ({"run": {"deme": 2}}, r"room.toml: run: "),
-        ({"goal": "home"}, r"room.toml: goal: "),
+        ({"strat": [1.0, 1.0, 0.0]}, r"^update of .*room.toml: strat: unknown field"),
+        ({"kind": "terrain"}, r"^update of .*room.toml: kind: expected 'mobile-robot' as before"),
+        ({"run": {"deme": 2}}, r"^update of .*room.toml: run: "),
+        ({"goal": "home"}, r"^update of .*room.toml: goal: "),
     ]
     for fields, said in refused:
         with pytest.raises(supernode.BadInput, match=said):
@@ -387,7 +387,7 @@ def test_an_update_of_a_users_own_problem_that_codes_otherwise_is_refused_too(cl
     next(improvements)
     with pytest.raises(supernode.BadInput, match="the update would change how individuals are coded"):
         job.update(size=4008)
-    with pytest.raises(supernode.BadInput, match=r"own.toml: size: "):
+    with pytest.raises(supernode.BadInput, match=r"^update of .*own.toml: size: "):
         job.update(size="large")
     assert job.update(trouble="none that it knows") == 1
     result = cancelled(job)

@@ -220,7 +220,13 @@ def test_an_update_that_is_refused_leaves_the_old_world(client, command, tmp_pat
     patch.write_text(f'[[obstacles]]\nshape = "circle"\ncenter = {center}\nradius = 0.5\n')
     code, said = command("update", "moved", patch)
     assert code == 2
-    assert "start" in said
+    assert said.startswith(f"error: {patch}: update of {file.name}: start: expected")
+    patch.write_text("strat = [1.0, 1.0, 0.0]\n")
+    code, said = command("update", "moved", patch)
+    assert (code, said.split("field")[0]) == (2, f"error: {patch}: update of {file.name}: strat: unknown ")
+    assert said.endswith("; did you mean 'start'?")
+    with pytest.raises(supernode.BadInput, match=f"^update of {file.name}: strat: unknown field"):
+        running.update(strat=[1.0, 1.0, 0.0])
     assert running.state() == "running"
     assert running.show()["worlds"] == []
     assert running.update(obstacles=[]) == 1
