@@ -40,6 +40,7 @@ def is_own(file: ProblemFile) -> bool:
 def check(file: ProblemFile, before: ProblemFile | None = None) -> None:
     """As `Checker.check`, in this process."""
     problem = file.problem()
+    file.refuse_unreachable()
     if before is not None:
         file.go_on_from(before, problem)
 

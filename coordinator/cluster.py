@@ -103,8 +103,10 @@ class LocalCluster:
         assert self._dispatcher is not None, "ready by now"
         asked = any(run.get(name) is not None for name in ("topology", "torus"))
         settings = run if asked else run | {"topology": self.topology.spec}
+        file = file.with_run(**settings)
+        file.refuse_unreachable()
         self._submitted += 1
-        order = Order(self._submitted, file.with_run(**settings), log, least_improvement=least_improvement)
+        order = Order(self._submitted, file, log, least_improvement=least_improvement)
         return self._dispatcher.submit(order)
 
     def cpu_seconds(self) -> float:

@@ -88,6 +88,7 @@ class ProblemFile:
         other = other._with_attempt_fields(kept)
         if registry.is_built_in(self.kind):
             other.go_on_from(self, other.problem())
+            other.refuse_unreachable()
         return other
 
     def next_attempt(self, fields: dict[str, Any]) -> "ProblemFile":
@@ -167,6 +168,22 @@ class ProblemFile:
         except Exception as error:  # from a user's class, which may be abstract or raise as it likes
             raise BadInput(f"{self.name}: kind: cannot make a {self.kind!r}: {_said(error)}") from error
         return self._with_recipe(problem)
+
+    def refuse_unreachable(self) -> None:
+        """Refuse a problem that surely has no solution as fit as it asks for; a run with a target of its own may try.
+
+        A user's own problem is not asked.
+
+        Raises:
+            BadInput: names this file and the field.
+        """
+        if self.run.target is not None or not registry.is_built_in(self.kind):
+            return
+        if self.find_model().unreachable is Problem.unreachable:
+            return  # to make the problem would be in vain, and may cost much
+        why = self.problem(checked=True).unreachable
+        if why is not None:
+            raise BadInput(f"{self.name}: {why}")
 
     def find_model(self) -> type[Problem]:
         """The problem's class; this imports a user's module.

@@ -214,6 +214,15 @@ class Problem(Table):
         """What solves the problem, in words that follow the figure of `solved_at`; or why there is no such figure."""
         return None
 
+    @property
+    def unreachable(self) -> str | None:
+        """Why no solution can be as fit as `solved_at` asks, as a complaint about a field; None if that is not known.
+
+        For built-in kinds. A file is refused for it before anything is run, unless the run has a target of its own; so
+        it must be surely true, and cheap: a closed form, not a search.
+        """
+        return None
+
     def next_attempt(self, attempt: int) -> dict[str, Any] | None:
         """The fields to change for another attempt at this problem; ``{}``: none; None: it is not tried again.
 

@@ -100,7 +100,9 @@ class AsyncClient:
             ClusterFailed: if nobody answers.
         """
         loaded = file if isinstance(file, ProblemFile) else await asyncio.to_thread(load, file)
-        text = loaded.with_run(**run).to_json()
+        asked = loaded.with_run(**run)
+        asked.refuse_unreachable()
+        text = asked.to_json()
         trail = self._trail(secrets.token_hex(4) if id is None else id)  # it listens from now on
         await self.ask(wire.Submit(text, trail.job, priority))
         return AsyncClientJob(self, trail)

@@ -69,6 +69,7 @@ def simulate(problem: ProblemFile | Problem | str | Path, *, callback: Callback 
     else:
         file = problem if isinstance(problem, ProblemFile) else load(problem)
     file = file.with_run(**run)
+    file.refuse_unreachable()
     if callback is not None and file.run.mode != "lockstep":
         raise BadInput(f"callback: expected mode lockstep, which has common generations, found {file.run.mode}")
     wish = StopWish(file.run.seconds)

@@ -12,6 +12,7 @@ import shapely
 from numpy.typing import NDArray
 
 from problems.arm_ik import checker
+from problems.arm_ik.reach import missed_by
 from problems.errors import BadInput
 from problems.plane import Circle
 from problems.problem import Answer, Solution
@@ -40,7 +41,7 @@ def foretell(problem: ArmIk) -> Answer:
 
 
 def _bounds(problem: ArmIk) -> Answer:
-    least = out_of_reach(problem)
+    least = missed_by(problem)
     configuration = solve_locally(problem)
     if configuration is None:
         return Answer("lower bound", least, "the arm's reach; no free configuration was found by chance")
@@ -81,17 +82,6 @@ def enumerate_best(problem: ArmIk) -> tuple[float, Floats | None]:
     return np.inf, None
 
 
-def out_of_reach(problem: ArmIk) -> float:
-    """How far the target lies outside the ring that the tip can reach, were there no obstacles and limits, m.
-
-    A lower bound of the fitness for any number of links.
-    """
-    away = float(np.hypot(problem.target[0] - problem.arm.base[0], problem.target[1] - problem.arm.base[1]))
-    longest = max(problem.arm.links)
-    inner = max(0.0, 2 * longest - sum(problem.arm.links))
-    return max(0.0, away - sum(problem.arm.links), inner - away)
-
-
 def solve_locally(problem: ArmIk) -> Floats | None:
     """The best configuration that a local solver finds from many starts: those free ones of random ones that are best.
 
@@ -101,7 +91,7 @@ def solve_locally(problem: ArmIk) -> Floats | None:
     samples = lowest + ranges * np.random.default_rng(1992).random((_SAMPLES, len(ranges)))
     free = [sample for sample in samples if checker.is_free(problem, sample.tolist())]
     best: list[Floats] = sorted(free, key=lambda sample: _distance(problem, sample))[:_STARTS]
-    least = out_of_reach(problem)
+    least = missed_by(problem)
     for start in list(best):
         found = _descend(problem, start)
         if checker.is_free(problem, found.tolist()):

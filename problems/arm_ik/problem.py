@@ -12,7 +12,7 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 from genetics.arrays import Fitness, Genomes
 from genetics.recipe import ONE_BIT, Recipe
 from problems.angles import Angle, WithAngles
-from problems.arm_ik import checker
+from problems.arm_ik import checker, reach
 from problems.plane import Metres, Obstacle, Shapes
 from problems.problem import Answer, CodedProblem, Populations, RecipeName, Solution, Table, Verdict, quantity
 
@@ -201,6 +201,11 @@ seed = 1
             return f"1 mm from the target, since the code's step is less: {coded}"
         bits = int(np.ceil(np.log2(self._sweep / (2 * MILLIMETRE) + 1)))
         return f"m from the target, the code's step: {coded}, {share:.1%} of its reach; {bits} bits allow 1 mm"
+
+    @property
+    def unreachable(self) -> str | None:
+        """A target farther from the base than the arm reaches, or nearer; see `problems.arm_ik.reach`."""
+        return reach.complaint(self)
 
     def recipe(self, name: RecipeName, deme: int) -> Recipe:
         """The paper's: §3.1 and §6 to the letter. Tuned: elitist, uniform crossover and more mutation.

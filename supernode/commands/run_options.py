@@ -94,7 +94,9 @@ def chosen_file(options: argparse.Namespace) -> "ProblemFile":
         check_picture_name(options.plot)
     _check_folder("--log", options.log)
     _check_folder("--plot", options.plot)
-    return load(options.problem).with_run(**settings(options))
+    file = load(options.problem).with_run(**settings(options))
+    file.refuse_unreachable()
+    return file
 
 
 def settings(options: argparse.Namespace) -> dict[str, Any]:

@@ -37,4 +37,6 @@ def _file(options: argparse.Namespace) -> "ProblemFile":
     from problems import load
 
     alive = {"keep_alive": True} if options.keep_alive else {}
-    return load(options.problem).with_run(**settings(options), **alive)
+    file = load(options.problem).with_run(**settings(options), **alive)
+    file.refuse_unreachable()
+    return file

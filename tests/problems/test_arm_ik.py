@@ -13,11 +13,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from matplotlib.figure import Figure
 
+import supernode
 from genetics import Recipe
 from node import Plan, simulate
-from problems import BadInput, load
-from problems.arm_ik import ArmIk
-from problems.arm_ik.oracle import enumerate_best, out_of_reach, solve_locally
+from problems import BadInput, ProblemFile, Run, load
+from problems.arm_ik import ArmIk, checker
+from problems.arm_ik.oracle import enumerate_best, solve_locally
+from problems.arm_ik.reach import missed_by, reach_of
 from problems.file import parse
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
@@ -339,11 +341,61 @@ def test_the_local_solver_is_as_good_as_enumeration(limited):
 
 
 def test_reach_in_closed_form():
-    assert out_of_reach(arm_ik(1.0, 0.5, target=[2.0, 0.0])) == pytest.approx(0.5)
-    assert out_of_reach(arm_ik(1.0, 0.5, target=[0.1, 0.0])) == pytest.approx(0.4)
-    assert out_of_reach(arm_ik(1.0, 0.5, 0.7, target=[0.1, 0.0])) == 0
+    assert missed_by(arm_ik(1.0, 0.5, target=[2.0, 0.0])) == pytest.approx(0.5)
+    assert missed_by(arm_ik(1.0, 0.5, target=[0.1, 0.0])) == pytest.approx(0.4)
+    assert missed_by(arm_ik(1.0, 0.5, 0.7, target=[0.1, 0.0])) == 0
     problem = arm_ik(1.0, 0.5, target=[0.1, 0.0], bits=10)
-    assert 0 <= enumerate_best(problem)[0] - out_of_reach(problem) < problem.solved_at
+    assert 0 <= enumerate_best(problem)[0] - missed_by(problem) < problem.solved_at
+
+
+@pytest.mark.parametrize("links", [[1.0], [1.0, 0.8], [0.3, 1.4], [1.0, 0.4, 0.3], [0.2, 0.5, 1.6, 0.1]])
+@pytest.mark.parametrize("limits", [None, [-2.0, 0.5], [2.5, 4.0], [0.3, 1.2], [-7.0, -3.0], [1.0, 8.0]])
+def test_no_tip_leaves_the_reach(links, limits):
+    limited = {} if limits is None else {"limits": [[0.0, 6.0]] * (len(links) - 1) + [limits]}
+    problem = arm_ik(*links, arm={"base": [0.5, -1.0]} | limited)
+    lowest, ranges = problem.joint_ranges
+    samples = lowest + ranges * np.random.default_rng(1).random((4000, len(links)))
+    away = [abs(checker.joints_of(problem.arm, sample)[-1] - complex(0.5, -1.0)) for sample in samples]
+    nearest, farthest = reach_of(problem.arm)
+    assert nearest - 1e-12 <= min(away), (nearest, min(away))
+    assert max(away) <= farthest + 1e-12, (farthest, max(away))
+    if len(links) == 2:
+        assert (min(away), max(away)) == pytest.approx((nearest, farthest), abs=5e-3), "both are reached"
+
+
+UNREACHABLE = [
+    ([3.0, 0.0], {}, "expected a point at most 1.8 m from arm.base [0.0, 0.0], the reach of links [1.0, 0.8], found"),
+    ([0.1, 0.0], {}, "expected a point at least 0.2 m from arm.base"),
+    ([0.6, 0.0], {"limits": [[-3.0, 3.0], [-2.0, 2.0]]}, "expected a point at least 0.986998 m"),
+    ([1.801, 0.0], {}, None),  # as near as a target of 1 mm asks
+    ([1.8011, 0.0], {}, "expected a point at most 1.8 m"),
+    ([0.6, 0.0], {"limits": [[-3.0, 3.0], [-2.6, 2.6]]}, None),
+]
+
+
+@pytest.mark.parametrize(("target", "arm", "complaint"), UNREACHABLE)
+def test_a_target_out_of_reach_is_refused(target, arm, complaint):
+    fields = arm_ik(target=target, arm=arm, bits=14).model_dump(mode="json", exclude_unset=True)
+    file = ProblemFile("arm.toml", fields, Run(), Path())
+    if complaint is None:
+        return file.refuse_unreachable()
+    with pytest.raises(BadInput, match=re.escape(f"arm.toml: target: {complaint}")):
+        file.refuse_unreachable()
+    file.with_run(target=-1.0).refuse_unreachable()
+    return None
+
+
+def test_the_target_that_the_refusal_names_is_reached():
+    problem = arm_ik(target=[3.0, 0.0])
+    named = float(re.search(r"target to (\S+) ", problem.unreachable)[1])
+    assert problem.solved_at + 1.2 <= named <= problem.solved_at + 1.201
+    assert supernode.simulate(problem, target=named).solved
+    with pytest.raises(BadInput, match="target: expected a point at most"):
+        supernode.simulate(problem)
+
+
+def test_a_code_too_coarse_for_a_target_is_not_refused():
+    assert arm_ik(target=[3.0, 0.0], bits=1).unreachable is None
 
 
 # Files ----------------------------------------------------------------------------------------------------------------
