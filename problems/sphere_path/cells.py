@@ -23,7 +23,10 @@ from problems.sphere_path.space import Space
 Floats = NDArray[np.float64]
 Kinds = NDArray[np.uint8]  # (cells,)
 Clearance = Callable[[Floats], Floats]
-"""The gap between vehicle and obstacles, (n,) m, 0 in collision, at configurations (n, axes) in their own units."""
+"""The gap between vehicle and obstacles, (n,) m, 0 in collision, at configurations (n, axes) in their own units.
+
+To keep a distance from obstacles, take the gap less that distance, and 0 where there is none left.
+"""
 
 FREE, CLOSED, HALVED = 0, 1, 2
 MOST_SPHERES = 1 << 17

@@ -12,17 +12,20 @@ from numpy.typing import NDArray
 from pydantic import Field, ValidationError
 
 from problems.errors import BadInput, first_line
+from problems.nearest import least_along
 from problems.plane import CONTACT
-from problems.problem import Solution, Table, Verdict
+from problems.problem import Clearance, Solution, Table, Verdict
 from problems.sphere_path.space import length_of
 
 if TYPE_CHECKING:
     from problems.sphere_path.problem import SpherePath
+    from problems.sphere_path.world import World
 
 Floats = NDArray[np.float64]
 
 _ROUNDING = 1e-9  # of places, as a share of the box
 _TOLERANCE = 1e-6  # of the length
+_ACCURACY = 1e-3  # of a vehicle's clearance, as a share of its size
 
 
 class PathSolution(Table):
@@ -39,18 +42,23 @@ def judge(problem: SpherePath, solution: Solution) -> Verdict:
     path = np.array(claimed.path)
     places = path * problem.space.scale
     crossed, length = crossed_by(problem, places), length_of(places)
+    if problem.vehicle is None:
+        clearance, collisions = _clearance_of_spheres(problem, places), list(_crossings(crossed, problem.clearance))
+    else:
+        clearance, collisions = _in_the_world(problem, path)
     objections = [
         *_wrong_ends(problem, path),
         *_beyond_bounds(problem, path),
         *_wrong_claims(claimed, crossed, length),
-        *(_collisions(problem, path) if problem.vehicle is not None else _crossings(crossed)),
+        *collisions,
     ]
-    return Verdict(crossed + problem.length_weight * problem.space.detour(places), tuple(objections))
+    fitness = crossed + problem.length_weight * problem.space.detour(places)
+    return Verdict(fitness, tuple(objections), clearance)
 
 
 def crossed_by(problem: SpherePath, places: Floats) -> int:
     """How many obstacles come nearer to a path, shape (rows, axes), as lengths, than they may."""
-    obstacles = problem.obstacle_spheres
+    obstacles = problem.forbidden_spheres
     away = problem.space.clearances(places, obstacles[:, :-1])
     return int(np.count_nonzero(away < obstacles[:, -1] - CONTACT))
 
@@ -90,18 +98,66 @@ def _wrong_claims(claimed: PathSolution, crossed: int, length: float) -> Iterato
         yield f"the path is {length:g} long, not {claimed.length:g}"
 
 
-def _crossings(crossed: int) -> Iterator[str]:
+def _crossings(crossed: int, clearance: float) -> Iterator[str]:
     if crossed:
-        yield f"the path crosses {crossed} spheres"
+        near = f", or comes nearer to them than the clearance {clearance:g}" if clearance else ""
+        yield f"the path crosses {crossed} spheres{near}"
 
 
-def _collisions(problem: SpherePath, path: Floats) -> Iterator[str]:
-    """Spheres are larger than what they stand for: a path that crosses some may be free in the world."""
-    from problems.sphere_path.world import World
+def _clearance_of_spheres(problem: SpherePath, places: Floats) -> Clearance:
+    """The least gap between the path and the obstacles, in the unit of the axes; negative in a sphere."""
+    obstacles = problem.obstacle_spheres
+    if not len(obstacles):
+        return Clearance(np.inf, unit="")
+    gaps = [problem.space.clearances(np.stack(pair), obstacles[:, :-1]) - obstacles[:, -1] for pair in pairwise(places)]
+    segment, sphere = np.unravel_index(np.argmin(gaps), (len(gaps), len(obstacles)))
+    where = {"segment": int(segment) + 1, "sphere": int(sphere)}
+    return Clearance(float(gaps[segment][sphere]), where, unit="")
+
+
+# A vehicle in its world -----------------------------------------------------------------------------------------------
+def _in_the_world(problem: SpherePath, path: Floats) -> tuple[Clearance, list[str]]:
+    """The clearance of the vehicle on its path, and where it is less than it must be.
+
+    Spheres are larger than what they stand for: a path that crosses some may be free in the world.
+    """
+    from problems.sphere_path.world import TOLERANCE, World
 
     world = World(problem)
+    clearance = _clearance_of_vehicle(world, path)
+    objections = list(_collisions(problem, world, path))
+    if not objections and clearance.least < problem.clearance - TOLERANCE:
+        objections = [_objection(problem, clearance.where["segment"], clearance.where["configuration"])]
+    return clearance, objections
+
+
+def _clearance_of_vehicle(world: World, path: Floats) -> Clearance:
+    """The least gap on the way, m, 0 in collision: at most `_ACCURACY` of the vehicle's size more than it is."""
+    moves = list(pairwise(path))
+
+    def at(move: int, share: float) -> Floats:
+        begin, end = moves[move]
+        configuration: Floats = begin + share * (end - begin)
+        return configuration
+
+    ways = [world.way(begin, end) for begin, end in moves]
+    accuracy = _ACCURACY * world.reach
+    least, move, share = least_along(lambda *place: world.clearance(at(*place)), ways, accuracy)
+    if np.isposinf(least):
+        return Clearance(least)
+    configuration = at(move, share)
+    where = {"segment": move + 1, "obstacle": world.nearest(configuration), "configuration": configuration.tolist()}
+    return Clearance(max(0.0, least), where)
+
+
+def _collisions(problem: SpherePath, world: World, path: Floats) -> Iterator[str]:
     for number, (begin, end) in enumerate(pairwise(path), start=1):
-        contact = world.contact(begin, end)
+        contact = world.contact(begin, end, problem.clearance)
         if contact is not None:
-            place = ", ".join(f"{each:.4g}" for each in contact)
-            yield f"segment {number} of the path: the vehicle meets an obstacle at [{place}]"
+            yield _objection(problem, number, contact.tolist())
+
+
+def _objection(problem: SpherePath, segment: int, configuration: list[float]) -> str:
+    place = ", ".join(f"{each:.4g}" for each in configuration)
+    near = f", or comes nearer to one than the clearance {problem.clearance:g} m," if problem.clearance else ""
+    return f"segment {segment} of the path: the vehicle meets an obstacle{near} at [{place}]"

@@ -15,11 +15,12 @@ import numpy as np
 from problems.digests import digest
 from problems.progress import telling
 from problems.sphere_path import cells
+from problems.sphere_path.vehicle import dimensions_of
 
 if TYPE_CHECKING:
     from problems.sphere_path.problem import SpherePath
 
-SHAPING = ("vehicle", "mesh", "obstacles", "bounds", "periodic", "accuracy")  # fields that the spheres are made of
+SHAPING = ("vehicle", "mesh", "obstacles", "bounds", "periodic", "accuracy")  # and clearance make the spheres
 MOST_BYTES = 64 << 20  # of all that is kept; the oldest goes first
 _DIGITS = 64  # of a digest
 
@@ -36,24 +37,35 @@ def gaps_of(problem: SpherePath) -> cells.Clearance:
     return in_space(problem.vehicle, problem.mesh.triangles)
 
 
+def _spare_gaps_of(problem: SpherePath) -> cells.Clearance:
+    """Return the gap beyond the clearance that is asked for, 0 if there is none, see `cells.Clearance`."""
+    gaps = gaps_of(problem)
+    return lambda configurations: np.maximum(0.0, gaps(configurations) - problem.clearance)
+
+
 def why_blocked(problem: SpherePath, place: list[float]) -> str:
-    """Return whether the vehicle itself collides at a place in a sphere, or `accuracy` is what blocks."""
+    """Return whether the vehicle itself is too near to an obstacle there, or `accuracy` is what blocks."""
     gap = float(gaps_of(problem)(np.array([place]))[0])
     if gap <= 0.0:
         return "in collision"
+    if gap <= problem.clearance:
+        return f"{gap:.3g} m from an obstacle, no more than the clearance {problem.clearance:g}"
+    too_near = f"what the clearance {problem.clearance:g} forbids" if problem.clearance else "a collision"
+    spare = gap - problem.clearance
     return (
-        f"nearer than `accuracy` to a collision, though {gap:.3g} m away from one:"
-        f" a finer accuracy may free it, such as {min(gap, problem.accuracy) / 2:.2g} instead of {problem.accuracy:g}"
+        f"nearer than `accuracy` to {too_near}, though {spare:.3g} m away from {'it' if problem.clearance else 'one'}:"
+        f" a finer accuracy may free it, such as {min(spare, problem.accuracy) / 2:.2g} instead of {problem.accuracy:g}"
     )
 
 
 def made_or_kept(problem: SpherePath) -> str:
     """Return the cells that the vehicle cannot reach, see `problems.sphere_path.cells`."""
-    kept = folder() / digest([_source(), problem.model_dump(mode="json", include=set(SHAPING))])
+    kept = folder() / digest([_source(), problem.model_dump(mode="json", include={*SHAPING, "clearance"})])
     code = _read(kept)
     if code is None:
         with telling("making the spheres of configurations in collision; they are kept for the next time"):
-            code = cells.subdivide(problem.space, 2 if problem.mesh is None else 3, problem.accuracy, gaps_of(problem))
+            gaps = _spare_gaps_of(problem)
+            code = cells.subdivide(problem.space, dimensions_of(problem.mesh), problem.accuracy, gaps)
         with contextlib.suppress(OSError):  # to keep it is a favour
             _write(kept, code)
     return code

@@ -27,9 +27,12 @@ def answer(problem: SpherePath) -> Answer:
         start, goal = problem.ends
         corridor = corridor_of(problem.random, problem.space, start, goal)
         return _of_path(problem, corridor, "the corridor that the random spheres leave free")
-    obstacles = problem.obstacle_spheres
+    obstacles = problem.forbidden_spheres
     if len(obstacles) == 1 and not problem.space.periodic.any():
-        length = around(straight[0], straight[-1], obstacles[0, :-1], float(obstacles[0, -1]))
+        centre = obstacles[0, :-1]
+        # Ends may touch the sphere, which rounding must not make an end within.
+        radius = min(float(obstacles[0, -1]), *(float(np.linalg.norm(end - centre)) for end in straight))
+        length = around(straight[0], straight[-1], centre, radius)
         detour = length - length_of(straight)
         method = "the shortest way around one sphere, by two tangents and an arc, bounds aside"
         fitness = problem.length_weight * detour / (detour + problem.space.diagonal)

@@ -14,7 +14,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from genetics.arrays import Fitness, Genomes, writable
 from genetics.recipe import Recipe, Replacement
-from problems.angles import WithAngles, in_unit, plausible
+from problems.angles import WithAngles, in_unit
 from problems.digests import digest
 from problems.errors import BadInput
 from problems.plane import CONTACT, Obstacle
@@ -22,7 +22,8 @@ from problems.problem import Answer, CodedProblem, Populations, RecipeName, Solu
 from problems.sphere_path import cells, making
 from problems.sphere_path.random_world import Random, random_spheres
 from problems.sphere_path.space import Space, length_of
-from problems.sphere_path.vehicle import Mesh, Vehicle, gathered
+from problems.sphere_path.validation import validate
+from problems.sphere_path.vehicle import Mesh, Vehicle, dimensions_of, gathered
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -35,8 +36,6 @@ Floats = NDArray[np.float64]
 Place = Annotated[float, Field(ge=-1e6, le=1e6)]
 Axes = Annotated[list[Place], Field(min_length=2, max_length=7)]
 
-_FULL_TURN = 2.0 * np.pi
-_ANGLES = {(2, 2): 0, (2, 3): 1, (3, 3): 0, (3, 4): 1, (3, 6): 3}  # of vehicles, by dimensions of the world and axes
 _FLIPS = 8.0  # bits changed in an offspring, on average, by the tuned recipe
 
 
@@ -58,6 +57,7 @@ bits = 8                        # of each of their components
 # code = "gray"                 # or "binary"; if not given, the recipe's
 # periodic = [false, false, true]   # axes that close upon themselves, as angles do
 length_weight = 0.5             # of two paths that cross as many, the shorter one is better
+# clearance = 0.1               # that the path, or the vehicle on it (m), keeps from obstacles; 0 if not given
 
 spheres = [                     # centre, then radius
     [5.0, 5.0, 5.0, 2.5],
@@ -103,6 +103,13 @@ target = 0.03                   # nothing crossed, and a detour of at most 1.1; 
         ge=0,
         lt=1,
     )
+    clearance: float = quantity(
+        "m, or as the axes",
+        "what a vehicle keeps from obstacles, or without one the path from spheres",
+        default=0.0,
+        ge=0,
+        le=1e6,
+    )
     spheres: list[Annotated[list[Place], Field(min_length=3, max_length=8)]] | None = quantity(
         "as the axes", "obstacles: [centre.., radius]", default=None, max_length=cells.MOST_SPHERES
     )
@@ -124,7 +131,7 @@ target = 0.03                   # nothing crossed, and a detour of at most 1.1; 
         if not isinstance(problem.get("vehicle"), dict):
             raise BadInput('unit: expected "rad": only the axes of a vehicle may be angles, found "deg"')
         read = super().from_degrees(fields, problem)
-        first = _dimensions(problem.get("mesh"), problem["vehicle"].get("mesh"))
+        first = dimensions_of(problem.get("mesh"), problem["vehicle"].get("mesh"))
         for name in {"start", "goal", "bounds"} & read.keys():
             if isinstance(axes := read[name], list):
                 turned = [in_unit("rad", each, f"{name}[{axis}]") for axis, each in enumerate(axes[first:], first)]
@@ -141,7 +148,9 @@ target = 0.03                   # nothing crossed, and a detour of at most 1.1; 
         """With the spheres; those that are there are made anew if the world has moved since."""
         if fields.get("vehicle") is None:
             return {name: value for name, value in fields.items() if name not in ("hierarchy", "hierarchy_of")}
-        made_of = digest([fields.get(name) for name in making.SHAPING])
+        # No clearance is left out, so that problems without one keep the digest that they had before there was any.
+        clearance = [fields["clearance"]] if fields.get("clearance") else []
+        made_of = digest([fields.get(name) for name in making.SHAPING] + clearance)
         if fields.get("hierarchy_of") == made_of:
             return fields
         fields = {name: value for name, value in fields.items() if name != "hierarchy"}
@@ -153,92 +162,8 @@ target = 0.03                   # nothing crossed, and a detour of at most 1.1; 
 
     @model_validator(mode="after")
     def _is_a_world(self) -> Self:
-        self._one_number_an_axis()
-        self._one_kind_of_obstacles()
-        if self.vehicle is not None:
-            self._fits_its_world(self.vehicle)
-        if self.random is not None and self.random.corridor > self.nodes:
-            raise ValueError(
-                f"random.corridor: expected at most nodes, {self.nodes}, which a path has, found {self.random.corridor}"
-            )
-        for number, radius in enumerate(self._radii()):
-            self._wraps_once(number, radius)
-        self._ends_are_free()
+        validate(self)
         return self
-
-    def _one_number_an_axis(self) -> None:
-        count = len(self.start)
-        for name, each in (("goal", self.goal), ("bounds", self.bounds), ("periodic", self.periodic)):
-            if each is not None and len(each) != count:
-                raise ValueError(f"{name}: expected {count}, as many as start has, found {len(each)}")
-        for axis, (low, high) in enumerate(self.bounds):
-            if not low < high:
-                raise ValueError(f"bounds[{axis}]: expected least < greatest, found {[low, high]}")
-            for name, place in (("start", self.start), ("goal", self.goal)):
-                if not low <= place[axis] <= high:
-                    raise ValueError(f"{name}[{axis}]: expected {low:g} to {high:g}, found {place[axis]:g}")
-        for number, sphere in enumerate(self.spheres or []):
-            if len(sphere) != count + 1:
-                raise ValueError(
-                    f"spheres[{number}]: expected {count} numbers and a radius, found {len(sphere)} in all"
-                )
-            if sphere[-1] <= 0.0:
-                raise ValueError(f"spheres[{number}]: expected a radius greater than 0, found {sphere[-1]:g}")
-
-    def _one_kind_of_obstacles(self) -> None:
-        given = [name for name in ("spheres", "random", "vehicle") if getattr(self, name) is not None]
-        if len(given) != 1:
-            raise ValueError(f"expected one of spheres, random and vehicle, found {' and '.join(given) or 'none'}")
-        if self.vehicle is None and (self.obstacles or self.mesh or self.hierarchy):
-            raise ValueError(f"vehicle: expected what moves among obstacles and meshes, found {given[0]} instead")
-
-    def _fits_its_world(self, vehicle: Vehicle) -> None:
-        """A vehicle is at home in the plane or in space, and has as many axes as it can move along."""
-        dimensions = _dimensions(self.mesh, vehicle.mesh)
-        if dimensions == 3 and (vehicle.vertices is not None or self.obstacles):
-            raise ValueError("vehicle: expected a radius or a mesh, and no obstacles of the plane, beside a mesh")
-        if dimensions == 3 and self.mesh is None:
-            raise ValueError("mesh: expected the obstacle of a vehicle in space, found nothing")
-        turns = (0, 1, 3) if vehicle.radius is None else (0,)
-        fitting = [axes for (world, axes), angles in _ANGLES.items() if world == dimensions and angles in turns]
-        if len(self.start) not in fitting:
-            raise ValueError(
-                f"start: expected {' or '.join(map(str, fitting))} numbers for such a vehicle, found {len(self.start)}"
-            )
-        for axis, (low, high) in enumerate(self.bounds):
-            if self.periodic is not None and self.periodic[axis]:
-                if axis < dimensions:
-                    raise ValueError(f"periodic[{axis}]: expected false, as axis {axis + 1} is no angle, found true")
-                if abs(high - low - _FULL_TURN) > 1e-6:
-                    raise ValueError(f"bounds[{axis}]: expected a full turn, as it is periodic, found {[low, high]}")
-        self._turns_within_reason(dimensions)
-
-    def _turns_within_reason(self, first: int) -> None:
-        """Axes from the ``first`` on are a vehicle's angles."""
-        for name in ("start", "goal", "bounds"):
-            for axis, each in enumerate(getattr(self, name)[first:], first):
-                try:
-                    for angle in np.atleast_1d(each):
-                        plausible(float(angle))
-                except ValueError as error:
-                    raise ValueError(f"{name}[{axis}]: {error}") from error
-
-    def _radii(self) -> list[float]:
-        return [sphere[-1] for sphere in self.spheres or []] + ([self.random.radius[1]] if self.random else [])
-
-    def _wraps_once(self, number: int, radius: float) -> None:
-        name = "random.radius" if self.random else f"spheres[{number}]"
-        shortest = self.space.periods[self.space.periodic].min(initial=np.inf)
-        if 2.0 * radius > shortest:
-            raise ValueError(f"{name}: expected a radius of at most half a period, {shortest / 2:g}, found {radius:g}")
-
-    def _ends_are_free(self) -> None:
-        obstacles = self.obstacle_spheres
-        for name, place, written in (("start", self.ends[0], self.start), ("goal", self.ends[1], self.goal)):
-            depth = obstacles[:, -1] - CONTACT - self.space.clearances(place[None], obstacles[:, :-1])
-            if np.any(depth > 0.0):
-                found = f"in spheres[{np.argmax(depth)}]" if self.spheres else making.why_blocked(self, written)
-                raise ValueError(f"{name}: expected a place clear of all obstacles, found {written} {found}")
 
     @cached_property
     def space(self) -> Space:
@@ -268,6 +193,17 @@ target = 0.03                   # nothing crossed, and a detour of at most 1.1; 
         if self.random is not None:
             return random_spheres(self.random, self.space, *self.ends)
         return cells.spheres_of(self.cells_code, self.space)
+
+    @property
+    def forbidden_spheres(self) -> Floats:
+        """What a path must not enter, shape (n, axes + 1): obstacles, and whatever is nearer than the clearance to one.
+
+        The spheres that are made of a vehicle and its world hold its clearance already.
+        """
+        if self.vehicle is not None:
+            return self.obstacle_spheres
+        thickening: Floats = np.array([*np.zeros(len(self.start)), self.clearance])
+        return self.obstacle_spheres + thickening
 
     @cached_property
     def cells_code(self) -> str:
@@ -375,7 +311,7 @@ target = 0.03                   # nothing crossed, and a detour of at most 1.1; 
 
         space = self.space
         codes = (1 << self.bits) - np.where(space.periodic, 0, 1)
-        obstacles = self.obstacle_spheres - [*np.zeros(len(self.start)), CONTACT]
+        obstacles = self.forbidden_spheres - [*np.zeros(len(self.start)), CONTACT]
         middle = space.low + space.span / 2.0
         obstacles[:, :-1] = middle + space.shorter(obstacles[:, :-1] - middle)  # the image within the bounds
         return Operator.of(
@@ -385,8 +321,3 @@ target = 0.03                   # nothing crossed, and a detour of at most 1.1; 
             [self.length_weight, length_of(self.straight), space.diagonal, obstacles[:, -1].max(initial=0.0)],
             *hierarchy_of(obstacles),
         )
-
-
-def _dimensions(*meshes: object) -> int:
-    """Of the world of a vehicle: space if any of these is given, else the plane."""
-    return 2 if all(mesh is None for mesh in meshes) else 3

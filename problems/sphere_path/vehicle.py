@@ -78,6 +78,11 @@ class Vehicle(Table):
         return float(np.linalg.norm(corners, axis=1).max())
 
 
+def dimensions_of(*meshes: object) -> int:
+    """Of the world of a vehicle: 3 if any of these is given, else 2."""
+    return 2 if all(mesh is None for mesh in meshes) else 3
+
+
 def gathered(fields: dict[str, Any], folder: Path) -> dict[str, Any]:
     """The fields of a problem file with triangles in the place of the names of mesh files.
 

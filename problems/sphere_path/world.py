@@ -33,7 +33,9 @@ class World:
         assert vehicle is not None, "there is no world without a vehicle"
         self._dimensions = 2 if flat else 3
         self._obstacles: list[tuple[Any, float]] = []
+        self._names: list[str | int] = [*range(len(problem.obstacles))]
         if problem.mesh is not None:
+            self._names.append("mesh")
             self._obstacles.append((_body(problem.mesh.triangles), 0.0))
         for obstacle in problem.obstacles:
             if isinstance(obstacle, Circle):
@@ -47,38 +49,53 @@ class World:
         else:
             shape = _line(0.0, 0.0) if flat else _POINT
         self._vehicle, self._thickness = _body(shape), vehicle.radius or 0.0
-        self._reach = vehicle.reach
+        self.reach = vehicle.reach
 
     def clearance(self, configuration: Floats) -> float:
         """The gap to the nearest obstacle, m; negative in collision, and infinite where surfaces cut each other."""
+        return min(self._gaps(configuration), default=np.inf)
+
+    def nearest(self, configuration: Floats) -> str | int:
+        """The nearest obstacle: its number, or ``"mesh"``.
+
+        Raises:
+            ValueError: if there is none.
+        """
+        return self._names[int(np.argmin(self._gaps(configuration)))]
+
+    def _gaps(self, configuration: Floats) -> list[float]:
+        """To each obstacle, m."""
         turn, place = np.eye(3), np.zeros(3)
         dimensions = self._dimensions
         turn[:dimensions, :dimensions] = rotations(configuration[None, dimensions:], dimensions)[0]
         place[:dimensions] = configuration[:dimensions]
         self._vehicle.setTransform(fcl.Transform(turn, place))
-        return min((self._gap(*each) for each in self._obstacles), default=np.inf)
+        return [self._gap(*each) for each in self._obstacles]
 
     def _gap(self, body: Any, thickness: float) -> float:
         away = float(fcl.distance(self._vehicle, body, fcl.DistanceRequest(), fcl.DistanceResult()))
         return away - thickness - self._thickness if away > 0.0 else -np.inf
 
-    def contact(self, begin: Floats, end: Floats) -> Floats | None:
-        """The first configuration of a straight motion at which the vehicle meets an obstacle, if it does.
-
-        No point of it goes farther from one look to the next than it was from the nearest obstacle.
-        """
+    def way(self, begin: Floats, end: Floats) -> float:
+        """The most that any point of the vehicle goes on a straight motion, m."""
         motion = end - begin
         angles = np.abs(motion[self._dimensions :]).sum()
-        way = float(np.linalg.norm(motion[: self._dimensions]) + self._reach * angles)
-        done = 0.0
+        return float(np.linalg.norm(motion[: self._dimensions]) + self.reach * angles)
+
+    def contact(self, begin: Floats, end: Floats, clearance: float = 0.0) -> Floats | None:
+        """The first configuration of a straight motion nearer to an obstacle than a clearance, m, if there is one.
+
+        No point of the vehicle goes farther from one look to the next than it was from being that near.
+        """
+        motion, way, done = end - begin, self.way(begin, end), 0.0
         while True:
             configuration = begin + motion * (done / way if way > 0.0 else 0.0)
-            gap = self.clearance(configuration)
+            gap = self.clearance(configuration) - clearance
             if gap < -TOLERANCE:
                 return configuration
             if done >= way:
                 return None
-            done = min(way, done + max(gap, _SHORTEST * self._reach))
+            done = min(way, done + max(gap, _SHORTEST * self.reach))
 
 
 _POINT = _SLIMMEST * np.array([[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]])
