@@ -14,6 +14,9 @@ if TYPE_CHECKING:
     from problems.min_time.problem import MinTime
 
 
+_BETWEEN = "between two rows the limits hold for the law of docs/min-time.md; a cubic through the rows may exceed torque"
+
+
 def motion(problem: MinTime, solution: Solution, pace: Pace) -> Motion:
     """Row by row; accelerations and torques of a row are those of the step that begins there."""
     own = "which has times of its own"
@@ -31,5 +34,5 @@ def motion(problem: MinTime, solution: Solution, pace: Pace) -> Motion:
         for name, unit in LIMITS.items()
         if (values := getattr(arm, name)) is not None
     )
-    notes = () if arm.velocity is not None else ("no limit of velocity is stated: arm.velocity",)
+    notes = (_BETWEEN,) if arm.velocity is not None else (_BETWEEN, "no limit of velocity is stated: arm.velocity")
     return Motion(np.array(rows["t"], np.float64), (track,), limits=limits, notes=notes)

@@ -67,7 +67,7 @@ def test_an_interrupted_experiment_goes_on(own_problem, tmp_path, capsys):
         wait_for_runs(folder, count + 1)
         process.send_signal(end)
         _, err = process.communicate(timeout=30)
-        assert process.returncode == code
+        assert process.returncode == code, err
     assert "the same command goes on from here" in err
     assert "Traceback" not in err
     assert not (folder / "report.html").exists()
