@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from problems.min_time.problem import MinTime
 
 
-_BETWEEN = "between two rows the limits hold for the law of docs/min-time.md; a cubic through the rows may exceed torque"
+_BETWEEN = "between rows the limits hold for the law of docs/min-time.md; a cubic through the rows may exceed torque"
 
 
 def motion(problem: MinTime, solution: Solution, pace: Pace) -> Motion:

@@ -152,7 +152,7 @@ def test_min_time_is_its_trajectory():
     assert list(table(motion))[:3] == ["t", "joint_1.position", "joint_2.position"]
     np.testing.assert_allclose(arm.links[0, -1], [math.cos(-0.5) + math.cos(-1.5), math.sin(-0.5) + math.sin(-1.5), 0])
     assert [str(limit) for limit in motion.limits] == ["torque [64.5, 64.5] N m (arm.torque)"]
-    assert motion.notes[0].startswith("between two rows the limits hold")
+    assert motion.notes[0].startswith("between rows the limits hold")
     assert motion.notes[1:] == ("no limit of velocity is stated: arm.velocity",)
     with pytest.raises(supernode.BadInput, match=r"^--rate: expected none for min-time, whose rows"):
         moved(problem, solution, Pace(rate=5.0))
