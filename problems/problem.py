@@ -19,6 +19,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from genetics.arrays import Fitness, Genomes
 from genetics.recipe import Recipe
 from problems.errors import BadInput
+from problems.plain_genomes import from_plain, to_plain
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -253,7 +254,7 @@ class Problem(Table):
 
     def decode(self, genome: Genomes) -> Solution:
         """The solution that a genome, shape (genome_bytes,), stands for, as plain JSON values."""
-        return {"genome": genome.tobytes().hex()}
+        return to_plain(self.coding, genome)
 
     def for_cell(self) -> Self:
         """This problem with a state of its own, if evaluating leaves a state: each cell then has one.
@@ -287,12 +288,9 @@ class Problem(Table):
             BadInput: if this is not a solution of such a problem at all.
         """
         try:
-            genome = np.frombuffer(bytearray.fromhex(solution["genome"]), np.uint8)
-            accepted = self.coding.alphabet.admits(genome)
-        except (KeyError, TypeError, ValueError, IndexError):
-            accepted = False
-        if not accepted:
-            raise BadInput(f"solution: expected a field 'genome' that codes an individual of {self.kind}")
+            genome = from_plain(self.coding, solution)
+        except ValueError as error:
+            raise BadInput(f"solution: {error}, for an individual of {self.kind}") from None
         fitness = float(self.evaluate(genome[None])[0])
         return Verdict(fitness, () if np.isfinite(fitness) else ("the individual is infeasible",))
 

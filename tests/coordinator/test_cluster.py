@@ -38,7 +38,7 @@ def test_a_job_is_solved_and_tells_how(cluster, own_problem):
     fitness = [better.fitness for better in improvements]
     assert fitness == sorted(fitness, reverse=True)
     assert len(set(fitness)) == len(fitness)
-    assert improvements[-1].solution == result.solution == {"genome": "ff" * 6}
+    assert improvements[-1].solution == result.solution == {"integers": [1] * 48}
     diameter = 3
     assert result.generations == result.found_at["generation"] + diameter + 1
 

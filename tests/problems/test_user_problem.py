@@ -286,23 +286,23 @@ def test_a_problem_without_a_checker_of_its_own_checks_genomes(write):
     problem = load(write(GOOD)).problem()
     genome = problem.coding.encode([[1, 0, 1]])[0]
     solution = problem.decode(genome)
-    assert solution == {"genome": "a0"}
-    assert problem.describe(solution) == 'genome: "a0"'
+    assert solution == {"integers": [1, 0, 1]}
+    assert problem.describe(solution) == "integers: [1, 0, 1]"
     verdict = problem.check(solution)
     assert verdict.fitness == 0.0
     assert verdict.feasible
-    refused_verdict = problem.check({"genome": "e0"})
+    refused_verdict = problem.check({"integers": [1, 1, 1]})
     assert refused_verdict.fitness == math.inf
     assert not refused_verdict.feasible
 
 
 @pytest.mark.parametrize(
     "solution",
-    [{}, {"genome": 3}, {"genome": "zz"}, {"genome": ""}, {"genome": "a000"}, {"genome": "a1"}, {"genome": None}],
+    [{}, *({"integers": wrong} for wrong in (3, "101", "", [1, 0], [1, 0, 2], [1, 0, True], [1, 0, 1 << 70], None))],
 )
 def test_what_is_no_solution_at_all_is_bad_input(write, solution):
     problem = load(write(GOOD)).problem()
-    with pytest.raises(BadInput, match="expected a field 'genome'"):
+    with pytest.raises(BadInput, match=r"^solution: expected a field 'integers' with 3 integers from 0 to 1, for "):
         problem.check(solution)
 
 

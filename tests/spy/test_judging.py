@@ -33,7 +33,7 @@ def collected(plan, *champions):
 def test_improvements_are_told_once_and_only_if_better():
     collector = Collector(plan_of(), job=7)
     first = collector.hear(Champion(20.0, 3, 5, HALF), 0.25)
-    assert first == Improvement(7, 0, 0.25, 3, 5, 20.0, True, {"genome": HALF.hex()})
+    assert first == Improvement(7, 0, 0.25, 3, 5, 20.0, True, {"integers": [1] * 20 + [0] * 20})
     assert collector.hear(Champion(20.0, 3, 5, HALF), 0.3) is None
     assert collector.hear(Champion(40.0, 1, 0, EMPTY), 0.3) is None
     assert collector.hear(None, 0.3) is None
@@ -98,7 +98,7 @@ def test_a_lie_is_not_believed_and_fails_the_run():
 def test_status(settings, generation, reasons, status):
     collector = collected(plan_of(**settings), Champion(0.0, 3, 5, FULL))
     target = settings.get("target", 0.0)
-    words, when = f'genome: "{FULL.hex()}"', "as asked for" if "target" in settings else None
+    words, when = f"integers: {[1] * 40}", "as asked for" if "target" in settings else None
     judgement = Judgement(status, True, None, collector.best, words, target, solved_when=when)
     assert judge(collector, generation, reasons) == judgement
 
@@ -251,7 +251,7 @@ def test_what_cells_report_goes_into_the_solution():
     plan = Plan(Counting(kind="counting"), Run())
     told = judge(collected(plan, Champion(0.0, 3, 5, FULL)), 8, ["target"], states={2: b"\x03", 5: b"\x04"})
     assert told.status == "solved"
-    assert told.best.solution == {"genome": FULL.hex(), "told": 7, "finder": 5}
+    assert told.best.solution == {"integers": [1] * 40, "told": 7, "finder": 5}
     assert judge(collected(plan, Champion(0.0, 3, 5, FULL)), 8, ["target"]).best.solution["told"] == 0
 
 

@@ -167,13 +167,13 @@ def test_check_accepts_rejects_and_cannot_read(own_problem, tmp_path, capsys):
         (whole | {"fitness": 3.0}, 3, "rejected: the result claims a fitness of 3.0, the check finds 0"),
         (whole | {"problem_sha256": "0" * 64}, 3, "rejected: the result is of another problem"),
         (whole | {"solution": None, "fitness": None, "solved": False}, 3, "rejected: there is no solution"),
-        (whole | {"solution": {"genome": "0000000000"}}, 3, "rejected: the result claims a fitness of 0.0"),
+        (whole | {"solution": {"integers": [0] * 40}}, 3, "rejected: the result claims a fitness of 0.0"),
     ]
     for claim, code, said in cases:
         result.write_text(json.dumps(claim))
         found, out, _ = in_process(capsys, "check", path, result)
         assert (found, out[: len(said)]) == (code, said)
-    for text in ("", "[1]", "{", '{"solution": {"nonsense": 1}}', '{"solution": {"genome": "zz"}}'):
+    for text in ("", "[1]", "{", '{"solution": {"nonsense": 1}}', '{"solution": {"integers": "zz"}}'):
         result.write_text(text)
         code, out, err = in_process(capsys, "check", path, result)
         assert (code, out) == (2, "")

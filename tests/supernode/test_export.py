@@ -266,6 +266,6 @@ def test_a_problem_of_ones_own_has_a_motion_if_its_class_says_so(own_problem, tm
             "        times = np.arange(3.0) / pace.along('one-max', 'bits/s')\n"
             "        return Motion(times, (Values('', (Column('bits', 'bit', np.arange(3.0)),)),))\n"
         )
-    result.write_text(json.dumps({"genome": "ff" * 5}))
+    result.write_text(json.dumps({"integers": [1] * 40}))
     assert main(["export", str(path), str(result), "--speed", "2"]) == 0
     assert capsys.readouterr().out == "t [s],bits [bit]\n0.0,0.0\n0.5,1.0\n1.0,2.0\n"

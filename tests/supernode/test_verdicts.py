@@ -83,7 +83,7 @@ def test_what_the_check_refuses_is_an_attempt_and_no_solution(own_problem, tmp_p
     path, result, log = of_a_kind(own_problem, "Refused", REFUSED), tmp_path / "result.json", tmp_path / "log.jsonl"
     code, out, err = in_process(capsys, command, path, *FEW, "--json", "--log", log)
     told = json.loads(out)
-    assert (code, told["feasible"], told["solution"], list(told["best_attempt"])) == (3, False, None, ["genome"])
+    assert (code, told["feasible"], told["solution"], list(told["best_attempt"])) == (3, False, None, ["integers"])
     assert all(line.endswith("  infeasible") for line in err.splitlines() if "fitness" in line)
     events = [json.loads(line) for line in log.read_text().splitlines()]
     assert {each["feasible"] for each in events if each["event"] == "news"} == {False}
@@ -96,7 +96,7 @@ def test_what_the_check_refuses_is_an_attempt_and_no_solution(own_problem, tmp_p
 
 def test_an_attempt_that_the_check_would_accept_is_no_solution_either(own_problem, tmp_path, capsys):
     result = tmp_path / "result.json"
-    result.write_text(json.dumps({"solution": None, "best_attempt": {"genome": "ff" * 5}}))
+    result.write_text(json.dumps({"solution": None, "best_attempt": {"integers": [1] * 40}}))
     code, out, _ = in_process(capsys, "check", own_problem(), result)
     assert (code, out) == (3, "rejected: there is no solution, only a best attempt\n")
 
@@ -157,7 +157,7 @@ class Many(OneMax):
 
 def test_of_many_objections_three_are_named_after_what_explains_them(own_problem, tmp_path, capsys):
     path, result = of_a_kind(own_problem, "Many", MANY), tmp_path / "result.json"
-    result.write_text(json.dumps({"problem_sha256": "0" * 64, "solution": {"genome": "ff" * 5}}))
+    result.write_text(json.dumps({"problem_sha256": "0" * 64, "solution": {"integers": [1] * 40}}))
     code, out, _ = in_process(capsys, "check", path, result)
     first = f"rejected: the result is of another problem than {path}: problem_sha256 differs; "
     assert (code, out) == (3, f"{first}wall 0; wall 1; wall 2; and 297 more\n")
