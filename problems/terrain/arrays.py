@@ -15,7 +15,7 @@ HEADINGS = ("E", "NE", "N", "NW", "W", "SW", "S", "SE")  # k·π/4, anticlockwis
 
 
 def world_arrays(problem: Terrain) -> tuple[NDArray[Any], ...]:
-    """Where from and to and the rule of corners; K; the class of each cell; each class's cost of a step by heading.
+    """Return where from and to and the rule of corners; K; cells' classes; steps' costs; the corners that are closed.
 
     See `problems.terrain.walking.World`.
     """
@@ -24,25 +24,41 @@ def world_arrays(problem: Terrain) -> tuple[NDArray[Any], ...]:
     classes = np.full(characters.shape, BLOCKED, np.int64)
     for place, (character, _) in enumerate(present):
         classes[characters == character] = place
-    if problem.robot_radius > 0.5:
-        classes[_near(classes == BLOCKED, problem.robot_radius)] = BLOCKED
+    rows, columns = characters.shape
+    obstacles, least = classes == BLOCKED, problem.robot_radius + problem.clearance
+    if least > 0.5:
+        classes[_near(obstacles, least, (rows, columns), 0.5)] = BLOCKED
+    corners = np.zeros((0, 0), np.int64)
+    if problem.clearance > 0.0:
+        corners = _near(obstacles, least, (rows + 1, columns + 1), 0.0).astype(np.int64)
     ranked = np.array([[_ranked(problem, name, heading) for heading in range(8)] for _, name in present])
     worst = np.sqrt(2.0) * max(characters.shape) ** 2 * ranked.max()
     lengths = np.where(np.arange(8) % 2 == 0, 1.0, np.sqrt(2.0))
     settings = np.array([*problem.start, *problem.goal, problem.corner_cutting], np.int64)
-    return settings, np.array([worst]), classes, ranked * lengths
+    return settings, np.array([worst]), classes, ranked * lengths, corners
 
 
-def _near(blocked: NDArray[np.bool_], radius: float) -> NDArray[np.bool_]:
-    """Cells whose centre is nearer than ``radius`` to one that is blocked, a square."""
-    reach = int(np.ceil(radius))
-    rows, columns = blocked.shape
-    padded = np.pad(blocked, reach)
-    near = np.zeros_like(blocked)
-    for row in range(-reach, reach + 1):
-        for column in range(-reach, reach + 1):
-            if np.hypot(max(abs(row) - 0.5, 0.0), max(abs(column) - 0.5, 0.0)) < radius * (1.0 - 1e-12):
-                near |= padded[reach + row : reach + row + rows, reach + column : reach + column + columns]
+def _near(blocked: NDArray[np.bool_], radius: float, shape: tuple[int, int], into: float) -> NDArray[np.bool_]:
+    """Which points come nearer than ``radius`` to a blocked cell, a square of side 1.
+
+    Args:
+        blocked: cells, (rows, columns).
+        radius: in cells.
+        shape: of the points, a grid as fine as the cells.
+        into: where the first point lies in the first cell, along rows and columns: 0.5 its centre, 0 its first corner.
+    """
+    reach = int(np.ceil(radius)) + 1
+    offsets = np.arange(-reach, reach + 1)  # of cells from that of the same number as the point
+    gaps = np.maximum(np.maximum(offsets - into, into - 1.0 - offsets), 0.0)
+    # Of each row of cells those that are near are a range: one is blocked if the count of those before changes in it.
+    padded = np.pad(blocked, ((reach, reach + 1), (reach, reach + 1)))
+    before = np.pad(np.cumsum(padded, axis=1, dtype=np.int32), ((0, 0), (1, 0)))
+    near = np.zeros(shape, np.bool_)
+    for row, gap in enumerate(gaps):
+        columns = np.flatnonzero(np.hypot(gap, gaps) < radius * (1.0 - 1e-12))
+        if len(columns):
+            counts, first, last = before[row : row + shape[0]], int(columns[0]), int(columns[-1]) + 1
+            near |= counts[:, last : last + shape[1]] > counts[:, first : first + shape[1]]
     return near
 
 

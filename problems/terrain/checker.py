@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from itertools import pairwise
-from math import dist, isclose, sqrt
+from math import dist, inf, isclose, sqrt
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from problems.errors import first_line
-from problems.problem import Solution, Verdict
+from problems.problem import Clearance, Solution, Verdict
 from problems.terrain.solution import EIGHTH, STEPS, Cell, TerrainSolution
 
 if TYPE_CHECKING:
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 TOLERANCE = 1e-6
 HAIR = 1e-12  # contact at exactly the radius is free
+Floats = NDArray[np.float64]
 Triangle = tuple[float, float, float]
 
 
@@ -39,26 +40,45 @@ def judge(problem: Terrain, solution: Solution) -> Verdict:
             cost += dist(here, there) * ranked(problem, difficulty(problem, there, STEPS.index(step)))
     away = dist(claimed.path[-1], problem.goal)
     objections = [*_wrong_ends(problem, claimed, away), *astray, *_wrong_claims(claimed, cost)]
-    if away == 0.0 and blocked == 0:
-        return Verdict(cost, tuple(objections))
-    return Verdict(dearest(problem) * (1 + blocked) + away, tuple(objections))
+    fitness = cost if away == 0.0 and blocked == 0 else dearest(problem) * (1 + blocked) + away
+    return Verdict(fitness, tuple(objections), _clearance(problem, claimed.path))
 
 
 def impassable(problem: Terrain) -> NDArray[np.bool_]:
     """The cells where the robot cannot stand, (rows, columns): obstacles, and what is too near to them."""
-    blocked = np.array([[character not in problem.legend for character in row] for row in problem.map])
-    if problem.robot_radius > 0.0:
-        from scipy import ndimage
+    if problem.robot_radius + problem.clearance > 0.0:
+        near: NDArray[np.bool_] = problem.distances[1::2, 1::2] < least_allowed(problem)
+        return near
+    return _obstacles(problem)
 
-        # An obstacle is a square; its nearest point to the centre of another cell is a corner or the middle of a side.
-        # On a grid twice as fine these are points.
-        fine = np.zeros((2 * blocked.shape[0] + 1, 2 * blocked.shape[1] + 1), bool)
-        for row in range(3):
-            for column in range(3):
-                fine[row : row + 2 * blocked.shape[0] : 2, column : column + 2 * blocked.shape[1] : 2] |= blocked
-        if fine.any():
-            blocked = ndimage.distance_transform_edt(~fine)[1::2, 1::2] < 2.0 * problem.robot_radius * (1.0 - HAIR)
-    return blocked
+
+def _obstacles(problem: Terrain) -> NDArray[np.bool_]:
+    return np.array([[character not in problem.legend for character in row] for row in problem.map])
+
+
+def distances(problem: Terrain) -> Floats:
+    """From obstacles, cells, on a grid twice as fine, (2 rows + 1, 2 columns + 1): its odd places are cells' centres.
+
+    Obstacles are squares, at 0; infinite if there are none. The edge of the map is none.
+    """
+    from scipy import ndimage
+
+    # The nearest point of a square to a centre or corner of another is a corner, or the middle of a side: all of these
+    # are places of the fine grid.
+    blocked = _obstacles(problem)
+    fine = np.zeros((2 * blocked.shape[0] + 1, 2 * blocked.shape[1] + 1), bool)
+    for row in range(3):
+        for column in range(3):
+            fine[row : row + 2 * blocked.shape[0] : 2, column : column + 2 * blocked.shape[1] : 2] |= blocked
+    if not fine.any():
+        return np.full(fine.shape, inf)
+    found: Floats = ndimage.distance_transform_edt(~fine) / 2.0
+    return found
+
+
+def least_allowed(problem: Terrain) -> float:
+    """The least distance from an obstacle, cells, at which the axis of the robot may be."""
+    return (problem.robot_radius + problem.clearance) * (1.0 - HAIR)
 
 
 def difficulty(problem: Terrain, cell: Cell, heading: int) -> Triangle:
@@ -96,17 +116,41 @@ def _parsed(solution: Solution) -> TerrainSolution:
 
 def _hindrance(problem: Terrain, here: Cell, there: Cell) -> str | None:
     """Why a step cannot be taken, if it cannot."""
-    blocked = problem.impassable
+    blocked, near = problem.impassable, f"{problem.clearance:g}" if problem.clearance > 0.0 else ""
 
     def is_free(row: int, column: int) -> bool:
         return 0 <= row < blocked.shape[0] and 0 <= column < blocked.shape[1] and not blocked[row, column]
 
     if not is_free(*there):
-        return "is impassable" if 0 <= there[0] < len(blocked) and 0 <= there[1] < len(blocked[0]) else "is off the map"
+        if not (0 <= there[0] < len(blocked) and 0 <= there[1] < len(blocked[0])):
+            return "is off the map"
+        return "is impassable" + (f", or nearer to what is than the clearance {near}" if near else "")
     is_diagonal = here[0] != there[0] and here[1] != there[1]
     if is_diagonal and not (problem.corner_cutting or (is_free(here[0], there[1]) and is_free(there[0], here[1]))):
         return "cuts a corner"
+    middle = (here[0] + there[0] + 1, here[1] + there[1] + 1)
+    if near and is_diagonal and problem.distances[middle] < least_allowed(problem):
+        return f"comes nearer to an obstacle half-way than the clearance {near}"
     return None
+
+
+def _clearance(problem: Terrain, path: list[Cell]) -> Clearance:
+    """The least gap between the robot and an obstacle, cells: at centres, and half-way between these.
+
+    Obstacles are at 0 throughout, so a robot whose axis enters one is told to overlap it by its radius.
+    """
+    least, where = inf, {}
+    rows, columns = problem.distances.shape
+    places = [(0, 2 * path[0][0] + 1, 2 * path[0][1] + 1)]
+    for number, (here, there) in enumerate(pairwise(path), start=1):
+        if (there[0] - here[0], there[1] - here[1]) in STEPS:
+            places.append((number, here[0] + there[0] + 1, here[1] + there[1] + 1))
+        places.append((number, 2 * there[0] + 1, 2 * there[1] + 1))
+    for step, row, column in places:
+        if 0 <= row < rows and 0 <= column < columns and problem.distances[row, column] < least:
+            least = float(problem.distances[row, column])
+            where = {"step": step, "place": [(row - 1) / 2, (column - 1) / 2]}
+    return Clearance(least - problem.robot_radius, where, unit="cells")
 
 
 def _wrong_ends(problem: Terrain, claimed: TerrainSolution, away: float) -> Iterator[str]:

@@ -25,7 +25,7 @@ from problems.terrain.search import (
 )
 from problems.terrain.walking import GOAL, START, walk, world_of
 
-_MORE = 4  # the first place in the table after the world
+_MORE = 5  # the first place in the table after the world
 _MOST_LEGS = 3  # of a first path of straight lines
 _MOST_VIA = 3  # places of a detour
 _WALLS = 4  # steps along walls for each cell of the longer side

@@ -47,6 +47,9 @@ def _graph(problem: Terrain, blocked: NDArray[np.bool_]) -> sparse.csr_array:
         is_open = _shifted(free, 0, 0) & _shifted(free, d_row, d_column)
         if d_row and d_column and not problem.corner_cutting:
             is_open &= _shifted(free, d_row, 0) & _shifted(free, 0, d_column)
+        if d_row and d_column and problem.clearance > 0.0:
+            middles = problem.distances[1 + d_row :, 1 + d_column :][::2, ::2][:rows, :columns]
+            is_open &= middles >= checker.least_allowed(problem)
         tail = numbers[is_open]
         head = tail + d_row * columns + d_column
         tails.append(tail)

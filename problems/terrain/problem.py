@@ -89,6 +89,7 @@ map = [                         # or: file = "x.map", a map of MovingAI, beside 
 corner_cutting = true           # whether a diagonal step may pass the corner of an impassable cell
 rank = "centroid"               # of fuzzy costs; or "pessimistic", "optimistic"
 robot_radius = 0.0              # cells; impassable cells are thickened by it
+# clearance = 0.2               # cells, beyond robot_radius, that all of the way keeps from impassable cells
 
 [terrain]                       # what a character of the map is; ".", "G" and "S" are clear, all else is impassable
 e = "easy"
@@ -140,6 +141,13 @@ seed = 1
     )
     robot_radius: float = quantity(
         "cell", "a cell is impassable if its centre is nearer than this to one", default=0.0, ge=0.0, le=64.0
+    )
+    clearance: float = quantity(
+        "cell",
+        "how far the robot keeps from impassable cells all the way, also half-way between diagonal cells",
+        default=0.0,
+        ge=0.0,
+        le=64.0,
     )
     blocks: int | None = quantity(
         "", "the most blocks of a genome; if not given, 4 to each cell of the longer side", default=None, ge=1, le=16384
@@ -207,9 +215,10 @@ seed = 1
                     f"found [{row}, {column}]"
                 )
             if self.impassable[row, column]:
+                thick = self.robot_radius + self.clearance > 0.0
                 raise ValueError(
                     f"{name}: expected a cell where the robot stands free, found [{row}, {column}], which is "
-                    f"{self.map[row][column]!r}" + (" or too near to an impassable one" if self.robot_radius else "")
+                    f"{self.map[row][column]!r}" + (" or too near to an impassable one" if thick else "")
                 )
         return self
 
@@ -227,6 +236,11 @@ seed = 1
     def impassable(self) -> NDArray[np.bool_]:
         """The cells where the robot cannot stand, (rows, columns); for validation, `check` and the oracle."""
         return checker.impassable(self)
+
+    @cached_property
+    def distances(self) -> NDArray[np.float64]:
+        """Of centres and corners of cells from obstacles, see `problems.terrain.checker.distances`; for `check`."""
+        return checker.distances(self)
 
     def for_recipe(self, name: RecipeName, deme: int) -> Self:
         """The founders that the recipe wants, unless the file chooses."""

@@ -22,12 +22,13 @@ class World(NamedTuple):
     penalty: Any  # K: dearer than any clear path
     classes: Any  # (rows, columns): what each cell is, -1 impassable
     costs: Any  # (classes, 8): of a step into such a cell, by heading
+    corners: Any  # (rows + 1, columns + 1): whether a cell's first corner bars diagonal steps; empty if none does
 
 
 @subroutine
 def world_of(table: Any) -> Any:
-    """From the first four arrays of a table."""
-    return World(integers(table, 0)[0], reals(table, 1)[0, 0], integers(table, 2), reals(table, 3))
+    """From the first five arrays of a table."""
+    return World(integers(table, 0)[0], reals(table, 1)[0, 0], integers(table, 2), reals(table, 3), integers(table, 4))
 
 
 @subroutine
@@ -39,12 +40,20 @@ def is_passable(world: Any, row: Any, column: Any) -> Any:
 
 @subroutine
 def is_clear(world: Any, row: Any, column: Any, heading: Any) -> Any:
-    """Whether the step by which a cell is entered is free; a corner that must not be cut blocks it."""
+    """Whether the step by which a cell is entered is free; a corner that must not be cut blocks it.
+
+    Nothing on a straight step is nearer to an obstacle than its ends, nor on a diagonal one than those and its middle.
+    """
     if not is_passable(world, row, column):
         return False
-    if heading % 2 == 0 or world.settings[CUTS_CORNERS] != 0:
+    if heading % 2 == 0:
         return True
-    return is_passable(world, row - D_ROW[heading], column) and is_passable(world, row, column - D_COLUMN[heading])
+    before_row, before_column = row - D_ROW[heading], column - D_COLUMN[heading]
+    if world.corners.shape[0] > 0 and world.corners[max(row, before_row), max(column, before_column)] != 0:
+        return False
+    if world.settings[CUTS_CORNERS] != 0:
+        return True
+    return is_passable(world, before_row, column) and is_passable(world, row, before_column)
 
 
 @subroutine
