@@ -1,7 +1,7 @@
 """The judge of coordination solutions: cell by cell, with its own motions and its own arms; nothing of `evaluate`.
 
 Where the diagram comes from two arms, it also moves them through every rectangle, in all pairs of places half a cell
-apart, and measures the distance of their links.
+apart, and measures the distance of their links; in closer places where links could come nearer to each other between.
 """
 
 from __future__ import annotations
@@ -9,14 +9,14 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from itertools import pairwise
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, ValidationError
 
 from problems.errors import first_line
-from problems.problem import Solution, Table, Verdict
+from problems.problem import Clearance, Solution, Table, Verdict
 
 if TYPE_CHECKING:
     from problems.coordination.arms import Robot
@@ -27,6 +27,9 @@ Cell = tuple[int, int]
 
 TOLERANCE = 1e-6  # s, and share of the time
 DEPTH = 1e-6  # m, by which links may overlap
+_ACCURACY = 1e-3  # of the clearance, as a share of an arm's length
+_MOST_PAIRS = 1 << 16  # of places of both arms, to look at more closely
+_TOGETHER = 1 << 12  # pairs whose distances are computed at once
 
 
 class CoordinationSolution(Table):
@@ -43,13 +46,14 @@ def judge(problem: Coordination, solution: Solution) -> Verdict:
     rectangles = [(corner, following) for corner, following in pairwise(corners) if corner != following]
     time = sum(_seconds(problem, *rectangle) for rectangle in rectangles)
     hits = [_obstacles(problem, *rectangle) for rectangle in rectangles]
+    clearance, collisions = (None, []) if problem.robots is None else _meeting(problem, problem.robots, rectangles)
     objections = [
         *_descents(corners),
         *_wrong_time(claimed.time, time),
         *(f"rectangle {number} holds {hit} obstacle cells" for number, hit in enumerate(hits, start=1) if hit),
-        *_encounters(problem, rectangles),
+        *collisions,
     ]
-    return Verdict(problem.offset + sum(hits) if any(hits) else time, tuple(objections))
+    return Verdict(problem.offset + sum(hits) if any(hits) else time, tuple(objections), clearance)
 
 
 def _parsed(solution: Solution) -> CoordinationSolution:
@@ -91,25 +95,132 @@ def _obstacles(problem: Coordination, corner: Cell, following: Cell) -> int:
 
 
 # Arms -----------------------------------------------------------------------------------------------------------------
-def _encounters(problem: Coordination, rectangles: list[tuple[Cell, Cell]]) -> Iterator[str]:
-    """Where two arms overlap on the way."""
-    if problem.robots is None:
-        return
-    first, second = (_links(robot) for robot in problem.robots)
-    thickness = sum(robot.radius for robot in problem.robots)
-    for number, ((i, j), (k, to)) in enumerate(rectangles, start=1):
-        ones, others = first[2 * i : 2 * k + 1], second[2 * j : 2 * to + 1]
-        gap = min((_nearest(one, others) for one in ones), default=np.inf) - thickness
+def _meeting(
+    problem: Coordination, robots: list[Robot], rectangles: list[tuple[Cell, Cell]]
+) -> tuple[Clearance, list[str]]:
+    """The least gap of two arms at all pairs of places that a rectangle allows, and where it is less than it may be.
+
+    It is measured at all pairs of half cells, and if that is enough of a gap, then on between those where it could be
+    less by more than `_ACCURACY`.
+    """
+    first, second = (_Arm(robot) for robot in robots)
+    found = _Nearest(first, second)
+    objections = []
+    for number, (corner, following) in enumerate(rectangles, start=1):
+        gap = found.measure(number, corner, following)
         if -gap > DEPTH:
-            overlap = -gap
-            yield f"in rectangle {number} the arms overlap by {overlap:.2g} m"
+            objections.append(f"in rectangle {number} the arms overlap by {-gap:.2g} m")
         elif problem.clearance - gap > DEPTH:
-            yield f"in rectangle {number} the arms come as near as {gap:.3g} m, the clearance is {problem.clearance:g}"
+            objections.append(_too_near(problem, number, gap))
+    if objections:
+        return Clearance(found.gap, found.where), objections
+    bound = found.look_closer()
+    if problem.clearance - found.gap > DEPTH:
+        objections.append(_too_near(problem, found.where["rectangle"], found.gap))
+    return Clearance(bound, found.where), objections
 
 
-def _nearest(one: Floats, others: Floats) -> float:
-    """The least distance of an arm's links, (links, 2, 3), from those of arms, (n, links, 2, 3), m."""
-    return float(_distances(one[:, None], others[:, None]).min(initial=np.inf))
+def _too_near(problem: Coordination, rectangle: int, gap: float) -> str:
+    return f"in rectangle {rectangle} the arms come as near as {gap:.3g} m, the clearance is {problem.clearance:g}"
+
+
+class _Nearest:
+    """The search for the least gap between two arms.
+
+    No point of a link moves farther in a cell than its way. So the gap of two links at a pair of places bounds from
+    below what it is around there, and pairs of places whose bounds are above what was found need no more looks.
+
+    Attributes:
+        gap: the least that was measured, m.
+        where: its rectangle, the place of each arm in cells along its path, and a link of each.
+    """
+
+    def __init__(self, first: _Arm, second: _Arm) -> None:
+        self.gap, self.where = np.inf, dict[str, Any]()
+        self._arms, self._thickness = (first, second), first.robot.radius + second.robot.radius
+        self._ways = first.ways[:, None] + second.ways[None, :]
+        self._accuracy = _ACCURACY * first.length
+        self._pairs: list[Floats] = []  # rectangle, the place of each arm, the rectangle's ends; see `look_closer`
+
+    def measure(self, rectangle: int, corner: Cell, following: Cell) -> float:
+        """The least gap at pairs of half cells of a rectangle, m."""
+        (i, j), (k, to) = corner, following
+        first, second = (arm.halves for arm in self._arms)
+        others = second[2 * j : 2 * to + 1, None]
+        places = np.arange(2 * j, 2 * j + len(others)) / 2
+        least = np.inf
+        for half, one in enumerate(first[2 * i : 2 * k + 1] if self._ways.size and len(others) else (), start=2 * i):
+            pairs = np.column_stack(np.broadcast_arrays(rectangle, half / 2, places, i, j, k, to)).astype(np.float64)
+            least = min(least, self._see(one[:, None], others, pairs, 0.25, self._pairs))
+        return least
+
+    def look_closer(self) -> float:
+        """Halve the distances between places until nothing is left to be found.
+
+        Returns:
+            the least gap, or, if there is too much to look at, a bound of it.
+        """
+        half = 0.25  # of what lies around a place, cells
+        while True:
+            rows = np.concatenate([np.empty((0, 8)), *self._pairs])
+            rows = rows[rows[:, -1] < self.gap - self._accuracy]
+            if not len(rows):
+                return self.gap
+            if len(rows) > _MOST_PAIRS:
+                return float(rows[:, -1].min())
+            half /= 2.0
+            corners = half * np.array([[-1.0, -1.0], [-1.0, 1.0], [1.0, -1.0], [1.0, 1.0]])
+            pairs = np.repeat(rows[:, :-1], 4, axis=0)
+            pairs[:, 1:3] = np.clip(pairs[:, 1:3] + np.tile(corners, (len(rows), 1)), pairs[:, 3:5], pairs[:, 5:7])
+            self._pairs = []
+            for some in np.array_split(pairs, -(-len(pairs) // _TOGETHER)):
+                one, other = (arm.links(places) for arm, places in zip(self._arms, some[:, 1:3].T, strict=True))
+                self._see(one[:, :, None], other[:, None], some, half, self._pairs)
+
+    def _see(self, one: Floats, other: Floats, pairs: Floats, half: float, left: list[Floats]) -> float:
+        """Measure links at pairs of places; those around which there may be less come to what is ``left``."""
+        gaps = _distances(one, other) - self._thickness
+        pair, link, facing = np.unravel_index(np.argmin(gaps), gaps.shape)
+        least = float(gaps[pair, link, facing])
+        if least < self.gap:
+            links = [arm.number_of(each) for arm, each in zip(self._arms, (link, facing), strict=True)]
+            self.gap = least
+            self.where = {"rectangle": int(pairs[pair, 0]), "cells": pairs[pair, 1:3].tolist(), "links": links}
+        if least - half * self._ways.max() < self.gap - self._accuracy:
+            bounds = (gaps - half * self._ways).min(axis=(1, 2))
+            near = bounds < self.gap - self._accuracy
+            left.append(np.column_stack([pairs[near], bounds[near]]))
+        return least
+
+
+class _Arm:
+    """An arm, and where its links are."""
+
+    def __init__(self, robot: Robot) -> None:
+        lengths = np.hypot(robot.d, robot.a)
+        self.robot, self.length = robot, float(lengths.sum())
+        self._is_there = lengths > 0.0
+        self.ways = _ways(robot, lengths)[self._is_there]  # the farthest that a point of a link moves in a cell, m
+        self.halves = self.links(np.arange(2 * robot.cells - 1) / 2)
+
+    def links(self, where: Floats) -> Floats:
+        """The axes of the links at places along the path, in cells, (n,), to (n, links, 2, 3), m."""
+        places, number = np.unique(where, return_inverse=True)
+        return _links(self.robot, places)[:, self._is_there][number]
+
+    def number_of(self, link: np.intp) -> int:
+        """Of a link among those that are there: that of its joint, from 1."""
+        return int(np.flatnonzero(self._is_there)[link]) + 1
+
+
+def _ways(robot: Robot, lengths: Floats) -> Floats:
+    """A bound of how far a point of each link moves in a cell, m: the turn of each joint times the links from there."""
+    steps = np.abs(np.diff(np.array(robot.path), axis=0))
+    along = np.linalg.norm(steps, axis=1, keepdims=True)
+    turns = np.divide(steps, along, out=np.zeros(steps.shape), where=along > 0.0) * along.sum() / (robot.cells - 1)
+    ends = np.cumsum(lengths)
+    ways: Floats = (turns @ np.triu(ends[None, :] - (ends - lengths)[:, None])).max(axis=0)
+    return ways
 
 
 def _distances(segments: Floats, others: Floats) -> Floats:
@@ -135,12 +246,12 @@ def _from_end(point: Floats, segments: Floats) -> Floats:
     return away
 
 
-def _links(robot: Robot) -> Floats:
-    """The axes of an arm's links at each half cell, (places, links, 2, 3), m.
+def _links(robot: Robot, where: Floats) -> Floats:
+    """The axes of an arm's links at places along its path, in cells, (n,), to (n, joints, 2, 3), m.
 
     By turning the stretched-out arm about its joints' axes, the last joint first.
     """
-    angles = _configurations(robot)
+    angles = _configurations(robot, where)
     joints = angles.shape[1]
     pivots, axes = _at_rest(robot)
     ends = np.tile(pivots, (len(angles), 1, 1))
@@ -148,15 +259,14 @@ def _links(robot: Robot) -> Floats:
         beyond = ends[:, joint + 1 :] - pivots[joint]
         ends[:, joint + 1 :] = pivots[joint] + _turned(beyond, axes[joint], angles[:, joint, None, None])
     links: Floats = np.stack([ends[:, :-1], ends[:, 1:]], axis=2)
-    return links[:, np.hypot(robot.d, robot.a) > 0.0]
+    return links
 
 
-def _configurations(robot: Robot) -> Floats:
-    """Joint angles at each half cell, evenly along the path; shape (2 · cells − 1, joints)."""
+def _configurations(robot: Robot, where: Floats) -> Floats:
+    """Joint angles at places along the path, in cells, (n,), to (n, joints)."""
     corners = np.array(robot.path)
     passed = np.concatenate([[0.0], np.linalg.norm(np.diff(corners, axis=0), axis=1)]).cumsum()
-    where = np.linspace(0.0, passed[-1], 2 * robot.cells - 1)
-    return np.stack([np.interp(where, passed, angles) for angles in corners.T], axis=1)
+    return np.stack([np.interp(where * passed[-1] / (robot.cells - 1), passed, angles) for angles in corners.T], axis=1)
 
 
 def _at_rest(robot: Robot) -> tuple[Floats, Floats]:

@@ -1,7 +1,9 @@
 """Clearance: planners hold it, checks measure it with code of their own and refuse what comes nearer."""
 
 import math
+from itertools import pairwise
 
+import fcl
 import numpy as np
 import pytest
 import shapely
@@ -10,6 +12,7 @@ from node import Plan, simulate
 from problems import Run
 from problems.arm_ik import ArmIk
 from problems.arm_path import ArmPath
+from problems.coordination import arms
 from problems.coordination.problem import Coordination
 from problems.nearest import least_along
 
@@ -163,3 +166,61 @@ def test_two_arms_keep_their_clearance():
     assert any("the clearance is 0.5" in each for each in wide.check(free).objections)
     with pytest.raises(ValueError, match="clearance: expected robots that keep it"):
         Coordination.model_validate({"kind": "coordination", "random": {"seed": 1}, "clearance": 0.1})
+
+
+def capsules(robot, where):
+    """The links at a place along a path, in cells, as collision objects."""
+    ends = arms.origins(robot, arms.places(robot, np.array([where])))[0]
+    links = []
+    for link in np.flatnonzero(robot.lengths > 0):
+        z = (ends[link + 1] - ends[link]) / robot.lengths[link]
+        x = np.cross(np.eye(3)[np.argmin(np.abs(z))], z)
+        x /= np.linalg.norm(x)
+        turn = np.column_stack([x, np.cross(z, x), z])
+        shape = fcl.Capsule(robot.radius, robot.lengths[link])
+        links.append(
+            (int(link) + 1, fcl.CollisionObject(shape, fcl.Transform(turn, ends[link : link + 2].mean(axis=0))))
+        )
+    return links
+
+
+def gap_at(problem, places):
+    """The least distance of two arms, m, by python-fcl, and of which links."""
+    ones, others = (capsules(robot, where) for robot, where in zip(problem.robots, places, strict=True))
+    return min(
+        (fcl.distance(one, other, fcl.DistanceRequest(), fcl.DistanceResult()), [i, j])
+        for i, one in ones
+        for j, other in others
+    )
+
+
+def test_check_measures_the_clearance_of_two_arms_as_python_fcl_does():
+    path = [[-0.9, 0.5, -0.9, 0.4, 0.0], [1.5, 0.5, -0.9, 0.4, 0.0]]
+    robots = [{"path": path, "cells": 16}, {"path": path, "cells": 16, "base": [0.9, 0.0, 0.0, math.pi]}]
+    problem = Coordination.model_validate({"kind": "coordination", "robots": robots, "clearance": 0.02})
+    solution = problem.oracle().solution
+    verdict = problem.check(solution)
+    assert verdict.objections == ()
+    clearance = verdict.clearance
+    gap, links = gap_at(problem, clearance.where["cells"])
+    assert gap == pytest.approx(clearance.least, abs=1e-6)
+    assert links == clearance.where["links"]
+    corners = [[0, 0], *solution["points"], [15, 15]]
+    (i, j), (k, to) = corners[clearance.where["rectangle"] - 1 : clearance.where["rectangle"] + 1]
+    assert i <= clearance.where["cells"][0] <= k
+    assert j <= clearance.where["cells"][1] <= to
+    draws = np.random.default_rng(2)
+    for begin, end in pairwise(corners):
+        for places in draws.uniform(begin, end, (60, 2)):
+            found = gap_at(problem, places)[0]
+            assert found >= 0.02 - 1e-6
+            assert found >= clearance.least - 1e-3 * problem.robots[0].lengths.sum() - 1e-6
+
+
+def test_arms_that_overlap_have_less_than_no_clearance_and_a_diagram_has_none():
+    path = [[-0.9, 0.5, -0.9, 0.4, 0.0], [1.5, 0.5, -0.9, 0.4, 0.0]]
+    robots = [{"path": path, "cells": 16}, {"path": path, "cells": 16, "base": [0.6, 0.0, 0.0, math.pi]}]
+    problem = Coordination.model_validate({"kind": "coordination", "robots": robots})
+    assert problem.check({"time": 1.0, "points": []}).clearance.least < 0.0
+    bare = Coordination.model_validate({"kind": "coordination", "random": {"seed": 1}})
+    assert bare.check({"time": 1.0, "points": []}).clearance is None

@@ -439,7 +439,7 @@ def test_the_two_ways_to_place_links_agree():
     generator = np.random.default_rng(5)
     robot = Robot(path=generator.uniform(-3, 3, (4, 5)).tolist(), base=(0.1, -0.2, 0.3, 0.7), cells=9)
     ends = arms.origins(robot, arms.places(robot, np.arange(17) / 2))
-    links = checker._links(robot)
+    links = checker._Arm(robot).halves
     moving = np.flatnonzero(robot.lengths > 0)
     np.testing.assert_allclose(links[:, :, 0], ends[:, moving], atol=1e-12)
     np.testing.assert_allclose(links[:, :, 1], ends[:, moving + 1], atol=1e-12)
@@ -458,7 +458,7 @@ def test_the_distance_of_segments_is_the_least_of_all_their_points(seed):
 
 def test_a_cell_is_free_only_if_the_arms_are_apart_everywhere_in_it_and_most_obstacles_are_needed():
     problem = arms_problem()
-    first, second = (checker._links(robot) for robot in problem.robots)
+    first, second = (checker._Arm(robot).halves for robot in problem.robots)
     thickness = sum(robot.radius for robot in problem.robots)
     others = second.swapaxes(0, 1)[None]
     gaps = np.array([checker._distances(one[:, None, None], others).min(axis=(0, 1)) for one in first])
