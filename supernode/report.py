@@ -111,7 +111,17 @@ def _history(client: Client, view: Mapping[str, Any]) -> History:
     statistics = _records(client, "statistics", view["job"])
     began = next((at for state, at in view["states"] if state == "running"), view["submitted"])
     first = min((each["at"] for each in (*improvements, *statistics)), default=began)
-    return History(improvements, statistics, min(began, first))  # an answer may come before the job is said to run
+    births = _births(_records(client, "history", view["job"]), improvements)
+    began = min(began, first)  # an answer may come before the job is said to run
+    return History(improvements, births, statistics, began)
+
+
+def _births(noted: list[Record], heard: list[Record]) -> list[Record]:
+    """The improvements of each world as its cells noted them, which repeats; of one that they have not, as heard."""
+    ended = {each["epoch"] for each in noted}
+    births = [{**each, "world": each["epoch"]} for each in noted]
+    births += [{**each, "evaluations": None} for each in heard if each["world"] not in ended]
+    return sorted(births, key=lambda each: int(each["world"]))
 
 
 def _records(client: Client, kind: str, job: str) -> list[Record]:
@@ -185,22 +195,18 @@ def _scene(file: ProblemFile, best: _Best | None) -> _Scene:
 
 def _rows(history: History, view: Mapping[str, Any]) -> list[tuple[str, ...]]:
     """The table of improvements."""
-    lived = {world: topology_of(view, world) for world in {each["world"] for each in history.improvements}}
-    return [
-        _row(number, each, lived[each["world"]], history.began) for number, each in enumerate(history.improvements, 1)
-    ]
+    lived = {world: topology_of(view, world) for world in {each["world"] for each in history.births}}
+    return [_row(number, each, lived[each["world"]]) for number, each in enumerate(history.births, 1)]
 
 
-def _row(number: int, record: Record, topology: Topology, began: float) -> tuple[str, ...]:
+def _row(number: int, record: Record, topology: Topology) -> tuple[str, ...]:
     return (
         str(number),
-        f"{record['at'] - began:.3f}",
         str(record["world"]),
-        f"{record['seconds']:.3f}",
         f"{record['generation']:,}",
         _place(topology.place(record["cell"])),
+        "–" if record["evaluations"] is None else f"{record['evaluations']:,}",
         "–" if record["fitness"] is None else f"{record['fitness']:.9g}",
-        "yes" if record["feasible"] else "no",
     )
 
 

@@ -39,12 +39,15 @@ class History:
     """What the cluster keeps of a job.
 
     Attributes:
-        improvements: records of that kind.
+        improvements: records of that kind: what was heard, and when.
+        births: the improvements of each world as its cells noted them, once it has ended; of one that goes on, or of
+            which nothing is noted, as they were heard.
         statistics: records of that kind, in each of which some node has told how it is.
         began: when the job began to run, Unix time.
     """
 
     improvements: Sequence[Record]
+    births: Sequence[Record]
     statistics: Sequence[Record]
     began: float
 
@@ -56,8 +59,8 @@ def pictures(history: History, topology: Topology) -> list[Picture]:
         found += [_against_seconds(history), _against_generations(history)]
     if history.statistics:
         found += [_diversity(history), _messages(history)]
-    if history.improvements:
-        found.append(_lineage(history.improvements, topology))
+    if history.births:
+        found.append(_lineage(history.births, topology))
     return found
 
 
@@ -71,26 +74,26 @@ def _against_seconds(history: History) -> Picture:
     return _finished(
         figure,
         "convergence-seconds",
-        "Convergence: each verified improvement as a step, and the best, the median and the worst of all individuals, "
-        "a sample a second. What is not feasible has no fitness to show.",
+        "Convergence: each verified improvement as a step when it was heard of, and the best, the median and the worst "
+        "of all individuals, a sample a second. What is not feasible has no fitness to show.",
     )
 
 
 def _against_generations(history: History) -> Picture:
     figure, axes = _empty("generation of its world", "fitness")
     lives = _lives(history.statistics)
-    for world in _worlds(history.improvements):
+    for world in _worlds(history.births):
         generations = [each["generation"] for each in world]
         last = max((each["generation"] for each in lives[-1]), default=0) if lives else 0
-        is_last = world[-1] is history.improvements[-1]
-        _steps(axes, generations, world, max(generations[-1], last) if is_last else generations[-1])
+        is_last = world[-1] is history.births[-1]
+        _steps(axes, generations, world, max(generations[-1], last) if is_last else generations[-1], "best so far")
     for life in lives:
         _curves(axes, [each["generation"] for each in life], life)
     return _finished(
         figure,
         "convergence-generations",
-        "The same against generations: of its birth for an improvement, the root's for a sample. "
-        "Each world of a job counts its own from 0.",
+        "The same against generations: of its birth for an improvement, as the cells noted it where a world has ended; "
+        "the root's for a sample. Each world of a job counts its own from 0.",
     )
 
 
@@ -194,9 +197,9 @@ def _empty(along: str, up: str) -> tuple[Figure, "Axes"]:
     return figure, axes
 
 
-def _steps(axes: "Axes", along: list[float], world: Sequence[Record], last: float) -> None:
+def _steps(axes: "Axes", along: list[float], world: Sequence[Record], last: float, label: str = "verified") -> None:
     up = [_fitness(each["fitness"]) for each in world]
-    axes.step([*along, last], [*up, up[-1]], where="post", color=_COLORS["verified"], linewidth=1.8, label="verified")
+    axes.step([*along, last], [*up, up[-1]], where="post", color=_COLORS["verified"], linewidth=1.8, label=label)
 
 
 def _curves(axes: "Axes", along: list[float], samples: Sequence[Record]) -> None:

@@ -16,6 +16,7 @@ from node import Plan, simulate
 from node.fingerprint import fingerprint
 from problems import ProblemFile
 from spy.collector import Collector
+from spy.improvement_records import ImprovementRecord, records_of
 from spy.judge import judge
 from spy.past import Lived, Past, best_known, stopped_after
 from spy.result import Clocks, Result, result_of, states_of, stop_reasons
@@ -51,7 +52,7 @@ def run_on_nodes(
         "spy_cpu_seconds": used.get("spy"),
         "router_cpu_seconds": used.get("router"),
     }
-    return _record(case, result, _hit(told, result.target), cpu), used
+    return _record(case, result, _hit(told, result.target), job.history(), cpu), used
 
 
 def run_in_process(file: ProblemFile, case: Case) -> Record:
@@ -79,7 +80,8 @@ def run_in_process(file: ProblemFile, case: Case) -> Record:
     judgement = judge(collector, stopped_after(reports), reasons, states=states_of(reports))
     clocks = Clocks(seconds, 0.0, cpu)
     result = result_of("1", file.run, Past(), Lived(file, reports), judgement, fingerprint(), clocks)
-    return _record(case, result, _hit(told, result.target), dict.fromkeys(_CPU_IN_ONE_PROCESS, cpu))
+    records = records_of(Past(), Lived(file, reports))
+    return _record(case, result, _hit(told, result.target), records, dict.fromkeys(_CPU_IN_ONE_PROCESS, cpu))
 
 
 class _Clock:
@@ -93,11 +95,17 @@ class _Clock:
 
 
 def _hit(told: Sequence[Improvement], target: float | None) -> Improvement | None:
-    """The first improvement that reached the target; cells breed on while the news travels, and may find better."""
+    """The first improvement heard of that reached the target; only what was heard has a time."""
     return next((better for better in told if target is not None and better.fitness <= target), None)
 
 
-def _record(case: Case, result: Result, hit: Improvement | None, cpu: dict[str, float | None]) -> Record:
+def _record(
+    case: Case,
+    result: Result,
+    hit: Improvement | None,
+    records: Sequence[ImprovementRecord],
+    cpu: dict[str, float | None],
+) -> Record:
     """Flat, so that it is a row of a table."""
     staleness = result.staleness or {}
     return {
@@ -117,7 +125,7 @@ def _record(case: Case, result: Result, hit: Improvement | None, cpu: dict[str, 
         "fitness": result.fitness if math.isfinite(result.fitness) else None,
         "generations": result.generations,
         "evaluations": result.evaluations,
-        "evaluations_to_target": _evaluations_to_target(result, hit),
+        "evaluations_to_target": _evaluations_to_target(result, records),
         "seconds": result.seconds,
         "seconds_to_target": hit.seconds if result.solved and hit is not None else None,
         **{name: None if value is None or math.isnan(value) else round(value, 9) for name, value in cpu.items()},
@@ -130,13 +138,16 @@ def _record(case: Case, result: Result, hit: Improvement | None, cpu: dict[str, 
     }
 
 
-def _evaluations_to_target(result: Result, hit: Improvement | None) -> int | None:
-    """By all nodes, up to the end of the generation in which the answer was born; in async mode by their median one."""
-    if not result.solved or hit is None:
+def _evaluations_to_target(result: Result, records: Sequence[ImprovementRecord]) -> int | None:
+    """By all nodes, up to the end of the generation in which the first individual was born that reached the target.
+
+    In lockstep it is a function of the run: it follows from what cells noted, not from what the spy heard. In async mode
+    cells may never have come to that generation: it is then at most what they have evaluated.
+    """
+    if not result.solved or result.target is None:
         return None
-    first = result.nodes * result.deme
-    share: float = hit.generation / max(1, result.generations)
-    return min(result.evaluations, first + round((result.evaluations - first) * share))
+    reached = (record.evaluations for record in records if record.fitness <= result.target)
+    return min(result.evaluations, next(reached, result.evaluations))
 
 
 def _is_node(name: str) -> bool:

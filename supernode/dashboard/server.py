@@ -277,7 +277,7 @@ async def _job(request: Request) -> Response:
 async def _history(request: Request) -> Response:
     """What happened in a job after the records that the page has already."""
     job, pages = request.path_params["job"], {}
-    for kind in ("improvements", "statistics"):
+    for kind in ("improvements", "history", "statistics"):
         after = _whole(request.query_params.get(kind, "0"), kind, _MOST_RECORD)
         pages[kind] = await _of(request).ask(wire.Records(kind, job, after))
     return JSONResponse(pages)

@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 import supernode
 import topologies
 from coordinator import ClusterFailed, LocalCluster
+from coordinator.scaling import measure
 from coordinator.scaling import runner as running
 from coordinator.scaling.describe import describe
 from coordinator.scaling.experiment import all_cases, cases_on, design, points, sequential_cases
@@ -24,6 +25,7 @@ from coordinator.scaling.outputs import as_json, as_words, write_all
 from coordinator.scaling.runner import Runner
 from coordinator.scaling.summary import INDEPENDENT, STRONG_CPU, STRONG_EVALUATIONS, WEAK_BALANCE, WEAK_TWIN, summarise
 from coordinator.scaling.words import verdict
+from spy.improvement_records import ImprovementRecord
 from topologies import torus_of
 
 LOCKSTEP = {"series": ("growing-population",), "modes": ("lockstep",)}
@@ -174,6 +176,16 @@ def test_cpu_time_by_process_is_what_is_summed():
     assert before <= sum(used.values()) <= after
 
 
+def test_evaluations_to_the_target_are_those_of_the_first_that_the_cells_noted():
+    noted = [ImprovementRecord(0, generation, 0, 16 * generation, 8.0 - generation) for generation in range(9)]
+    result = SimpleNamespace(solved=True, target=3.0, evaluations=200)
+    assert measure._evaluations_to_target(result, noted) == 80
+    result.evaluations = 70  # async: no cell but the finder's came to that generation
+    assert measure._evaluations_to_target(result, noted) == 70
+    result.solved = False
+    assert measure._evaluations_to_target(result, noted) is None
+
+
 def test_an_experiment_from_end_to_end(file, tmp_path):
     parameters = design(file, **SMALL)
     with journal_of(tmp_path, file, parameters) as journal:
@@ -203,6 +215,13 @@ def _check_records(journal):
             assert run["seconds_to_target"] is None or 0 <= run["seconds_to_target"] <= run["seconds"] + 0.5
         if run["solved"]:
             assert 0 < run["evaluations_to_target"] <= run["evaluations"]
+    reached = {"nodes": {}, "twin": {}}
+    for run in journal.runs.values():
+        if run["role"] in reached and run["mode"] == "lockstep":
+            same = tuple(run[name] for name in ("nodes", "deme", "goal", "seed"))
+            reached[run["role"]][same] = run["evaluations_to_target"]
+    assert any(reached["twin"].values())
+    assert reached["twin"].items() <= reached["nodes"].items(), "whatever the spy heard, and when"
     for seed in (1, 2):
         assert journal.runs[f"nodes 6 lockstep deme 2 to budget seed {seed}"]["evaluations"] <= 128 * 24
 

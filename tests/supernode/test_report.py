@@ -131,6 +131,9 @@ def test_an_ended_run_is_repeated_from_its_report_alone(client, report, command,
     assert page.tags.count("img") == 1
     for part in (result.status, f"{result.fitness:.9g}", f"{result.generations:,}", result.history_sha256):
         assert part in page.text
+    noted = told(client, "history", "ended")
+    for each in noted:
+        assert f"{each['evaluations']:,}" in page.text, "what the cells noted, not what the spy heard"
     for name, value in result.versions.items():
         assert f"{name} {value}" in page.text
     for name, text in page.files.items():

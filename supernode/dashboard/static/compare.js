@@ -45,7 +45,7 @@ async function load(run) {
 function showPlots(known) {
   const drawn = (along) => known.map(({ id, job, history }) => {
     const x = along === "seconds" ? since(job.started ?? job.submitted) : generation;
-    return line(id, history.improvements, x, "fitness", { line: { shape: "hv" }, mode: "lines+markers" });
+    return line(id, along === "seconds" ? history.improvements : history.births, x, "fitness", { line: { shape: "hv" }, mode: "lines+markers" });
   });
   const bests = known.map(({ id, job }) => `${id} ${number(job.fitness)}`).join(", ");
   const say = (along) => `Best fitness of each run against ${along}, now: ${bests}`;

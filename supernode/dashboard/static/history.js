@@ -22,13 +22,15 @@ class Thinned {
 }
 
 export class History {
-  #kept = { improvements: new Thinned(), statistics: new Thinned() };
-  #last = { improvements: 0, statistics: 0 };
-  latest = []; // improvements
+  #kept = { improvements: new Thinned(), history: new Thinned(), statistics: new Thinned() };
+  #last = { improvements: 0, history: 0, statistics: 0 };
+  #latest = { improvements: [], history: [], statistics: [] };
 
   constructor(job) { this.job = job; }
 
-  get improvements() { return this.#kept.improvements.records; }
+  get improvements() { return this.#kept.improvements.records; } // as they were heard
+  get births() { return byBirth(this.#kept.history.records, this.improvements); }
+  get latest() { return byBirth(this.#latest.history, this.#latest.improvements).slice(-LATEST); }
   get statistics() { return this.#kept.statistics.records; }
 
   // Fetch what is new; true if there is anything.
@@ -45,11 +47,18 @@ export class History {
   }
 
   #take(kind, { columns, rows }) {
-    const records = rows.map((row) => Object.fromEntries(columns.map((name, index) => [name, row[index]])));
+    const records = rows.map((row) => ({ kind, ...Object.fromEntries(columns.map((name, index) => [name, row[index]])) }));
     for (const record of records) this.#kept[kind].push(record);
     this.#last[kind] = records.at(-1)?.id ?? this.#last[kind];
-    if (kind === "improvements") this.latest = [...this.latest, ...records].slice(-LATEST);
+    this.#latest[kind] = [...this.#latest[kind], ...records].slice(-LATEST);
   }
+}
+
+// Of each world what its cells noted, once it has ended, which repeats; of one that they have not, what was heard of it.
+function byBirth(noted, heard) {
+  const ended = new Set(noted.map((each) => each.epoch));
+  const births = noted.map((each) => ({ ...each, world: each.epoch }));
+  return [...births, ...heard.filter((each) => !ended.has(each.world))].sort((one, other) => one.world - other.world);
 }
 
 export const since = (start) => (record) => record.at - start;

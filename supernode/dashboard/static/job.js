@@ -74,12 +74,12 @@ function showHistory() {
   const began = Date.now();
   const seconds = byId("against").value === "seconds";
   const x = seconds ? since(job.started ?? job.submitted) : generation;
-  const along = seconds ? "seconds" : "generation of its world", { statistics, improvements } = history;
+  const along = seconds ? "seconds" : "generation of its world", { statistics } = history;
   const lines = [
     line("worst", statistics, x, "worst", { line: { color: "#b0713c", width: 1 } }, isOfNewLife),
     line("median", statistics, x, "median", { line: { color: "#8a4fbf", width: 1.5 } }, isOfNewLife),
     line("best", statistics, x, "best", { line: { color: "#2a8c4a", width: 1.5 } }, isOfNewLife),
-    line("verified", improvements, x, "fitness",
+    line(seconds ? "verified" : "best so far", seconds ? history.improvements : history.births, x, "fitness",
       { line: { color: "#3b82d6", width: 2.5, shape: "hv" }, mode: "lines+markers", marker: { size: 5 } }),
   ];
   const now = history.statistics.at(-1), [best, median, worst, age] =
@@ -103,12 +103,17 @@ function showBirths(improvements) {
   const world = improvements.at(-1)?.world, rows = byId("rows");
   const born = improvements.filter((each) => each.world === world).slice(-LINEAGE).map((each) => each.cell);
   torus.trace(born, /^(torus|moore)/.test(job.topology));
-  const shown = Number(rows.lastElementChild?.dataset.id ?? 0);
-  for (const each of improvements.filter((improvement) => improvement.id > shown)) {
-    const texts = [each.seconds, each.generation, each.cell, each.fitness, each.feasible ? "yes" : "no"];
-    rows.append(fillRow(make("tr", { "data-id": each.id }), texts));
+  const keys = improvements.map((each) => `${each.kind} ${each.id}`);
+  while (rows.firstElementChild && rows.firstElementChild.dataset.key !== keys[0]) rows.firstElementChild.remove();
+  for (const [index, each] of improvements.entries()) {
+    const old = rows.children[index];
+    if (old?.dataset.key === keys[index]) continue;
+    const texts = [each.world, each.generation, each.cell, each.evaluations, each.fitness];
+    const row = fillRow(make("tr", { "data-key": keys[index] }), texts);
+    if (old) old.replaceWith(row);
+    else rows.append(row);
   }
-  while (rows.children.length > improvements.length) rows.firstElementChild.remove();
+  while (rows.children.length > improvements.length) rows.lastElementChild.remove();
 }
 
 // A cell is where its node is; what is on it, the node tells.

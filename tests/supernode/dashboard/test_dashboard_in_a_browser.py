@@ -177,12 +177,47 @@ def test_a_job_that_has_ended_shows_what_happened(page, home, cluster):
         job.answer(60)
     page.goto(home + f"jobs/{job.id}")
     see(page, ".births circle")
-    see(page, "#rows tr td:nth-child(5) >> text=yes")
+    see(page, "#rows tr td:nth-child(4):not(:text-is('–'))")  # evaluations: what the cells noted, not what was heard
     page.wait_for_selector("#legend >> text=the job has ended")
     page.wait_for_selector("#facts div:has(dt:text-is('feasible')) >> text=yes")
     assert page.query_selector("#facts div:has(dt:text-is('evaluations')) dd:text-is('–')") is None
     see(page, "#convergence[aria-label*='now: verified']")
     assert page.inner_text("#trouble") == ""
+
+
+FACTS = """() => Object.fromEntries([...document.querySelectorAll('#facts div')].map((each) =>
+  [each.querySelector('dt').textContent, each.querySelector('dd').textContent]))"""
+CURVES = (
+    """() => Object.fromEntries(document.getElementById('convergence').data.map(({ name, x, y }) => [name, [x, y]]))"""
+)
+
+
+def test_the_page_of_a_job_that_ended_within_a_second_agrees_with_its_result(page, home, cluster):
+    with cluster.connect() as client:
+        job = client.submit(ROOT / "examples" / "arm-ik.toml", generations=30, target=-1.0)
+        result = job.result(60)
+        told = client.records("history", job.id)
+    assert result.seconds < 1
+    page.goto(home + f"jobs/{job.id}")
+    see(page, "#facts div:has(dt:text-is('best alive')) dd:not(:text-is('–'))")
+    see(page, "#convergence .main-svg .scatterlayer .trace")
+    facts = {name: text.replace(",", "") for name, text in page.evaluate(FACTS).items()}
+    assert (facts["seed"], facts["status"]) == ("1", "exhausted")
+    assert (int(facts["generations"]), int(facts["evaluations"])) == (result.generations, result.evaluations)
+    alive = [float(facts[f"{name} alive"]) for name in ("best", "median", "worst")]
+    assert alive == sorted(alive)
+    assert float(facts["fitness"]) == pytest.approx(result.fitness, rel=1e-3)
+    assert alive[0] >= float(facts["fitness"])
+    _, heard = page.evaluate(CURVES)["verified"]
+    assert heard[-1] == result.fitness
+    page.select_option("#against", "generation")
+    until(lambda: "best so far" in page.evaluate(CURVES))
+    noted = [dict(zip(told["columns"], row, strict=True)) for row in told["rows"]]
+    curve = [[each["generation"] for each in noted], [each["fitness"] for each in noted]]
+    assert page.evaluate(CURVES)["best so far"] == curve
+    assert curve[1][-1] == result.fitness < curve[1][0], "no flat curve"
+    rows = page.evaluate("[...document.querySelectorAll('#rows tr')].map((row) => row.children[1].textContent)")
+    assert [int(text) for text in rows] == curve[0]
 
 
 def test_a_dead_cell_is_seen_on_the_page_of_its_job(page, home, cluster, endless):
