@@ -1,7 +1,7 @@
 """Clearance: planners hold it, checks measure it with code of their own and refuse what comes nearer."""
 
+import itertools
 import math
-from itertools import pairwise
 
 import fcl
 import numpy as np
@@ -125,6 +125,67 @@ def test_ends_that_are_too_near_are_refused():
         arm_ik(clearance=-0.1)
 
 
+@pytest.mark.parametrize(("links", "bits"), [([1.0, 0.8], 6), ([1.0, 0.8, 0.5], 4)])
+@pytest.mark.parametrize("clearance", [0.0, 0.1])
+def test_the_oracle_of_arm_ik_finds_the_best_code_that_keeps_the_clearance(links, bits, clearance):
+    problem = arm_ik(arm=ARM | {"links": links}, bits=bits, target=[0.75, 0.75], clearance=clearance)
+    answer = problem.oracle()
+    codes = itertools.product(range(1 << bits), repeat=len(links))
+    by_distance = []
+    for code in codes:
+        angles = 2 * np.pi * np.array(code) / (1 << bits)
+        tip = links_at(links, angles)[-1].coords[-1]
+        by_distance.append((math.dist(tip, (0.75, 0.75)), angles))
+    by_distance.sort(key=lambda each: each[0])
+    best = next(distance for distance, angles in by_distance if measured(links, angles) >= clearance)
+    assert (answer.meaning, answer.fitness) == ("optimum", pytest.approx(best))
+    verdict = problem.check(answer.solution)
+    assert verdict.feasible
+    assert measured(links, answer.solution["configuration"]) >= clearance - 1e-6
+
+
+@pytest.mark.parametrize("target", [[0.75, 0.75], [1.1, 0.8], [-0.4, 0.9]])
+def test_the_oracle_of_arm_ik_keeps_the_clearance_where_codes_are_too_many_to_try(target):
+    problem = arm_ik(target=target, bits=12, clearance=CLEARANCE)
+    answer = problem.oracle()
+    assert answer.meaning in ("optimum", "upper bound")
+    assert measured(ARM["links"], answer.solution["configuration"]) >= CLEARANCE - 1e-6
+    assert problem.check(answer.solution).feasible
+    assert answer.fitness >= arm_ik(target=target, bits=12).oracle().fitness - 1e-6
+
+
+def test_the_oracle_of_arm_path_proves_no_way_that_comes_nearer_than_the_clearance():
+    """Two links have no links to keep from each other: a clearance is as if they were thicker by it."""
+    draws, ways, none = np.random.default_rng(6), 0, 0
+    for _ in range(12):
+        circles = [
+            {"shape": "circle", "center": [away * math.cos(angle), away * math.sin(angle)], "radius": 0.15}
+            for angle, away in zip(draws.uniform(0.6, 5.6, 4), draws.uniform(1.0, 1.6, 4), strict=True)
+        ]
+        for clearance in (0.05, 0.25):
+            world = {"obstacles": circles, "bits": 7, "goal": [3.0, 0.3], "start": [0.0, 0.3]}
+            thicker = PATH["arm"] | {"radius": PATH["arm"]["radius"] + clearance}
+            try:
+                problem = arm_path(**world, clearance=clearance)
+            except ValueError:
+                continue
+            answer = problem.oracle()
+            same = arm_path(**world, arm=thicker).oracle()
+            assert (answer.meaning, answer.fitness, answer.figures) == (same.meaning, same.fitness, same.figures)
+            none += answer.fitness == math.inf
+            if answer.solution is None:
+                continue
+            ways += 1
+            rows = np.array(answer.solution["path"])
+            shares = np.linspace(0.0, 1.0, 20)[:, None]
+            for row, following in itertools.pairwise(rows):
+                for angles in row + shares * (following - row):
+                    links = links_at(PATH["arm"]["links"], angles)
+                    gaps = [link.distance(shapely.Point(c["center"])) - 0.15 - 0.03 for link in links for c in circles]
+                    assert min(gaps) >= clearance - 1e-6
+    assert min(ways, none) >= 3
+
+
 def test_nothing_near_is_no_clearance():
     alone = arm_ik(obstacles=[], self_collision=False)
     _, solution = champion(alone, 1)
@@ -210,7 +271,7 @@ def test_check_measures_the_clearance_of_two_arms_as_python_fcl_does():
     assert i <= clearance.where["cells"][0] <= k
     assert j <= clearance.where["cells"][1] <= to
     draws = np.random.default_rng(2)
-    for begin, end in pairwise(corners):
+    for begin, end in itertools.pairwise(corners):
         for places in draws.uniform(begin, end, (60, 2)):
             found = gap_at(problem, places)[0]
             assert found >= 0.02 - 1e-6
