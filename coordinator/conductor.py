@@ -37,7 +37,7 @@ from wire.seal import Seal
 
 _FOUND_WITHIN = 1.0  # seconds: nodes that live find a new router in a fifth of it
 _HALTED_WITHIN = 60.0  # seconds
-_LASTING = ("solved", "stalled", "exhausted")  # how the search can end that a job kept alive waits after
+_LASTING = ("solved", "stalled")  # how a search can end that may go on, by another attempt or in another world
 
 
 class Dispatch(Protocol):

@@ -141,8 +141,8 @@ def _record(
 def _evaluations_to_target(result: Result, records: Sequence[ImprovementRecord]) -> int | None:
     """By all nodes, up to the end of the generation in which the first individual was born that reached the target.
 
-    In lockstep it is a function of the run: it follows from what cells noted, not from what the spy heard. In async mode
-    cells may never have come to that generation: it is then at most what they have evaluated.
+    In lockstep it is a function of the run: it follows from what cells noted, not from what the spy heard. In async
+    mode cells may never have come to that generation: it is then at most what they have evaluated.
     """
     if not result.solved or result.target is None:
         return None

@@ -445,13 +445,25 @@ def test_a_job_that_is_kept_alive_goes_on_from_its_answer(cluster, states, room)
 
 
 def test_a_job_that_is_kept_alive_can_be_rewired_while_it_waits(cluster, states, function):
-    job = cluster.submit(function, keep_alive=True, generations=30, target=-1.0)
+    job = cluster.submit(function, keep_alive=True, target=1e9)
     states.wait(job, "waiting")
     assert job.rewire("ring 16") == 1
     states.wait(job, "waiting", times=2)
     result = cancelled(job)
-    assert result.generations == 30, "all that the job may live"
     assert result.history_sha256 == again(function, result)
+
+
+@pytest.mark.parametrize("limit", [{"generations": 30}, {"evaluations": 1000}], ids=str)
+def test_a_job_that_is_kept_alive_ends_when_its_limit_is_used_up(cluster, states, function, limit):
+    """Nothing could go on in another world."""
+    job = cluster.submit(function, keep_alive=True, target=-1.0, **limit)
+    result = job.result(timeout=60)
+    assert result.status == "exhausted"
+    assert states.of(job) == ["queued", "preparing", "running"], "and never waits"
+    solved = cluster.submit(function, keep_alive=True, target=1e9, **limit)
+    states.wait(solved, "waiting")
+    solved.cancel()
+    assert solved.result(timeout=60).status == "cancelled"
 
 
 def test_the_deadline_of_a_job_that_is_kept_alive(cluster, states, function):

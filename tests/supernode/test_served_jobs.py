@@ -293,7 +293,8 @@ def test_what_happened_is_kept(service, client):
 
 
 def test_a_job_that_waits_sends_no_messages(client):
-    waiting = client.submit(job(generations=300, cost=500, keep_alive=True), id="waits-silently")
+    solvable = job(dimension=400, cost=500, keep_alive=True).with_run(target=0.0)  # after 210 generations
+    waiting = client.submit(solvable, id="waits-silently")
     until(lambda: any(each["messages_per_second"] > 0 for each in told(client, "statistics", "waits-silently")))
     until(lambda: waiting.state() == "waiting")
     begun = dict(waiting.show()["states"])["waiting"]
