@@ -1,9 +1,11 @@
 """The clearance that a mobile robot keeps: by the scan, by shortened ways, by the check and by the oracle."""
 
 import json
+from itertools import pairwise
 
 import numpy as np
 import pytest
+import shapely
 from pydantic import ValidationError
 
 from problems.mobile_robot import MobileRobot
@@ -87,3 +89,26 @@ def test_a_turn_keeps_the_clearance_from_walls_and_obstacles():
         assert (problem.check(turned).objections == ()) is free
         genome = problem.coding.encode(np.zeros((1, 2 * problem.pairs), np.int64))
         assert (problem.decode(genome[0])["commands"] == [["rotate", pytest.approx(np.pi / 2)]]) is free
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_the_clearance_is_that_of_the_robot_at_its_poses(robot):
+    """By shapely at many poses along the way; shapes and walls are the test's own."""
+    solids = shapely.union_all([shapely.box(3.9, 0.0, 4.1, 4.0), shapely.Point(2.5, 4.5).buffer(0.4, quad_segs=1024)])
+    walls = shapely.box(0.0, 0.0, 8.0, 6.0).exterior
+    problem = problem_of(robot=robot, clearance=0.1)
+    genomes = problem.coding.encode(np.random.default_rng(5).integers(0, 256, (4000, 2 * problem.pairs)))
+    for genome in genomes[problem.evaluate(genomes) == 0.0][:4]:
+        solution = problem.decode(genome)
+        gaps = []
+        for pose, following in pairwise(np.array(solution["path"])):
+            for x, y, heading in np.linspace(pose, following, 200):
+                body = shapely.Point(0.0, 0.0)
+                if "vertices" in robot:
+                    body = shapely.affinity.rotate(
+                        shapely.Polygon(robot["vertices"]), heading, (0, 0), use_radians=True
+                    )
+                body = shapely.affinity.translate(body, x, y)
+                gaps.append(min(body.distance(solids), body.distance(walls)) - robot.get("radius", 0.0))
+        assert min(gaps) >= 0.1 - 1e-5
+        assert problem.check(solution).clearance.least == pytest.approx(min(gaps), abs=2e-3)
