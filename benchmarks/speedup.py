@@ -28,7 +28,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import problems
-from coordinator.scaling.comparison import Comparison, compare, first_of, with_restarts
+from coordinator.scaling.comparison import Comparison, compare, first_of, merit, with_restarts
 from coordinator.scaling.statistics import median
 from node import Plan, simulate
 from problems import ProblemFile
@@ -70,7 +70,7 @@ def _numbers(text: str) -> tuple[int, ...]:
 def table(file: ProblemFile, options: argparse.Namespace) -> list[str]:
     """The sequential algorithm, then a line for each size."""
     alone = {deme: _runs(file, "torus 1x1", deme, options.seeds) for deme in options.sequential}
-    deme, reference = min(alone.items(), key=lambda each: _merit(_evaluations(each[1])))
+    deme, reference = min(alone.items(), key=lambda each: merit(_evaluations(each[1])))
     sequential = _evaluations(reference)
     lines = [
         f"Sequential: a deme of {deme}, solved {_share(reference)}, median {_median(sequential):,.0f} evaluations.",
@@ -112,11 +112,6 @@ def _run(plan: Plan) -> Solved:
     each = plan.run.deme + champion.generation * plan.evaluations_per_generation
     stopped = sum(report.evaluations for report in reports)
     return Solved(champion.generation, each * plan.topology.cells, stopped)
-
-
-def _merit(costs: Sequence[float]) -> tuple[int, float]:
-    """The fewest failures first, then the least median."""
-    return sum(math.isinf(cost) for cost in costs), _median(costs)
 
 
 def _evaluations(runs: Sequence[Solved]) -> list[float]:

@@ -5,6 +5,7 @@ processes. Asynchronous runs are played by the cells' state machines over an in-
 """
 
 import heapq
+import time
 from collections.abc import Callable, Iterator
 
 import numpy as np
@@ -40,6 +41,28 @@ def ignore(*_: object) -> None:
 def never() -> Reason | None:
     """Nobody wants the run to stop."""
     return None
+
+
+class StopWish:
+    """Whether somebody outside wants a run to stop: its deadline has passed, or it was cancelled.
+
+    Attributes:
+        began: when the deadline's time began, by the monotonic clock, s.
+        cancelled: whether a user or a program wants it.
+    """
+
+    def __init__(self, seconds: float | None) -> None:
+        self.began = time.monotonic()
+        self.cancelled = False
+        self._seconds = seconds
+
+    def reason(self) -> Reason | None:
+        """Why to stop now, if at all."""
+        if self.cancelled:
+            return "cancel"
+        if self._seconds is not None and time.monotonic() - self.began >= self._seconds:
+            return "deadline"
+        return None
 
 
 def simulate(

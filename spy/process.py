@@ -300,9 +300,8 @@ class SpyProcess:
         collector, reasons = assignment.collector, command.reasons
         self._pass_on_counters()
         if assignment.counters:  # of a job that took no second these may be the only ones
-            assignment.root.generation = max(
-                assignment.root.generation, command.generation
-            )  # it tells none of its last
+            # The root has sent no counters of its last generation.
+            assignment.root.generation = max(assignment.root.generation, command.generation)
             self._tell_statistics(assignment)
         assignment.rates.clear()  # nobody sends any more, though the job may be kept alive
         judgement = judge(collector, command.generation, reasons, command.error, dict(command.states), command.since)

@@ -16,7 +16,7 @@ import numpy as np
 from genetics import Fitness, Genomes
 from node.fingerprint import fingerprint
 from node.replay import World, worlds_of
-from node.simulation import Outside, Snapshot, ignore, never
+from node.simulation import Outside, Snapshot, StopWish, ignore, never
 from problems import BadInput, EvaluationFailed, Problem, ProblemFile, load
 from problems.made import MadeProblem
 from spy.collector import Collector
@@ -26,7 +26,7 @@ from spy.past import Lived, Past, stopped_after
 from spy.result import Clocks, Result, result_of, states_of, stop_reasons
 from wire.exchange import Champion
 from wire.news import Improvement
-from wire.report import Proposal, Reason, Report
+from wire.report import Proposal, Report
 
 
 @dataclass(frozen=True)
@@ -77,28 +77,6 @@ def simulate(problem: ProblemFile | Problem | str | Path, *, callback: Callback 
     simulation = Simulation(worlds_of(file), None, told, wish.reason, ignore if told is None else told.see)
     wish.began = time.monotonic()
     return simulation.run()
-
-
-class StopWish:
-    """Whether somebody outside wants a run to stop: its deadline has passed, or it was cancelled.
-
-    Attributes:
-        began: when the deadline's time began, by the monotonic clock, s.
-        cancelled: whether a user or a program wants it.
-    """
-
-    def __init__(self, seconds: float | None) -> None:
-        self.began = time.monotonic()
-        self.cancelled = False
-        self._seconds = seconds
-
-    def reason(self) -> Reason | None:
-        """Why to stop now, if at all."""
-        if self.cancelled:
-            return "cancel"
-        if self._seconds is not None and time.monotonic() - self.began >= self._seconds:
-            return "deadline"
-        return None
 
 
 class Listener:

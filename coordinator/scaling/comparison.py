@@ -87,6 +87,11 @@ def with_restarts(costs: Sequence[float]) -> tuple[float, float]:
     return means[least], float(cutoffs[least])
 
 
+def merit(costs: Sequence[float]) -> tuple[int, float]:
+    """Return how many runs failed, and the median cost: of algorithms with as many runs the least is the best."""
+    return sum(map(math.isinf, costs)), _median(costs)
+
+
 def _best(sequential: Sequence[Sequence[float]], draws: np.random.Generator) -> tuple[float, Any]:
     """The median cost of the algorithm that failed least often, among equals the cheapest; and in each replicate."""
     failures, best = np.full(1 + _REPLICATES, np.inf), np.full(1 + _REPLICATES, np.inf)

@@ -7,13 +7,13 @@ import time
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
 from coordinator.cluster import LocalCluster
 from coordinator.scaling.experiment import Case
 from coordinator.scaling.journal import Record
 from node import Plan, simulate
 from node.fingerprint import fingerprint
+from node.simulation import StopWish
 from problems import ProblemFile
 from spy.collector import Collector
 from spy.improvement_records import ImprovementRecord, records_of
@@ -72,7 +72,7 @@ def run_in_process(file: ProblemFile, case: Case) -> Record:
         if better is not None:
             told.append(better)
 
-    reports = simulate(plan, watch=lambda _, champion: hear(champion), outside=_Clock(file.run.seconds))
+    reports = simulate(plan, watch=lambda _, champion: hear(champion), outside=StopWish(file.run.seconds).reason)
     cpu = max(time.process_time() - used, _LEAST_CPU)
     seconds = time.monotonic() - began
     hear(best_known(reports, file.run.spy))
@@ -82,16 +82,6 @@ def run_in_process(file: ProblemFile, case: Case) -> Record:
     result = result_of("1", file.run, Past(), Lived(file, reports), judgement, fingerprint(), clocks)
     records = records_of(Past(), Lived(file, reports))
     return _record(case, result, _hit(told, result.target), records, dict.fromkeys(_CPU_IN_ONE_PROCESS, cpu))
-
-
-class _Clock:
-    """The deadline of a simulated run."""
-
-    def __init__(self, seconds: float | None) -> None:
-        self.deadline = None if seconds is None else time.monotonic() + seconds
-
-    def __call__(self) -> Any:
-        return "deadline" if self.deadline is not None and time.monotonic() >= self.deadline else None
 
 
 def _hit(told: Sequence[Improvement], target: float | None) -> Improvement | None:

@@ -29,7 +29,7 @@ from coordinator.scaling.summary import (
 )
 
 FORMATS = ("png", "svg")
-"""Of pictures; PDF is another that may be asked for."""
+"""The formats of pictures that are written by default; PDF may be asked for too."""
 
 _COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000")  # told apart by all eyes
 _MARKERS = {"lockstep": "o", "async": "s"}

@@ -238,10 +238,14 @@ def _sizes(parameters: Parameters, journal: Journal) -> Iterator[Row]:
 
 def _rows(parameters: Parameters, runs: _Runs) -> Iterator[Row]:
     for point in points(parameters):
-        curve = Curve(point.series, point.mode, None if point.series == "fixed-population" else point.deme)
+        curve = _curve_of(point)
         for metric, estimate in _estimates(parameters, point, runs):
             if estimate is not None:
                 yield Row(curve, point.nodes, point.deme, metric, estimate)
+
+
+def _curve_of(point: Point) -> Curve:
+    return Curve(point.series, point.mode, None if point.series == "fixed-population" else point.deme)
 
 
 def _estimates(parameters: Parameters, point: Point, runs: _Runs) -> Iterator[tuple[Metric, Estimate | None]]:
@@ -285,8 +289,7 @@ def _strong(parameters: Parameters, runs: _Runs) -> Iterator[Row]:
     best = {cost: _best_sequential(parameters, runs, cost) for cost in (evaluations_on_path, cpu_on_path)}
     alone = [evaluations_on_path(run) for run in best[evaluations_on_path]]
     for point, comparison in _compared(parameters, runs).items():
-        curve = Curve(point.series, point.mode, None if point.series == "fixed-population" else point.deme)
-        place = (curve, point.nodes, point.deme)
+        place = (_curve_of(point), point.nodes, point.deme)
         if comparison.efficiency is not None:
             estimate = comparison.efficiency.divided_by(1 / point.nodes)
             yield Row(*place, STRONG_EVALUATIONS, estimate, comparison)

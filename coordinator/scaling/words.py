@@ -120,7 +120,7 @@ def _sizes(rows: Iterable[Row]) -> str:
 
 
 def _more(row: Row) -> str:
-    """What would decide."""
+    """Return how many seeds would decide, in words; nothing where that is not known."""
     seeds = None if row.comparison is None else row.comparison.seeds
     return "" if seeds is None else f"; about {seeds:,} seeds would decide"
 

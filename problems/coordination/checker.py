@@ -209,7 +209,7 @@ class _Arm:
         return _links(self.robot, places)[:, self._is_there][number]
 
     def number_of(self, link: np.intp) -> int:
-        """Of a link among those that are there: that of its joint, from 1."""
+        """Return the number of the joint, from 1, of a link among those that are there."""
         return int(np.flatnonzero(self._is_there)[link]) + 1
 
 

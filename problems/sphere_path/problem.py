@@ -196,7 +196,7 @@ target = 0.03                   # nothing crossed, and a detour of at most 1.1; 
 
     @property
     def forbidden_spheres(self) -> Floats:
-        """What a path must not enter, shape (n, axes + 1): obstacles, and whatever is nearer than the clearance to one.
+        """The spheres that a path must not enter, shape (n, axes + 1): obstacles grown by the clearance.
 
         The spheres that are made of a vehicle and its world hold its clearance already.
         """

@@ -1,4 +1,4 @@
-"""What a sphere-path problem must satisfy beyond the types of its fields."""
+"""Validates the fields of a sphere-path problem against each other, beyond their types."""
 
 from __future__ import annotations
 

@@ -79,7 +79,7 @@ class Vehicle(Table):
 
 
 def dimensions_of(*meshes: object) -> int:
-    """Of the world of a vehicle: 3 if any of these is given, else 2."""
+    """Return how many dimensions a vehicle's world has: 3 if any of these meshes is given, else 2."""
     return 2 if all(mesh is None for mesh in meshes) else 3
 
 

@@ -13,11 +13,12 @@ from supernode.commands.run_options import add_run_options, chosen_file, setting
 
 if TYPE_CHECKING:
     from node.replay import World
+    from node.simulation import StopWish
     from spy.improvement_records import ImprovementRecord
     from spy.judge import Judgement
     from spy.run_log import RunLog
     from spy.terminal import Terminal
-    from supernode.simulation import Listener, StopWish
+    from supernode.simulation import Listener
     from wire.news import Improvement
 
 EXAMPLE = "supernode simulate examples/arm-ik.toml --torus 8x8 --seed 7"
@@ -64,7 +65,7 @@ def run(options: argparse.Namespace) -> int:
 @contextlib.contextmanager
 def _interruptible(seconds: float | None) -> "Iterator[StopWish]":
     """A wish to stop at a deadline, or at Ctrl-C; another Ctrl-C ends the command at once."""
-    from supernode.simulation import StopWish
+    from node.simulation import StopWish
 
     wish = StopWish(seconds)
 

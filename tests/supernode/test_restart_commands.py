@@ -76,7 +76,7 @@ def test_the_log_tells_of_each_attempt(supernode, problem, tmp_path):
 
 def test_ctrl_c_ends_the_attempt_that_runs(supernode, problem, monkeypatch):
     """Between two attempts the wish is known still."""
-    from supernode.simulation import StopWish
+    from node.simulation import StopWish
 
     wishes = iter([None] * 60)
     monkeypatch.setattr(StopWish, "reason", lambda _: next(wishes, "cancel"))
