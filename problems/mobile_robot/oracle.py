@@ -7,6 +7,9 @@ around, so that whatever is free is surely free, and drawn within, so that whate
 A polygon turns freely inside the disc that encloses it. Where that does not get through, the headings are cut into
 slices: in each the robot is swept over its headings, or shrunk to what it covers at all of them, and slices are
 connected where their free places overlap. The one is surely free, the other surely not.
+
+A slice lets the robot slide to any side, which it cannot: it turns and drives ahead. So a way through swept slices is
+not proven where a start or goal is too tight to turn in, though `foretell` says so; that there is no way is proven.
 """
 
 from __future__ import annotations
