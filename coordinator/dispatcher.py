@@ -6,6 +6,7 @@ What happens to a job is told to `Hooks`, which keep it or pass it on; a `LocalC
 import contextlib
 import itertools
 import threading
+import time
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
@@ -28,6 +29,9 @@ from wire.keys import Keys
 from wire.news import Improvement, LogRecord, Statistics
 from wire.seal import Seal
 from wire.strict import Rejected
+
+_BEGUN_WITHIN = 5.0  # seconds: a thread that was made has begun by then
+_LOOK_AGAIN = 0.01  # seconds
 
 
 class _NoHooks:
@@ -259,8 +263,9 @@ class Dispatcher:
     def wait(self) -> None:
         """Until every job has ended."""
         while self._threads:
-            for thread in list(self._threads.values()):
-                thread.join()
+            for number, thread in list(self._threads.items()):
+                if not _joined(thread):
+                    self._threads.pop(number, None)
 
     # Called by Zenoh, on its thread -----------------------------------------------------------------------------------
     def _hear_best(self, sample: zenoh.Sample) -> None:
@@ -365,3 +370,21 @@ class Dispatcher:
         self._start()
         with self._lock:
             self._threads.pop(number, None)
+
+
+def _joined(thread: threading.Thread) -> bool:
+    """Join a thread; return whether there was one.
+
+    Ctrl-C may have come while it was being started: `Thread.join` refuses a thread that has not begun yet, and one that
+    was never made does not begin at all. CPython does not tell which of the two it is, so this waits for a while.
+    """
+    until = time.monotonic() + _BEGUN_WITHIN
+    while True:
+        try:
+            thread.join()
+        except RuntimeError:
+            if time.monotonic() >= until:
+                return False
+            time.sleep(_LOOK_AGAIN)
+        else:
+            return True

@@ -3,6 +3,8 @@
 import json
 import math
 import os
+import threading
+from pathlib import Path
 
 import pytest
 
@@ -302,3 +304,26 @@ def test_a_crowd_takes_cores_neither_from_the_caller_nor_from_router_and_spy():
     assert len(of_nodes) == 1
     others = {sessions["router"], sessions["spy"], os.getsid(0)}
     assert len(others | of_nodes) == 4
+
+
+@pytest.mark.parametrize("begins", [True, False], ids=["a thread that begins late", "no thread was made"])
+def test_a_cluster_closes_if_ctrl_c_came_while_a_job_was_handed_in(own_problem, monkeypatch, begins):
+    start = threading.Thread.start
+
+    def interrupted(thread):
+        if not thread.name.startswith("conductor"):
+            start(thread)
+            return
+        if begins:
+            threading.Timer(0.3, start, [thread]).start()
+        raise KeyboardInterrupt
+
+    if not begins:
+        monkeypatch.setattr("coordinator.dispatcher._BEGUN_WITHIN", 0.1)
+    file, cluster = supernode.load(own_problem()), supernode.LocalCluster(torus=(2, 2))
+    processes = cluster.processes.values()
+    with cluster:
+        monkeypatch.setattr(threading.Thread, "start", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            cluster.submit(file)
+    assert not any(Path(f"/proc/{process}").exists() for process in processes)
