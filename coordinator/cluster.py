@@ -13,6 +13,7 @@ from coordinator.errors import ClusterFailed
 from coordinator.job import Job, Order
 from coordinator.launcher import Launcher
 from problems import ProblemFile
+from problems.run import with_topology
 from spy.least_improvement import LEAST
 from wire import sessions
 from wire.callbacks import direct
@@ -37,7 +38,7 @@ class LocalCluster:
         force: start it even if this machine cannot hold so many nodes.
 
     Raises:
-        ValueError: if there is no such topology.
+        ValueError: if there is no such topology; the message begins with ``torus`` if that is wrong.
         BadInput: if this machine cannot hold so many nodes.
         ClusterFailed: if a process dies before all are ready.
     """
@@ -46,7 +47,7 @@ class LocalCluster:
         self, torus: tuple[int, int] | str = (4, 4), *, topology: str | None = None, force: bool = False
     ) -> None:
         called = time.monotonic()
-        self.topology = topologies.parse(topology or topologies.torus_spec(torus))
+        self.topology = topologies.parse(topology or with_topology({"torus": torus})["topology"])
         self.keys = Keys(secrets.token_hex(4))
         self._failure: str | None = None
         self._changed = threading.Condition()

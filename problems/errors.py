@@ -127,6 +127,7 @@ def _siblings(model: type[BaseModel], location: tuple[int | str, ...]) -> str:
         tables = inner or chosen or tables
     fields = [each for table in tables for each in table.model_fields.items()]
     known = list(dict.fromkeys(field.alias or name for name, field in fields))
+    known += [name for table in tables for name in getattr(table, "shorthands", ())]
     return "one of " + ", ".join(known) + did_you_mean(str(location[-1]), known)
 
 

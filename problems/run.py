@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, field_validator, model_validator
 
@@ -37,6 +37,8 @@ def with_topology(settings: Mapping[str, Any]) -> dict[str, Any]:
 
 class Run(Table):
     """How a problem is run. Limits that are None do not end the run."""
+
+    shorthands: ClassVar[tuple[str, ...]] = ("torus",)  # names that `with_topology` replaces before validation
 
     topology: str = Field("torus 4x4", description="who neighbours whom")
     deme: int = Field(1, ge=1, le=MOST_DEME, description="individuals on each node")

@@ -46,16 +46,16 @@ class _Parser(argparse.ArgumentParser):
     """An argument parser whose complaint is one line."""
 
     def error(self, message: str) -> NoReturn:
-        message = message.removeprefix("argument ") + _suggested_command(message)
+        message = message.removeprefix("argument ") + _suggested_choice(message)
         self.exit(BAD_INPUT, f"error: {message} (see `{self.prog} --help`)\n")
 
 
-def _suggested_command(message: str) -> str:
-    """What was meant, if a command is unknown and another is spelled much like it."""
+def _suggested_choice(message: str) -> str:
+    """What was meant, if a command or an option's word is unknown and another is spelled much like it."""
     from problems.errors import did_you_mean
 
-    found = re.search(r"COMMAND: invalid choice: '([^']*)'", message)
-    return did_you_mean(found[1], _COMMANDS) if found else ""
+    found = re.search(r"invalid choice: '([^']*)' \(choose from (.*)\)", message)
+    return did_you_mean(found[1], re.findall(r"[\w-]+", found[2])) if found else ""
 
 
 def _refuse_unknown(options: argparse.Namespace, unknown: Sequence[str]) -> None:

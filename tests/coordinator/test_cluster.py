@@ -106,6 +106,11 @@ def test_a_job_may_ask_for_a_torus(cluster, own_problem, torus):
         cluster.submit(file, torus=6)
 
 
+def test_a_wrong_torus_of_a_cluster_is_named():
+    with pytest.raises(ValueError, match=r"^torus: expected rows and columns such as \"4x4\", found 'abc'"):
+        supernode.LocalCluster(torus="abc")
+
+
 def test_the_result_is_the_documented_json(cluster, own_problem):
     result = cluster.submit(supernode.load(own_problem()), generations=0, target=-1.0).result()
     plain = json.loads(json.dumps(result.to_json()))

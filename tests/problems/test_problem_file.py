@@ -344,6 +344,7 @@ def test_a_run_that_is_no_table(tmp_path, text, found):
         (['target = "0"'], 'target: expected a valid number, found "0"'),
         (["stall = 0"], "stall: expected greater than or equal to 1, found 0"),
         (["sed = 1"], "sed: unknown field, expected one of {fields}; did you mean 'seed'?"),
+        (['tours = "4x4"'], "tours: unknown field, expected one of {fields}; did you mean 'torus'?"),
         (["threads = 1"], "threads: unknown field, expected one of {fields}"),
         (["'a.b' = 1"], "a.b: unknown field, expected one of {fields}"),
         (["seed = -1", "deme = 0"], "deme: expected greater than or equal to 1, found 0 (and 1 more)"),
@@ -354,7 +355,7 @@ def test_a_wrong_setting_of_the_run(tmp_path, lines, complaint):
     path = tmp_path / "run.toml"
     path.write_text("\n".join([ARM, "[run]", *lines]))
     topologies = ", ".join(f'"{example}"' for example in EXAMPLES)
-    expected = complaint.replace("{fields}", ", ".join(Run.model_fields)).replace("{topologies}", topologies)
+    expected = complaint.replace("{fields}", ", ".join([*Run.model_fields, *Run.shorthands])).replace("{topologies}", topologies)
     assert refused_file(path) == f"run: {expected}"
 
 

@@ -164,7 +164,12 @@ def test_of_many_objections_three_are_named_after_what_explains_them(own_problem
 
 
 @pytest.mark.parametrize(
-    ("typed", "meant"), [(["slove", "x.toml"], "'solve'"), (["solve", "x.toml", "--sed", "7"], "'--seed'")]
+    ("typed", "meant"),
+    [
+        (["slove", "x.toml"], "'solve'"),
+        (["solve", "x.toml", "--sed", "7"], "'--seed'"),
+        (["export", "5f3a09c1", "--records", "histry"], "'history'"),
+    ],
 )
 def test_what_is_spelled_wrongly_gets_a_suggestion(capsys, typed, meant):
     with pytest.raises(SystemExit):
