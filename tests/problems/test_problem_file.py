@@ -355,7 +355,8 @@ def test_a_wrong_setting_of_the_run(tmp_path, lines, complaint):
     path = tmp_path / "run.toml"
     path.write_text("\n".join([ARM, "[run]", *lines]))
     topologies = ", ".join(f'"{example}"' for example in EXAMPLES)
-    expected = complaint.replace("{fields}", ", ".join([*Run.model_fields, *Run.shorthands])).replace("{topologies}", topologies)
+    fields = ", ".join([*Run.model_fields, *Run.shorthands])
+    expected = complaint.replace("{fields}", fields).replace("{topologies}", topologies)
     assert refused_file(path) == f"run: {expected}"
 
 
