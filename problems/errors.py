@@ -52,7 +52,7 @@ def one_line(text: str) -> str:
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:
     """A suggestion such as ``"; did you mean 'arm-ik'?"``, or nothing."""
-    close = difflib.get_close_matches(word, list(known), n=1, cutoff=0.5)
+    close = difflib.get_close_matches(word, list(known), n=1, cutoff=0.55)
     return f"; did you mean {close[0]!r}?" if close else ""
 
 
