@@ -264,7 +264,7 @@ seed = 1
         return checker.judge(self, solution)
 
     def oracle(self) -> Answer:
-        """See `problems.mobile_robot.oracle`: a visibility graph; for a polygon also slices of its headings."""
+        """See `problems.mobile_robot.oracle`: a visibility graph; for a polygon also turns and drives, and slices."""
         from problems.mobile_robot import oracle
 
         return oracle.foretell(self)

@@ -19,7 +19,9 @@ def test_a_floor_has_three_rooms_and_twenty_obstacles_and_surely_a_way(family, n
     assert all(isinstance(wall, Box) for wall in walls)
     assert len(furniture) == 20
     assert problem.start[0] < walls[0].center[0] < walls[2].center[0] < problem.goal[0]
-    assert problem.oracle().meaning == "optimum"
+    answer = problem.oracle()
+    assert answer.meaning == "optimum"
+    assert problem.check(answer.solution).feasible
 
 
 @pytest.mark.parametrize(("family", "least", "most"), [(three_room_world, 1.58, 2.17), (narrow_door_world, 1.05, 1.2)])

@@ -12,12 +12,14 @@ import shapely
 from matplotlib.figure import Figure
 from scipy import ndimage
 
+from benchmarks.robot_worlds import narrow_door_world
 from genetics import Recipe
 from node import Plan, simulate
 from problems import BadInput, ProblemFile, Run, load
 from problems.file import parse
 from problems.mobile_robot import MobileRobot
-from problems.mobile_robot.oracle import _grown, shortest_way
+from problems.mobile_robot.oracle_shapes import grown
+from problems.mobile_robot.oracle_ways import shortest_way
 from problems.plane import Circle
 from spy.past import best_known
 from spy.result import stop_reasons
@@ -319,7 +321,7 @@ def test_grown_obstacles_enclose_the_true_ones_or_are_enclosed(number):
         ({"shape": "circle", "center": [1.0, 2.0], "radius": 0.7}, disc, radius + 0.7),
     ):
         (obstacle,) = problem_of(start=[5, 5, 0], goal=[7, 5, 0], robot={"radius": 0.1}, obstacles=[fields]).obstacles
-        larger, smaller = (_grown(obstacle, radius, surely) for surely in (True, False))
+        larger, smaller = (grown(obstacle, radius, surely) for surely in (True, False))
         assert larger.exterior.distance(core) >= extent - 1e-12
         assert shapely.distance(shapely.points(smaller.exterior.coords), core).max() <= extent
         assert larger.area / smaller.area < 1.01
@@ -372,9 +374,10 @@ def door(width):
 
 def test_a_beam_gets_through_a_door_lengthwise():
     answer = door(0.4).oracle()
-    assert (answer.meaning, answer.fitness, answer.solution) == ("optimum", 0.0, None)
-    assert answer.method.startswith("120 slices of the headings")
-    assert answer.figures == pytest.approx({"shortest_length_at_least": 5.0})
+    assert (answer.meaning, answer.fitness) == ("optimum", 0.0)
+    assert answer.method.startswith("turns and drives")
+    assert answer.figures == pytest.approx({"shortest_length_at_least": 5.0, "shortest_length_at_most": 5.0})
+    agreed(door(0.4), answer)
     assert simulate(Plan(door(0.4).for_recipe("tuned", 1), Run()))[0].champion.fitness == 0.0
 
 
@@ -390,10 +393,45 @@ def test_a_beam_does_not_get_around_a_narrow_corner():
     assert problem_of(**fields | {"robot": short}).oracle().meaning == "optimum"
 
 
-def test_a_door_just_as_wide_as_the_beam_leaves_the_oracle_in_doubt():
-    answer = door(0.31).oracle()
-    assert (answer.meaning, answer.fitness) == ("lower bound", 0.0)
+def niche(width, **fields):
+    """The beam is to stand across in a niche that it can only be slid into, or lengthwise, where it backs out."""
+    walls = [WALL | {"center": [4.0 + side * (2.0 + width / 2), 1.0], "size": [4.0, 2.0]} for side in (-1, 1)]
+    return problem_of(robot=BEAM, obstacles=walls, start=[2.0, 4.0, 0.0], **fields)
+
+
+def test_a_way_that_only_sliding_would_make_is_not_called_one():
+    answer = niche(1.82, goal=[4.0, 0.5, 0.0]).oracle()
+    assert (answer.meaning, answer.fitness, answer.solution) == ("lower bound", 0.0, None)
     assert answer.method.endswith("cannot tell whether the robot gets through")
+    assert "shortest_length_at_most" not in answer.figures
+
+
+@pytest.mark.parametrize("heading", [-np.pi / 2, np.pi / 2])
+def test_whoever_only_drives_ahead_enters_a_niche_by_its_front(heading):
+    """It cannot turn in the niche, and does not drive backwards into it."""
+    problem = niche(0.4, goal=[4.0, 1.2, heading])
+    answer = problem.oracle()
+    assert (answer.solution is not None) == (heading < 0.0)
+    if answer.solution is not None:
+        solution = agreed(problem, answer)
+        assert solution["commands"][-2][0] == "move"
+        assert solution["length"] < 1.01 * (2.0 + 2.8)
+
+
+def test_whoever_stands_in_a_niche_leaves_it_ahead():
+    for heading, leaves in ((np.pi / 2, True), (-np.pi / 2, False)):
+        problem = niche(0.4, goal=[6.0, 4.0, 0.0]).model_copy(update={"start": (4.0, 1.2, heading)})
+        assert (problem.oracle().solution is not None) == leaves
+
+
+def test_ways_through_gaps_that_the_enclosing_disc_does_not_fit_through_are_proven():
+    proven = 0
+    for number in range(1001, 1007):
+        problem = narrow_door_world(2 * number).problem()
+        answer = problem.oracle()
+        agreed(problem, answer)
+        proven += answer.method.startswith("turns and drives")
+    assert proven > 3
 
 
 @pytest.mark.parametrize("robot", [{"vertices": HOOK}, {"radius": 0.3}], ids=["concave", "disc"])
