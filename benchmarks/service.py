@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import supernode
+from coordinator.states import ENDS
 from supernode import Client
 from wire import sessions
 from wire.callbacks import direct
@@ -162,7 +163,7 @@ class _Row:
         self._numbers[state.job] = state.number
         if state.status == "running":
             self._heard.setdefault(state.job, time.monotonic())
-        elif state.status in ("solved", "stalled", "exhausted", "deadline", "cancelled", "failed"):
+        elif state.status in ENDS:
             self._ended[state.job] = time.monotonic()
             self.ends[state.job] = self.ends.get(state.job, 0) + 1
 

@@ -18,6 +18,7 @@ import zenoh
 
 import topologies
 from coordinator.calls import ASK_AGAIN, Calls, GivenUpError, ReplacedError, Reported
+from coordinator.consulting import Consulting
 from coordinator.errors import ClusterFailed
 from coordinator.job import BegunAnew, Change, JobEntry, Placing, Replaced, Wish
 from coordinator.worlds import World, Worlds
@@ -102,6 +103,7 @@ class Conductor:
         self._changes: deque[Change] = deque()
         self._unheard: Wish | None = None  # what the cells have still to be told
         self._ask_at: float | None = None  # when to ask for reports again, whatever dies meanwhile
+        self._oracle = Consulting()
 
     @property
     def world(self) -> World:
@@ -156,7 +158,7 @@ class Conductor:
     def _judgement(self) -> Judgement:
         """What came of it, whatever goes wrong."""
         try:
-            return self._run()
+            return self._with_the_oracle(self._run())
         except GivenUpError as error:
             status, best = STATUS_OF[error.wish.reason], self.best
             if best is None:
@@ -170,6 +172,7 @@ class Conductor:
         except Exception as error:  # whatever it is, whoever waits for this job must hear of its end
             return Judgement("failed", False, f"{type(error).__name__}: {error}", self.best)
         finally:
+            self._oracle.close()
             if self.nodes:
                 self._drop()
 
@@ -190,6 +193,8 @@ class Conductor:
                 if self._wish is not None:
                     return self._ended_as_wished(judgement) if seeks else judgement
                 if seeks:
+                    if judgement.has_oracle:
+                        self._oracle.ask()
                     self._try_again(judgement)
                 elif not self._wait_for_a_change():
                     return self._ended_as_wished(judgement)
@@ -305,6 +310,7 @@ class Conductor:
         if self.best is not None and self.best is not before:  # nodes have not begun, so there is none but this one
             self._tell(self.best)
         self._ask_for_reports(world)
+        self._oracle.turn_to(world.file)
 
     def _ask_for_reports(self, world: World) -> None:
         """Also of cells that run, or have stopped: who asked before may have died, or the router on the way back."""
@@ -326,10 +332,9 @@ class Conductor:
         while self.worlds.unsettled:
             if self.worlds.settled:
                 self._do_what_was_put_off()
-            mail = self.calls.next(self._ask_at)
+            mail = self.calls.next(_sooner(self._ask_at, self._oracle.look_at))
             if mail is None:
-                self._ask_at = None
-                self._ask_again()
+                self._look_at_the_clock()
             elif isinstance(mail, Reported):
                 if mail.report is None:  # a question ends early when the router dies
                     is_latest = any(mail.question == world.asked for world in self.worlds.unsettled)
@@ -339,6 +344,34 @@ class Conductor:
             else:
                 self._attend_to(mail)
         return None
+
+    def _look_at_the_clock(self) -> None:
+        """Do what is due: ask again for reports, and see what the oracle has to say."""
+        if self._ask_at is not None and time.monotonic() >= self._ask_at:
+            self._ask_at = None
+            self._ask_again()
+        foretold = self._oracle.look()
+        if foretold is not None and foretold.hopeless and self._wish is None:
+            self._attend_to(Wish("infeasible"))
+
+    def _with_the_oracle(self, judgement: Judgement) -> Judgement:
+        """The judgement of a run that has stalled for good, or ended as hopeless, with what the oracle says of it.
+
+        If it has not come to an answer yet, this waits for that, unless somebody wants an end, or a process has died.
+        """
+        if not judgement.is_open:
+            return judgement
+        self._oracle.ask()
+        with contextlib.suppress(ClusterFailed):
+            while (look_at := self._oracle.look_at) is not None:
+                if isinstance(self.calls.next(look_at), Wish):
+                    break
+                self._oracle.look()
+        foretold = self._oracle.foretold
+        if foretold is None:
+            return judgement
+        self.job.log.write("oracle", says=foretold.words)
+        return judgement.in_the_light_of(foretold)
 
     def _ask_again(self) -> None:
         """And tell again what may never have been heard, while there was no router: to stop twice is to stop once."""
@@ -500,7 +533,7 @@ class Conductor:
     def _ended_as_wished(self, judgement: Judgement) -> Judgement:
         """A job that would have gone on, or stayed, ends as it was told to, with the answer that it had."""
         assert self._wish is not None
-        return replace(judgement, status=STATUS_OF[self._wish.reason])
+        return replace(judgement, status=STATUS_OF[self._wish.reason], next_attempt=None)
 
     def _mourn(self, node: int | None) -> None:
         """Another process lives in the place of a dead node, or of the spy.
@@ -589,6 +622,11 @@ class Conductor:
         with contextlib.suppress(zenoh.ZError):
             self.calls.tell(self.keys.every_control, Drop(self.number))
             self.calls.tell(self.keys.spy_control, Drop(self.number))
+
+
+def _sooner(*times: float | None) -> float | None:
+    """The first of the times that there are."""
+    return min((each for each in times if each is not None), default=None)
 
 
 def _heir(slots: tuple[int, ...], world: World) -> int:

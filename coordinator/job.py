@@ -25,9 +25,9 @@ _MOST_RECORDS = 1 << 16  # improvements of one job, which may be kept alive for 
 # Mail: what a conductor is to know, beside answers and reports -------------------------------------------------------
 @dataclass(frozen=True)
 class Wish:
-    """Somebody wants the job to stop."""
+    """Somebody wants the job to stop, or its oracle has found that there is no way."""
 
-    reason: Literal["cancel", "deadline"]
+    reason: Literal["cancel", "deadline", "infeasible"]
 
 
 @dataclass(frozen=True)

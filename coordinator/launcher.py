@@ -17,6 +17,7 @@ import topologies
 from coordinator import capacity
 from coordinator.errors import ClusterFailed
 from coordinator.folders import new_folder
+from coordinator.threads import ONE_THREAD
 from wire.seal import SECRET_BYTES
 
 _END_WITHIN = 60.0  # seconds: a thousand processes are gone in three, but machines may be busy
@@ -25,7 +26,6 @@ _CROWD = 100
 among sessions first (autogroup), the nodes have one of their own, and so have the router, the spy and the coordinator.
 Fewer nodes do better in the caller's: on Linux 6.18 small clusters in many sessions keep each other waiting for long.
 """
-ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
 
 @dataclass(frozen=True)

@@ -296,7 +296,9 @@ class Recorder:
         else:
             status = "deadline" if told else outcome.status
             result = plain(outcome.to_json()) | {"job": before.job, "status": status, "solved": status == "solved"}
-            ended = self._store.end(number, status, result, message=outcome.message)
+            decided = status in ("optimal", "infeasible")
+            why = outcome.oracle if decided and outcome.oracle is not None else outcome.message
+            ended = self._store.end(number, status, result, message=why)
         return None if told else state_of(ended)
 
 

@@ -11,6 +11,8 @@ State = Literal[
     "searching",
     "waiting",
     "solved",
+    "optimal",
+    "infeasible",
     "stalled",
     "exhausted",
     "deadline",
@@ -18,7 +20,9 @@ State = Literal[
     "failed",
 ]
 
-ENDS: frozenset[State] = frozenset({"solved", "stalled", "exhausted", "deadline", "cancelled", "failed"})
+ENDS: frozenset[State] = frozenset(
+    {"solved", "optimal", "infeasible", "stalled", "exhausted", "deadline", "cancelled", "failed"}
+)
 """States that nothing follows."""
 
 BREEDING: frozenset[State] = frozenset({"running", "searching"})

@@ -21,7 +21,7 @@ import msgpack
 import zenoh
 
 VERSION = 1  # of the protocol
-ENDED = {"solved", "stalled", "exhausted", "deadline", "cancelled", "failed"}
+ENDED = {"solved", "optimal", "infeasible", "stalled", "exhausted", "deadline", "cancelled", "failed"}
 ARM = Path(__file__).parent / "arm-ik.toml"
 
 

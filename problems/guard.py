@@ -11,6 +11,7 @@ from genetics.arrays import Evaluate, Fitness, Genomes
 from problems.errors import BadInput, EvaluationFailed, one_line, shorten
 from problems.motion import Motion, Pace
 from problems.problem import MOST_REPORT_BYTES, Answer, Clearance, Problem, Solution, Verdict
+from problems.run import Run
 
 _ANYTHING = (Exception, SystemExit)
 
@@ -179,6 +180,15 @@ def described(problem: Problem, solution: Solution) -> str:
     except _ANYTHING:
         words = ""
     return words if isinstance(words, str) and words else Problem.describe(problem, solution)
+
+
+def advised(problem: Problem, found: Solution | None, run: Run) -> tuple[str, ...]:
+    """What ``problem.advice`` says, each in one line, if it says anything."""
+    try:
+        lines = [one_line(each) for each in problem.advice(found, run) if isinstance(each, str) and each]
+    except _ANYTHING:
+        return ()
+    return tuple(lines)
 
 
 def solved_at(problem: Problem) -> float | None:

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from genetics.coding import Coding
     from genetics.operators import Operator
     from problems.motion import Motion, Pace
+    from problems.run import Run
 
 RecipeName = Literal["tuned", "paper"]
 Solution = dict[str, Any]  # plain JSON values
@@ -141,6 +142,13 @@ class Problem(Table):
 
     any_thread: ClassVar[bool] = False
     """Whether `evaluate` may be called on any thread (one at a time): small generations cost less then."""
+
+    oracle_decides: ClassVar[bool] = True
+    """Whether bounds that `oracle` tells hold for the fitness of every solution, however a further attempt codes it.
+
+    A run ends when such a bound says that there is no way, and one that has come to it ends as optimal. False where the
+    oracle is a yardstick: a figure of the literature, or of a narrower set of solutions.
+    """
 
     kind: str = Field(description="the kind of problem")
 
@@ -313,6 +321,18 @@ class Problem(Table):
             BadInput: if ``pace`` does not suit the solution.
         """
         return None
+
+    def advice(self, found: Solution | None, run: Run) -> list[str]:
+        """What to turn when a run has stalled, a line each: a setting, a value to try, and the one that the run had.
+
+        Args:
+            found: the best that was found, as `decode` said it, feasible or not; None if there is nothing.
+            run: the settings of the run.
+        """
+        from problems.advice import advice_on_length, advice_on_run
+
+        length = advice_on_length(self)
+        return [advice_on_run(run), *([] if length is None else [length])]
 
     def draw(self, figure: Figure, solution: Solution | None, populations: Populations) -> None:
         """Draw the problem's world, and the solution in it if there is one, onto an empty figure.

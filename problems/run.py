@@ -60,6 +60,7 @@ class Run(Table):
     stall: Annotated[int, Field(ge=1, lt=MOST_GENERATIONS)] | None = Field(
         None, description="end, or begin anew, after this many generations without a better champion"
     )
+    oracle: bool = Field(True, description="ask the problem's oracle, if it has one, whether there is a way")
     restarts: Count | None = Field(None, description="begin anew at most so often when it stalls without an answer")
 
     @field_validator("topology")

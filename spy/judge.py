@@ -8,16 +8,22 @@ from typing import Any, Literal, get_args
 
 from node.plan import Plan
 from problems import BadInput, EvaluationFailed
-from problems.guard import checked, cleared, described, merged, solved_at
+from problems.foretelling import Foretold, has_oracle
+from problems.guard import advised, checked, cleared, described, merged, solved_at
 from spy.collector import Collector
 from wire.control import Judged
 from wire.news import Improvement
 from wire.report import Reason
 from wire.strict import Rejected
 
-Status = Literal["solved", "stalled", "exhausted", "deadline", "cancelled", "failed"]
+Status = Literal["solved", "optimal", "infeasible", "stalled", "exhausted", "deadline", "cancelled", "failed"]
 
-STATUS_OF: dict[Reason, Status] = {"stall": "stalled", "deadline": "deadline", "cancel": "cancelled"}
+STATUS_OF: dict[Reason, Status] = {
+    "infeasible": "infeasible",
+    "stall": "stalled",
+    "deadline": "deadline",
+    "cancel": "cancelled",
+}
 """How a run ends that was stopped for a reason other than its target."""
 
 _TOLERANCE = 1e-6
@@ -36,6 +42,9 @@ class Judgement:
         clearance: of the solution, see `problems.guard.cleared`.
         next_attempt: if the job is to begin anew, the fields of the problem to change for that.
         solved_when: what the target means, in words, or why there is none.
+        advice: what to turn, if the run has stalled for good.
+        has_oracle: whether the problem has an oracle that can tell whether there is a way.
+        oracle: what it has told, in words, if it has.
     """
 
     status: Status
@@ -47,12 +56,15 @@ class Judgement:
     clearance: dict[str, Any] | None = None
     next_attempt: dict[str, Any] | None = None
     solved_when: str | None = None
+    advice: tuple[str, ...] = ()
+    has_oracle: bool = False
+    oracle: str | None = None
 
     def answer(self) -> Judged:
         """As it travels."""
         best = None if self.best is None else self.best.encode()
         fields = None if self.next_attempt is None else json.dumps(self.next_attempt)
-        told = self.words, self.target, self.clearance, fields, self.solved_when
+        told = self.words, self.target, self.clearance, fields, self.solved_when, self.advice, self.has_oracle
         return Judged(self.status, self.feasible, self.message, best, *told)
 
     @staticmethod
@@ -67,8 +79,21 @@ class Judgement:
                 best = None if answer.best is None else Improvement.decode(answer.best)
                 fields = None if answer.next_attempt is None else json.loads(answer.next_attempt)
                 told = answer.feasible, answer.message, best, answer.words, answer.target, answer.clearance
-                return Judgement(status, *told, fields, answer.solved_when)
+                return Judgement(status, *told, fields, answer.solved_when, answer.advice, answer.has_oracle)
         raise Rejected("no such status")
+
+    @property
+    def is_open(self) -> bool:
+        """Whether it depends on the oracle, if there is one, what the run came to."""
+        return self.has_oracle and self.status in ("stalled", "infeasible") and self.next_attempt is None
+
+    def in_the_light_of(self, foretold: Foretold) -> "Judgement":
+        """The same with what is surely true of every solution: there is none, or this is the best one."""
+        if foretold.hopeless:
+            return replace(self, status="infeasible", oracle=foretold.words, advice=())
+        if self.feasible and self.best is not None and foretold.is_reached_by(self.best.fitness):
+            return replace(self, status="optimal", oracle=f"this is the optimum, by {foretold.method}", advice=())
+        return replace(self, oracle=foretold.words)
 
 
 def judge(
@@ -106,11 +131,17 @@ def judge(
 def _going_on(plan: Plan, judgement: Judgement, lived: int) -> Judgement:
     """The same, with what the next attempt changes, if there is to be one and the limits leave room for it.
 
+    If there is none, with what to turn. What an oracle tells bears on both.
+
     A job that is kept alive and has no target seeks a feasible answer.
     """
+    judgement = replace(judgement, has_oracle=plan.run.oracle and has_oracle(type(plan.problem)))
     found = plan.run.keep_alive and plan.target is None and judgement.feasible
-    if judgement.status != "stalled" or found or plan.next_attempt is None:
+    if judgement.status != "stalled":
         return judgement
+    if found or plan.next_attempt is None:
+        solution = None if judgement.best is None else judgement.best.solution
+        return replace(judgement, advice=advised(plan.problem, solution, plan.run))
     if not plan.leaves_room(lived):
         return replace(judgement, status="exhausted")
     return replace(judgement, next_attempt=plan.next_attempt)

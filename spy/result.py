@@ -13,13 +13,15 @@ from topologies import Topology
 from wire.news import Improvement
 from wire.report import Reason, Report, Staleness
 
+_FROM_OUTSIDE: tuple[Reason, ...] = ("deadline", "cancel", "infeasible")
+
 
 @dataclass(frozen=True)
 class Result:
     """What came of a job.
 
     Attributes:
-        status: "solved", "stalled", "exhausted", "deadline", "cancelled" or "failed".
+        status: "solved", "optimal", "infeasible", "stalled", "exhausted", "deadline", "cancelled" or "failed".
         solved: whether the target was reached.
         feasible: whether the planner's independent check accepts what was found.
         fitness: of the solution, or without one of the best attempt; +inf if there is neither.
@@ -42,6 +44,9 @@ class Result:
             ``"unit"`` of both; None if this kind has none.
         best_attempt: the best that was found, in the shape of a solution, if the check does not accept it; else None.
         solved_when: what the target means, in words, or why there is none.
+        oracle: what an exact method says, in words: that there is no way, or that this is the optimum, or which one is;
+            None if there is none, or it did not come to an answer.
+        advice: what to turn, if the run has stalled, a line each.
     """
 
     job: str
@@ -74,6 +79,8 @@ class Result:
     clearance: dict[str, Any] | None = None
     best_attempt: dict[str, Any] | None = None
     solved_when: str | None = None
+    oracle: str | None = None
+    advice: list[str] = field(default_factory=list)
     words: str | None = field(default=None, repr=False)  # the solution in words
     demes: list[bytes] = field(default_factory=list, repr=False)  # the last individuals of each cell, for pictures
 
@@ -154,6 +161,8 @@ def result_of(
         target=judgement.target,
         clearance=judgement.clearance,
         solved_when=judgement.solved_when,
+        oracle=judgement.oracle,
+        advice=list(judgement.advice),
         best_attempt=None if judgement.feasible else found,
         words=judgement.words,
         demes=[report.deme for report in sorted(world.reports, key=lambda report: report.cell)],
@@ -180,5 +189,5 @@ def _found_at(best: Improvement, topology: Topology) -> dict[str, Any]:
 
 def _stops(reports: Sequence[Report]) -> list[dict[str, Any]]:
     """Who stopped the last world from outside, and when."""
-    proposals = [each for report in reports for each in report.proposals if each.reason in ("deadline", "cancel")]
+    proposals = [each for report in reports for each in report.proposals if each.reason in _FROM_OUTSIDE]
     return [{"do": "stop", "generation": each.stop_at, "reason": each.reason} for each in proposals]

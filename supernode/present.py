@@ -51,6 +51,8 @@ def exit_code(result: Result) -> int:
 
 def _words(result: Result) -> str:
     lines = [headline(result)]
+    if result.oracle is not None:
+        lines.append(f"  {result.oracle}")
     if result.message is not None:
         lines.append(f"  {result.message}")
     lines.append(
@@ -67,6 +69,7 @@ def _words(result: Result) -> str:
     if result.solved_when is not None:
         target = "no target" if result.target is None else f"solved at {result.target:.4g}"
         lines.append(f"  {target}: {result.solved_when}")
+    lines += [f"  {line}" for line in result.advice]
     if result.clearance is not None:
         lines.append(f"  {clearance_words(result.clearance)}")
     if result.words is not None:

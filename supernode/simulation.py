@@ -4,6 +4,7 @@ What a coordinator does with processes is done here with `node.replay`: a job th
 """
 
 import contextlib
+import threading
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -13,11 +14,12 @@ from typing import Any
 
 import numpy as np
 
+from coordinator.consulting import Consulting
 from genetics import Fitness, Genomes
 from node.fingerprint import fingerprint
 from node.replay import World, worlds_of
 from node.simulation import Outside, Snapshot, StopWish, ignore, never
-from problems import BadInput, EvaluationFailed, Problem, ProblemFile, load
+from problems import BadInput, EvaluationFailed, Problem, ProblemFile, load, registry
 from problems.made import MadeProblem
 from spy.collector import Collector
 from spy.improvement_records import ImprovementRecord, records_of
@@ -26,7 +28,7 @@ from spy.past import Lived, Past, stopped_after
 from spy.result import Clocks, Result, result_of, states_of, stop_reasons
 from wire.exchange import Champion
 from wire.news import Improvement
-from wire.report import Proposal, Report
+from wire.report import Proposal, Reason, Report
 
 
 @dataclass(frozen=True)
@@ -147,17 +149,26 @@ class Simulation:
         self._stops = stops or ()
         self._listener = listener or Listener()
         self._outside, self._snapshot = outside, snapshot
+        self._oracle = Consulting()
         self._load_compiled_code()
 
     def run(self) -> Result:
         """What comes of it."""
+        try:
+            return self._run()
+        finally:
+            self._oracle.close()
+
+    def _run(self) -> Result:
         began, past = time.monotonic(), Past()
         best: Improvement | None = None
         demes: Genomes | None = None
         while True:
             world = self._known.popleft()
             attempt = _Attempt(world, best, self._listener)
-            demes = attempt.live(demes, self._outside, self._snapshot)
+            if not self._repeats and _can_be_asked(world.file):
+                self._oracle.turn_to(world.file)
+            demes = attempt.live(demes, self._why_to_stop, self._snapshot)
             if world is self._last:
                 attempt.stop_as(self._stops)
             if attempt.error is None:
@@ -172,22 +183,54 @@ class Simulation:
             past = past.and_then(attempt.lived, self._known[0].why)
         clocks = Clocks(time.monotonic() - began, 0.0, time.process_time())
         self.file = world.file
+        judgement = self._with_the_oracle(replace(judgement, next_attempt=None))
         return result_of("1", self._first.file.run, past, attempt.lived, judgement, fingerprint(), clocks)
 
     def _goes_on(self, attempt: "_Attempt", judgement: Judgement) -> bool:
         """Whether there is another world, which is known then."""
         if self._repeats:
             return bool(self._known)
-        if judgement.next_attempt is None:
+        if judgement.next_attempt is None or self._hopeless:
             return False
+        if judgement.has_oracle:
+            self._oracle.ask()
         self._known.append(attempt.world.retried(stopped_after(attempt.reports), judgement.next_attempt))
         return True
+
+    @property
+    def _hopeless(self) -> bool:
+        foretold = self._oracle.foretold
+        return foretold is not None and foretold.hopeless
+
+    def _why_to_stop(self) -> Reason | None:
+        """Whether somebody outside wants an end, or the oracle has found that there is no way."""
+        reason = self._outside()
+        if reason is None and self._oracle.look_at is not None:
+            self._oracle.look()
+        return "infeasible" if reason is None and self._hopeless else reason
+
+    def _with_the_oracle(self, judgement: Judgement) -> Judgement:
+        """The judgement with what the oracle says, of a run that has stalled for good, or ended as hopeless."""
+        if not judgement.is_open or not _can_be_asked(self.file):
+            return judgement
+        self._oracle.turn_to(self.file)
+        self._oracle.ask()
+        while (look_at := self._oracle.look_at) is not None and self._outside() is None:
+            threading.Event().wait(max(0.0, look_at - time.monotonic()))
+            self._oracle.look()
+        foretold = self._oracle.foretold
+        return judgement if foretold is None else judgement.in_the_light_of(foretold)
 
     def _load_compiled_code(self) -> None:
         """Off the clock."""
         plan = self._last.plan
         with contextlib.suppress(EvaluationFailed):
             plan.evaluate(plan.coding.random(plan.keys(np.arange(1), 0), 1)[0])
+
+
+def _can_be_asked(file: ProblemFile) -> bool:
+    """Whether another process can make the problem: the class of one made in Python need not be in a module."""
+    return registry.is_built_in(file.kind) or not isinstance(file, MadeProblem)
 
 
 class _Attempt:

@@ -16,7 +16,7 @@ from typing import Any
 from wire.jobs import JobState
 from wire.news import Improvement
 
-ENDED = frozenset({"solved", "stalled", "exhausted", "deadline", "cancelled", "failed"})
+ENDED = frozenset({"solved", "optimal", "infeasible", "stalled", "exhausted", "deadline", "cancelled", "failed"})
 """States that a job does not leave."""
 
 SEARCHING = "searching"

@@ -173,6 +173,8 @@ class Judged:
         clearance: of the solution: ``"least"``, ``"where"``, ``"required"`` and ``"unit"``, see `spy.result.Result`.
         next_attempt: if the job is to begin anew, the fields of the problem to change, as JSON.
         solved_when: what the target means, in words.
+        advice: what to turn, if the run has stalled.
+        has_oracle: whether the problem has an oracle that can tell whether there is a way.
     """
 
     status: str
@@ -184,6 +186,8 @@ class Judged:
     clearance: dict[str, Any] | None = None
     next_attempt: str | None = None
     solved_when: str | None = None
+    advice: tuple[str, ...] = ()
+    has_oracle: bool = False
 
 
 Answer = Done | Judged | Refused
@@ -236,10 +240,13 @@ def decode_answer(payload: bytes) -> Answer:
             return Done(note)
         case ["refused", str(message), str(blame)]:
             return Refused(message, blame)
-        case ["judged", str(status), bool(feasible), message, best, words, target, clearance, fields, when]:
+        case ["judged", str(status), bool(feasible), *others]:
+            message, best, words, target, clearance, attempt, when, advice, oracle = fields(others, 9)
             texts = _maybe(str, message), _maybe(bytes, best), _maybe(str, words)
-            told = _maybe(str, fields), _maybe(str, when)
-            return Judged(status, feasible, *texts, _maybe(float, target), _clearance(clearance), *told)
+            told = _maybe(str, attempt), _maybe(str, when)
+            lines = tuple(of(str, line) for line in of(list, advice))
+            figures = _maybe(float, target), _clearance(clearance)
+            return Judged(status, feasible, *texts, *figures, *told, lines, of(bool, oracle))
     raise Rejected("no such answer")
 
 

@@ -8,7 +8,7 @@ from typing import Literal, NamedTuple, get_args
 from wire.exchange import Champion
 from wire.strict import Rejected, count, fields, fitness, of, pack, unpack
 
-Reason = Literal["target", "stall", "deadline", "cancel", "update"]
+Reason = Literal["target", "stall", "deadline", "cancel", "update", "infeasible"]
 
 
 class Proposal(NamedTuple):

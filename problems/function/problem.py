@@ -65,6 +65,7 @@ bits = 0                # of each parameter; 0: real numbers
 topology = "torus 4x4"
 seed = 1
 """
+    oracle_decides: ClassVar[bool] = False  # the literature's value, or that of a code near the optimum
     batches_alike: ClassVar[bool] = True
     any_thread: ClassVar[bool] = True
 

@@ -63,6 +63,7 @@ topology = "torus 4x4"
 seed = 1
 stall = 50                      # generations without a quicker one, after which it ends
 """
+    oracle_decides: ClassVar[bool] = False  # the best of one family of paths
     batches_alike: ClassVar[bool] = True
     any_thread: ClassVar[bool] = True
 

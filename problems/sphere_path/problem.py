@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from genetics.bit_string import BitString
     from genetics.operators import Operator
     from problems.motion import Motion, Pace
+    from problems.run import Run
 
 Floats = NDArray[np.float64]
 Place = Annotated[float, Field(ge=-1e6, le=1e6)]
@@ -85,6 +86,7 @@ topology = "torus 4x4"
 seed = 1
 target = 0.03                   # nothing crossed, and a detour of at most 1.1; else the first path that is free will do
 """
+    oracle_decides: ClassVar[bool] = False  # of the straight way, or around spheres that stand for more than they hold
     batches_alike: ClassVar[bool] = True
     any_thread: ClassVar[bool] = True
 
@@ -289,6 +291,25 @@ target = 0.03                   # nothing crossed, and a detour of at most 1.1; 
         from problems.sphere_path import oracle
 
         return oracle.answer(self)
+
+    def advice(self, found: Solution | None, run: Run) -> list[str]:
+        """First of all a finer accuracy, if nothing else keeps the best attempt from being free."""
+        spare = None if found is None or self.vehicle is None else self._spare(found)
+        if spare is None:
+            return super().advice(found, run)
+        finer = min(spare or self.accuracy, self.accuracy) / 2.0
+        return [
+            f"`accuracy` is what blocks: the vehicle is free on the best path, {spare:.3g} m clear of what it must not "
+            f"touch, and crosses spheres only since they reach up to {self.accuracy:g} m farther: try "
+            f"accuracy = {finer:.2g} in the problem file (this run: {self.accuracy:g})"
+        ]
+
+    def _spare(self, found: Solution) -> float | None:
+        """What a vehicle keeps beyond its clearance, m, on a path that crosses spheres; None if not free."""
+        verdict = self.check(found)
+        if not (found["crossed"] and verdict.feasible) or verdict.clearance is None:
+            return None
+        return max(0.0, verdict.clearance.least - self.clearance)
 
     def motion(self, solution: Solution, pace: Pace) -> Motion:
         """Along the path, from rest to rest between its corners."""

@@ -120,7 +120,7 @@ def cluster_of(options: argparse.Namespace) -> str:
 
 def prepare_process() -> None:
     """One thread each, before numpy is imported; and SIGTERM means the end for the first process of a container too."""
-    from coordinator.launcher import ONE_THREAD
+    from coordinator.threads import ONE_THREAD
 
     os.environ.update(ONE_THREAD)
     for kind in (signal.SIGTERM, signal.SIGHUP):

@@ -26,6 +26,7 @@ _SETTINGS = (
     "target",
     "stall",
     "restarts",
+    "oracle",
 )
 
 
@@ -69,6 +70,13 @@ def add_settings(parser: argparse.ArgumentParser) -> None:
     end.add_argument("--target", metavar="F", type=number, help="at this fitness, instead of the problem's own")
     end.add_argument("--stall", metavar="N", type=whole, help="after so many generations without a better champion")
     end.add_argument("--restarts", metavar="N", type=whole, help="but begin anew up to N times when it stalls (8)")
+    end.add_argument(
+        "--no-oracle",
+        dest="oracle",
+        action="store_false",
+        default=None,
+        help="do not ask an exact method, beside the run, whether there is a way",
+    )
 
 
 def add_breeding_options(run: argparse._ArgumentGroup) -> None:

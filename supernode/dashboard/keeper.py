@@ -13,7 +13,7 @@ import threading
 import time
 from dataclasses import asdict
 
-from coordinator.launcher import ONE_THREAD
+from coordinator.threads import ONE_THREAD
 from supernode.dashboard.door import Door
 
 _AGAIN = 0.5  # seconds before a process that died has a successor

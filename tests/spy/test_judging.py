@@ -99,7 +99,8 @@ def test_status(settings, generation, reasons, status):
     collector = collected(plan_of(**settings), Champion(0.0, 3, 5, FULL))
     target = settings.get("target", 0.0)
     words, when = f"integers: {[1] * 40}", "as asked for" if "target" in settings else None
-    judgement = Judgement(status, True, None, collector.best, words, target, solved_when=when)
+    advice = tuple(collector.plan.problem.advice(None, collector.plan.run)) if status == "stalled" else ()
+    judgement = Judgement(status, True, None, collector.best, words, target, solved_when=when, advice=advice)
     assert judge(collector, generation, reasons) == judgement
 
 
@@ -169,7 +170,10 @@ def test_what_is_kept_alive_without_a_target_seeks_a_feasible_answer():
 
 
 def test_nothing_feasible():
-    assert judge(collected(plan_of()), 200, ["stall"]) == Judgement("stalled", False, None, None, None, 0.0)
+    plan = plan_of()
+    advice = tuple(plan.problem.advice(None, plan.run))
+    expected = Judgement("stalled", False, None, None, None, 0.0, advice=advice)
+    assert judge(collected(plan), 200, ["stall"]) == expected
 
 
 def test_a_judgement_travels():

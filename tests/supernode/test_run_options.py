@@ -1,6 +1,7 @@
 """What the command line takes as settings of a run, files and Python take too."""
 
 import argparse
+import json
 
 import pytest
 
@@ -16,10 +17,11 @@ def parsed(*options):
 
 
 def test_the_command_line_names_every_setting_of_a_run():
-    every = {name: "2" for name in Run.model_fields if name not in ("keep_alive", "topology")}
+    every = {name: "2" for name in Run.model_fields if name not in ("keep_alive", "oracle", "topology")}
     every |= {"mode": "async", "recipe": "paper", "replacement": "elitist", "spy": "root", "topology": "ring 4"}
     options = [text for name, value in every.items() for text in (f"--{name}", value)]
     assert settings(parsed(*options)).keys() == every.keys()
+    assert settings(parsed("--no-oracle")) == {"oracle": False}
     parser = argparse.ArgumentParser()
     submit.add_arguments(parser)
     assert parser.parse_args(["problem.toml", "--keep-alive"]).keep_alive
@@ -34,13 +36,14 @@ def test_the_command_line_names_every_setting_of_a_run():
         (["--target", "-1"], {"target": -1}),
         (["--seconds", "0.5"], {"seconds": 0.5}),
         (["--restarts", "0"], {"restarts": 0}),
+        (["--no-oracle"], {"oracle": False}),
     ],
 )
 def test_a_file_and_python_take_what_the_command_line_takes(file, options, setting):
     by_command = load(file).with_run(**settings(parsed(*options))).run
     assert load(file).with_run(**setting).run == by_command
     (name, value), text = next(iter(setting.items())), file.read_text()
-    written = f'"{value}"' if isinstance(value, str) else value
+    written = json.dumps(value)
     file.write_text(f"{text}\n[run]\n{name} = {written}\n")
     assert load(file).run == by_command
 

@@ -180,7 +180,7 @@ def test_what_is_spelled_wrongly_gets_a_suggestion(capsys, typed, meant):
 def test_a_search_for_the_least_that_finds_nothing_better_says_for_how_long(tmp_path, capsys):
     terrain = tmp_path / "terrain.toml"
     terrain.write_text(re.sub(r"(?m)^target = .*$", "", (ROOT / "examples" / "terrain.toml").read_text()))
-    code, out, _ = in_process(capsys, "simulate", terrain, "--torus", "2x2", "--stall", 30, "--quiet")
+    code, out, _ = in_process(capsys, "simulate", terrain, "--torus", "2x2", "--stall", 30, "--quiet", "--no-oracle")
     assert (code, out.startswith("stalled, nothing better for 30 generations: fitness ")) == (0, True)
 
 

@@ -24,7 +24,8 @@ export function number(value) {
 // A date and a time, as here; a history has many days.
 export const moment = (seconds) => new Date(seconds * 1000).toLocaleString("sv-SE");
 
-export const hasEnded = (status) => ["solved", "stalled", "exhausted", "deadline", "cancelled", "failed"].includes(status);
+const ENDS = ["solved", "optimal", "infeasible", "stalled", "exhausted", "deadline", "cancelled", "failed"];
+export const hasEnded = (status) => ENDS.includes(status);
 
 // A list of facts; what is there already is changed in place, so that nothing jumps.
 export function showFacts(list, facts) {

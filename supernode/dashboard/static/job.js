@@ -58,6 +58,7 @@ function showJob() {
     "best alive": now?.best, "median alive": now?.median, "worst alive": now?.worst,
     diversity: now && `${Math.round(100 * now.diversity)} %`, "champion's age": now?.age,
     ...(job.message && { message: job.message }),
+    ...(result?.advice?.length && { "what to turn": result.advice.join("; ") }),
   });
   if (byId("cancel").dataset.status !== status) announce(`job ${id} is ${status}`);
   byId("cancel").dataset.status = status;
