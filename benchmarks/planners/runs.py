@@ -74,7 +74,7 @@ def run(problem: Problem | ProblemFile, **settings: Any) -> Outcome:
 
 
 def _run_of(file: ProblemFile) -> Outcome:
-    (world,) = worlds_of(file)
+    (world,) = worlds_of(file.with_run(oracle=False))  # the search alone is measured
     result = Simulation([world]).run()
     found = result.found_at
     worlds, cells = 0 if found is None else found.get("world", 0), world.plan.topology.cells
