@@ -1,19 +1,30 @@
-"""Random floors for mobile robots: instances that nobody tuned to, the same for the same number."""
+"""Random floors for mobile robots: instances that nobody tuned to, the same for the same number.
+
+Usage: python -m benchmarks.robot_worlds --floors three-rooms --seeds 100 [--first 1] [--simulate]
+
+Solves each floor by the defaults on a torus of 4 × 4: by processes that are up already, one job after the other, or in
+this process (--simulate), which tells no seconds. The number of a floor is also the seed. *Seconds* are from handing a
+job in until its checked result is there; *length* is over the oracle's lower bound.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import argparse
+import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 from scipy import ndimage
 
+import supernode
 from problems import ProblemFile, Run
 from problems.mobile_robot import MobileRobot
 from problems.plane import Circle
+from spy.result import Result
 
 Fields = dict[str, Any]
 
@@ -215,3 +226,86 @@ def _thing(generator: np.random.Generator, width: float, height: float) -> Field
             radii = generator.uniform(0.2, 1.0, count)
             corners = center + (radii * np.array([np.cos(bearings), np.sin(bearings)])).T
             return {"shape": "polygon", "vertices": corners.tolist()}
+
+
+# Solving them by the defaults -----------------------------------------------------------------------------------------
+FAMILIES: dict[str, Callable[[int], ProblemFile]] = {
+    "three-rooms": three_room_world,
+    "narrow-doors": narrow_door_world,
+    "rooms-and-clutter": robot_world,
+}
+
+
+class Row(NamedTuple):
+    """What came of one floor."""
+
+    solved: bool
+    seconds: float | None
+    evaluations: int
+    ratio: float | None  # of the length to the oracle's lower bound, if it was solved
+
+
+def main() -> None:
+    """Print what is wrong with single floors, then the figures of all."""
+    parser = argparse.ArgumentParser(description="Solve random floors by the defaults on a torus of 4 × 4.")
+    parser.add_argument("--floors", choices=FAMILIES, default="three-rooms", help="which family")
+    parser.add_argument("--seeds", type=int, default=100, help="how many floors")
+    parser.add_argument("--first", type=int, default=1, help="the number of the first")
+    parser.add_argument("--simulate", action="store_true", help="in this process, without seconds")
+    options = parser.parse_args()
+    numbers = range(options.first, options.first + options.seeds)
+    runs = simulated if options.simulate else on_a_cluster
+    rows = []
+    for number, row in zip(
+        numbers, runs([FAMILIES[options.floors](number) for number in numbers], numbers), strict=True
+    ):
+        rows.append(row)
+        if not row.solved:
+            print(f"floor {number}: not solved after {row.evaluations:,} evaluations", flush=True)
+        elif row.ratio is not None and row.ratio > 1.1:
+            print(f"floor {number}: {row.ratio:.2f} times the lower bound of the length", flush=True)
+    print(summary(rows))
+
+
+def on_a_cluster(files: list[ProblemFile], seeds: range) -> Iterator[Row]:
+    """One job after the other on the same processes, which are up before the first is handed in."""
+    with supernode.LocalCluster(topology="torus 4x4") as cluster:
+        cluster.submit(files[0], generations=2).result()
+        for file, seed in zip(files, seeds, strict=True):
+            began = time.perf_counter()
+            result = cluster.submit(file, seed=seed).result()
+            yield _row(file, result, time.perf_counter() - began)
+
+
+def simulated(files: list[ProblemFile], seeds: range) -> Iterator[Row]:
+    """The same jobs in this process."""
+    for file, seed in zip(files, seeds, strict=True):
+        yield _row(file, supernode.simulate(file, seed=seed, topology="torus 4x4"), None)
+
+
+def _row(file: ProblemFile, result: Result, seconds: float | None) -> Row:
+    solved, ratio = result.solved and result.feasible, None
+    if solved:
+        least = file.problem().oracle().figures["shortest_length_at_least"]
+        ratio = result.solution["length"] / least if least > 0.0 else 1.0
+    return Row(solved, seconds, result.evaluations, ratio)
+
+
+def summary(rows: list[Row]) -> str:
+    """How many were solved, and how soon and how well; the figures are of those."""
+    good = [row for row in rows if row.solved]
+    lines = [f"solved: {len(good)} of {len(rows)}"]
+    seconds = [row.seconds for row in good if row.seconds is not None]
+    if seconds:
+        lines.append(f"seconds: {np.median(seconds):.3f} in the median, {np.quantile(seconds, 0.95):.3f} for 95 %")
+    if good:
+        lines.append(f"evaluations: {np.median([row.evaluations for row in good]):,.0f} in the median")
+        ratios = [row.ratio for row in good if row.ratio is not None]
+        lines.append(
+            f"length / lower bound: {np.median(ratios):.3f} in the median, {np.quantile(ratios, 0.95):.3f} for 95 %"
+        )
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    main()

@@ -32,6 +32,15 @@ class Robot(NamedTuple):
     reach: Any  # m, of the farthest corner from the reference point
 
 
+@subroutine
+def robot_of(outline: Any, thickness: Any) -> Any:
+    """The `Robot` of an outline and a thickness."""
+    squared = 0.0
+    for corner in range(outline.shape[0]):
+        squared = max(squared, outline[corner, 0] ** 2 + outline[corner, 1] ** 2)
+    return Robot(outline, thickness, np.sqrt(squared))
+
+
 class Floor(NamedTuple):
     """The obstacles (see `problems.plane.Shapes`) within walls."""
 

@@ -33,10 +33,16 @@ def distance_around(problem: MobileRobot, place: tuple[float, float]) -> float:
     nodes = np.stack(np.meshgrid(east, north, indexing="ij"), axis=-1).reshape(-1, 2)
     goal = len(nodes)
     edges = [_edges(grid.spacing, _prices(problem, nodes).reshape(grid.columns, grid.rows), *step) for step in _STEPS]
-    around_goal = _around(problem, problem.goal[:2])
-    edges.append((around_goal, np.full(4, goal), _away(nodes[around_goal], problem.goal[:2])))
+    # The approaches are taken from the problem, as they are: a path that needs them is swept as any other.
+    for x, y, length in problem.sources:
+        nodes_there = _around(problem, (x, y))
+        edges.append((nodes_there, np.full(4, goal), length + _away(nodes[nodes_there], (x, y))))
     one, other, lengths = (np.concatenate(each) for each in zip(*edges, strict=True))
-    graph = coo_array((lengths, (one, other)), shape=(goal + 1, goal + 1)).tocsr()
+    # Several approaches near a node make several edges to the goal, of which only the shortest may count.
+    order = np.lexsort((lengths, other, one))
+    one, other, lengths = one[order], other[order], lengths[order]
+    first = np.append(True, (np.diff(one) != 0) | (np.diff(other) != 0))
+    graph = coo_array((lengths[first], (one[first], other[first])), shape=(goal + 1, goal + 1)).tocsr()
     distances = dijkstra(graph, directed=False, indices=goal)
     around_place = _around(problem, place)
     return float(np.min(distances[around_place] + _away(nodes[around_place], place)))

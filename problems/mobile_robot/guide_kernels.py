@@ -1,6 +1,5 @@
 """The compiled way around obstacles: distances to the goal over a grid (see `problems.mobile_robot.guide`)."""
 
-from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -128,7 +127,7 @@ def _clearances(grid: Any, columns: Any, rows: Any, bounds: Any, shapes: Any) ->
 
 
 @kernel(
-    "float64[:,::1](float64[::1], int64, int64, float64[::1], float64[::1], float64[::1], float64[:,::1], int64[::1],"
+    "float64[:,::1](float64[::1], int64, int64, float64[::1], float64[:,::1], float64[::1], float64[:,::1], int64[::1],"
     "float64[::1], float64[:,::1])"
 )
 def _distances_to(
@@ -136,7 +135,7 @@ def _distances_to(
     columns: int,
     rows: int,
     radii: Floats,
-    goal: Floats,
+    sources: Floats,
     bounds: Floats,
     corners: Floats,
     starts: NDArray[np.int64],
@@ -152,24 +151,30 @@ def _distances_to(
         for row in range(rows):
             prices[column, row] = _price(prices[column, row], blocked, tight, roomy)
     distances = np.full((columns, rows), np.inf)
-    first_column, first_row = _cell_of(west, south, spacing, columns, rows, goal[0], goal[1])
-    for column in range(first_column, first_column + 2):
-        for row in range(first_row, first_row + 2):
-            x, y = west + column * spacing, south + row * spacing
-            distances[column, row] = np.hypot(goal[0] - x, goal[1] - y)
+    for source in range(len(sources)):
+        east, north, length = sources[source]
+        first_column, first_row = _cell_of(west, south, spacing, columns, rows, east, north)
+        for column in range(first_column, first_column + 2):
+            for row in range(first_row, first_row + 2):
+                x, y = west + column * spacing, south + row * spacing
+                distances[column, row] = min(distances[column, row], length + np.hypot(east - x, north - y))
     _spread(distances, prices, spacing)
     return distances
 
 
-def distances(guide: Guide, goal: Sequence[float], floor: tuple[NDArray[Any], ...]) -> Floats:
-    """The distance of each node to the goal, m, shape (columns, rows); of the fields of `contact.Floor`."""
+def distances(guide: Guide, sources: Floats, floor: tuple[NDArray[Any], ...]) -> Floats:
+    """The distance of each node to the goal, m, shape (columns, rows).
+
+    ``sources`` are x and y of the goal and 0, or of each approach and its length; ``floor`` has the fields of
+    `contact.Floor`.
+    """
     bounds, corners, starts, thickness, boxes, _ = floor
     found: Floats = _distances_to(
         np.array(guide[:3]),
         guide.columns,
         guide.rows,
         np.array(guide[5:]),
-        np.array(goal[:2]),
+        sources,
         bounds,
         corners,
         starts,

@@ -4,7 +4,8 @@ Poses are x (m), y (m) and heading (rad), unwrapped: straight interpolation betw
 
 The table (see `genetics.operators`): bits of each command, whether by Gray code, commands, whether the way to the goal
 is measured around obstacles; the poses of start and goal; the circumscribed radius and the robot's thickness (m); its
-outline; the fields of `contact.Floor`; where the guide's grid begins and its spacing (m), and its distances.
+outline; the fields of `contact.Floor`; where the guide's grid begins and its spacing (m), and its distances; the
+approaches to the goal (see `approach_kernels`), none unless the way is measured around obstacles.
 """
 
 from typing import Any, NamedTuple
@@ -16,7 +17,8 @@ from genetics.arrays import Fitness, Genomes
 from genetics.bit_kernels import integers_of
 from genetics.compiled import kernel, subroutine
 from genetics.operators import FITNESS, Table, integers, reals
-from problems.mobile_robot.contact import Floor, Robot, drive, shorter_angle, turn_to
+from problems.mobile_robot.approach_kernels import LONGEST, follow_approach
+from problems.mobile_robot.contact import Floor, drive, robot_of, shorter_angle, turn_to
 from problems.mobile_robot.guide_kernels import Field, distance_at
 from problems.mobile_robot.shortening import shortened
 from problems.plane import CONTACT
@@ -36,22 +38,16 @@ class Task(NamedTuple):
     levels: Any  # 2^q
     around: Any  # whether the way to the goal is measured around obstacles
     field: Any  # guide_kernels.Field, if so
+    approaches: Any  # see approach_kernels
 
 
 class Room(NamedTuple):
     """What a scan writes to."""
 
     codes: Any  # (commands,)
-    path: Any  # (commands + 4, 3): the poses, the first of which is the start
+    path: Any  # (commands + 4 + 2 * LONGEST, 3): the poses, the first of which is the start
     spare: Any  # (3, 3): the last poses of a visible path
-
-
-@subroutine
-def _reach(outline: Any) -> Any:
-    squared = 0.0
-    for corner in range(outline.shape[0]):
-        squared = max(squared, outline[corner, 0] ** 2 + outline[corner, 1] ** 2)
-    return np.sqrt(squared)
+    free: Any  # (1 + approaches,): whether the way is free to the goal, and to each approach
 
 
 @subroutine
@@ -81,7 +77,7 @@ def _way_is_free(robot: Any, floor: Any, pose: Any, goal: Any, spare: Any) -> An
 
 
 @subroutine
-def _approach(robot: Any, floor: Any, path: Any, row: Any, goal: Any, spare: Any) -> Any:
+def _drive_on(robot: Any, floor: Any, path: Any, row: Any, goal: Any, spare: Any) -> Any:
     """The commands that lead from a pose with a free way to the goal: turn, drive, turn; or -1 if it cannot face it.
 
     Appends their poses to the path.
@@ -98,6 +94,33 @@ def _approach(robot: Any, floor: Any, path: Any, row: Any, goal: Any, spare: Any
 
 
 @subroutine
+def _look_around(task: Any, room: Any, row: Any) -> Any:
+    """Fill in whether the way is free from a pose of the path to the goal, and to approaches that are looked for."""
+    room.free[0] = _way_is_free(task.robot, task.floor, room.path[row], task.goal, room.spare)
+    for number in range(len(task.approaches)):
+        room.free[1 + number] = task.approaches[number, 6] > 0.0 and _way_is_free(
+            task.robot, task.floor, room.path[row], task.approaches[number, :3], room.spare
+        )
+
+
+@subroutine
+def _arrive(task: Any, room: Any, row: Any) -> Any:
+    """The commands that lead from a pose to the goal, over an approach if need be; -1 if it can face none of them.
+
+    Appends their poses to the path.
+    """
+    robot, floor, path, spare = task.robot, task.floor, room.path, room.spare
+    for number in range(-1, len(task.approaches)):
+        if room.free[1 + number]:
+            target = task.goal if number < 0 else task.approaches[number, :3]
+            _way_is_free(robot, floor, path[row], target, spare)
+            last = _drive_on(robot, floor, path, row, target, spare)
+            if last >= 0:
+                return last + follow_approach(task.approaches, number, task.goal, path, row + last)
+    return -1
+
+
+@subroutine
 def _short_of(task: Any, pose: Any) -> Any:
     """How far a pose is from the goal, m: the way, and the turn at the circumscribed radius."""
     x, y, heading = pose
@@ -108,21 +131,20 @@ def _short_of(task: Any, pose: Any) -> Any:
 
 @subroutine
 def _scan(task: Any, room: Any) -> Any:
-    """Carry out the commands from the pose ``path[0]`` until the goal is visible or a rotation is blocked both ways.
+    """Carry out the commands from the pose ``path[0]`` until the goal is visible, or an approach to it.
 
     Appends the poses to the path. Returns the fitness, the number of commands that it is the fitness of, and of those
     that then lead to the goal. If the goal is never visible, the last pose counts, or, where ways are measured around
-    obstacles, the nearest: so later commands may try what they like.
+    obstacles, the nearest: so later commands may try what they like. A rotation that is blocked both ways ends the
+    scan (§5), or, where ways are measured around obstacles, is left out.
     """
-    robot, floor, goal, levels = task.robot, task.floor, task.goal, task.levels
-    codes, path, spare = room
+    robot, floor, levels, codes, path = task.robot, task.floor, task.levels, room.codes, room.path
     row, nearest, fitness = 0, 0, np.inf
-    way_is_free = _way_is_free(robot, floor, path[0], goal, spare)
+    _look_around(task, room, 0)
     while True:
-        if way_is_free:
-            last = _approach(robot, floor, path, row, goal, spare)
-            if last >= 0:
-                return 0.0, row, last
+        last = _arrive(task, room, row)
+        if last >= 0:
+            return 0.0, row, last
         short = _short_of(task, path[row])
         if short < fitness or not task.around:
             nearest, fitness = row, short
@@ -131,10 +153,12 @@ def _scan(task: Any, room: Any) -> Any:
         share = codes[row] / levels
         if row % 2 == 0:
             if not turn_to(robot, floor, path[row], _FULL_TURN * share, path[row + 1]):
-                break
+                if not task.around:
+                    break
+                path[row + 1] = path[row]
         else:
             _move(robot, floor, path[row], share + 1.0 / levels, path[row + 1])
-            way_is_free = _way_is_free(robot, floor, path[row + 1], goal, spare)
+            _look_around(task, room, row + 1)
         row += 1
     return fitness, nearest, 0
 
@@ -142,19 +166,21 @@ def _scan(task: Any, room: Any) -> Any:
 @subroutine
 def _task_of(table: Any) -> Any:
     sizes, outline = reals(table, 2)[0], reals(table, 3)
-    robot = Robot(outline, sizes[1], _reach(outline))
+    robot = robot_of(outline, sizes[1])
     bounds, corners, starts = reals(table, 4)[0], reals(table, 5), integers(table, 6)[0]
     floor = Floor(bounds, corners, starts, reals(table, 7)[0], reals(table, 8), reals(table, 9))
     bits, around = integers(table, 0)[0, 0], integers(table, 0)[0, 3] != 0
     grid = reals(table, 10)[0]
     field = Field(grid[0], grid[1], grid[2], reals(table, 11))
-    return Task(robot, floor, reals(table, 1)[1], sizes[0], np.float64(np.int64(1) << bits), around, field)
+    levels = np.float64(np.int64(1) << bits)
+    return Task(robot, floor, reals(table, 1)[1], sizes[0], levels, around, field, reals(table, 12))
 
 
 @subroutine
 def _room_for(table: Any) -> Any:
     commands = integers(table, 0)[0, 2]
-    room = Room(np.empty(commands, np.int64), np.empty((commands + 4, 3)), np.empty((3, 3)))
+    path, free = np.empty((commands + 4 + 2 * LONGEST, 3)), np.empty(1 + table[12, 1], np.bool_)
+    room = Room(np.empty(commands, np.int64), path, np.empty((3, 3)), free)
     room.path[0] = reals(table, 1)[0]
     return room
 
@@ -179,8 +205,8 @@ def evaluate(genomes: Genomes, fitness: Fitness, table: Table) -> None:
 def follow(genome: Genomes, table: Table, shorten: bool) -> tuple[Floats, int]:
     """The poses, shape (poses, 3), that a genome's commands lead to, and how many of the commands count.
 
-    What leads from there to the goal follows in the poses: a turn, or a turn, a drive and a turn. A way to the goal is
-    shortened if that is asked for; then it is another, of turns and drives by turns.
+    What leads from there to the goal follows in the poses: turns and drives by turns. A way to the goal is shortened if
+    that is asked for; then it is another.
     """
     room, task = _room_for(table), _task_of(table)
     _, scanned, last = _carry_out(genome, table, task, room)

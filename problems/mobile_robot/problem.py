@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from genetics.arrays import Fitness, Genomes, writable
@@ -244,8 +245,8 @@ seed = 1
         from problems.mobile_robot import kernels
 
         path, scanned = kernels.follow(writable(genome), self._compiled.table, self.shorten is not False)
-        last = ["rotate", "move", "rotate"] if len(path) - 1 - scanned > 1 else ["rotate"]
-        names = [["rotate", "move"][number % 2] for number in range(scanned)] + last
+        # A way may turn where a turn came before: the scan stopped after it, or an approach begins.
+        names = [["rotate", "move"][number % 2] for count in (scanned, len(path)) for number in range(count)]
         steps = np.diff(path, axis=0)
         lengths = np.hypot(steps[:, 0], steps[:, 1])
         commands = [
@@ -298,8 +299,26 @@ seed = 1
             outline,
             *floor,
             self.grid[:3],
-            guide_kernels.distances(self.grid, self.goal, floor) if goes_around else np.zeros((1, 1)),
+            guide_kernels.distances(self.grid, self.sources, floor) if goes_around else np.zeros((1, 1)),
+            self.approaches,
         )
+
+    @cached_property
+    def approaches(self) -> NDArray[np.float64]:
+        """How a goal is entered that is too tight to turn in, (n, 7); see `problems.mobile_robot.approach_kernels`."""
+        from problems.mobile_robot import approach_kernels
+
+        if self.guide == "straight":
+            return np.empty((0, 7))
+        robot = robot_arrays(self.robot.vertices, self.robot.radius, self.clearance)
+        floor: tuple[Any, ...] = floor_arrays(self.bounds, self.obstacles)
+        return approach_kernels.approaches_to(np.array(self.goal), *robot, *floor)
+
+    @property
+    def sources(self) -> NDArray[np.float64]:
+        """Where the way around the obstacles ends: x, y and how far that is from the goal, m, (n, 3)."""
+        approaches = self.approaches[self.approaches[:, 6] > 0.0]
+        return np.ascontiguousarray(approaches[:, [0, 1, 5]]) if len(approaches) else np.array([[*self.goal[:2], 0.0]])
 
     @cached_property
     def grid(self) -> Guide:

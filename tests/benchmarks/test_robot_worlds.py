@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.robot_worlds import narrow_door_world, three_room_world
+from benchmarks.robot_worlds import Row, narrow_door_world, on_a_cluster, simulated, summary, three_room_world
 from problems.plane import Box
 
 FAMILIES = [three_room_world, narrow_door_world]
@@ -38,3 +38,21 @@ def test_doors_are_so_much_wider_than_the_robot(family, number, least, most):
 def test_robots_are_discs_and_polygons_or_a_rectangle_of_85_by_60_centimetres():
     assert [narrow_door_world(number).problem().robot.radius is None for number in (1, 2)] == [False, True]
     assert np.ptp(three_room_world(1).problem().robot.vertices, axis=0) == pytest.approx([0.85, 0.6])
+
+
+def test_processes_and_the_simulator_solve_a_floor_alike():
+    files = [three_room_world(1013)]
+    (one,), (other,) = on_a_cluster(files, range(5, 6)), simulated(files, range(5, 6))
+    assert one.solved
+    assert one.seconds > 0.0
+    assert one.ratio == other.ratio < 1.2
+    assert other.seconds is None
+
+
+def test_the_figures_are_of_the_floors_that_were_solved():
+    rows = [Row(True, 0.5, 1600, 1.0), Row(False, 60.0, 99999, None), Row(True, 0.7, 3200, 1.2)]
+    lines = summary(rows).splitlines()
+    assert lines[0] == "solved: 2 of 3"
+    assert lines[1].startswith("seconds: 0.600 in the median")
+    assert lines[2] == "evaluations: 2,400 in the median"
+    assert lines[3].startswith("length / lower bound: 1.100 in the median")

@@ -40,7 +40,7 @@ def problem_of(**fields):
 def distance(problem, x, y):
     """As `evaluate` has it: a disc whose start is there and that makes the least of moves, or stays."""
     grid, floor = problem.grid, floor_arrays(problem.bounds, problem.obstacles)
-    distances = guide_kernels.distances(grid, problem.goal, floor)
+    distances = guide_kernels.distances(grid, problem.sources, floor)
     column, row = int((x - grid.west) // grid.spacing), int((y - grid.south) // grid.spacing)
     column, row = np.clip(column, 0, grid.columns - 2), np.clip(row, 0, grid.rows - 2)
     return min(
