@@ -3,18 +3,15 @@
 A client names a module, never the place where it lies: modules are those that the cluster was started with.
 """
 
-import ctypes
 import json
 import os
-import signal
 import subprocess
 import sys
 
-from problems import BadInput, ProblemFile, registry
+from problems import BadInput, ProblemFile, child_process, registry
 from problems.modules import Modules
 
 _WITHIN = 60.0  # seconds: a user's module may have much to import
-_PR_SET_PDEATHSIG = 1
 
 
 class Checker(Modules):
@@ -69,11 +66,7 @@ def _last_words(done: "subprocess.CompletedProcess[bytes]") -> str:
 
 def _main() -> None:
     """In the child: files on standard input, a complaint or null on standard output, whatever the module prints."""
-    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-    if os.getppid() != int(sys.argv[1]):
-        os._exit(1)
-    answer = os.dup(1)
-    os.dup2(2, 1)
+    answer = child_process.begin(int(sys.argv[1]))
     file, before = (None if each is None else ProblemFile.from_json(each) for each in json.load(sys.stdin))
     assert file is not None
     try:

@@ -5,29 +5,24 @@ hours and gigabytes, so the kernel ends this process when it has used up its pro
 it also ends it with the thread that started it. Whoever asks then hears nothing, as if there were no oracle.
 """
 
-import ctypes
 import math
 import os
 import resource
-import signal
 import sys
 import time
+
+from problems import child_process
 
 CPU_SECONDS = 1.5
 """For making the problem and for its oracle; rounded up to whole seconds of the process, as the kernel counts them."""
 
 _MEMORY = 1 << 30  # bytes beyond what is loaded
-_PR_SET_PDEATHSIG = 1
 _PAGE = os.sysconf("SC_PAGE_SIZE")
 
 
 def main() -> None:
     """Answer, or say nothing where there is nothing to say."""
-    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-    if os.getppid() != int(sys.argv[1]):
-        os._exit(1)
-    answer = os.dup(1)
-    os.dup2(2, 1)  # a user's module may print
+    answer = child_process.begin(int(sys.argv[1]))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     os.write(answer, _answered(sys.stdin.read()).encode())
     os._exit(0)
