@@ -24,11 +24,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 from coordinator.errors import ClusterFailed
+from coordinator.states import ENDS
 from problems import ProblemFile, load
 from problems.errors import UPDATE_OF, BadInput
 from problems.file import filled_in, load_patch
 from supernode.link import PATIENCE, Link
-from supernode.trail import ENDED, WAITING, Trail, improvement_in
+from supernode.trail import WAITING, Trail, improvement_in
 from supernode.whereabouts import Place
 from wire import jobs as wire
 from wire.keys import Keys
@@ -306,7 +307,7 @@ class AsyncClientJob:
         """
         trail = self._trail
         while (better := trail.after(after)) is None and trail.end is None:
-            if trail.status is not None and trail.status != state and trail.status not in ENDED:
+            if trail.status is not None and trail.status != state and trail.status not in ENDS:
                 return trail.status
             await self._client.more(trail)
         return better

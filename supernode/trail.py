@@ -13,11 +13,9 @@ from collections import deque
 from collections.abc import Mapping
 from typing import Any
 
+from coordinator.states import ENDS
 from wire.jobs import JobState
 from wire.news import Improvement
-
-ENDED = frozenset({"solved", "optimal", "infeasible", "stalled", "exhausted", "deadline", "cancelled", "failed"})
-"""States that a job does not leave."""
 
 SEARCHING = "searching"
 """The state of a job that is kept alive, has stalled without an answer, and begins anew until it has one."""
@@ -90,7 +88,7 @@ class Trail:
         self.begun += state.status in BEGUN
         self._know_number(state.number)
         self.status = state.status
-        self.look_at = now if state.status in ENDED else now + LOOK_EVERY
+        self.look_at = now if state.status in ENDS else now + LOOK_EVERY
         self.wake()
 
     def hear_view(self, view: Mapping[str, Any], now: float) -> None:
@@ -109,10 +107,10 @@ class Trail:
         if best is not None:
             self._add(best)
         self.status = str(view["status"])
-        self.answered = self.status in ENDED
+        self.answered = self.status in ENDS
         if _is_over(view):
             self.end = view
-        self.look_at = now + (LOOK_EVERY if self.status not in ENDED else _RESULT_AFTER)
+        self.look_at = now + (LOOK_EVERY if self.status not in ENDS else _RESULT_AFTER)
         self.wake()
 
     def after(self, last: Improvement | None) -> Improvement | None:
@@ -146,7 +144,7 @@ class Trail:
 def _is_over(view: Mapping[str, Any]) -> bool:
     """Whether nothing more will be known of the job: after a deadline its nodes have still to stop."""
     draining = view["status"] == "deadline" and view.get("result") is None and view.get("ended") is None
-    return view["status"] in ENDED and not draining
+    return view["status"] in ENDS and not draining
 
 
 def _order(better: Improvement) -> tuple[int, float]:
