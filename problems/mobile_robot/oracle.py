@@ -132,7 +132,8 @@ def _least(problem: MobileRobot, radius: float) -> tuple[float, float]:
 # Slices of the headings of a polygon ----------------------------------------------------------------------------------
 def _best_in_slices(problem: MobileRobot) -> float:
     """At most the least fitness of all poses that it gets to from slice to slice; 0 for the goal, or in doubt."""
-    pieces = [list(parts(_free_in_slice(problem, heading))) for heading in _HEADINGS]
+    covered = _covered_in_a_slice(problem)
+    pieces = [list(parts(_free_in_slice(problem, [piece @ turned(each) for piece in covered]))) for each in _HEADINGS]
     firsts = np.cumsum([0, *map(len, pieces)])
     pairs = [
         (firsts[number] + one, firsts[(number + 1) % _SLICES] + other)
@@ -165,11 +166,14 @@ def _number_at(pose: tuple[float, float, float], pieces: list[list[shapely.Polyg
     return None
 
 
-def _free_in_slice(problem: MobileRobot, heading: float) -> shapely.Geometry:
-    """Where the reference point may be at any heading of a slice, at most."""
+def _covered_in_a_slice(problem: MobileRobot) -> list[Points]:
+    """Convex pieces of what the robot covers at all headings of a slice, in its own frame at the middle heading."""
     outline = shapely.Polygon(problem.robot.vertices)
-    shrunk = outline.buffer(-_HALF_SLICE * problem.robot.circumscribed_radius - TOLERANCE, join_style="mitre")
-    covered = [piece @ turned(heading) for piece in convex(shrunk)]
+    return convex(outline.buffer(-_HALF_SLICE * problem.robot.circumscribed_radius - TOLERANCE, join_style="mitre"))
+
+
+def _free_in_slice(problem: MobileRobot, covered: list[Points]) -> shapely.Geometry:
+    """Where the reference point may be, at most, if the robot is at least what is ``covered``, turned as it stands."""
     if not covered:
         return shapely.box(*problem.bounds).buffer(problem.robot.circumscribed_radius)
     (x0, y0), (x1, y1) = room_for(problem, np.concatenate(covered), problem.clearance)

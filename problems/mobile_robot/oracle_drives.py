@@ -104,9 +104,9 @@ class _Space:
 
     def __init__(self, problem: MobileRobot, roomy: shapely.Geometry, further: list[float]) -> None:
         self.headings = _distinct(np.concatenate([np.arange(_HEADINGS) * _FULL_TURN / _HEADINGS, further]))
-        following = np.append(self.headings[1:], self.headings[0] + _FULL_TURN)
+        self.following = np.append(self.headings[1:], self.headings[0] + _FULL_TURN)
         self.standing = _layer(problem, self.headings, self.headings)
-        self.turning = _layer(problem, self.headings, following)
+        self.turning = _layer(problem, self.headings, self.following)
         self.parts = np.array(list(parts(roomy)), dtype=object)
         shapely.prepare(self.parts)
         self.radius = problem.robot.circumscribed_radius
@@ -142,11 +142,10 @@ class _Space:
         """Whether the robot surely turns there from one heading by an angle."""
         blocked = self.turning.blocks(place[None])[0]
         low, high = min(begin, begin + turn), max(begin, begin + turn)
-        following = np.append(self.headings[1:], self.headings[0] + _FULL_TURN)
         touched = np.zeros(len(blocked), np.bool_)
         base = np.floor(low / _FULL_TURN) * _FULL_TURN
         for turns in (-_FULL_TURN, 0.0, _FULL_TURN):
-            touched |= (self.headings + base + turns < high - 1e-9) & (following + base + turns > low + 1e-9)
+            touched |= (self.headings + base + turns < high - 1e-9) & (self.following + base + turns > low + 1e-9)
         return not bool((touched & blocked).any())
 
     def free_lengths(self, places: Points, headings: Numbers, sense: float) -> Floats:

@@ -288,8 +288,7 @@ seed = 1
         from genetics.operators import Operator
         from problems.mobile_robot import guide_kernels, kernels
 
-        outline, thickness = robot_arrays(self.robot.vertices, self.robot.radius, self.clearance)
-        floor = floor_arrays(self.bounds, self.obstacles)
+        (outline, thickness), floor = self._arrays
         goes_around = self.guide != "straight"
         return Operator.of(
             kernels.evaluate,
@@ -304,14 +303,19 @@ seed = 1
         )
 
     @cached_property
+    def _arrays(self) -> tuple[tuple[NDArray[np.float64], float], tuple[NDArray[Any], ...]]:
+        """The robot and the floor, as compiled code has them."""
+        robot = robot_arrays(self.robot.vertices, self.robot.radius, self.clearance)
+        return robot, floor_arrays(self.bounds, self.obstacles)
+
+    @cached_property
     def approaches(self) -> NDArray[np.float64]:
         """How a goal is entered that is too tight to turn in, (n, 7); see `problems.mobile_robot.approach_kernels`."""
         from problems.mobile_robot import approach_kernels
 
         if self.guide == "straight":
             return np.empty((0, 7))
-        robot = robot_arrays(self.robot.vertices, self.robot.radius, self.clearance)
-        floor: tuple[Any, ...] = floor_arrays(self.bounds, self.obstacles)
+        robot, floor = self._arrays
         return approach_kernels.approaches_to(np.array(self.goal), *robot, *floor)
 
     @property
