@@ -237,7 +237,7 @@ FAMILIES: dict[str, Callable[[int], ProblemFile]] = {
 
 
 class Row(NamedTuple):
-    """What came of one floor."""
+    """The outcome of one floor."""
 
     solved: bool
     seconds: float | None

@@ -350,8 +350,8 @@ class Conductor:
         if self._ask_at is not None and time.monotonic() >= self._ask_at:
             self._ask_at = None
             self._ask_again()
-        foretold = self._oracle.look()
-        if foretold is not None and foretold.hopeless and self._wish is None:
+        self._oracle.look()
+        if self._oracle.is_hopeless and self._wish is None:
             self._attend_to(Wish("infeasible"))
 
     def _with_the_oracle(self, judgement: Judgement) -> Judgement:

@@ -24,7 +24,7 @@ _LOOK_AGAIN = 0.02  # seconds
 
 
 class Consulting:
-    """What a job's oracle knows of its problem; no call of this waits.
+    """Asks a job's oracle what it knows of the problem; no call of this waits.
 
     Attributes:
         foretold: the answer, once there is one.
@@ -37,6 +37,11 @@ class Consulting:
         self._file: ProblemFile | None = None
         self._process: subprocess.Popen[bytes] | None = None
         self._ends_at = 0.0
+
+    @property
+    def is_hopeless(self) -> bool:
+        """Whether the answer is there, and says that there is no way."""
+        return self.foretold is not None and self.foretold.hopeless
 
     @property
     def process(self) -> int | None:
@@ -68,8 +73,7 @@ class Consulting:
 
     def look(self) -> Foretold | None:
         """Start to ask if it is time, or see whether there is an answer."""
-        now = time.monotonic()
-        if self.look_at is None or now < self.look_at:
+        if self.look_at is None or (now := time.monotonic()) < self.look_at:
             return self.foretold
         if self._process is None:
             self._start()
@@ -107,7 +111,7 @@ class Consulting:
                 self.look_at = None
 
     def _read(self, process: subprocess.Popen[bytes]) -> None:
-        """What a process has said that has ended: a line, which a pipe holds."""
+        """Read what a process has said that has ended: a line, which a pipe holds."""
         assert process.stdout is not None, "it is a pipe"
         said = process.stdout.read()
         self._end()

@@ -1,4 +1,4 @@
-"""What to turn when a run has stalled: each setting with a value to try, and the one that the run had."""
+"""Advises what to turn when a run has stalled: each setting with a value to try, and the one that the run had."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an oracle's answer means for a run: that there is no way, or which fitness is the least that there is."""
+"""Translates an oracle's answer into what it means for a run: there is no way, or no fitness is below a bound."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _LONGEST = 500  # characters of a method
 
 @dataclass(frozen=True)
 class Foretold:
-    """What is surely true of every solution.
+    """Bounds that hold for every solution of a problem.
 
     Attributes:
         hopeless: whether none is feasible, or as fit as the problem itself calls solved.

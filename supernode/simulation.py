@@ -190,24 +190,19 @@ class Simulation:
         """Whether there is another world, which is known then."""
         if self._repeats:
             return bool(self._known)
-        if judgement.next_attempt is None or self._hopeless:
+        if judgement.next_attempt is None or self._oracle.is_hopeless:
             return False
         if judgement.has_oracle:
             self._oracle.ask()
         self._known.append(attempt.world.retried(stopped_after(attempt.reports), judgement.next_attempt))
         return True
 
-    @property
-    def _hopeless(self) -> bool:
-        foretold = self._oracle.foretold
-        return foretold is not None and foretold.hopeless
-
     def _why_to_stop(self) -> Reason | None:
         """Whether somebody outside wants an end, or the oracle has found that there is no way."""
         reason = self._outside()
-        if reason is None and self._oracle.look_at is not None:
+        if reason is None:
             self._oracle.look()
-        return "infeasible" if reason is None and self._hopeless else reason
+        return "infeasible" if reason is None and self._oracle.is_hopeless else reason
 
     def _with_the_oracle(self, judgement: Judgement) -> Judgement:
         """The judgement with what the oracle says, of a run that has stalled for good, or ended as hopeless."""
