@@ -58,9 +58,16 @@ class LiveService:
         command = [sys.executable, "-m", "supernode", "up", "--topology", topology, "--state", str(state), *options]
         environment = os.environ | {"PYTHONPATH": str(ROOT)}
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=stderr, env=environment, text=True)
-        line = self.process.stdout.readline()
-        assert line.startswith("up: "), line
-        self.line = line
+        try:
+            self._meet()
+        except BaseException:
+            self.close()  # whoever asked for it never gets it to close
+            raise
+
+    def _meet(self):
+        """Wait until it is up; learn its first line, its zygote and its folder."""
+        self.line = self.process.stdout.readline()
+        assert self.line.startswith("up: "), self.line
         (self.zygote,) = (each for each in children_of(self.process.pid) if "coordinator.zygote" in command_of(each))
         self.folder = Path(self.card().endpoint.partition("/")[2]).parent
 

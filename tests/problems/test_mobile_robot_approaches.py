@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from floors import things
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
@@ -101,15 +102,9 @@ def test_who_needs_no_approach_has_none(fields):
     st.floats(1.0, 7.0),
     st.floats(1.0, 5.0),
     st.floats(-3.0, 3.0),
-    st.lists(st.tuples(st.floats(0.0, 8.0), st.floats(0.0, 6.0), st.floats(0.1, 0.6), st.booleans()), max_size=16),
+    things(0.0, 8.0, most=16),
 )
-def test_each_approach_leads_to_the_goal_as_the_check_sees_it(robot, x, y, heading, things):
-    obstacles = [
-        {"shape": "circle", "center": [a, b], "radius": size}
-        if is_round
-        else {"shape": "box", "center": [a, b], "size": [size, 2 * size], "angle": a}
-        for a, b, size, is_round in things
-    ]
+def test_each_approach_leads_to_the_goal_as_the_check_sees_it(robot, x, y, heading, obstacles):
     try:
         problem = problem_of(robot=robot, start=[x, y, heading], goal=[x, y, heading], obstacles=obstacles)
     except ValidationError:  # the robot would stand in something

@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from floors import things
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
@@ -49,15 +50,9 @@ def test_a_way_over_a_wall_becomes_nearly_the_shortest():
 @given(
     st.sampled_from(ROBOTS),
     st.integers(0, 1 << 30),
-    st.lists(st.tuples(st.floats(2.0, 6.0), st.floats(0.0, 6.0), st.floats(0.1, 0.6), st.booleans()), max_size=6),
+    things(2.0, 6.0, most=6),
 )
-def test_a_shortened_way_is_free_as_shapely_sees_it_and_no_longer(robot, seed, things):
-    obstacles = [
-        {"shape": "circle", "center": [x, y], "radius": size}
-        if is_round
-        else {"shape": "box", "center": [x, y], "size": [size, 2 * size], "angle": x}
-        for x, y, size, is_round in things
-    ]
+def test_a_shortened_way_is_free_as_shapely_sees_it_and_no_longer(robot, seed, obstacles):
     try:
         found, short = both(robot=robot, obstacles=[WALL, *obstacles])
     except ValidationError:  # the robot would stand in something
