@@ -4,7 +4,7 @@ Usage: python -m benchmarks.moving [--updates 100] [--torus 4x4]
 
 Two clusters are up (`supernode up`). On one a script moves obstacles of a job that is kept alive, one update after
 another. For each the clock runs from the call of ``update`` to the first answer that the client hears for the new
-world that is good enough and accepted by `check`: for mobile-robot one that reaches the goal, for terrain one within
+epoch that is good enough and accepted by `check`: for mobile-robot one that reaches the goal, for terrain one within
 5 % of the exact optimum. The same world is then planned from scratch on the other cluster: from the call of ``submit``.
 Worlds that the planner's oracle cannot show to have an answer are not counted. Memory is the private part of the
 processes of the first cluster, before the first update and after the last one.
@@ -85,13 +85,13 @@ def measure(mover: Mover, updates: int, topology: str) -> Moved:
             fields = mover.moved(file, source)
             began = time.perf_counter()
             try:
-                world = job.update(**fields)
+                epoch = job.update(**fields)
             except supernode.BadInput:  # the start or the goal was covered
                 continue
             file = file.changed(fields, {})
             good = mover.good(file)
             if good is not None:
-                replanned = _until_good(news, began, world, good)
+                replanned = _until_good(news, began, epoch, good)
                 timed.append(Timed(replanned, _from_scratch(fresh, file, good, len(timed))))
         return Moved(timed, before, _memory(process))
 
@@ -141,10 +141,10 @@ class _News:
             return None
 
 
-def _until_good(news: _News, began: float, world: int, good: float) -> float | None:
+def _until_good(news: _News, began: float, epoch: int, good: float) -> float | None:
     while (heard := news.next(began + PATIENCE)) is not None:
         at, better = heard
-        if better.world == world and better.feasible and better.fitness <= good:
+        if better.epoch == epoch and better.feasible and better.fitness <= good:
             return at - began
     return None
 

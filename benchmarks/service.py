@@ -3,7 +3,7 @@
 Usage: python -m benchmarks.service [--jobs 1000] [--torus 4x4] [--settled 200] [--deadlines 100] [--database URL]
 
 The cluster is a real one, `supernode up`, in a state folder of its own. Jobs come one after another from one client;
-each is `examples/arm-ik.toml` with a seed of its own. *Running* is when its first world has begun, *first answer* when
+each is `examples/arm-ik.toml` with a seed of its own. *Running* is when its first epoch has begun, *first answer* when
 the first verified improvement has come, both as the client hears of them, from the call of `submit` on. Memory is the
 private part of each process, which nothing else accounts for.
 

@@ -47,10 +47,10 @@ Given = Done | Judged
 
 
 class Reported(NamedTuple):
-    """A cell has stopped in a world; None when no more reports will come by the question that asked for them."""
+    """A cell has stopped in an epoch; None when no more reports will come by the question that asked for them."""
 
     question: int
-    world: int
+    epoch: int
     report: Report | None
 
 
@@ -175,17 +175,17 @@ class Calls:
 
     def ask_for_reports(self, key: str, command: control.Begin | control.Halt) -> int:
         """Let the report of each cell that ``key`` reaches be mail, once it stops; returns the question's number."""
-        question, mail, world = next(self._questions), self.mail, command.world
+        question, mail, epoch = next(self._questions), self.mail, command.epoch
 
         def hear(reply: zenoh.Reply) -> None:
             if reply.ok is None:
                 return
             try:
-                mail.put(Reported(question, world, Report.decode(reply.ok.payload.to_bytes())))
+                mail.put(Reported(question, epoch, Report.decode(reply.ok.payload.to_bytes())))
             except Rejected as error:
                 mail.put(Failure(f"a node's report is not readable: {error.reason}"))
 
-        self._get(key, command, direct(hear, lambda: mail.put(Reported(question, world, None))), _REPORT_WITHIN)
+        self._get(key, command, direct(hear, lambda: mail.put(Reported(question, epoch, None))), _REPORT_WITHIN)
         return question
 
     def tell(self, key: str, command: Command) -> None:

@@ -1,7 +1,7 @@
 """The coordinator's part in one job: prepare all, start all, pass wishes on, gather the reports, have them judged.
 
-A job lives in a row of worlds. An update, another topology and the replacement of a dead node are one and the same: the
-next world is prepared and begun everywhere, the one before is stopped, and each node goes on in the next with the deme
+A job lives in a row of epochs. An update, another topology and the replacement of a dead node are one and the same: the
+next epoch is prepared and begun everywhere, the one before is stopped, and each node goes on in the next with the deme
 that it has.
 """
 
@@ -19,9 +19,9 @@ import zenoh
 import topologies
 from coordinator.calls import ASK_AGAIN, Calls, GivenUpError, ReplacedError, Reported
 from coordinator.consulting import Consulting
+from coordinator.epochs import Epoch, Epochs
 from coordinator.errors import ClusterFailed
 from coordinator.job import BegunAnew, Change, JobEntry, Placing, Replaced, Wish
-from coordinator.worlds import World, Worlds
 from node.plan import retry
 from problems import BadInput, ProblemFile
 from problems.errors import blaming_the_update
@@ -38,7 +38,7 @@ from wire.seal import Seal
 
 _FOUND_WITHIN = 1.0  # seconds: nodes that live find a new router in a fifth of it
 _HALTED_WITHIN = 60.0  # seconds
-_LASTING = ("solved", "stalled")  # how a search can end that may go on, by another attempt or in another world
+_LASTING = ("solved", "stalled")  # how a search can end that may go on, by another attempt or in another epoch
 
 
 class Dispatch(Protocol):
@@ -49,13 +49,13 @@ class Dispatch(Protocol):
         """How many nodes there are, at any job or at none."""
 
     def wire(self, nodes: tuple[int, ...], topology: str, fresh: bool = False) -> Wiring:
-        """The links for a world: those that all its nodes have, or (``fresh``: always) new ones."""
+        """The links for an epoch: those that all its nodes have, or (``fresh``: always) new ones."""
 
     def changed(self, job: JobEntry, status: str) -> None:
         """The job is in another state."""
 
     def placed(self, job: JobEntry, placing: Placing) -> None:
-        """The job is about to begin in this world."""
+        """The job is about to begin in this epoch."""
 
     def improved(self, job: JobEntry, better: Improvement) -> None:
         """There is a better answer."""
@@ -90,7 +90,7 @@ class Conductor:
         self.nodes = nodes
         self.dispatch = dispatch
         self.calls = Calls(session, seal, job.mail, replaces)
-        self.worlds = Worlds(job.order.past if adopted is None else adopted.past)
+        self.epochs = Epochs(job.order.past if adopted is None else adopted.past)
         self.versions: dict[str, str] = {}
         self.best = job.order.best if adopted is None else adopted.best
         self._improving = threading.Lock()
@@ -106,9 +106,9 @@ class Conductor:
         self._oracle = Consulting()
 
     @property
-    def world(self) -> World:
+    def epoch(self) -> Epoch:
         """The latest."""
-        return self.worlds.latest
+        return self.epochs.latest
 
     def conduct(self, seconds_to_ready: float, cpu_seconds: Callable[[], dict[str, float]]) -> Result:
         """Run the job to its end.
@@ -123,37 +123,37 @@ class Conductor:
         spent = sum(after - used[name] for name, after in cpu_seconds().items() if name in used)
         clocks = Clocks(self.seconds, seconds_to_ready, spent)
         order = self.job.order
-        never_begun = order.past, Lived(order.file, number=order.past.worlds)
-        past, world = self.worlds.whole() if self.worlds else never_begun
+        never_begun = order.past, Lived(order.file, number=order.past.epochs)
+        past, epoch = self.epochs.whole() if self.epochs else never_begun
         name = order.job or str(self.number)
-        return result_of(name, order.first_run or order.file.run, past, world, judgement, self.versions, clocks)
+        return result_of(name, order.first_run or order.file.run, past, epoch, judgement, self.versions, clocks)
 
     def improve(self, better: Improvement) -> None:
         """Pass on an improvement, if it is one. Called by Zenoh's thread too."""
         with self._improving:
-            now = bool(self.worlds) and better.world == self.world.number
+            now = bool(self.epochs) and better.epoch == self.epoch.number
             if now and (self.best is None or better.fitness < self.best.fitness):
                 self._tell(better)
 
     def _tell(self, better: Improvement) -> None:
         self.best = better
-        self.job.log.news(self.world.topology, better)
+        self.job.log.news(self.epoch.topology, better)
         self.job.tell(better)
         self.dispatch.improved(self.job, better)
 
     def _tell_what_was_lived(self) -> None:
         """Of epochs that have ended, before there is another one or the end."""
-        for past, world in self.worlds.untold():
-            records = records_of(past, world.lived)
-            self.job.note(world.topology, records)
-            self.dispatch.lived(self.job, world.number, records)
+        for past, epoch in self.epochs.untold():
+            records = records_of(past, epoch.lived)
+            self.job.note(epoch.topology, records)
+            self.dispatch.lived(self.job, epoch.number, records)
 
-    def _answer_for(self, world: World) -> Improvement | None:
-        """The best so far, unless ``world`` is another than its own and has another problem than the one before."""
-        best, do = self.best, world.why.get("do")
-        if best is None or (best.world < world.number and do == "update"):
+    def _answer_for(self, epoch: Epoch) -> Improvement | None:
+        """The best so far, unless ``epoch`` is another than its own and has another problem than the one before."""
+        best, do = self.best, epoch.why.get("do")
+        if best is None or (best.epoch < epoch.number and do == "update"):
             return None
-        return best if do == "retry" else best.carried_to(world.number)
+        return best if do == "retry" else best.carried_to(epoch.number)
 
     def _judgement(self) -> Judgement:
         """What came of it, whatever goes wrong."""
@@ -180,14 +180,14 @@ class Conductor:
         if not self.nodes:
             raise GivenUpError(self._wish_in_the_queue())
         if self._adopted is None:
-            self._set_out(self.worlds.past.worlds, self.job.order.file)
+            self._set_out(self.epochs.past.epochs, self.job.order.file)
         else:
             self._take_over(self._adopted)
         began = time.monotonic()
         try:
             while True:
                 judgement = self._live()
-                seeks, waits = judgement.next_attempt is not None, self.world.file.run.keep_alive
+                seeks, waits = judgement.next_attempt is not None, self.epoch.file.run.keep_alive
                 if judgement.status not in _LASTING or not (seeks or waits):
                     return judgement
                 if self._wish is not None:
@@ -203,18 +203,18 @@ class Conductor:
 
     # The beginning of a job -------------------------------------------------------------------------------------------
     def _set_out(self, number: int, file: ProblemFile) -> None:
-        """Prepare and begin the first world; from the start again if a process dies meanwhile."""
+        """Prepare and begin the first epoch; from the start again if a process dies meanwhile."""
         self.dispatch.changed(self.job, "preparing")
         why, fresh = {"do": "restart"} if number > 0 else {}, False
         while True:
-            first = World(number, file, self.dispatch.wire(self.nodes, file.run.topology, fresh), why=why)
+            first = Epoch(number, file, self.dispatch.wire(self.nodes, file.run.topology, fresh), why=why)
             try:
                 if not self._checked:  # the spy first: it finds a wrong problem before a thousand nodes do
                     self._prepare_the_spy(first)
                 self._prepare(first, with_the_spy=self._checked)
                 self._let_the_spy_listen(first)
                 self._begin(first)
-                self._lived_before = self.worlds.since
+                self._lived_before = self.epochs.since
                 return
             except ReplacedError:
                 fresh = True
@@ -227,19 +227,19 @@ class Conductor:
 
     def _take_over(self, placing: Placing) -> None:
         """Go on with a job that runs already, unless all its nodes have died too."""
-        world = World(placing.world, placing.file, Wiring(placing.wiring, placing.nodes), why=placing.why)
-        self.worlds.take_over(world)
-        self.best = self._answer_for(world)
-        world.dead = set(range(world.cells)) - self._who_is_there(world)
+        epoch = Epoch(placing.epoch, placing.file, Wiring(placing.wiring, placing.nodes), why=placing.why)
+        self.epochs.take_over(epoch)
+        self.best = self._answer_for(epoch)
+        epoch.dead = set(range(epoch.cells)) - self._who_is_there(epoch)
         self._spy_is_new = True
         self._replace_the_dead()
-        if self.world is world:
-            for each in self.worlds.unsettled:
+        if self.epoch is epoch:
+            for each in self.epochs.unsettled:
                 self._ask_for_reports(each)
-            if world.number > 0:  # the coordinator before may not have come to this
-                self._stop_everywhere(world.number - 1, "update")
+            if epoch.number > 0:  # the coordinator before may not have come to this
+                self._stop_everywhere(epoch.number - 1, "update")
 
-    def _who_is_there(self, world: World) -> set[int]:
+    def _who_is_there(self, epoch: Epoch) -> set[int]:
         """The cells whose nodes are at this job; a node that cannot hear yet has a second for it."""
         until = time.monotonic() + _FOUND_WITHIN
         while True:
@@ -248,77 +248,77 @@ class Conductor:
                 looks = [json.loads(answer.note) for answer in answers if isinstance(answer, Done)]
                 self.versions = looks[0]["versions"] if looks else {}
                 there = {look["cell"] for look in looks}
-                if len(there) == world.cells or time.monotonic() >= until:
+                if len(there) == epoch.cells or time.monotonic() >= until:
                     return there
                 self.calls.wait(ASK_AGAIN)
 
     def _start_over(self) -> None:
         """Nobody is left who knows anything of the job: it begins again, in the world as it is by now."""
         self.dispatch.changed(self.job, "queued")
-        self._set_out(self.world.number + 1, self.world.file)
+        self._set_out(self.epoch.number + 1, self.epoch.file)
         self._unheard = self._wish
 
-    def _prepare(self, world: World, demes: dict[int, bytes] | None = None, *, with_the_spy: bool = False) -> None:
+    def _prepare(self, epoch: Epoch, demes: dict[int, bytes] | None = None, *, with_the_spy: bool = False) -> None:
         """Every node gets ready; with the ``demes`` of cells that have none of their own, each is told by itself."""
-        wiring = world.wiring
+        wiring = epoch.wiring
         if demes is None:
-            since = world.since if world.is_fresh else None
-            questions = [(self.keys.every_control, self._preparation(world, since))]
+            since = epoch.since if epoch.is_fresh else None
+            questions = [(self.keys.every_control, self._preparation(epoch, since))]
         else:
             questions = [
-                (self.keys.control(node), self._preparation(world, world.since, demes.get(cell, b"")))
+                (self.keys.control(node), self._preparation(epoch, epoch.since, demes.get(cell, b"")))
                 for cell, node in enumerate(wiring.nodes)
             ]
         if with_the_spy:
-            questions.append((self.keys.spy_control, self._preparation_of_the_spy(world)))
-        answers = self.calls.ask(questions, world.cells + with_the_spy, give_up=not self.worlds)
+            questions.append((self.keys.spy_control, self._preparation_of_the_spy(epoch)))
+        answers = self.calls.ask(questions, epoch.cells + with_the_spy, give_up=not self.epochs)
         fingerprints = {answer.note for answer in answers if isinstance(answer, Done)} - {Done().note}
-        if world.file.run.mode == "lockstep" and len(fingerprints) > 1:
+        if epoch.file.run.mode == "lockstep" and len(fingerprints) > 1:
             raise ClusterFailed(f"nodes differ, lockstep would not repeat: {' / '.join(sorted(fingerprints))}")
         self.versions = json.loads(min(fingerprints))
 
-    def _preparation(self, world: World, since: int | None = None, deme: bytes = b"") -> Prepare:
-        place = self.number, world.number, world.file.to_json(), world.wiring
-        return Prepare(*place, since, deme, cluster_nodes=self.dispatch.cluster_nodes, fresh=world.is_fresh)
+    def _preparation(self, epoch: Epoch, since: int | None = None, deme: bytes = b"") -> Prepare:
+        place = self.number, epoch.number, epoch.file.to_json(), epoch.wiring
+        return Prepare(*place, since, deme, cluster_nodes=self.dispatch.cluster_nodes, fresh=epoch.is_fresh)
 
-    def _preparation_of_the_spy(self, world: World) -> Prepare:
-        best = self._answer_for(world)
+    def _preparation_of_the_spy(self, epoch: Epoch) -> Prepare:
+        best = self._answer_for(epoch)
         encoded = b"" if best is None else best.encode()
-        return replace(self._preparation(world), best=encoded)
+        return replace(self._preparation(epoch), best=encoded)
 
-    def _show_to_the_spy(self, world: World) -> None:
-        """It forgets the world before, and listens to the root, whose links are those of this world by now."""
-        self._prepare_the_spy(world)
-        self._let_the_spy_listen(world)
+    def _show_to_the_spy(self, epoch: Epoch) -> None:
+        """It forgets the epoch before, and listens to the root, whose links are those of this epoch by now."""
+        self._prepare_the_spy(epoch)
+        self._let_the_spy_listen(epoch)
 
-    def _prepare_the_spy(self, world: World) -> None:
-        self.calls.ask([(self.keys.spy_control, self._preparation_of_the_spy(world))], give_up=not self.worlds)
+    def _prepare_the_spy(self, epoch: Epoch) -> None:
+        self.calls.ask([(self.keys.spy_control, self._preparation_of_the_spy(epoch))], give_up=not self.epochs)
 
-    def _let_the_spy_listen(self, world: World) -> None:
-        self.calls.ask([(self.keys.spy_control, Begin(self.number, world.number))], give_up=not self.worlds)
+    def _let_the_spy_listen(self, epoch: Epoch) -> None:
+        self.calls.ask([(self.keys.spy_control, Begin(self.number, epoch.number))], give_up=not self.epochs)
 
-    def _begin(self, world: World) -> None:
-        """Go, as soon as the world before has stopped."""
+    def _begin(self, epoch: Epoch) -> None:
+        """Go, as soon as the epoch before has stopped."""
         self._tell_what_was_lived()
         with self._improving:
-            before, self.best = self.best, self._answer_for(world)
-            self.worlds.add(world)
-        placing = Placing(world.number, world.file, self.nodes, world.wiring.number, world.why, self.worlds.past)
-        self.dispatch.changed(self.job, world.state)
+            before, self.best = self.best, self._answer_for(epoch)
+            self.epochs.add(epoch)
+        placing = Placing(epoch.number, epoch.file, self.nodes, epoch.wiring.number, epoch.why, self.epochs.past)
+        self.dispatch.changed(self.job, epoch.state)
         self.dispatch.placed(self.job, placing)  # both are written now: whoever takes over goes on from here
-        self.job.log.start(self.number, world.number, world.file.run)
+        self.job.log.start(self.number, epoch.number, epoch.file.run)
         if self.best is not None and self.best is not before:  # nodes have not begun, so there is none but this one
             self._tell(self.best)
-        self._ask_for_reports(world)
-        self._oracle.turn_to(world.file)
+        self._ask_for_reports(epoch)
+        self._oracle.turn_to(epoch.file)
 
-    def _ask_for_reports(self, world: World) -> None:
+    def _ask_for_reports(self, epoch: Epoch) -> None:
         """Also of cells that run, or have stopped: who asked before may have died, or the router on the way back."""
-        world.asked = self.calls.ask_for_reports(self.keys.every_control, Begin(self.number, world.number))
+        epoch.asked = self.calls.ask_for_reports(self.keys.every_control, Begin(self.number, epoch.number))
 
     # While it runs ----------------------------------------------------------------------------------------------------
     def _live(self) -> Judgement:
-        """Until the latest world has stopped, passing on wishes, changes and the deadline; what came of it."""
+        """Until the latest epoch has stopped, passing on wishes, changes and the deadline; what came of it."""
         while True:
             try:
                 error = self._gather()
@@ -329,17 +329,17 @@ class Conductor:
 
     def _gather(self) -> str | None:
         """Wait for the report of every cell. Returns why one failed, if it did; others are not waited for then."""
-        while self.worlds.unsettled:
-            if self.worlds.settled:
+        while self.epochs.unsettled:
+            if self.epochs.settled:
                 self._do_what_was_put_off()
             mail = self.calls.next(_sooner(self._ask_at, self._oracle.look_at))
             if mail is None:
                 self._look_at_the_clock()
             elif isinstance(mail, Reported):
                 if mail.report is None:  # a question ends early when the router dies
-                    is_latest = any(mail.question == world.asked for world in self.worlds.unsettled)
+                    is_latest = any(mail.question == epoch.asked for epoch in self.epochs.unsettled)
                     self._ask_at = time.monotonic() + ASK_AGAIN if is_latest else self._ask_at
-                elif (error := self._note(mail.world, mail.report)) is not None:
+                elif (error := self._note(mail.epoch, mail.report)) is not None:
                     return error
             else:
                 self._attend_to(mail)
@@ -375,26 +375,26 @@ class Conductor:
 
     def _ask_again(self) -> None:
         """And tell again what may never have been heard, while there was no router: to stop twice is to stop once."""
-        for world in self.worlds.unsettled:
-            self._ask_for_reports(world)
-            if world is not self.world:
-                self._stop_everywhere(world.number, "update")
+        for epoch in self.epochs.unsettled:
+            self._ask_for_reports(epoch)
+            if epoch is not self.epoch:
+                self._stop_everywhere(epoch.number, "update")
         self._unheard = self._wish
 
     def _do_what_was_put_off(self) -> None:
-        """While cells were on their way to the latest world none could be told to leave it."""
+        """While cells were on their way to the latest epoch none could be told to leave it."""
         if self._unheard is not None:
-            self._stop(self.world.number, self._unheard.reason)
+            self._stop(self.epoch.number, self._unheard.reason)
             self._unheard = None
         if self._changes:
             self._change(self._changes.popleft())
 
     def _note(self, number: int, report: Report) -> str | None:
-        """A cell has stopped in one of the worlds; returns why, if it failed."""
-        world = self.worlds.of(number)
-        if world is not None:
-            world.reports[report.cell] = report
-            if world.file.run.mode == "async" and report.proposals and not world.rescued:
+        """A cell has stopped in one of the epochs; returns why, if it failed."""
+        epoch = self.epochs.of(number)
+        if epoch is not None:
+            epoch.reports[report.cell] = report
+            if epoch.file.run.mode == "async" and report.proposals and not epoch.rescued:
                 # Without lockstep a lost message could leave a node that never hears of the stop.
                 self._stop_everywhere(number, report.proposals[0].reason)
         return report.error
@@ -409,34 +409,34 @@ class Conductor:
             self._changes.append(mail)
 
     def _stop(self, number: int, reason: Reason) -> None:
-        """Propose a stop in that world: to the root, with which all others stop, or in async mode to all at once.
+        """Propose a stop in that epoch: to the root, with which all others stop, or in async mode to all at once.
 
         There each stops when it hears of it, and the root may have ended before others.
         """
-        world = self.worlds.of(number)
-        if world is None or world.file.run.mode == "async":
+        epoch = self.epochs.of(number)
+        if epoch is None or epoch.file.run.mode == "async":
             self._stop_everywhere(number, reason)
         else:
             self.calls.tell(self.keys.control(self.nodes[ROOT]), ProposeStop(self.number, number, reason))
 
     def _stop_everywhere(self, number: int, reason: Reason) -> None:
-        if (world := self.worlds.of(number)) is not None:
-            world.rescued = True
+        if (epoch := self.epochs.of(number)) is not None:
+            epoch.rescued = True
         self.calls.tell(self.keys.every_control, ProposeStop(self.number, number, reason))
 
     def _finish(self, error: str | None) -> Judgement:
         self._tell_what_was_lived()
-        past, lived = self.worlds.whole()
-        world, reports = self.world, lived.reports
+        past, lived = self.epochs.whole()
+        epoch, reports = self.epoch, lived.reports
         command = Finish(
             self.number,
-            world.number,
+            epoch.number,
             past.or_better(lived),
             stopped_after(reports) if reports else 0,
-            stop_reasons(reports, world.file.run.mode),
+            stop_reasons(reports, epoch.file.run.mode),
             error,
             tuple(states_of(reports).items()),
-            self.worlds.since - self._lived_before,
+            self.epochs.since - self._lived_before,
         )
         (answer,) = self.calls.ask([(self.keys.spy_control, command)], give_up=False)
         if not isinstance(answer, Judged):
@@ -447,9 +447,9 @@ class Conductor:
         self.job.log.end(judgement, command.generation)
         return judgement
 
-    # From one world to the next ---------------------------------------------------------------------------------------
+    # From one epoch to the next ---------------------------------------------------------------------------------------
     def _change(self, change: Change) -> None:
-        """Go on in another world, if there can be such a one; else the old one lasts."""
+        """Go on in another epoch, if there can be such a one; else the old one lasts."""
         try:
             self._begin_another(change)
         except ReplacedError:
@@ -457,7 +457,7 @@ class Conductor:
             raise
 
     def _begin_another(self, change: Change) -> None:
-        before = self.world
+        before = self.epoch
         try:
             if self._wish is not None:
                 raise ClusterFailed(f"job {self.job.order.job} is being stopped")
@@ -469,27 +469,27 @@ class Conductor:
             if not same_cells:
                 raise BadInput(f"topology: expected one of {before.cells} cells, found {file.run.topology!r}")
             wiring = self.dispatch.wire(self.nodes, file.run.topology)
-            world = World(before.number + 1, file, wiring, why=_directive(change))
+            epoch = Epoch(before.number + 1, file, wiring, why=_directive(change))
             with blaming_the_update(bool(change.fields)):
-                self._prepare(world)
+                self._prepare(epoch)
         except (GivenUpError, ReplacedError):
             raise
         except Exception as error:  # whatever is wrong with the new world, the old one is as good as before
             change.answer.put(error)
             return
-        self._show_to_the_spy(world)
-        self._begin(world)
+        self._show_to_the_spy(epoch)
+        self._begin(epoch)
         self._stop(before.number, "update")
-        change.answer.put(world.number)
+        change.answer.put(epoch.number)
 
     def _try_again(self, judgement: Judgement) -> None:
-        """The world has stalled without an answer: begin anew, with new individuals, once all are prepared for it.
+        """The epoch has stalled without an answer: begin anew, with new individuals, once all are prepared for it.
 
         Raises:
             ClusterFailed: if the problem asks for an attempt that cannot be.
         """
-        before, best, fields = self.world, judgement.best, judgement.next_attempt or {}
-        if best is not None and best.world == before.number:
+        before, best, fields = self.epoch, judgement.best, judgement.next_attempt or {}
+        if best is not None and best.epoch == before.number:
             self.improve(best)
             self.best = best  # as it was judged: what the cells had to say of it is in it now
         try:
@@ -500,22 +500,22 @@ class Conductor:
         since = self._lived(before, halted=False)
         while True:
             wiring = self.dispatch.wire(self.nodes, file.run.topology, fresh)
-            world = World(before.number + 1, file, wiring, since, why=why)
+            epoch = Epoch(before.number + 1, file, wiring, since, why=why)
             try:
-                self._prepare(world)
-                self._show_to_the_spy(world)
+                self._prepare(epoch)
+                self._show_to_the_spy(epoch)
                 self.job.tell(BegunAnew(why))
-                return self._begin(world)
+                return self._begin(epoch)
             except ReplacedError:
                 fresh = True
             except BadInput as error:
                 raise ClusterFailed(str(error)) from error
 
     def _wait_for_a_change(self) -> bool:
-        """The world has stopped, and the job is kept alive; whether it goes on in another one."""
+        """The epoch has stopped, and the job is kept alive; whether it goes on in another one."""
         self.dispatch.changed(self.job, "waiting")
-        number = self.world.number
-        while self.world.number == number:
+        number = self.epoch.number
+        while self.epoch.number == number:
             mail = self._changes.popleft() if self._changes else self.calls.next()
             try:
                 if isinstance(mail, Wish):
@@ -542,27 +542,27 @@ class Conductor:
         """
         if node is None:
             self._spy_is_new = True
-        elif node in self.nodes and (self.world.file.run.keep_alive or not self.world.stopped):
-            self.world.dead.add(self.nodes.index(node))
+        elif node in self.nodes and (self.epoch.file.run.keep_alive or not self.epoch.stopped):
+            self.epoch.dead.add(self.nodes.index(node))
 
     def _replace_the_dead(self) -> None:
         """Go on with those who live in their places, from where the others are."""
-        while self._spy_is_new or self.world.dead:
+        while self._spy_is_new or self.epoch.dead:
             try:
-                if self.world.dead:
+                if self.epoch.dead:
                     self._go_on_without_the_dead()
                 else:
-                    self._show_to_the_spy(self.world)
+                    self._show_to_the_spy(self.epoch)
                 self._spy_is_new = False
             except ReplacedError as another:
                 self._mourn(another.node)
 
     def _go_on_without_the_dead(self) -> None:
-        """All others halt; in a new world a new node begins with the deme of a neighbour, and they with theirs.
+        """All others halt; in a new epoch a new node begins with the deme of a neighbour, and they with theirs.
 
         They are at most as many generations apart as the dead cells were links away from them.
         """
-        before = self.world
+        before = self.epoch
         others = set(range(before.cells)) - before.dead
         if not others:
             return self._start_over()
@@ -570,11 +570,11 @@ class Conductor:
         before.reports = {cell: report for cell, report in before.reports.items() if cell in others}
         return self._begin_with_new_nodes(before)
 
-    def _wait_until_halted(self, world: World, others: set[int]) -> None:
+    def _wait_until_halted(self, epoch: Epoch, others: set[int]) -> None:
         until, again = time.monotonic() + _HALTED_WITHIN, 0.0  # when to tell them again
         aside = []
         try:
-            while not others <= world.reports.keys():
+            while not others <= epoch.reports.keys():
                 now = time.monotonic()
                 if now >= until:
                     raise ClusterFailed("the cells did not halt after a node had died")
@@ -588,34 +588,34 @@ class Conductor:
                     aside.append(mail)
                 elif mail.report is None:
                     again = min(again, time.monotonic() + ASK_AGAIN)
-                elif (error := self._note(mail.world, mail.report)) is not None:
+                elif (error := self._note(mail.epoch, mail.report)) is not None:
                     raise ClusterFailed(error)
         finally:
             for mail in aside:
                 self.calls.put_off(mail)
 
     def _halt(self) -> None:
-        """The cells, wherever they are; one that has not begun with the latest world, since it did not hear, does."""
-        for world in self.worlds.known:
-            self._ask_for_reports(world)
-            self.calls.ask_for_reports(self.keys.every_control, Halt(self.number, world.number))
+        """The cells, wherever they are; one that has not begun with the latest epoch, since it did not hear, does."""
+        for epoch in self.epochs.known:
+            self._ask_for_reports(epoch)
+            self.calls.ask_for_reports(self.keys.every_control, Halt(self.number, epoch.number))
 
-    def _begin_with_new_nodes(self, before: World) -> None:
+    def _begin_with_new_nodes(self, before: Epoch) -> None:
         topology = topologies.parse(before.file.run.topology)
         heirs = {cell: _heir(topology.neighbours(cell), before) for cell in sorted(before.dead)}
         reached = {str(cell): report.generation for cell, report in sorted(before.reports.items())}
         why = {"do": "replace", "demes_of": {str(cell): heir for cell, heir in heirs.items()}, "generations": reached}
         wiring = self.dispatch.wire(self.nodes, topology.spec, fresh=True)
         since = self._lived(before, halted=True)
-        world = World(before.number + 1, before.file, wiring, since, why=why)
-        self._prepare(world, {cell: before.reports[heir].deme for cell, heir in heirs.items()})
-        self._show_to_the_spy(world)
-        self._begin(world)
+        epoch = Epoch(before.number + 1, before.file, wiring, since, why=why)
+        self._prepare(epoch, {cell: before.reports[heir].deme for cell, heir in heirs.items()})
+        self._show_to_the_spy(epoch)
+        self._begin(epoch)
         self._unheard = self._wish
 
-    def _lived(self, latest: World, halted: bool) -> int:
-        """Generations to the end of the latest world, since it last began with nothing."""
-        return self.worlds.since + lived_for(list(latest.reports.values()), halted) - self._lived_before
+    def _lived(self, latest: Epoch, halted: bool) -> int:
+        """Generations to the end of the latest epoch, since it last began with nothing."""
+        return self.epochs.since + lived_for(list(latest.reports.values()), halted) - self._lived_before
 
     def _drop(self) -> None:
         """Let nodes and spy forget the job, if they still can hear."""
@@ -629,9 +629,9 @@ def _sooner(*times: float | None) -> float | None:
     return min((each for each in times if each is not None), default=None)
 
 
-def _heir(slots: tuple[int, ...], world: World) -> int:
+def _heir(slots: tuple[int, ...], epoch: Epoch) -> int:
     """The first neighbour that lives; if none does, the first cell that does."""
-    return next(cell for cell in (*slots, *sorted(world.reports)) if cell in world.reports)
+    return next(cell for cell in (*slots, *sorted(epoch.reports)) if cell in epoch.reports)
 
 
 def _directive(change: Change) -> dict[str, object]:

@@ -49,11 +49,11 @@ class Consulting:
         return None if self._process is None else self._process.pid
 
     def turn_to(self, file: ProblemFile) -> None:
-        """A world begins: from half a second on, ask about its problem, unless it is the one as before.
+        """An epoch begins: from half a second on, ask about its problem, unless it is the one as before.
 
         What another attempt changes alters how solutions are coded, not whether there are any. Of a user's own kind
         nobody here knows whether it has an oracle: it is asked when the run has stalled, see `ask`. A job that is kept
-        alive waits for another world, and is not told that this one is hopeless.
+        alive waits for another epoch, and is not told that this one is hopeless.
         """
         if self._file is not None and self._file.sha256 == file.sha256:
             return
@@ -91,7 +91,7 @@ class Consulting:
         self._file, self._ends_at = None, 0.0
 
     def _start(self) -> None:
-        assert self._file is not None, "a world has begun"
+        assert self._file is not None, "an epoch has begun"
         now = time.monotonic()
         self._ends_at, self.look_at = now + _ENDS_AFTER, now + _LOOK_AGAIN
         command = [sys.executable, "-P", "-m", "problems.oracle_process", str(os.getpid())]

@@ -182,19 +182,19 @@ class Desk:
             self._recorder.ended(job.number, error)
 
     def _past_of(self, job: Stored, file: ProblemFile) -> Past:
-        """What a job has lived through that begins again; its first world begins again as it was, draw by draw."""
-        if job.world == 0:
+        """What a job has lived through that begins again; its first epoch begins again as it was, draw by draw."""
+        if job.epoch == 0:
             return Past()
         past, why = self._store.past(job.number)
-        if past.worlds < job.world:
-            past = past.and_then(Lived(file, number=job.world - 1), why)
-        return past.and_then(Lived(file, number=job.world), {"do": "restart"})
+        if past.epochs < job.epoch:
+            past = past.and_then(Lived(file, number=job.epoch - 1), why)
+        return past.and_then(Lived(file, number=job.epoch), {"do": "restart"})
 
     def _adopted(self, job: Stored) -> bool:
         try:
             first, file = self._checker.read(job.file), self._checker.read(job.file_now)
             past, why = self._store.past(job.number)
-            placing = Placing(job.world, file, job.nodes, job.wiring, why, past, _best_of(job))
+            placing = Placing(job.epoch, file, job.nodes, job.wiring, why, past, _best_of(job))
             self._dispatcher.adopt(_order(job, first), placing)
         except Exception as error:
             self._recorder.logged(
@@ -211,7 +211,7 @@ class Desk:
         return _answer(stored) | {
             "file": stored.file,
             "file_now": stored.file_now,
-            "worlds": self._store.worlds(stored.number),
+            "epochs": self._store.epochs(stored.number),
             "states": transitions,
         }
 
@@ -227,8 +227,8 @@ class Desk:
         if is_own(before):  # any other is checked by whoever changes the world
             with blaming_the_update():
                 self._checker.check(before.changed(patch, {}), before)
-        world = self._dispatcher.update(now.number, patch)
-        return {"job": job, "world": world}
+        epoch = self._dispatcher.update(now.number, patch)
+        return {"job": job, "epoch": epoch}
 
     def _rewire(self, job: str, topology: str) -> dict[str, Any]:
         now = self._running(job)
@@ -237,8 +237,8 @@ class Desk:
         cells = topologies.parse(file.run.topology).cells
         if cells != now.cells:
             raise BadInput(f"topology: expected one of {now.cells} cells, as the job has, found {cells}")
-        world = self._dispatcher.rewire(now.number, file.run.topology)
-        return {"job": job, "world": world}
+        epoch = self._dispatcher.rewire(now.number, file.run.topology)
+        return {"job": job, "epoch": epoch}
 
     def _running(self, job: str) -> Stored:
         stored = self._store.show(job)
@@ -280,7 +280,7 @@ def _best_of(job: Stored) -> Improvement | None:
 
 
 def _answer(job: Answered) -> dict[str, Any]:
-    return _line(job) | {"best": job.best, "result": job.result, "world": job.world, "nodes": list(job.nodes)}
+    return _line(job) | {"best": job.best, "result": job.result, "epoch": job.epoch, "nodes": list(job.nodes)}
 
 
 def _line(job: Summary) -> dict[str, Any]:

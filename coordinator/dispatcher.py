@@ -191,7 +191,7 @@ class Dispatcher:
                 self._conduct(job, ())
 
     def update(self, number: int, fields: dict[str, Any]) -> int:
-        """Another world for a job: each field that is given replaces the old one. Its number.
+        """Another epoch for a job: each field that is given replaces the old one. Its number.
 
         Raises:
             BadInput: if there can be no such world.
@@ -200,7 +200,7 @@ class Dispatcher:
         return self._running(number).update(**fields)
 
     def rewire(self, number: int, topology: str) -> int:
-        """Another topology for a job, which makes another world; see `update`."""
+        """Another topology for a job, which makes another epoch; see `update`."""
         return self._running(number).rewire(topology)
 
     def _running(self, number: int) -> JobEntry:
@@ -299,7 +299,7 @@ class Dispatcher:
             return len(self._scheduler.here)
 
     def wire(self, nodes: tuple[int, ...], topology: str, fresh: bool = False) -> Wiring:
-        """The links for a world: those that all its nodes have, or (``fresh``: always) new ones."""
+        """The links for an epoch: those that all its nodes have, or (``fresh``: always) new ones."""
         with self._lock:
             known = {self._wirings.get(node) for node in nodes}
             for spec, wiring in [each for each in known if each is not None]:
@@ -318,8 +318,8 @@ class Dispatcher:
         self.hooks.changed(number, status, self._scheduler.nodes_of(number) or ())
 
     def placed(self, job: JobEntry, placing: Placing) -> None:
-        """The job is about to begin in a world."""
-        if placing.world > 0:
+        """The job is about to begin in an epoch."""
+        if placing.epoch > 0:
             with self._lock:
                 self._scheduler.rewired(job.order.number, placing.file.run.topology)
         self.hooks.placed(job.order.number, placing)

@@ -19,7 +19,7 @@ class Hooks(Protocol):
         """A job's state, or the nodes that it lives on, in the order of its cells."""
 
     def placed(self, number: int, placing: Placing) -> None:
-        """A job is about to begin in a world; when this returns it is known to whoever takes over."""
+        """A job is about to begin in an epoch; when this returns it is known to whoever takes over."""
 
     def improved(self, number: int, improvement: Improvement) -> None:
         """A better answer was verified."""
@@ -57,11 +57,11 @@ class Dispatcher(Protocol):
         """End a job, queued or running; nothing happens if it has ended already."""
 
     def update(self, number: int, fields: dict[str, Any]) -> int:
-        """Another world for a job; its number, once all nodes are prepared."""
+        """Another epoch for a job; its number, once all nodes are prepared."""
         ...
 
     def rewire(self, number: int, topology: str) -> int:
-        """Another topology for a job, which makes another world; its number."""
+        """Another topology for a job, which makes another epoch; its number."""
         ...
 
     def nodes(self) -> list[dict[str, Any]]:

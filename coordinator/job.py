@@ -47,12 +47,12 @@ class Replaced:
 
 @dataclass(frozen=True)
 class Change:
-    """Somebody wants the job to go on in another world.
+    """Somebody wants the job to go on in another epoch.
 
     Attributes:
         fields: of the problem, each in the place of the old one.
         run: settings of the run, likewise.
-        answer: takes the number of the new world, or why there is none.
+        answer: takes the number of the new epoch, or why there is none.
     """
 
     fields: dict[str, Any]
@@ -71,7 +71,7 @@ class Order:
         least_improvement: that is worth a line there, as a share of the fitness before.
         job: the job's name; its number if it was given none.
         submitted: on the monotonic clock.
-        past: the worlds that it has lived in, if it begins again, when nobody is left who has its demes.
+        past: the epochs that it has lived in, if it begins again, when nobody is left who has its demes.
         best: the best verified answer that it had then, to the problem as it is now.
         first_run: the settings that it was submitted with, if others follow.
     """
@@ -90,16 +90,16 @@ class Order:
 
 @dataclass(frozen=True)
 class Placing:
-    """Where a job lives in its latest world: what a coordinator must know to take over from a dead one.
+    """Where a job lives in its latest epoch: what a coordinator must know to take over from a dead one.
 
     Attributes:
         wiring: the number of the links between the nodes.
-        why: how that world followed the one before, as a directive.
-        past: the worlds before; that one's end may not be in it yet.
+        why: how that epoch followed the one before, as a directive.
+        past: the epochs before; that one's end may not be in it yet.
         best: the best verified answer so far, for a coordinator that takes over.
     """
 
-    world: int
+    epoch: int
     file: ProblemFile
     nodes: tuple[int, ...]
     wiring: int
@@ -179,7 +179,7 @@ class Job:
     def update(self, **fields: Any) -> int:
         """Change the world while the job runs: each of the problem's fields that is given replaces the old one.
 
-        The live population goes on in it. Returns the number of the new world once every node is ready for it.
+        The live population goes on in it. Returns the number of the new epoch once every node is ready for it.
 
         Raises:
             BadInput: if there can be no such world; the job goes on in the old one.

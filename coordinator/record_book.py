@@ -53,7 +53,7 @@ class RecordBook:
 
     def note_improvement(self, at: float, better: Improvement) -> None:
         """A job has a better answer, at a Unix time."""
-        names = ("seconds", "world", "generation", "cell", "fitness", "feasible")
+        names = ("seconds", "epoch", "generation", "cell", "fitness", "feasible")
         values = {name: plain(getattr(better, name)) for name in names}
         self._note(ImprovementRow(at=at, number=better.job, **values))
 

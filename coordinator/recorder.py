@@ -134,7 +134,7 @@ class Recorder:
         self._events.put(_Changed(number, status, nodes, at))
 
     def placed(self, number: int, placing: Placing) -> None:
-        """A job is about to begin in a world: return once that is written, or the database is away for long."""
+        """A job is about to begin in an epoch: return once that is written, or the database is away for long."""
         job = self._known.get(number)
         if job is not None and placing.why.get("do") == "update":
             self._known[number] = dataclasses.replace(job, fitness=None)

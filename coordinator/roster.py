@@ -102,7 +102,7 @@ class Roster:
             "process": process,
             "job": job,
             "cell": told.cell if busy and told is not None else None,
-            "world": told.world if busy and told is not None else None,
+            "epoch": told.epoch if busy and told is not None else None,
             "generation": told.generation if busy and told is not None else None,
             "seconds": round(time.monotonic() - self._seen[node], 3) if node in self._seen else None,
             "sent": 0 if told is None else told.sent,

@@ -21,24 +21,24 @@ from coordinator.job import Placing
 from coordinator.states import ENDS, LIVING, State, WrongTransition, follow, state_of
 from coordinator.tables import (
     Base,
+    EpochRow,
     HistoryRow,
     ImprovementRow,
     JobRow,
     MetaRow,
     StatisticsRow,
     TransitionRow,
-    WorldRow,
 )
 from problems.errors import BadInput
 from spy.past import SEVERAL, Past
 
-_SCHEMA = 3
+_SCHEMA = 4
 _NEW_ID_BYTES = 4
 _FIRST_STATES, _LATEST_STATES = 10, 1000  # of a job, that are told
-_MOST_WORLDS = 1000  # of a job, the latest, that are told,
+_MOST_EPOCHS = 1000  # of a job, the latest, that are told,
 _MOST_TOLD = 1 << 19  # and bytes of what changed with them
-_TIDY_EVERY = 100  # worlds of a job
-_SMALL_BYTES = 1000  # about, of an ended job: all but its files, answer, result and worlds
+_TIDY_EVERY = 100  # epochs of a job
+_SMALL_BYTES = 1000  # about, of an ended job: all but its files, answer, result and epochs
 
 
 class IdTaken(BadInput):
@@ -103,12 +103,12 @@ class Answered(Summary):
     Attributes:
         best: the best verified answer, decoded.
         result: as `spy.result.Result.to_json` makes it, once the job has ended.
-        world: the number of the one that it is in.
+        epoch: the number of the one that it is in.
     """
 
     best: dict[str, Any] | None
     result: dict[str, Any] | None
-    world: int
+    epoch: int
 
 
 @dataclass(frozen=True)
@@ -204,7 +204,7 @@ class Store:
     def withdraw(self, number: int) -> None:
         """Forget a job that was never acknowledged."""
         with self.writing() as session:
-            session.execute(delete(WorldRow).where(WorldRow.number == number))
+            session.execute(delete(EpochRow).where(EpochRow.number == number))
             session.execute(delete(TransitionRow).where(TransitionRow.number == number))
             session.execute(delete(JobRow).where(JobRow.number == number))
 
@@ -275,23 +275,23 @@ class Store:
             return _summary(row)
 
     def note_placing(self, number: int, placing: Placing) -> None:
-        """A job is about to begin in a world, on these nodes. After an update it has no answer yet."""
+        """A job is about to begin in an epoch, on these nodes. After an update it has no answer yet."""
         with self.writing() as session:
             row = _get(session, number)
             row.nodes_json = json.dumps(placing.nodes)
             row.wiring = placing.wiring
-            row.world = placing.world
+            row.epoch = placing.epoch
             row.topology = placing.file.run.topology
             row.past_json = placing.past.to_json()
-            if placing.world > 0:
+            if placing.epoch > 0:
                 row.changed_file = placing.file.to_json()
                 if placing.why.get("do") == "update":
                     row.best_json = row.fitness = None
                 change = json.dumps(dict(placing.why))
-                session.add(WorldRow(number=number, world=placing.world, at=time.time(), change_json=change))
+                session.add(EpochRow(number=number, epoch=placing.epoch, at=time.time(), change_json=change))
                 session.flush()
                 _note_ends(session, number, placing.past)
-                if placing.world % _TIDY_EVERY == 0:
+                if placing.epoch % _TIDY_EVERY == 0:
                     _forget_states(session, number)
                     _put_together(session, number, placing.past)
 
@@ -299,7 +299,7 @@ class Store:
         """Forget jobs that ended before then, Unix time, and all that was written of them."""
         with self.writing() as session:
             old = select(JobRow.number).where(JobRow.ended < at)
-            for table in (ImprovementRow, HistoryRow, StatisticsRow, WorldRow, TransitionRow):
+            for table in (ImprovementRow, HistoryRow, StatisticsRow, EpochRow, TransitionRow):
                 session.execute(delete(table).where(table.number.in_(old)))
             session.execute(delete(JobRow).where(JobRow.ended < at))
 
@@ -350,16 +350,16 @@ class Store:
             with_answers = select(JobRow).options(undefer(JobRow.best_json), undefer(JobRow.result_json))
             return Answered(**_values(_known(_find(session, job, with_answers), job), Answered))
 
-    def worlds(self, number: int) -> list[dict[str, Any]]:
-        """What changed with each world of a job after the first, oldest first: a directive as in results, and "at".
+    def epochs(self, number: int) -> list[dict[str, Any]]:
+        """What changed with each epoch of a job after the first, oldest first: a directive as in results, and "at".
 
         Of very many only the latest.
         """
         told: list[dict[str, Any]] = []
         room = _MOST_TOLD
         with self.reading() as session:
-            latest_first = select(WorldRow).where(WorldRow.number == number).order_by(WorldRow.id.desc())
-            for row in session.scalars(latest_first.limit(_MOST_WORLDS).execution_options(yield_per=50)):
+            latest_first = select(EpochRow).where(EpochRow.number == number).order_by(EpochRow.id.desc())
+            for row in session.scalars(latest_first.limit(_MOST_EPOCHS).execution_options(yield_per=50)):
                 room -= len(row.change_json)
                 if told and room < 0:
                     break
@@ -367,17 +367,17 @@ class Store:
         return told[::-1]
 
     def past(self, number: int) -> tuple[Past, dict[str, Any]]:
-        """What a job has lived through before its latest world, and how that one followed, as a directive."""
+        """What a job has lived through before its latest epoch, and how that one followed, as a directive."""
         why: dict[str, Any] = {}
         with self.reading() as session:
             written = session.scalar(select(JobRow.past_json).where(JobRow.number == number))
             past = Past() if written is None else Past.from_json(written)
-            of_job = select(WorldRow).where(WorldRow.number == number).order_by(WorldRow.id)
+            of_job = select(EpochRow).where(EpochRow.number == number).order_by(EpochRow.id)
             directives = []
-            for world in session.scalars(of_job.execution_options(yield_per=50)):
-                why = json.loads(world.change_json)
-                if world.generation is not None:
-                    directives.append(world.directive)
+            for epoch in session.scalars(of_job.execution_options(yield_per=50)):
+                why = json.loads(epoch.change_json)
+                if epoch.generation is not None:
+                    directives.append(epoch.directive)
         return past.led_on(*directives), why
 
     def summary(self, job: str) -> Summary:
@@ -453,12 +453,12 @@ class Store:
 
 
 def _note_ends(session: Session, number: int, past: Past) -> None:
-    """When the latest worlds ended that have; of those before it is known."""
+    """When the latest epochs ended that have; of those before it is known."""
     for directive in map(json.loads, past.texts[-2:]):
         if directive["do"] == SEVERAL:
             continue
-        world = (WorldRow.number == number) & (WorldRow.world == directive["world"])
-        session.execute(update(WorldRow).where(world).values(generation=directive["generation"]))
+        epoch = (EpochRow.number == number) & (EpochRow.epoch == directive["epoch"])
+        session.execute(update(EpochRow).where(epoch).values(generation=directive["generation"]))
 
 
 def _forget_states(session: Session, number: int) -> None:
@@ -475,10 +475,10 @@ def _put_together(session: Session, number: int, past: Past) -> None:
     together = json.loads(past.texts[0]) if past.texts else {"do": None}
     if together["do"] != SEVERAL:
         return
-    rows = (WorldRow.number == number, WorldRow.world <= together["world"])
-    last = session.scalar(select(WorldRow).where(*rows).order_by(WorldRow.world.desc()).limit(1))
+    rows = (EpochRow.number == number, EpochRow.epoch <= together["epoch"])
+    last = session.scalar(select(EpochRow).where(*rows).order_by(EpochRow.epoch.desc()).limit(1))
     if last is not None and json.loads(last.change_json)["do"] != SEVERAL:
-        session.execute(delete(WorldRow).where(*rows, WorldRow.id != last.id))
+        session.execute(delete(EpochRow).where(*rows, EpochRow.id != last.id))
         last.generation = together.pop("generation")
         last.change_json = json.dumps(together)
 
@@ -497,9 +497,9 @@ def _change(session: Session, row: JobRow, status: str, at: float) -> None:
 
 def _weigh(session: Session, number: int) -> int:
     """Write down how many bytes are kept of a job that has ended: to read them all anew would take seconds later."""
-    worlds = select(func.sum(func.length(WorldRow.change_json))).where(WorldRow.number == number).scalar_subquery()
+    epochs = select(func.sum(func.length(EpochRow.change_json))).where(EpochRow.number == number).scalar_subquery()
     texts = JobRow.file, JobRow.changed_file, JobRow.best_json, JobRow.result_json, JobRow.past_json
-    lengths = [func.coalesce(each, 0) for each in (worlds, *map(func.length, texts))]
+    lengths = [func.coalesce(each, 0) for each in (epochs, *map(func.length, texts))]
     this, unseen = JobRow.number == number, {"synchronize_session": False}
     session.execute(
         update(JobRow).where(this).values(bytes=sum(lengths, literal(_SMALL_BYTES))), execution_options=unseen

@@ -45,7 +45,7 @@ class JobRow(Base):
     message: Mapped[str | None] = mapped_column(Text)
     nodes_json: Mapped[str] = mapped_column("nodes", Text, default="[]")
     wiring: Mapped[int] = mapped_column(BigInteger, default=0)
-    world: Mapped[int] = mapped_column(default=0)
+    epoch: Mapped[int] = mapped_column(default=0)
     # What may be large is read only where it is asked for.
     file: Mapped[str] = mapped_column(Text, deferred=True)
     changed_file: Mapped[str | None] = mapped_column(Text, deferred=True)
@@ -85,20 +85,20 @@ class TransitionRow(Base):
     at: Mapped[float] = mapped_column(Double)
 
 
-class WorldRow(Base):
-    """A world of a job after its first.
+class EpochRow(Base):
+    """An epoch of a job after its first.
 
     Attributes:
-        generation: after which the world before ended, once that is known.
+        generation: after which the epoch before ended, once that is known.
         change_json: how it followed that one, as a directive.
     """
 
-    __tablename__ = "worlds"
-    __table_args__ = (Index("world_of_job", "number", "world"),)
+    __tablename__ = "epochs"
+    __table_args__ = (Index("epoch_of_job", "number", "epoch"),)
 
     id: Mapped[int] = mapped_column(primary_key=True)
     number: Mapped[int] = mapped_column(ForeignKey("jobs.number"))
-    world: Mapped[int]
+    epoch: Mapped[int]
     at: Mapped[float] = mapped_column(Double)
     generation: Mapped[int | None] = mapped_column(BigInteger)
     change_json: Mapped[str] = mapped_column("change", Text)
@@ -106,7 +106,7 @@ class WorldRow(Base):
     @property
     def directive(self) -> dict[str, Any]:
         """As results have it."""
-        return {"world": self.world, "generation": self.generation, **json.loads(self.change_json)}
+        return {"epoch": self.epoch, "generation": self.generation, **json.loads(self.change_json)}
 
     @property
     def plain(self) -> dict[str, Any]:
@@ -130,7 +130,7 @@ class ImprovementRow(RecordRow):
 
     number: Mapped[int] = mapped_column(ForeignKey("jobs.number"), index=True)
     seconds: Mapped[float] = mapped_column(Double)
-    world: Mapped[int]
+    epoch: Mapped[int]
     generation: Mapped[int] = mapped_column(BigInteger)
     cell: Mapped[int]
     fitness: Mapped[float | None] = mapped_column(Double)
@@ -170,7 +170,7 @@ class StatisticsRow(RecordRow):
     __tablename__ = "statistics"
 
     number: Mapped[int] = mapped_column(ForeignKey("jobs.number"), index=True)
-    world: Mapped[int]
+    epoch: Mapped[int]
     generation: Mapped[int] = mapped_column(BigInteger)
     evaluations: Mapped[int] = mapped_column(BigInteger)
     messages: Mapped[int] = mapped_column(BigInteger)

@@ -72,9 +72,9 @@ def follow(news: "queue.SimpleQueue[tuple[str, bytes]]", job: str, number: int) 
             return
         message = msgpack.unpackb(payload)
         if key.endswith("/best"):
-            of_job, world, seconds, generation, _cell, fitness, feasible, solution = message
+            of_job, epoch, seconds, generation, _cell, fitness, feasible, solution = message
             if of_job == number:
-                place = f"{seconds:.3f} s  world {world}  generation {generation}"
+                place = f"{seconds:.3f} s  epoch {epoch}  generation {generation}"
                 print(f"{place}  fitness {fitness:.6g}  {'solution' if feasible else 'attempt'} {solution}")
         elif message[0] == VERSION and message[1] == job and message[3] in ENDED:
             return

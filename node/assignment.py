@@ -1,4 +1,4 @@
-"""What a node is at: a world of a job, and the one that comes after it."""
+"""What a node is at: an epoch of a job, and the one that comes after it."""
 
 import threading
 import time
@@ -14,16 +14,16 @@ from node.turns import LONG, core_of
 
 BRISK_SECONDS = 2e-3  # of processor time: what is bred between two exchanges in less may be on the network thread
 MANY_UNREAD = 64  # messages in async mode: far more may come before the main thread gets a core
-_MOST_EARLY = 1000  # messages: of the next world each neighbour sends one or two before this node comes there
+_MOST_EARLY = 1000  # messages: of the next epoch each neighbour sends one or two before this node comes there
 _MEASURED_EVERY = 16  # generations: to ask for the time used costs as much as a message
 BRISK_BYTES = 1 << 14  # longer messages may have to wait for room to leave; on the network thread nothing may wait
 
 
 class Assignment:
-    """The world of a job that this node is at.
+    """The epoch of a job that this node is at.
 
     Attributes:
-        links: to the neighbours in this world.
+        links: to the neighbours in this epoch.
         news: messages for the cell; the network thread appends, for as long as the cell `hears`, and who has the turn
             takes them.
         awaited: in lockstep, of the neighbours whose messages the next exchange lacks, those of whom nothing at all has
@@ -75,9 +75,9 @@ class Assignment:
         return self.cell.job
 
     @property
-    def world(self) -> int:
+    def epoch(self) -> int:
         """Its number in the job."""
-        return self.cell.plan.world
+        return self.cell.plan.epoch
 
     @property
     def busy(self) -> bool:
@@ -168,7 +168,7 @@ class Assignment:
 
 @dataclass
 class Coming:
-    """The next world of the job, which begins when the one before has stopped.
+    """The next epoch of the job, which begins when the one before has stopped.
 
     Attributes:
         since: generations before it, if that is not for this node to say.
@@ -188,7 +188,7 @@ class Coming:
     begun: zenoh.Query | None = None
 
     def hear(self, sender: int, payload: bytes) -> None:
-        """Of what neighbours say keep the latest: most of it is for the world before, however long that lasts."""
+        """Of what neighbours say keep the latest: most of it is for the epoch before, however long that lasts."""
         self.news.append((sender, payload))
         if len(self.news) > 2 * _MOST_EARLY:
             del self.news[:-_MOST_EARLY]

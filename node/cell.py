@@ -31,7 +31,7 @@ from problems import EvaluationFailed
 from problems.guard import reported
 from topologies import ROOT
 from wire.exchange import Champion
-from wire.exchange_kernels import JOB, NEVER, SENT, WORLD
+from wire.exchange_kernels import EPOCH, JOB, NEVER, SENT
 from wire.report import Birth, Reason, Report, Staleness
 
 State = Literal["prepared", "running", "stopped", "failed"]
@@ -116,7 +116,7 @@ Action = Publish | Ask | Answer | Complain | Report
 
 
 class Cell:
-    """The state machine of the cell number ``cell`` in one world of job number ``job``.
+    """The state machine of the cell number ``cell`` in one epoch of job number ``job``.
 
     Attributes:
         generations: from the start on, if they are bred in one compiled call, beside which others may run Python.
@@ -130,7 +130,7 @@ class Cell:
         self.inbox = Inbox(plan, cell, job)
         self.neighbours = self.inbox.neighbours
         self.rows = Rows(plan, np.array([cell]), self.inbox.messages)
-        self.rows.messages.header[0, JOB], self.rows.messages.header[0, WORLD] = job, plan.world
+        self.rows.messages.header[0, JOB], self.rows.messages.header[0, EPOCH] = job, plan.epoch
         self._is_async = plan.run.mode == "async"
         self._tells_champion = plan.run.spy == "champion" or cell == ROOT
         self._outbox = Outbox(plan.limits.most_bytes)

@@ -122,7 +122,7 @@ def _put_among_news(path: Any, sender: Any, payload: Any) -> Any:
 
 @subroutine
 def _take_news(path: Any, table: Any) -> Any:
-    """Read what has come; False if a message is refused or of another world, which is left there."""
+    """Read what has come; False if a message is refused or of another epoch, which is left there."""
     news = path[_NEWS]
     messages = length(news)
     for number in range(messages):

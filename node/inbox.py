@@ -20,7 +20,7 @@ from genetics.operators import TABLE, Table, integers, octets, octets_of, pointe
 from node.kernels import OWN, TOLD, note_staleness
 from node.plan import Plan
 from wire.exchange import Messages
-from wire.exchange_kernels import GENERATION, JOB, PAYLOAD, SENT, WORLD, only_emigrants, read_message
+from wire.exchange_kernels import EPOCH, GENERATION, JOB, PAYLOAD, SENT, only_emigrants, read_message
 from wire.report import Staleness
 
 # What an inbox counts: the number of the next exchange, spare rows, neighbours whose messages are lacking, and messages
@@ -31,7 +31,7 @@ NEXT, _SPARE, LACKING, _KEPT, _REFUSED, _LOST, _OF_NO_USE = range(7)
 _HEADER, _GENOMES, _FITNESS, _MASK, _LOW, _HIGH, _ITEMS, _NAMES, _SENDERS, _WHENCES, _LATEST, _SPARES = range(12)
 _COUNTS, _LIMITS = 12, 13
 # Columns of the limits; the interval is 0 in async mode.
-_MOST_BYTES, _CELLS, _JOB, _WORLD, _INTERVAL, _CHAMPIONS = range(6)
+_MOST_BYTES, _CELLS, _JOB, _EPOCH, _INTERVAL, _CHAMPIONS = range(6)
 
 _mark = struct.Struct("<2q").pack  # before a message where several are packed: its sender and its length
 
@@ -81,7 +81,7 @@ def _swap(row: Any, whence: Any, names: Any, spare: Any, counts: Any) -> Any:
 def _take_in(table: Any, limits: Any, payload: Any, number: Any, counts: Any) -> Any:
     """Read a message of neighbour ``number`` into a spare row, and keep it if it is of use.
 
-    Returns minus the reason why it is refused, or whether it is of this world.
+    Returns minus the reason why it is refused, or whether it is of this epoch.
     """
     spare = integers(table, _SPARES)[0]
     row = spare[counts[_SPARE] - 1]
@@ -94,7 +94,7 @@ def _take_in(table: Any, limits: Any, payload: Any, number: Any, counts: Any) ->
     if end < 0:
         return end
     latest = integers(table, _LATEST)
-    if header[JOB] != limits[_JOB] or header[WORLD] != limits[_WORLD]:
+    if header[JOB] != limits[_JOB] or header[EPOCH] != limits[_EPOCH]:
         return 0
     if _is_of_use(header, limits[_INTERVAL], latest, number, counts):
         if not limits[_CHAMPIONS]:
@@ -158,7 +158,7 @@ def packed(news: Sequence[tuple[int, bytes]]) -> bytes:
 
 
 class Inbox:
-    """The messages of one cell's neighbours in one world of a job.
+    """The messages of one cell's neighbours in one epoch of a job.
 
     Attributes:
         neighbours: the distinct cells that the cell's slots name, without itself.
@@ -205,7 +205,7 @@ class Inbox:
             self.latest,
             spare,
             self.counts,
-            np.array([plan.limits.most_bytes, plan.limits.cells, job, plan.world, interval, champions]),
+            np.array([plan.limits.most_bytes, plan.limits.cells, job, plan.epoch, interval, champions]),
         )
         self.table = pointers(*self._kept)
 

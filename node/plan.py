@@ -24,8 +24,8 @@ class Plan:
     """What is to be solved, how it is bred, who neighbours whom and when it ends.
 
     Attributes:
-        world: its number in the row of worlds that a job lives in.
-        since: generations that the job had lived through when this world began.
+        epoch: its number in the row of epochs that a job lives in.
+        since: generations that the job had lived through when this epoch began.
         attempt: how often it had begun anew by then, since the problem was last changed.
 
     Raises:
@@ -34,14 +34,14 @@ class Plan:
 
     problem: Problem
     run: Run
-    world: int = 0
+    epoch: int = 0
     since: int = 0
     attempt: int = 0
 
     @staticmethod
-    def of(file: ProblemFile, world: int = 0, since: int = 0, *, checked: bool = False) -> "Plan":
+    def of(file: ProblemFile, epoch: int = 0, since: int = 0, *, checked: bool = False) -> "Plan":
         """The plan of a problem file, which another process has ``checked`` or not; this imports a user's module."""
-        plan = Plan(file.problem(checked=checked), file.run, world, since, file.attempt)
+        plan = Plan(file.problem(checked=checked), file.run, epoch, since, file.attempt)
         _ = plan.target, plan.next_attempt  # asks a user's problem, so that a wrong answer is found now
         return plan
 
@@ -73,8 +73,8 @@ class Plan:
 
     @cached_property
     def seed(self) -> np.uint64:
-        """Of this world: generations count from 0 in each, and are to draw other numbers in another."""
-        return seed_of(self.run, self.world)
+        """Of this epoch: generations count from 0 in each, and are to draw other numbers in another."""
+        return seed_of(self.run, self.epoch)
 
     def deme_of(self, genomes: bytes) -> Genomes:
         """The individuals that lie one after another in ``genomes``, shape (deme, genome_bytes)."""
@@ -97,8 +97,8 @@ class Plan:
 
     @cached_property
     def last_generation(self) -> int | None:
-        """Where every cell stops by itself, if anywhere; counted from this world's beginning."""
-        last = self.run.last_generation(self.recipe, self.world + 1)
+        """Where every cell stops by itself, if anywhere; counted from this epoch's beginning."""
+        last = self.run.last_generation(self.recipe, self.epoch + 1)
         return None if last is None else max(0, last - self.since)
 
     @cached_property
@@ -127,8 +127,8 @@ class Plan:
         return DEFAULT_STALL if given is None and seeks and self.next_attempt is not None else given
 
     def leaves_room(self, lived: int) -> bool:
-        """Whether the limits leave another world a generation, when the job has ``lived`` through so many."""
-        last = self.run.last_generation(self.recipe, self.world + 2)
+        """Whether the limits leave another epoch a generation, when the job has ``lived`` through so many."""
+        last = self.run.last_generation(self.recipe, self.epoch + 2)
         return last is None or last > lived
 
     @cached_property
@@ -151,14 +151,14 @@ class Plan:
         return evaluations_per_generation(self.run.deme, self.slots, self.recipe)
 
 
-def seed_of(run: Run, world: int) -> np.uint64:
-    """The seed of a world: a run of its own with that seed draws the same numbers in its first one."""
-    return np.uint64((run.seed + world * _GOLDEN) % (1 << 64))
+def seed_of(run: Run, epoch: int) -> np.uint64:
+    """The seed of an epoch: a run of its own with that seed draws the same numbers in its first one."""
+    return np.uint64((run.seed + epoch * _GOLDEN) % (1 << 64))
 
 
-def retry(file: ProblemFile, world: int, fields: dict[str, Any]) -> dict[str, Any]:
-    """The directive of the attempt at ``file`` in the world of that number, which has changed ``fields``.
+def retry(file: ProblemFile, epoch: int, fields: dict[str, Any]) -> dict[str, Any]:
+    """The directive of the attempt at ``file`` in the epoch of that number, which has changed ``fields``.
 
     A run of its own that has the seed it says, and those fields, is the same.
     """
-    return {"do": "retry", "attempt": file.attempt, "seed": int(seed_of(file.run, world)), "fields": fields}
+    return {"do": "retry", "attempt": file.attempt, "seed": int(seed_of(file.run, epoch)), "fields": fields}

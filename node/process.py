@@ -71,7 +71,7 @@ class NodeProcess:
         self.berth = berth
         self.keys = berth.keys
         self.mail: queue.SimpleQueue[Task] = queue.SimpleQueue()  # for the main thread
-        self.past: Assignment | None = None  # the world before, which neighbours may still be at
+        self.past: Assignment | None = None  # the epoch before, which neighbours may still be at
         self.assignment: Assignment | None = None
         self.coming: Coming | None = None
         self._ordered: Prepare | Halt | Drop | None = None  # the latest that is for this node
@@ -135,7 +135,7 @@ class NodeProcess:
     def _hear(self, sender: int, sample: zenoh.Sample) -> None:
         """The ordinary way of a message."""
         payload = sample.payload.to_bytes()
-        if (coming := self.coming) is not None:  # each cell takes what is meant for its world
+        if (coming := self.coming) is not None:  # each cell takes what is meant for its epoch
             coming.hear(sender, payload)
         assignment = self.assignment
         if assignment is None or not assignment.hears:
@@ -206,7 +206,7 @@ class NodeProcess:
 
     def _open_fast_path(self, assignment: Assignment) -> None:
         """If that is possible, until the next step; within the turn."""
-        alone = self.coming is None or assignment.in_lockstep  # by whose way messages for other worlds are told apart
+        alone = self.coming is None or assignment.in_lockstep  # by whose way messages for other epochs are told apart
         if assignment is not self.assignment or assignment.cell.ended or not alone:
             self._fast_path.close(assignment)
         elif not assignment.in_lockstep:
@@ -340,7 +340,7 @@ class NodeProcess:
             self._show_up(command, query)
         else:
             for assignment in (self.assignment, self.past):
-                if assignment is not None and (assignment.job, assignment.world) == (command.job, command.world):
+                if assignment is not None and (assignment.job, assignment.epoch) == (command.job, command.epoch):
                     return self._obey(assignment, command, query)
             self._leave(query)
         return None
@@ -356,7 +356,7 @@ class NodeProcess:
         query.drop()  # type: ignore[no-untyped-call]
 
     def _obey(self, assignment: Assignment, command: Command, query: zenoh.Query) -> None:
-        """A command that is meant for the world that this node is at."""
+        """A command that is meant for the epoch that this node is at."""
         if isinstance(command, ProposeStop):
             assignment.events.append(Propose(command.reason))
             _answer(query, Done())
@@ -371,14 +371,14 @@ class NodeProcess:
             _answer(query, Refused("that is a command for the spy"))
 
     def _prepare(self, command: Prepare) -> Done | Refused:
-        """A first world is ready to begin; a later one comes after the one that this node is at."""
+        """A first epoch is ready to begin; a later one comes after the one that this node is at."""
         goes_on = self._has_lived_before(command) and not command.deme
         if not goes_on and self.assignment is not None:
             self._forget(self.assignment.job)
         self.coming = None
         try:
             file = self.berth.modules.read(command.file)
-            plan = Plan.of(file, command.world, command.since or 0, checked=True)
+            plan = Plan.of(file, command.epoch, command.since or 0, checked=True)
             if goes_on and self.assignment is not None and not command.fresh:  # a user's own is known here only
                 file.keep_coding(self.assignment.cell.plan.coding, plan.coding)
             links = self._linked(plan.topology, command.wiring, command)
@@ -392,18 +392,18 @@ class NodeProcess:
         if cell is None:
             self.coming = Coming(command.job, plan, links, command.since, command.deme, command.fresh)
             if self.assignment is not None and not self.assignment.in_lockstep:
-                self._fast_path.close(self.assignment)  # it cannot tell which world a message is for
+                self._fast_path.close(self.assignment)  # it cannot tell which epoch a message is for
         else:
             self.assignment = Assignment(cell, links)
         return Done(json.dumps(fingerprint()))
 
     def _has_lived_before(self, command: Prepare) -> bool:
-        """In an earlier world of that job; told again to prepare for the same one, this node begins from there."""
+        """In an earlier epoch of that job; told again to prepare for the same one, this node begins from there."""
         assignment = self.assignment
-        return assignment is not None and assignment.job == command.job and assignment.world < command.world
+        return assignment is not None and assignment.job == command.job and assignment.epoch < command.epoch
 
     def _keep(self, links: Links) -> None:
-        """From now on these; those before serve a world that has not stopped yet, or nobody."""
+        """From now on these; those before serve an epoch that has not stopped yet, or nobody."""
         before, self.links = self.links, links
         if (
             before is not None
@@ -415,14 +415,14 @@ class NodeProcess:
     def _begin(self, command: Begin, query: zenoh.Query) -> None:
         """Go; asked again (by a coordinator that takes over), answer that one."""
         assignment, coming = self.assignment, self.coming
-        if coming is not None and (coming.job, coming.plan.world) == (command.job, command.world):
+        if coming is not None and (coming.job, coming.plan.epoch) == (command.job, command.epoch):
             coming.begun = query
-            self._turn_to_the_next_world()
-        elif assignment is not None and (assignment.job, assignment.world) == (command.job, command.world):
+            self._turn_to_the_next_epoch()
+        elif assignment is not None and (assignment.job, assignment.epoch) == (command.job, command.epoch):
             if assignment.cell.state == "prepared":
                 self._start(assignment, Start())
             self._answer_with_report(assignment, query)
-        elif self.past is not None and (self.past.job, self.past.world) == (command.job, command.world):
+        elif self.past is not None and (self.past.job, self.past.epoch) == (command.job, command.epoch):
             self._answer_with_report(self.past, query)  # the one before may have been lost
         else:
             self._leave(query)
@@ -446,7 +446,7 @@ class NodeProcess:
                 query.reply(query.key_expr, assignment.report)
             assignment.begun = None
 
-    def _turn_to_the_next_world(self) -> None:
+    def _turn_to_the_next_epoch(self) -> None:
         """Once it may begin and the one before has stopped; the deme of that one goes on living."""
         before, coming = self.assignment, self.coming
         if coming is None or coming.begun is None or (before is not None and not before.cell.ended):
@@ -500,7 +500,7 @@ class NodeProcess:
                 self._tell_counters(assignment)
             assignment.report = action.encode()
             self._report(assignment)
-            self._turn_to_the_next_world()
+            self._turn_to_the_next_epoch()
 
     def _ask(self, assignment: Assignment, action: Ask) -> None:
         def hear(reply: zenoh.Reply) -> None:
@@ -509,7 +509,7 @@ class NodeProcess:
                 self.mail.put(_nothing)
 
         key = self.keys.control(assignment.links.wiring.nodes[action.neighbour])
-        missed = control.encode(Missed(assignment.job, assignment.world, action.generation))
+        missed = control.encode(Missed(assignment.job, assignment.epoch, action.generation))
         self.control.get(
             key,
             direct(hear),
@@ -530,7 +530,7 @@ class NodeProcess:
             self.berth.node,
             cell.cell,
             cell.job,
-            cell.plan.world,
+            cell.plan.epoch,
             cell.plan.since + cell.rows.generation,
             cell.rows.evaluations,
             cell.sent,

@@ -1,6 +1,6 @@
-"""The same job in this process, through all the worlds that a run of processes has lived in.
+"""The same job in this process, through all the epochs that a run of processes has lived in.
 
-What came from outside, and after which generation, is what a result's directives say: another world, the replacement of
+What came from outside, and after which generation, is what a result's directives say: another epoch, the replacement of
 a dead node, a stop. So do they of each attempt after the first. With them a lockstep run is repeated bit for bit.
 """
 
@@ -21,20 +21,20 @@ from wire.report import Report
 
 _TURNS = ("update", "rewire", "replace", "retry")
 _LOST = {
-    "several": "it has lived in so many worlds that what is known of the first ones is put together",
+    "several": "it has lived in so many epochs that what is known of the first ones is put together",
     "restart": "all its nodes died, and it began again",
 }
 """Directives that say too little."""
 
 
 @dataclass(frozen=True)
-class World:
-    """One of the worlds, and how it ends.
+class Epoch:
+    """One of the epochs, and how it ends.
 
     Attributes:
         since: generations of the job before it.
         why: the directive that led to it; empty for the first.
-        left_at: after which generation each cell leaves it; None for the last world.
+        left_at: after which generation each cell leaves it; None for the last epoch.
         last: the generation after which it is stopped from outside, if it is.
         heirs: cells that lose their demes at its end, each with the one whose deme it gets.
     """
@@ -64,14 +64,14 @@ class World:
             return self.plan
         return replace(self.plan, run=self.file.with_run(generations=self.since + self.last).run)
 
-    def retried(self, generation: int, fields: dict[str, Any]) -> "World":
-        """Another attempt after this world, which has ended after ``generation``; it changes ``fields``.
+    def retried(self, generation: int, fields: dict[str, Any]) -> "Epoch":
+        """Another attempt after this epoch, which has ended after ``generation``; it changes ``fields``.
 
         Raises:
             BadInput: if the problem cannot be so.
         """
         file = self.file.next_attempt(fields)
-        return World(self.number + 1, file, self.since + generation, retry(file, self.number + 1, fields))
+        return Epoch(self.number + 1, file, self.since + generation, retry(file, self.number + 1, fields))
 
     def live(
         self, demes: Genomes | None, watch: Watch = ignore, outside: Outside = never, snapshot: Snapshot = ignore
@@ -80,7 +80,7 @@ class World:
         return simulate(self.ending, watch, snapshot, outside, None if self.is_fresh else demes)
 
     def leave(self, demes: Genomes | None) -> tuple[list[Report], Genomes]:
-        """The same until cells go on to the next world, and the demes with which they do.
+        """The same until cells go on to the next epoch, and the demes with which they do.
 
         Raises:
             BadInput: if it ends before.
@@ -92,7 +92,7 @@ class World:
 
 
 class Replayed(NamedTuple):
-    """One of the worlds, lived through.
+    """One of the epochs, lived through.
 
     Attributes:
         reports: of all cells.
@@ -111,12 +111,12 @@ def replay(
     watch: Watch = ignore,
     outside: Outside = never,
 ) -> list[Replayed]:
-    """Live through all worlds; see `worlds_of` and `live`."""
-    return live(worlds_of(file, directives), watch, outside)
+    """Live through all epochs; see `epochs_of` and `live`."""
+    return live(epochs_of(file, directives), watch, outside)
 
 
-def worlds_of(file: ProblemFile, directives: Sequence[Mapping[str, Any]] = ()) -> list[World]:
-    """The worlds that a job lives in, which begins as ``file`` says.
+def epochs_of(file: ProblemFile, directives: Sequence[Mapping[str, Any]] = ()) -> list[Epoch]:
+    """The epochs that a job lives in, which begins as ``file`` says.
 
     Raises:
         BadInput: if there is something wrong with a directive.
@@ -124,38 +124,38 @@ def worlds_of(file: ProblemFile, directives: Sequence[Mapping[str, Any]] = ()) -
     turns, stop = _sorted(directives)
     if turns and file.run.mode != "lockstep":
         raise BadInput(f"directives: mode: expected lockstep, which alone can be repeated, found {file.run.mode}")
-    worlds: list[World] = []
+    epochs: list[Epoch] = []
     since, why = 0, dict[str, Any]()
     for number, turn in enumerate(turns):
         cells = topologies.parse(file.run.topology).cells
         left_at, heirs = _left_at(turn, cells), _heirs(turn, cells)
         last = max(left_at.values())
-        worlds.append(World(number, file, since, why, left_at, last, heirs))
+        epochs.append(Epoch(number, file, since, why, left_at, last, heirs))
         file = _after(turn, file, cells)
         since, why = since + last, dict(turn)
-    return [*worlds, World(len(worlds), file, since, why, last=stop)]
+    return [*epochs, Epoch(len(epochs), file, since, why, last=stop)]
 
 
-def live(worlds: Sequence[World], watch: Watch = ignore, outside: Outside = never) -> list[Replayed]:
-    """Live through ``worlds``, one after another. ``watch`` and ``outside`` are called in the last one only.
+def live(epochs: Sequence[Epoch], watch: Watch = ignore, outside: Outside = never) -> list[Replayed]:
+    """Live through ``epochs``, one after another. ``watch`` and ``outside`` are called in the last one only.
 
     Raises:
-        BadInput: if a world ends before it is to be left.
+        BadInput: if an epoch ends before it is to be left.
         EvaluationFailed: if the problem breaks.
     """
     lived: list[Replayed] = []
     demes: Genomes | None = None
-    for world in worlds:
-        if world.left_at is None:
-            reports = world.live(demes, watch, outside)
+    for epoch in epochs:
+        if epoch.left_at is None:
+            reports = epoch.live(demes, watch, outside)
         else:
-            reports, demes = world.leave(demes)
-        lived.append(Replayed(world.file, world.plan, reports, world.why))
+            reports, demes = epoch.leave(demes)
+        lived.append(Replayed(epoch.file, epoch.plan, reports, epoch.why))
     return lived
 
 
 class _Leaving:
-    """Of each cell the deme that it has when it leaves a world."""
+    """Of each cell the deme that it has when it leaves an epoch."""
 
     def __init__(self, left_at: Mapping[int, int]) -> None:
         self._cells_by_generation: dict[int, list[int]] = {}
@@ -168,18 +168,18 @@ class _Leaving:
         for cell in self._cells_by_generation.get(generation, ()):
             self._kept[cell] = genomes[cell].copy()
 
-    def handed_on(self, world: World, generation: int) -> Genomes:
-        """The demes of all cells, (cells, deme, genome_bytes), when the world has ended after ``generation``."""
-        if world.last is not None and generation < world.last:
-            found = f"world {world.number} ends after generation {generation} already"
-            raise BadInput(f"directives: expected cells to leave after generation {world.last}, but {found}")
-        self._kept |= {cell: self._kept[heir] for cell, heir in world.heirs.items()}
+    def handed_on(self, epoch: Epoch, generation: int) -> Genomes:
+        """The demes of all cells, (cells, deme, genome_bytes), when the epoch has ended after ``generation``."""
+        if epoch.last is not None and generation < epoch.last:
+            found = f"epoch {epoch.number} ends after generation {generation} already"
+            raise BadInput(f"directives: expected cells to leave after generation {epoch.last}, but {found}")
+        self._kept |= {cell: self._kept[heir] for cell, heir in epoch.heirs.items()}
         return np.stack([self._kept[cell] for cell in sorted(self._kept)])
 
 
 # What directives say --------------------------------------------------------------------------------------------------
 def _sorted(directives: Sequence[Mapping[str, Any]]) -> tuple[list[Mapping[str, Any]], int | None]:
-    """Those that lead to another world, in their order, and where the last one is stopped, if it is."""
+    """Those that lead to another epoch, in their order, and where the last one is stopped, if it is."""
     turns, stops = [], []
     for directive in directives:
         if not isinstance(directive, Mapping):
@@ -198,7 +198,7 @@ def _sorted(directives: Sequence[Mapping[str, Any]]) -> tuple[list[Mapping[str, 
 
 
 def _after(turn: Mapping[str, Any], file: ProblemFile, cells: int) -> ProblemFile:
-    """The problem file of the world that ``turn`` leads to."""
+    """The problem file of the epoch that ``turn`` leads to."""
     if turn["do"] == "update":
         return file.changed(dict(_table(turn, "fields")), {})
     if turn["do"] == "retry":
@@ -215,7 +215,7 @@ def _after(turn: Mapping[str, Any], file: ProblemFile, cells: int) -> ProblemFil
 
 
 def _left_at(turn: Mapping[str, Any], cells: int) -> dict[int, int]:
-    """After which generation each cell left the world; when a node has died they are a few apart."""
+    """After which generation each cell left the epoch; when a node has died they are a few apart."""
     if turn["do"] != "replace":
         return dict.fromkeys(range(cells), _count(turn, "generation"))
     left_at = dict(_by_cell(turn, "generations", cells))

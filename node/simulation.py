@@ -72,9 +72,9 @@ def simulate(
     outside: Outside = never,
     demes: Genomes | None = None,
 ) -> list[Report]:
-    """Run one world of a job to its end: one attempt at it. The reports are in the order of the cells.
+    """Run one epoch of a job to its end: one attempt at it. The reports are in the order of the cells.
 
-    ``demes``, (cells, deme, genome_bytes), are the first ones if they are given, such as the last of another world:
+    ``demes``, (cells, deme, genome_bytes), are the first ones if they are given, such as the last of another epoch:
     they are evaluated anew.
 
     Raises:

@@ -92,17 +92,17 @@ class Run(Table):
             replacement=self.replacement or base.replacement,
         )
 
-    def last_generation(self, recipe: Recipe, worlds: int = 1) -> int | None:
-        """The generation of the job after which every cell stops by itself in the last of so many worlds, or None.
+    def last_generation(self, recipe: Recipe, epochs: int = 1) -> int | None:
+        """The generation of the job after which every cell stops by itself in the last of so many epochs, or None.
 
         Every cell makes the same number of evaluations a generation, so a limit on those is a limit on generations. In
-        each world the first individuals are evaluated too.
+        each epoch the first individuals are evaluated too.
         """
         limits = [] if self.generations is None else [self.generations]
         if self.evaluations is not None:
             topology = topologies.parse(self.topology)
             slots = len(topology.neighbours(0))
-            first = worlds * topology.cells * self.deme
+            first = epochs * topology.cells * self.deme
             each = topology.cells * evaluations_per_generation(self.deme, slots, recipe)
             limits.append(max(0, (self.evaluations - first) // each))
         return min(limits, default=None)

@@ -15,12 +15,12 @@ _ROUNDING = 1e-9
 
 
 class Collector:
-    """Keeps the best verified champion of one world of a job. No input or output.
+    """Keeps the best verified champion of one epoch of a job. No input or output.
 
     Args:
-        plan: of the world.
+        plan: of the epoch.
         job: its number.
-        best: the best answer of the worlds before, if their problem was the same. If it is said to be of one of them,
+        best: the best answer of the epochs before, if their problem was the same. If it is said to be of one of them,
             it is kept as of there.
     """
 
@@ -49,17 +49,17 @@ class Collector:
             return None
         improves = self.best is None or champion.fitness < self.best.fitness
         self._best = champion
-        place = (self.job, self.plan.world, seconds, champion.generation, champion.cell)
+        place = (self.job, self.plan.epoch, seconds, champion.generation, champion.cell)
         self.best = Improvement(*place, champion.fitness, feasible, solution)
         return self.best if improves else None
 
     def _comes_before(self, champion: Champion) -> bool:
-        """Whether it is better than any before, or as good and older; of other worlds the age is not known."""
+        """Whether it is better than any before, or as good and older; of other epochs the age is not known."""
         if self._best is not None:
             return champion < self._best
         if self.best is None or champion.fitness < self.best.fitness:
             return True
-        return self.best.world == self.plan.world and champion.fitness == self.best.fitness
+        return self.best.epoch == self.plan.epoch and champion.fitness == self.best.fitness
 
     def _true(self, champion: Champion, genome: Genomes) -> bool:
         fitness = float(self.plan.evaluate(genome[None])[0])

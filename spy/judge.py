@@ -104,7 +104,7 @@ def judge(
     states: Mapping[int, bytes] | None = None,
     since: int = 0,
 ) -> Judgement:
-    """Judge what the spy has collected of a world that stopped after ``generation`` for ``reasons``, or by an error.
+    """Judge what the spy has collected of an epoch that stopped after ``generation`` for ``reasons``, or by an error.
 
     What the cells' ``states`` have to say goes into the solution; ``since`` generations the job had lived before.
     """
@@ -119,7 +119,7 @@ def judge(
         nothing = Judgement(status, False, None, None, None, plan.target, solved_when=plan.solved_when)
         return _going_on(plan, nothing, since + generation)
     try:
-        if best.world == plan.world:  # else cells of this world have nothing to say of it
+        if best.epoch == plan.epoch:  # else cells of this epoch have nothing to say of it
             best = replace(best, solution=merged(plan.problem, best.solution, states or {}, best.cell))
     except EvaluationFailed as failure:
         return Judgement("failed", False, str(failure), best)
@@ -151,7 +151,7 @@ def _status(plan: Plan, best: Improvement | None, generation: int, reasons: set[
     if best is not None and plan.target is not None and best.fitness <= plan.target:
         return "solved"
     if generation == plan.last_generation or (not reasons and plan.last_generation is not None):
-        return "exhausted"  # in async mode cells begin a later world at generations of their own
+        return "exhausted"  # in async mode cells begin a later epoch at generations of their own
     for reason, status in STATUS_OF.items():
         if reason in reasons:
             return status

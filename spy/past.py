@@ -1,6 +1,6 @@
-"""What a job has lived through, added up world by world: of a world that has ended nothing else need be kept.
+"""What a job has lived through, added up epoch by epoch: of an epoch that has ended nothing else need be kept.
 
-A job that is kept alive while its world moves has as many worlds as it was told of updates; what is known of it must
+A job that is kept alive while its world moves has as many epochs as it was told of updates; what is known of it must
 not grow with all that each of their cells had to report.
 """
 
@@ -29,11 +29,11 @@ _FEWEST = 2  # directives that are never put together
 
 @dataclass(frozen=True)
 class Lived:
-    """What became of a job in one of its worlds.
+    """What became of a job in one of its epochs.
 
     Attributes:
         reports: of the cells that told of their end in it.
-        number: of the world.
+        number: of the epoch.
     """
 
     file: ProblemFile
@@ -53,21 +53,21 @@ class Messages:
 
 @dataclass(frozen=True)
 class Past:
-    """The worlds of a job so far.
+    """The epochs of a job so far.
 
     Attributes:
-        worlds: how many.
+        epochs: how many.
         generations: of all of them, as far as anybody has told.
         evaluations: by all cells.
-        history: over the digests of all cells, world by world; None if not everything is known. Worlds that a node
+        history: over the digests of all cells, epoch by epoch; None if not everything is known. Epochs that a node
             died in are left out: what that node lived through nobody knows.
-        champion: the best that cells knew when they stopped, in worlds of the same problem as the next one. A world
+        champion: the best that cells knew when they stopped, in epochs of the same problem as the next one. An epoch
             that a node died in says nothing: what others knew then is another in each repetition.
         texts: the directives, as JSON, which takes a tenth of the room.
         text_bytes: what they come to.
     """
 
-    worlds: int = 0
+    epochs: int = 0
     generations: int = 0
     evaluations: int = 0
     messages: Messages = field(default_factory=Messages)
@@ -79,43 +79,43 @@ class Past:
 
     @property
     def directives(self) -> list[dict[str, Any]]:
-        """How each world but the first followed the one before, and after which generation."""
+        """How each epoch but the first followed the one before, and after which generation."""
         return [json.loads(text) for text in self.texts]
 
-    def and_then(self, world: Lived, why: Mapping[str, Any] | None = None) -> "Past":
-        """With another world that has ended, and ``why`` there is one after it, if there is, as a directive."""
-        reports = world.reports
+    def and_then(self, epoch: Lived, why: Mapping[str, Any] | None = None) -> "Past":
+        """With another epoch that has ended, and ``why`` there is one after it, if there is, as a directive."""
+        reports = epoch.reports
         died = why is not None and why.get("do") == "replace"
         generations = lived_for(reports, died) if reports else 0
         past = replace(
             self,
-            worlds=world.number + 1,
+            epochs=epoch.number + 1,
             generations=self.generations + generations,
             evaluations=self.evaluations + sum(report.evaluations for report in reports),
             messages=_counted(self.messages, reports),
             staleness=_added(self.staleness, reports),
-            history=self.history if died else self._history_with(world),
-            champion=self._champion_after(world, None if why is None else why.get("do")),
+            history=self.history if died else self._history_with(epoch),
+            champion=self._champion_after(epoch, None if why is None else why.get("do")),
         )
-        return past if why is None else past.led_on({"world": world.number + 1, "generation": generations, **why})
+        return past if why is None else past.led_on({"epoch": epoch.number + 1, "generation": generations, **why})
 
-    def _champion_after(self, world: Lived, do: str | None) -> Champion | None:
+    def _champion_after(self, epoch: Lived, do: str | None) -> Champion | None:
         if do in (None, "update", "retry"):  # an attempt was judged at its end, and may be coded otherwise
             return None
-        return self.champion if do == "replace" else self.or_better(world)
+        return self.champion if do == "replace" else self.or_better(epoch)
 
-    def _history_with(self, world: Lived) -> str | None:
-        whole = len(world.reports) == topologies.parse(world.file.run.topology).cells
-        if world.file.run.mode == "lockstep":  # else it was halted somewhere on the way, as when a node dies
-            whole = whole and len({report.generation for report in world.reports}) == 1
-        if self.history is None or not whole or world.number > self.worlds:
+    def _history_with(self, epoch: Lived) -> str | None:
+        whole = len(epoch.reports) == topologies.parse(epoch.file.run.topology).cells
+        if epoch.file.run.mode == "lockstep":  # else it was halted somewhere on the way, as when a node dies
+            whole = whole and len({report.generation for report in epoch.reports}) == 1
+        if self.history is None or not whole or epoch.number > self.epochs:
             return None
-        digests = b"".join(report.digest for report in sorted(world.reports, key=lambda report: report.cell))
+        digests = b"".join(report.digest for report in sorted(epoch.reports, key=lambda report: report.cell))
         return hashlib.sha256(bytes.fromhex(self.history) + digests).hexdigest()
 
-    def or_better(self, world: Lived) -> Champion | None:
-        """The best that cells know at the end of a ``world`` of the same problem, or knew before."""
-        now, before = best_known(world.reports, world.file.run.spy), self.champion
+    def or_better(self, epoch: Lived) -> Champion | None:
+        """The best that cells know at the end of an ``epoch`` of the same problem, or knew before."""
+        now, before = best_known(epoch.reports, epoch.file.run.spy), self.champion
         if before is None or (now is not None and now.fitness <= before.fitness):
             return now
         return before._replace(generation=0)  # there it is known from the beginning
@@ -133,18 +133,18 @@ class Past:
         """All but the directives."""
         messages = [self.messages.sent, self.messages.received, self.messages.lost, self.messages.rejected]
         champion = None if self.champion is None else [*self.champion[:-1], self.champion.genome.hex()]
-        counts = [self.worlds, self.generations, self.evaluations, messages, self.staleness]
+        counts = [self.epochs, self.generations, self.evaluations, messages, self.staleness]
         return json.dumps([*counts, self.history, champion])
 
     @staticmethod
     def from_json(text: str) -> "Past":
         """The inverse of `to_json`."""
-        worlds, generations, evaluations, messages, staleness, history, champion = json.loads(text)
+        epochs, generations, evaluations, messages, staleness, history, champion = json.loads(text)
         known = None
         if champion is not None:
             fitness, generation, cell, genome = champion
             known = Champion(fitness, generation, cell, bytes.fromhex(genome))
-        return Past(worlds, generations, evaluations, Messages(*messages), Staleness(*staleness), history, known)
+        return Past(epochs, generations, evaluations, Messages(*messages), Staleness(*staleness), history, known)
 
 
 def best_known(reports: Sequence[Report], spy: str) -> Champion | None:
@@ -159,7 +159,7 @@ def stopped_after(reports: Sequence[Report]) -> int:
 
 
 def lived_for(reports: Sequence[Report], halted: bool) -> int:
-    """Generations of a world. Where cells halted since one had died, the next world counts from the furthest."""
+    """Generations of an epoch. Where cells halted since one had died, the next epoch counts from the furthest."""
     return max(report.generation for report in reports) if halted else stopped_after(reports)
 
 
@@ -189,7 +189,7 @@ def _shortened(texts: tuple[str, ...]) -> tuple[str, ...]:
     updates = [directive for directive in older if directive["do"] in ("update", SEVERAL)]
     together = {
         "do": SEVERAL,
-        "world": older[-1]["world"],
+        "epoch": older[-1]["epoch"],
         "generation": sum(directive["generation"] for directive in older),
         "fields": dict(item for directive in updates for item in directive["fields"].items()),
     }

@@ -1,6 +1,6 @@
 """The process of the spy: linked to the root cell like a fifth neighbour, as in figure 7 of Ahuactzin et al. 1992.
 
-It hears what the root publishes, believes a champion once it has evaluated and checked it, and tells the world. The
+It hears what the root publishes, believes a champion once it has evaluated and checked it, and tells the epoch. The
 root publishes thousands of messages a second, most of them with the same champion as before: they are read on the
 network thread, and only a new champion is mail for the main thread. Several jobs may run at once, each with a root of
 its own. The control session also gathers the nodes' counters. Twice a second it adds up the counters,
@@ -44,13 +44,13 @@ def watch(berth: Berth) -> None:
 
 
 class _Root:
-    """What the root says in one world of a job."""
+    """What the root says in one epoch of a job."""
 
     def __init__(self, plan: Plan, job: int) -> None:
         self.generation = 0
         self.rejected = 0
         self._job = job
-        self._world = plan.world
+        self._epoch = plan.epoch
         self._limits = plan.limits
         self._message = Messages.room(1, plan.limits.genome_bytes, plan.limits.emigrants)
         self._told: tuple[int, int] | None = None  # birth of the latest champion
@@ -61,8 +61,8 @@ class _Root:
         if message.decode(0, payload, self._limits) is not None:
             self.rejected += 1
             return None
-        job, world, generation, *_, born, birthplace = message.header[0].tolist()
-        if (job, world) != (self._job, self._world):
+        job, epoch, generation, *_, born, birthplace = message.header[0].tolist()
+        if (job, epoch) != (self._job, self._epoch):
             return None
         self.generation = generation
         if self._told == (born, birthplace):
@@ -73,7 +73,7 @@ class _Root:
 
 @dataclass(eq=False)
 class _Assignment:
-    """A world of a job that is being watched; as mail: the root has told of a champion that it had not told before.
+    """An epoch of a job that is being watched; as mail: the root has told of a champion that it had not told before.
 
     Only the ``latest`` is looked at: a check may take longer than it takes to find something better.
     """
@@ -109,7 +109,7 @@ class _Link:
     def __init__(self, berth: Berth, wiring: Wiring, mail: "queue.SimpleQueue[Any]", routed: zenoh.Session) -> None:
         root = wiring.nodes[ROOT]
         self.wiring = wiring
-        self.listening: list[_Assignment] = []  # worlds of the job at that root; replaced as a whole
+        self.listening: list[_Assignment] = []  # epochs of the job at that root; replaced as a whole
         self._mail = mail
         # A spy that has joined a cluster is nowhere near the root, which then publishes through the router too.
         self._own = None if berth.host else sessions.peer([], [berth.data_endpoint(root, wiring.number)])
@@ -147,7 +147,7 @@ class SpyProcess:
         self.mail: queue.SimpleQueue[_Assignment | zenoh.Query | None] = queue.SimpleQueue()
         self._counted: list[tuple[bytes, float]] = []  # counters, with their times; the network thread appends
         self.alive: set[str] = set()
-        self.assignments: dict[int, _Assignment] = {}  # by job: its latest world
+        self.assignments: dict[int, _Assignment] = {}  # by job: its latest epoch
         self.links: dict[int, _Link] = {}  # by root: its node's number
         self._due = 0.0
         self._seal = Seal(berth.secret)
@@ -216,7 +216,7 @@ class SpyProcess:
                 counters = Counters.decode(payload)
                 latest[counters.node] = counters
                 watched = self.assignments.get(counters.job)
-                if watched is not None and watched.plan.world == counters.world:
+                if watched is not None and watched.plan.epoch == counters.epoch:
                     watched.hear(counters, at)
         for message in Counters.encode_all(latest.values()):
             self.control.put(self.keys.spy_counters, message)
@@ -256,26 +256,26 @@ class SpyProcess:
         if not isinstance(command, Begin | Finish):
             return Refused("that is a command for nodes")
         assignment = self.assignments.get(command.job)
-        if assignment is None or command.world != assignment.plan.world:
-            return Refused(f"the spy is not at job {command.job}, world {command.world}", "stranger")
+        if assignment is None or command.epoch != assignment.plan.epoch:
+            return Refused(f"the spy is not at job {command.job}, epoch {command.epoch}", "stranger")
         if isinstance(command, Finish):
             return self._finish(assignment, command)
         self._listen_to(assignment)
         assignment.began = time.monotonic()
         plan, best = assignment.plan, assignment.collector.best
-        if best is not None and best.world == plan.world:  # an answer in this world too
+        if best is not None and best.epoch == plan.epoch:  # an answer in this epoch too
             self._tell(best)
         return Done()
 
     def _prepare(self, command: Prepare) -> Done | Refused:
-        """Watch a world of a job, instead of the one before if there was one."""
+        """Watch an epoch of a job, instead of the one before if there was one."""
         before = self.assignments.get(command.job)
         try:
             file = self.berth.modules.read(command.file)
-            plan = Plan.of(file, command.world)
+            plan = Plan.of(file, command.epoch)
             best = _better(command.best, before, file.sha256)
             if best is not None and not command.fresh:
-                best = best.carried_to(command.world)
+                best = best.carried_to(command.epoch)
         except BadInput as error:
             return Refused(str(error), "input")
         except Exception as error:
@@ -295,7 +295,7 @@ class SpyProcess:
             link.listening = [each for each in link.listening if each is not assignment]
 
     def _finish(self, assignment: _Assignment, command: Finish) -> Judged:
-        """Judge; the job may go on with another world."""
+        """Judge; the job may go on with another epoch."""
         self._hear(assignment, command.champion)
         collector, reasons = assignment.collector, command.reasons
         self._pass_on_counters()
@@ -314,7 +314,7 @@ class SpyProcess:
 
     def _tell_statistics(self, assignment: _Assignment) -> None:
         counters, root = list(assignment.counters.values()), assignment.root
-        statistics = added_up(counters, assignment.job, assignment.plan.world, root.generation)._replace(
+        statistics = added_up(counters, assignment.job, assignment.plan.epoch, root.generation)._replace(
             rejected=root.rejected + sum(each.rejected for each in counters),
             nodes_alive=len(self.alive),
             messages_per_second=sum(assignment.rates.values(), 0.0),
@@ -323,7 +323,7 @@ class SpyProcess:
 
 
 def _better(told: bytes, before: _Assignment | None, problem: str) -> Improvement | None:
-    """The better answer of what the coordinator has ``told`` and what was known in the world ``before``, if any."""
+    """The better answer of what the coordinator has ``told`` and what was known in the epoch ``before``, if any."""
     known = [Improvement.decode(told)] if told else []
     if before is not None and before.problem == problem and before.collector.best is not None:
         known.append(before.collector.best)

@@ -32,7 +32,7 @@ class Result:
         seconds: from the start to the last stop.
         seconds_to_ready: from the call to the ready cluster.
         cpu_seconds: of all processes.
-        run: the settings of the first world; `directives` say what came after it. All else is of the last one.
+        run: the settings of the first epoch; `directives` say what came after it. All else is of the last one.
         directives: what came from outside, and after which generation.
         staleness: in async mode, how many generations the immigrants bred with were behind their cells (mean, max), and
             the share of them that had been bred with before (again); None in lockstep, where all are of one generation.
@@ -122,13 +122,13 @@ def states_of(reports: Sequence[Report]) -> dict[int, bytes]:
 
 
 def result_of(
-    job: str, first: Run, past: Past, world: Lived, judgement: Judgement, versions: dict[str, str], clocks: Clocks
+    job: str, first: Run, past: Past, epoch: Lived, judgement: Judgement, versions: dict[str, str], clocks: Clocks
 ) -> Result:
-    """Put together what the cells of the last ``world`` report, what came before it, and what the spy judges.
+    """Put together what the cells of the last ``epoch`` report, what came before it, and what the spy judges.
 
     ``first`` are the settings that the job began with.
     """
-    file, best, whole = world.file, judgement.best, past.and_then(world)
+    file, best, whole = epoch.file, judgement.best, past.and_then(epoch)
     run, found = file.run, None if best is None else best.solution
     topology = topologies.parse(run.topology)
     return Result(
@@ -153,7 +153,7 @@ def result_of(
         run=first.model_dump(),
         problem_sha256=file.sha256,
         versions=versions,
-        directives=[*whole.directives, *_stops(world.reports)],
+        directives=[*whole.directives, *_stops(epoch.reports)],
         messages=asdict(whole.messages),
         staleness=_staleness(whole.staleness) if run.mode == "async" else None,
         history_sha256=whole.history if judgement.status != "failed" else None,
@@ -165,7 +165,7 @@ def result_of(
         advice=list(judgement.advice),
         best_attempt=None if judgement.feasible else found,
         words=judgement.words,
-        demes=[report.deme for report in sorted(world.reports, key=lambda report: report.cell)],
+        demes=[report.deme for report in sorted(epoch.reports, key=lambda report: report.cell)],
     )
 
 
@@ -182,12 +182,12 @@ def _staleness(staleness: Staleness) -> dict[str, float] | None:
 
 
 def _found_at(best: Improvement, topology: Topology) -> dict[str, Any]:
-    """Generations count from 0 in each world; the first world goes without saying."""
+    """Generations count from 0 in each epoch; the first epoch goes without saying."""
     place = {"cell": list(topology.place(best.cell)), "generation": best.generation}
-    return place | ({"world": best.world} if best.world else {})
+    return place | ({"epoch": best.epoch} if best.epoch else {})
 
 
 def _stops(reports: Sequence[Report]) -> list[dict[str, Any]]:
-    """Who stopped the last world from outside, and when."""
+    """Who stopped the last epoch from outside, and when."""
     proposals = [each for report in reports for each in report.proposals if each.reason in _FROM_OUTSIDE]
     return [{"do": "stop", "generation": each.stop_at, "reason": each.reason} for each in proposals]

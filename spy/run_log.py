@@ -68,7 +68,7 @@ class RunLog:
         """A verified champion that was heard of; of several that come at once only the best is."""
         self.write(
             "news",
-            epoch=better.world,
+            epoch=better.epoch,
             seconds=round(better.seconds, 6),
             generation=better.generation,
             cell=list(topology.place(better.cell)),
@@ -84,7 +84,7 @@ class RunLog:
     def statistics(self, statistics: Statistics) -> None:
         """How the job is."""
         values = statistics._asdict()
-        self.write("statistics", epoch=values.pop("world"), **values)
+        self.write("statistics", epoch=values.pop("epoch"), **values)
 
     def record(self, record: LogRecord) -> None:
         """What a process has to say."""

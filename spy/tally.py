@@ -8,19 +8,19 @@ from topologies import ROOT
 from wire.news import Counters, Statistics
 
 
-def added_up(counters: Sequence[Counters], job: int, world: int, generation: int) -> Statistics:
+def added_up(counters: Sequence[Counters], job: int, epoch: int, generation: int) -> Statistics:
     """The sums, and how the individuals are spread; of no node at all, as if there were none.
 
     Args:
         counters: the latest of each node.
         job: its number.
-        world: of it, that they are of.
+        epoch: of it, that they are of.
         generation: of the root.
     """
     champion = next((each for each in counters if each.cell == ROOT), None)
     return Statistics(
         job,
-        world,
+        epoch,
         generation,
         sum(each.evaluations for each in counters),
         sum(each.sent for each in counters),

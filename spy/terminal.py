@@ -79,7 +79,7 @@ class Terminal:
             self._stop_waiting()
             if (
                 told is None
-                or (told.world, told.feasible) != (better.world, better.feasible)
+                or (told.epoch, told.feasible) != (better.epoch, better.feasible)
                 or is_worth_telling(told.fitness, better.fitness, self._least)
             ):
                 self._tell(better)

@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 _Value = TypeVar("_Value")
 _GONE_WITHIN = 5.0  # seconds: who is asked to end may do so before its answer has left
-_BEGUN_WITHIN = 2.0  # seconds: a new world of a job has begun, or nothing was heard of it
+_BEGUN_WITHIN = 2.0  # seconds: a new epoch of a job has begun, or nothing was heard of it
 
 
 def connect(endpoint_or_state: str | Path | None = None) -> "Client":
@@ -272,9 +272,9 @@ class AsyncClientJob:
     def __init__(self, client: AsyncClient, trail: Trail) -> None:
         self._client = client
         self._trail = trail
-        self._world = 0  # that the last update made
-        self._begun = 0  # how often a world had begun before that
-        self._patient_until = 0.0  # the loop's time from which on a state is believed to be of that world
+        self._epoch = 0  # that the last update made
+        self._begun = 0  # how often an epoch had begun before that
+        self._patient_until = 0.0  # the loop's time from which on a state is believed to be of that epoch
 
     @property
     def id(self) -> str:
@@ -316,13 +316,13 @@ class AsyncClientJob:
         """The best feasible answer when the job has ended, waits for an update, or so many seconds have gone by.
 
         A job that is kept alive waits once it is solved, or has a feasible answer if its problem has no target; until
-        then it searches. None if nothing feasible is known by then, in the world that the last `update` made.
+        then it searches. None if nothing feasible is known by then, in the epoch that the last `update` made.
         """
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(timeout):
                 while not self._is_answered():
                     await self._client.more(self._trail)
-        return self._trail.answer(self._world)
+        return self._trail.answer(self._epoch)
 
     async def result(self, timeout: float | None = None) -> "Result":
         """Wait for the end. If the cluster or the problem broke, the result's status is "failed" and it says why.
@@ -378,7 +378,7 @@ class AsyncClientJob:
             keys: likewise.
 
         Returns:
-            the number of the new world.
+            the number of the new epoch.
 
         Raises:
             BadInput: names the file of the patch, if there is one, and the key with which the problem is wrong; the job
@@ -392,7 +392,7 @@ class AsyncClientJob:
         except ValueError as error:
             raise BadInput(f"update: expected plain values, found {error}") from None
         try:
-            return await self._new_world(wire.Update(self.id, text))
+            return await self._new_epoch(wire.Update(self.id, text))
         except BadInput as error:
             if path is None or not str(error).startswith(UPDATE_OF):  # such as a job that has ended
                 raise
@@ -401,34 +401,34 @@ class AsyncClientJob:
     async def _read(self, path: str | Path) -> dict[str, Any]:
         """A patch in a file. It does not say which problem it changes: the job does."""
         patch = await asyncio.to_thread(load_patch, path)
-        world = ProblemFile.from_json((await self.show())["file_now"])
-        return await asyncio.to_thread(filled_in, patch, world, path)
+        now = ProblemFile.from_json((await self.show())["file_now"])
+        return await asyncio.to_thread(filled_in, patch, now, path)
 
     async def rewire(self, topology: str) -> int:
         """Give the running job another topology.
 
         Returns:
-            the number of the world from which on it has it.
+            the number of the epoch from which on it has it.
 
         Raises:
             BadInput: if there is no such topology, or it is too large for the cluster.
         """
-        return await self._new_world(wire.Rewire(self.id, topology))
+        return await self._new_epoch(wire.Rewire(self.id, topology))
 
-    async def _new_world(self, request: wire.Update | wire.Rewire) -> int:
+    async def _new_epoch(self, request: wire.Update | wire.Rewire) -> int:
         self._begun = self._trail.begun
         told = await self._client.ask(request)
-        self._world = int(told["world"])
+        self._epoch = int(told["epoch"])
         self._patient_until = self._client.now() + _BEGUN_WITHIN
-        return self._world
+        return self._epoch
 
     def _is_answered(self) -> bool:
-        """Whether the job has ended, or waits in the world that the last update made, not still in the one before."""
+        """Whether the job has ended, or waits in the epoch that the last update made, not still in the one before."""
         trail = self._trail
         if trail.status != WAITING:
             return trail.answered
-        begun = trail.begun > self._begun or trail.best(self._world) is not None
-        return self._world == 0 or begun or self._client.now() >= self._patient_until
+        begun = trail.begun > self._begun or trail.best(self._epoch) is not None
+        return self._epoch == 0 or begun or self._client.now() >= self._patient_until
 
 
 class Client:

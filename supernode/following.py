@@ -72,30 +72,30 @@ class Follower:
 
     def show(self) -> None:
         """Each improvement until the end, and what a person must know of a job that is kept alive."""
-        world, topology = 0, topologies.parse(self._file.run.topology)
+        epoch, topology = 0, topologies.parse(self._file.run.topology)
         with Terminal(topology, self._quiet, below=self._below, least=self._least) as terminal:
             for event in self._job.events():
                 if isinstance(event, str):
                     if event in _SAID_OF_STATES:
                         terminal.say(f"{event}: {_SAID_OF_STATES[event].format(job=self._job.id)}")
                     continue
-                if event.world != world:
-                    world = self._tell_of_its_world(terminal, event, world)
+                if event.epoch != epoch:
+                    epoch = self._tell_of_its_epoch(terminal, event, epoch)
                 terminal.improvement(event)
                 self._log.news(terminal.topology, event)
 
-    def _tell_of_its_world(self, terminal: Terminal, better: Improvement, world: int) -> int:
-        """Say how that world began; the number of the one that was told of last."""
+    def _tell_of_its_epoch(self, terminal: Terminal, better: Improvement, epoch: int) -> int:
+        """Say how that epoch began; the number of the one that was told of last."""
         view = self._job.show()
-        if view["world"] < better.world:  # news of it may be quicker than its record
-            return world
-        terminal.topology = topology_of(view, better.world)
-        retries = [each for each in view["worlds"] if each["world"] == better.world and each.get("do") == "retry"]
+        if view["epoch"] < better.epoch:  # news of it may be quicker than its record
+            return epoch
+        terminal.topology = topology_of(view, better.epoch)
+        retries = [each for each in view["epochs"] if each["epoch"] == better.epoch and each.get("do") == "retry"]
         for why in retries:
             terminal.begins_anew(why)
         if not retries:
-            terminal.say(f"world {better.world}: {terminal.topology.spec}")
-        return better.world
+            terminal.say(f"epoch {better.epoch}: {terminal.topology.spec}")
+        return better.epoch
 
     def result(self, timeout: float | None = None) -> Result:
         """What came of the job, with the solution in words; the log is closed.

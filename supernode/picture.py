@@ -90,8 +90,8 @@ def save(figure: "Figure", name: str) -> None:
 
 
 def _began_in(result: "Result") -> int:
-    """The world that the latest attempt began in."""
-    return next((each["world"] for each in reversed(result.directives) if each["do"] == "retry"), 0)
+    """The epoch that the latest attempt began in."""
+    return next((each["epoch"] for each in reversed(result.directives) if each["do"] == "retry"), 0)
 
 
 def _populations(result: "Result", plan: "Plan") -> "Populations":

@@ -102,9 +102,9 @@ def headline(result: Result) -> str:
     if not math.isfinite(result.fitness) or result.found_at is None:
         return f"{result.status}: nothing feasible was found"
     place = ", ".join(str(part) for part in result.found_at["cell"])
-    world = f" of world {result.found_at['world']}" if result.found_at.get("world") else ""
+    epoch = f" of epoch {result.found_at['epoch']}" if result.found_at.get("epoch") else ""
     found = (
-        f"fitness {result.fitness:.6g}, found by cell ({place}) in generation {result.found_at['generation']}{world}"
+        f"fitness {result.fitness:.6g}, found by cell ({place}) in generation {result.found_at['generation']}{epoch}"
     )
     status: str = result.status
     if status == "stalled" and result.feasible and result.target is None:  # which is how a search for the least ends

@@ -30,7 +30,7 @@ _FLOATS = (
     "worst",
 )
 _TEXTS = ("level", "process", "text", "job", "event", "about")
-_EVENTS = ["at", "event", "world", "generation", "about"]
+_EVENTS = ["at", "event", "epoch", "generation", "about"]
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ def pages(client: "Client", kind: str, job: str) -> Iterator[Page]:
 
     Args:
         client: of the cluster.
-        kind: "log", "events" (what its states and worlds have been), or what `AsyncClient.records` knows; those of
+        kind: "log", "events" (what its states and epochs have been), or what `AsyncClient.records` knows; those of
             "history" come without ids, which are not a function of the run.
         job: its id.
 
@@ -67,14 +67,14 @@ def pages(client: "Client", kind: str, job: str) -> Iterator[Page]:
 
 
 def _events(view: dict[str, Any]) -> list[list[Any]]:
-    """A row for each state that the job has come to, and for each world after its first, in the order of time.
+    """A row for each state that the job has come to, and for each epoch after its first, in the order of time.
 
-    What else there is to say of a world, such as the fields that an update has changed, is told as JSON.
+    What else there is to say of an epoch, such as the fields that an update has changed, is told as JSON.
     """
     rows: list[list[Any]] = [[at, state, None, None, None] for state, at in view["states"]]
-    for world in view["worlds"]:
-        about = {name: value for name, value in world.items() if name not in ("at", "do", "world", "generation")}
-        rows.append([world["at"], world["do"], world["world"], world["generation"], json.dumps(about)])
+    for epoch in view["epochs"]:
+        about = {name: value for name, value in epoch.items() if name not in ("at", "do", "epoch", "generation")}
+        rows.append([epoch["at"], epoch["do"], epoch["epoch"], epoch["generation"], json.dumps(about)])
     return sorted(rows, key=lambda row: float(row[0]))
 
 

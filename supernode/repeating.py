@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from node.fingerprint import fingerprint
-from node.replay import World, worlds_of
+from node.replay import Epoch, epochs_of
 from problems import BadInput, ProblemFile
 from problems.errors import shorten
 from spy.result import Result
@@ -24,7 +24,7 @@ class Recorded:
         run: its settings.
         directives: what came from outside.
         history: the digest of all that its cells have lived through.
-        stops: how its last world was stopped from outside, if it was.
+        stops: how its last epoch was stopped from outside, if it was.
     """
 
     name: str
@@ -59,8 +59,8 @@ class Recorded:
             )
         return Recorded(name, run, directives, problem, history, versions, _stops(directives, name))
 
-    def worlds(self, file: ProblemFile) -> list[World]:
-        """The worlds that the job lived in, which began with the problem ``file``.
+    def epochs(self, file: ProblemFile) -> list[Epoch]:
+        """The epochs that the job lived in, which began with the problem ``file``.
 
         Raises:
             BadInput: if it cannot have done so.
@@ -68,12 +68,12 @@ class Recorded:
         values = [self.name, file.fields, self.run, str(file.folder)]
         began = replace(file, run=ProblemFile.from_json(json.dumps(values)).run)
         try:
-            worlds = worlds_of(began, self.directives)
+            epochs = epochs_of(began, self.directives)
         except BadInput as error:
             raise BadInput(f"{self.name}: {error}") from None
-        if worlds[-1].file.sha256 != self.problem:
+        if epochs[-1].file.sha256 != self.problem:
             raise BadInput(f"{self.name}: the result is of another problem than {file.name}: problem_sha256 differs")
-        return worlds
+        return epochs
 
     def complaint(self, result: Result) -> str | None:
         """What is wrong with the repetition, if anything is."""

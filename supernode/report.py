@@ -50,7 +50,7 @@ class _Best:
 
     fitness: float
     feasible: bool
-    world: int
+    epoch: int
     generation: int
     cell: str
     solution: Solution
@@ -77,10 +77,10 @@ def report(client: Client, job: str) -> str:
     submitted, now = (ProblemFile.from_json(view[name]) for name in ("file", "file_now"))
     result = None if view["ended"] is None else result_in(view)
     best = _best(view, result)
-    current = best is not None and not _has_moved_since(view, best.world)
+    current = best is not None and not _has_moved_since(view, best.epoch)
     scene = _scene(now, best if current else None)
     history = _history(client, view)
-    topology = topology_of(view, view["world"])
+    topology = topology_of(view, view["epoch"])
     return rendered(
         "supernode",
         view=view,
@@ -96,7 +96,7 @@ def report(client: Client, job: str) -> str:
         problem=_toml(submitted),
         problem_now=None if view["file_now"] == view["file"] else _toml(now),
         digests=_digests(submitted, now, result),
-        worlds=[(each["world"], _clock(each["at"]), _change(each)) for each in view["worlds"]],
+        epochs=[(each["epoch"], _clock(each["at"]), _change(each)) for each in view["epochs"]],
         directives=[json.dumps(each) for each in result.directives] if result is not None else None,
         versions=result.versions if result is not None else {},
         cluster=client.status()["version"],
@@ -117,11 +117,11 @@ def _history(client: Client, view: Mapping[str, Any]) -> History:
 
 
 def _births(noted: list[Record], heard: list[Record]) -> list[Record]:
-    """The improvements of each world as its cells noted them, which repeats; of one that they have not, as heard."""
+    """The improvements of each epoch as its cells noted them, which repeats; of one that they have not, as heard."""
     ended = {each["epoch"] for each in noted}
-    births = [{**each, "world": each["epoch"]} for each in noted]
-    births += [{**each, "evaluations": None} for each in heard if each["world"] not in ended]
-    return sorted(births, key=lambda each: int(each["world"]))
+    births = [dict(each) for each in noted]
+    births += [{**each, "evaluations": None} for each in heard if each["epoch"] not in ended]
+    return sorted(births, key=lambda each: int(each["epoch"]))
 
 
 def _records(client: Client, kind: str, job: str) -> list[Record]:
@@ -133,18 +133,18 @@ def _best(view: Mapping[str, Any], result: Result | None) -> _Best | None:
     if result is not None and result.found is not None and result.found_at is not None:
         found = result.found_at
         cell, born = _place(found["cell"]), found["generation"]
-        return _Best(result.fitness, result.feasible, found.get("world", 0), born, cell, result.found)
+        return _Best(result.fitness, result.feasible, found.get("epoch", 0), born, cell, result.found)
     best = view["best"]
     if result is not None or best is None:
         return None
-    cell = _place(topology_of(view, best["world"]).place(best["cell"]))
+    cell = _place(topology_of(view, best["epoch"]).place(best["cell"]))
     fitness = math.inf if best["fitness"] is None else best["fitness"]
-    return _Best(fitness, best["feasible"], best["world"], best["generation"], cell, best["solution"])
+    return _Best(fitness, best["feasible"], best["epoch"], best["generation"], cell, best["solution"])
 
 
-def _has_moved_since(view: Mapping[str, Any], world: int) -> bool:
+def _has_moved_since(view: Mapping[str, Any], epoch: int) -> bool:
     """Whether the problem is another than it was then."""
-    return any("fields" in each and each["world"] > world for each in view["worlds"])
+    return any("fields" in each and each["epoch"] > epoch for each in view["epochs"])
 
 
 def _outcome(view: Mapping[str, Any], best: _Best | None, result: Result | None) -> dict[str, str]:
@@ -154,11 +154,11 @@ def _outcome(view: Mapping[str, Any], best: _Best | None, result: Result | None)
     if best is None:
         facts["fitness"] = "nothing was found"
     else:
-        world = f" of world {best.world}" if best.world else ""
+        epoch = f" of epoch {best.epoch}" if best.epoch else ""
         facts |= {
             "fitness": f"{best.fitness:.9g} (lower is better)",
             "feasible": f"{'yes' if best.feasible else 'no'}, the independent check {_VERDICTS[best.feasible]} it",
-            "born": f"in cell {best.cell}, generation {best.generation:,}{world}",
+            "born": f"in cell {best.cell}, generation {best.generation:,}{epoch}",
         }
     return facts | _totals(view, result)
 
@@ -195,14 +195,14 @@ def _scene(file: ProblemFile, best: _Best | None) -> _Scene:
 
 def _rows(history: History, view: Mapping[str, Any]) -> list[tuple[str, ...]]:
     """The table of improvements."""
-    lived = {world: topology_of(view, world) for world in {each["world"] for each in history.births}}
-    return [_row(number, each, lived[each["world"]]) for number, each in enumerate(history.births, 1)]
+    lived = {epoch: topology_of(view, epoch) for epoch in {each["epoch"] for each in history.births}}
+    return [_row(number, each, lived[each["epoch"]]) for number, each in enumerate(history.births, 1)]
 
 
 def _row(number: int, record: Record, topology: Topology) -> tuple[str, ...]:
     return (
         str(number),
-        str(record["world"]),
+        str(record["epoch"]),
         f"{record['generation']:,}",
         _place(topology.place(record["cell"])),
         "–" if record["evaluations"] is None else f"{record['evaluations']:,}",
@@ -295,8 +295,8 @@ def _digests(file: ProblemFile, now: ProblemFile, result: Result | None) -> dict
     return found
 
 
-def _change(world: Mapping[str, Any]) -> str:
-    return json.dumps({name: value for name, value in world.items() if name not in ("world", "at")})
+def _change(epoch: Mapping[str, Any]) -> str:
+    return json.dumps({name: value for name, value in epoch.items() if name not in ("epoch", "at")})
 
 
 def _place(place: Any) -> str:

@@ -40,7 +40,7 @@ class History:
 
     Attributes:
         improvements: records of that kind: what was heard, and when.
-        births: the improvements of each world as its cells noted them, once it has ended; of one that goes on, or of
+        births: the improvements of each epoch as its cells noted them, once it has ended; of one that goes on, or of
             which nothing is noted, as they were heard.
         statistics: records of that kind, in each of which some node has told how it is.
         began: when the job began to run, Unix time.
@@ -66,10 +66,10 @@ def pictures(history: History, topology: Topology) -> list[Picture]:
 
 def _against_seconds(history: History) -> Picture:
     figure, axes = _empty("seconds since the start", "fitness")
-    worlds = _worlds(history.improvements)
+    epochs = _epochs(history.improvements)
     end = max(each["at"] for each in (*history.improvements, *history.statistics))
-    for world, until in zip(worlds, [*(after[0]["at"] for after in worlds[1:]), end], strict=False):
-        _steps(axes, [each["at"] - history.began for each in world], world, until - history.began)
+    for epoch, until in zip(epochs, [*(after[0]["at"] for after in epochs[1:]), end], strict=False):
+        _steps(axes, [each["at"] - history.began for each in epoch], epoch, until - history.began)
     _curves(axes, [each["at"] - history.began for each in history.statistics], history.statistics)
     return _finished(
         figure,
@@ -80,20 +80,20 @@ def _against_seconds(history: History) -> Picture:
 
 
 def _against_generations(history: History) -> Picture:
-    figure, axes = _empty("generation of its world", "fitness")
+    figure, axes = _empty("generation of its epoch", "fitness")
     lives = _lives(history.statistics)
-    for world in _worlds(history.births):
-        generations = [each["generation"] for each in world]
+    for epoch in _epochs(history.births):
+        generations = [each["generation"] for each in epoch]
         last = max((each["generation"] for each in lives[-1]), default=0) if lives else 0
-        is_last = world[-1] is history.births[-1]
-        _steps(axes, generations, world, max(generations[-1], last) if is_last else generations[-1], "best so far")
+        is_last = epoch[-1] is history.births[-1]
+        _steps(axes, generations, epoch, max(generations[-1], last) if is_last else generations[-1], "best so far")
     for life in lives:
         _curves(axes, [each["generation"] for each in life], life)
     return _finished(
         figure,
         "convergence-generations",
-        "The same against generations: of its birth for an improvement, as the cells noted it where a world has ended; "
-        "the root's for a sample. Each world of a job counts its own from 0.",
+        "The same against generations: of its birth for an improvement, as the cells noted it where an epoch has "
+        "ended; the root's for a sample. Each epoch of a job counts its own from 0.",
     )
 
 
@@ -153,17 +153,17 @@ def _named(numbers: Sequence[int]) -> str:
 
 
 # What records hold ----------------------------------------------------------------------------------------------------
-def _worlds(improvements: Sequence[Record]) -> list[list[Record]]:
-    """The improvements of each world."""
-    return [list(world) for _, world in itertools.groupby(improvements, lambda each: each["world"])]
+def _epochs(improvements: Sequence[Record]) -> list[list[Record]]:
+    """The improvements of each epoch."""
+    return [list(epoch) for _, epoch in itertools.groupby(improvements, lambda each: each["epoch"])]
 
 
 def _lives(statistics: Sequence[Record]) -> list[list[Record]]:
-    """The samples of each world; a job that has lost what it had reached begins its world again."""
+    """The samples of each epoch; a job that has lost what it had reached begins its epoch again."""
     lives: list[list[Record]] = []
     for each in statistics:
         before = lives[-1][-1] if lives else each
-        if not lives or each["world"] != before["world"] or each["generation"] < before["generation"]:
+        if not lives or each["epoch"] != before["epoch"] or each["generation"] < before["generation"]:
             lives.append([])
         lives[-1].append(each)
     return lives
@@ -197,8 +197,8 @@ def _empty(along: str, up: str) -> tuple[Figure, "Axes"]:
     return figure, axes
 
 
-def _steps(axes: "Axes", along: list[float], world: Sequence[Record], last: float, label: str = "verified") -> None:
-    up = [_fitness(each["fitness"]) for each in world]
+def _steps(axes: "Axes", along: list[float], epoch: Sequence[Record], last: float, label: str = "verified") -> None:
+    up = [_fitness(each["fitness"]) for each in epoch]
     axes.step([*along, last], [*up, up[-1]], where="post", color=_COLORS["verified"], linewidth=1.8, label=label)
 
 

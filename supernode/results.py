@@ -52,13 +52,13 @@ def result_in(view: Mapping[str, Any]) -> Result:
         raise ClusterFailed(f"job {view['job']}: its result cannot be read: {error}") from error
 
 
-def topology_of(view: Mapping[str, Any], world: int) -> Topology:
-    """The topology of a world that the job has been in; ``view`` is what `show` tells of the job."""
+def topology_of(view: Mapping[str, Any], epoch: int) -> Topology:
+    """The topology of an epoch that the job has been in; ``view`` is what `show` tells of the job."""
     spec = ProblemFile.from_json(view["file"]).run.topology
-    if view["worlds"] and view["worlds"][0]["world"] > 1:  # not all are told of
+    if view["epochs"] and view["epochs"][0]["epoch"] > 1:  # not all are told of
         spec = view["topology"]
-    for change in view["worlds"]:
-        if change["world"] <= world:
+    for change in view["epochs"]:
+        if change["epoch"] <= epoch:
             spec = change.get("topology", spec)
     return topologies.parse(spec)
 

@@ -17,7 +17,7 @@ import numpy as np
 from coordinator.consulting import Consulting
 from genetics import Fitness, Genomes
 from node.fingerprint import fingerprint
-from node.replay import World, worlds_of
+from node.replay import Epoch, epochs_of
 from node.simulation import Outside, Snapshot, StopWish, ignore, never
 from problems import BadInput, EvaluationFailed, Problem, ProblemFile, load, registry
 from problems.made import MadeProblem
@@ -76,7 +76,7 @@ def simulate(problem: ProblemFile | Problem | str | Path, *, callback: Callback 
         raise BadInput(f"callback: expected mode lockstep, which has common generations, found {file.run.mode}")
     wish = StopWish(file.run.seconds)
     told = None if callback is None else _Told(callback, wish)
-    simulation = Simulation(worlds_of(file), None, told, wish.reason, ignore if told is None else told.see)
+    simulation = Simulation(epochs_of(file), None, told, wish.reason, ignore if told is None else told.see)
     wish.began = time.monotonic()
     return simulation.run()
 
@@ -84,17 +84,17 @@ def simulate(problem: ProblemFile | Problem | str | Path, *, callback: Callback 
 class Listener:
     """Is told how a run goes; this one pays no heed."""
 
-    def begins(self, world: World) -> None:
-        """The next of its worlds begins."""
+    def begins(self, epoch: Epoch) -> None:
+        """The next of its epochs begins."""
 
-    def improvement(self, world: World, better: Improvement) -> None:
+    def improvement(self, epoch: Epoch, better: Improvement) -> None:
         """A champion was verified."""
 
-    def lived(self, world: World, records: Sequence[ImprovementRecord]) -> None:
-        """A world has ended, in which there were these improvements; before `ends`, if that is told of it."""
+    def lived(self, epoch: Epoch, records: Sequence[ImprovementRecord]) -> None:
+        """An epoch has ended, in which there were these improvements; before `ends`, if that is told of it."""
 
-    def ends(self, world: World, judgement: Judgement, generation: int) -> None:
-        """A world ended after that generation: the last one, or an attempt that stalled."""
+    def ends(self, epoch: Epoch, judgement: Judgement, generation: int) -> None:
+        """An epoch ended after that generation: the last one, or an attempt that stalled."""
 
 
 class _Told(Listener):
@@ -105,15 +105,15 @@ class _Told(Listener):
         self._best: Improvement | None = None
         self._since = self._attempt = 0
 
-    def begins(self, world: World) -> None:
-        self._since, self._attempt = world.since, world.file.attempt
+    def begins(self, epoch: Epoch) -> None:
+        self._since, self._attempt = epoch.since, epoch.file.attempt
 
-    def improvement(self, world: World, better: Improvement) -> None:
+    def improvement(self, epoch: Epoch, better: Improvement) -> None:
         if self._best is None or better.fitness < self._best.fitness:
             self._best = better
 
     def see(self, generation: int, genomes: Genomes, fitness: Fitness) -> None:
-        """A generation of the world that began last."""
+        """A generation of the epoch that began last."""
         number = self._since + generation
         if self._callback(Generation(number, self._attempt, genomes.copy(), fitness.copy(), self._best)):
             self._wish.cancelled = True
@@ -123,28 +123,28 @@ class Simulation:
     """One run.
 
     Args:
-        worlds: the first one; or all those of a run that is to be repeated.
-        stops: how the last world of that run was stopped from outside; None if this is a run of its own, which may
+        epochs: the first one; or all those of a run that is to be repeated.
+        stops: how the last epoch of that run was stopped from outside; None if this is a run of its own, which may
             begin anew by itself.
         listener: is told of it.
         outside: asked in each generation whether somebody wants the run to stop.
         snapshot: sees each generation of each attempt, in lockstep.
 
     Attributes:
-        file: the problem of the last world.
+        file: the problem of the last epoch.
     """
 
     def __init__(
         self,
-        worlds: Sequence[World],
+        epochs: Sequence[Epoch],
         stops: Sequence[Proposal] | None = None,
         listener: Listener | None = None,
         outside: Outside = never,
         snapshot: Snapshot = ignore,
     ) -> None:
-        self.file = worlds[-1].file
-        self._first, self._last = worlds[0], worlds[-1]
-        self._known = deque(worlds)
+        self.file = epochs[-1].file
+        self._first, self._last = epochs[0], epochs[-1]
+        self._known = deque(epochs)
         self._repeats = stops is not None
         self._stops = stops or ()
         self._listener = listener or Listener()
@@ -164,15 +164,15 @@ class Simulation:
         best: Improvement | None = None
         demes: Genomes | None = None
         while True:
-            world = self._known.popleft()
-            attempt = _Attempt(world, best, self._listener)
-            if not self._repeats and _can_be_asked(world.file):
-                self._oracle.turn_to(world.file)
+            epoch = self._known.popleft()
+            attempt = _Attempt(epoch, best, self._listener)
+            if not self._repeats and _can_be_asked(epoch.file):
+                self._oracle.turn_to(epoch.file)
             demes = attempt.live(demes, self._why_to_stop, self._snapshot)
-            if world is self._last:
+            if epoch is self._last:
                 attempt.stop_as(self._stops)
             if attempt.error is None:
-                self._listener.lived(world, records_of(past, attempt.lived))
+                self._listener.lived(epoch, records_of(past, attempt.lived))
             if attempt.error is None and self._known and not self._known[0].is_fresh:
                 best = attempt.collector.best  # what else it knew the past keeps
             else:
@@ -182,19 +182,19 @@ class Simulation:
                 best = judgement.best
             past = past.and_then(attempt.lived, self._known[0].why)
         clocks = Clocks(time.monotonic() - began, 0.0, time.process_time())
-        self.file = world.file
+        self.file = epoch.file
         judgement = self._with_the_oracle(replace(judgement, next_attempt=None))
         return result_of("1", self._first.file.run, past, attempt.lived, judgement, fingerprint(), clocks)
 
     def _goes_on(self, attempt: "_Attempt", judgement: Judgement) -> bool:
-        """Whether there is another world, which is known then."""
+        """Whether there is another epoch, which is known then."""
         if self._repeats:
             return bool(self._known)
         if judgement.next_attempt is None or self._oracle.is_hopeless:
             return False
         if judgement.has_oracle:
             self._oracle.ask()
-        self._known.append(attempt.world.retried(stopped_after(attempt.reports), judgement.next_attempt))
+        self._known.append(attempt.epoch.retried(stopped_after(attempt.reports), judgement.next_attempt))
         return True
 
     def _why_to_stop(self) -> Reason | None:
@@ -229,31 +229,31 @@ def _can_be_asked(file: ProblemFile) -> bool:
 
 
 class _Attempt:
-    """One of the worlds; the spy's and the coordinator's part in it."""
+    """One of the epochs; the spy's and the coordinator's part in it."""
 
-    def __init__(self, world: World, best: Improvement | None, listener: Listener) -> None:
-        self.world = world
+    def __init__(self, epoch: Epoch, best: Improvement | None, listener: Listener) -> None:
+        self.epoch = epoch
         self.reports: list[Report] = []
         self.error: str | None = None
         self._listener = listener
         self._began = time.monotonic()
-        if best is not None and not world.is_fresh:
-            best = None if world.why.get("do") == "update" else best.carried_to(world.number)
-        self.collector = Collector(world.plan, 1, best)
-        listener.begins(world)
+        if best is not None and not epoch.is_fresh:
+            best = None if epoch.why.get("do") == "update" else best.carried_to(epoch.number)
+        self.collector = Collector(epoch.plan, 1, best)
+        listener.begins(epoch)
 
     @property
     def lived(self) -> Lived:
         """What is kept of it."""
-        return Lived(self.world.file, self.reports, self.world.number)
+        return Lived(self.epoch.file, self.reports, self.epoch.number)
 
     def live(self, demes: Genomes | None, outside: Outside, snapshot: Snapshot) -> Genomes | None:
         """To its end, or until it is left; the demes that go on then."""
         try:
-            if self.world.left_at is not None:
-                self.reports, demes = self.world.leave(demes)
+            if self.epoch.left_at is not None:
+                self.reports, demes = self.epoch.leave(demes)
             else:
-                self.reports = self.world.live(demes, lambda _, champion: self._hear(champion), outside, snapshot)
+                self.reports = self.epoch.live(demes, lambda _, champion: self._hear(champion), outside, snapshot)
         except EvaluationFailed as failure:
             self.error = str(failure)
         return demes
@@ -269,13 +269,13 @@ class _Attempt:
         """What came of it."""
         self._hear(past.or_better(self.lived))
         generation = stopped_after(self.reports) if self.reports else 0
-        reasons = stop_reasons(self.reports, self.world.file.run.mode)
+        reasons = stop_reasons(self.reports, self.epoch.file.run.mode)
         states = states_of(self.reports)
-        judgement = judge(self.collector, generation, reasons, self.error, states, self.world.since)
-        self._listener.ends(self.world, judgement, generation)
+        judgement = judge(self.collector, generation, reasons, self.error, states, self.epoch.since)
+        self._listener.ends(self.epoch, judgement, generation)
         return judgement
 
     def _hear(self, champion: Champion | None) -> None:
         better = self.collector.hear(champion, time.monotonic() - self._began)
         if better is not None:
-            self._listener.improvement(self.world, better)
+            self._listener.improvement(self.epoch, better)

@@ -21,10 +21,10 @@ SEARCHING = "searching"
 """The state of a job that is kept alive, has stalled without an answer, and begins anew until it has one."""
 
 BEGUN = frozenset({"running", SEARCHING})
-"""States of a job after a world of its has begun."""
+"""States of a job after an epoch of its has begun."""
 
 WAITING = "waiting"
-"""The state of a job that has its answer and is kept alive for the next world."""
+"""The state of a job that has its answer and is kept alive for the next epoch."""
 
 LOOK_EVERY = 1.0  # seconds without news
 MOST_KEPT = 1000
@@ -37,9 +37,9 @@ class Trail:
     """One job's news so far.
 
     Attributes:
-        improvements: in order, each better than the one before or of a later world; of very many the latest.
+        improvements: in order, each better than the one before or of a later epoch; of very many the latest.
         status: the last one heard of.
-        begun: how often a world was heard to begin.
+        begun: how often an epoch was heard to begin.
         answered: whether there will be no better answer.
         end: the answer to a brief `show` after the end.
         look_at: the time at which to ask for all there is to know, unless news comes before.
@@ -118,15 +118,15 @@ class Trail:
         place = 0 if last is None else bisect_right(self.improvements, _order(last), key=_order)
         return self.improvements[place] if place < len(self.improvements) else None
 
-    def best(self, world: int) -> Improvement | None:
-        """The best so far of that world or a later one."""
-        if not self.improvements or self.improvements[-1].world < world:
+    def best(self, epoch: int) -> Improvement | None:
+        """The best so far of that epoch or a later one."""
+        if not self.improvements or self.improvements[-1].epoch < epoch:
             return None
         return self.improvements[-1]
 
-    def answer(self, world: int) -> Improvement | None:
-        """The best so far of that world or a later one that the planner's check accepts."""
-        known = (each for each in reversed(self.improvements) if each.world >= world)
+    def answer(self, epoch: int) -> Improvement | None:
+        """The best so far of that epoch or a later one that the planner's check accepts."""
+        known = (each for each in reversed(self.improvements) if each.epoch >= epoch)
         return next((each for each in known if each.feasible), None)
 
     def _know_number(self, number: int) -> None:
@@ -148,8 +148,8 @@ def _is_over(view: Mapping[str, Any]) -> bool:
 
 
 def _order(better: Improvement) -> tuple[int, float]:
-    """Improvements grow by this: within a world each is fitter than those before."""
-    return better.world, -better.fitness
+    """Improvements grow by this: within an epoch each is fitter than those before."""
+    return better.epoch, -better.fitness
 
 
 def improvement_in(value: Mapping[str, Any]) -> Improvement:

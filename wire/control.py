@@ -3,8 +3,8 @@
 Commands to all nodes of a job reach every node of the cluster; those that are not at it do not answer. Every other
 command is answered: with `Done`, with `Refused`, or, for `Begin` and `Halt`, with the node's `Report` when it stops.
 
-A job lives in a row of worlds, numbered from 0: its problem, and who lives where and neighbours whom, in the first one;
-then whatever an update changes. Each world has a beginning and a stop of its own, and passes its demes on to the next.
+A job lives in a row of epochs, numbered from 0: its problem, and who lives where and neighbours whom, in the first one;
+then whatever an update changes. Each epoch has a beginning and a stop of its own, and passes its demes on to the next.
 """
 
 import dataclasses
@@ -38,11 +38,11 @@ class Wiring:
 
 @dataclass(frozen=True)
 class Prepare:
-    """Get ready for a world of a job.
+    """Get ready for an epoch of a job.
 
     Attributes:
         file: the problem file as JSON; its run settings name the topology.
-        since: generations of the job before this world; None: as many as the node has bred, with the deme that it has.
+        since: generations of the job before this epoch; None: as many as the node has bred, with the deme that it has.
         deme: to begin with, for a node that has none of its own: each individual whole, one after the other.
         fresh: whether the cells draw new individuals, and none goes on with a deme; then ``since`` is said.
         best: for the spy: the best answer to the same problem so far, as an improvement travels; empty without any.
@@ -51,7 +51,7 @@ class Prepare:
 
     name: ClassVar[str] = "prepare"
     job: int
-    world: int
+    epoch: int
     file: str
     wiring: Wiring
     since: int | None = None
@@ -63,11 +63,11 @@ class Prepare:
 
 @dataclass(frozen=True)
 class Begin:
-    """Every node is prepared: go, once the world before has stopped. Asked again, it is answered to who asked last."""
+    """Every node is prepared: go, once the epoch before has stopped. Asked again, it is answered to who asked last."""
 
     name: ClassVar[str] = "begin"
     job: int
-    world: int
+    epoch: int
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ class ProposeStop:
 
     name: ClassVar[str] = "propose stop"
     job: int
-    world: int
+    epoch: int
     reason: Reason
 
 
@@ -86,7 +86,7 @@ class Halt:
 
     name: ClassVar[str] = "halt"
     job: int
-    world: int
+    epoch: int
 
 
 @dataclass(frozen=True)
@@ -111,7 +111,7 @@ class Missed:
 
     name: ClassVar[str] = "missed"
     job: int
-    world: int
+    epoch: int
     generation: int
 
 
@@ -125,12 +125,12 @@ class Finish:
         reasons: of the stops proposed for that generation.
         error: why a node failed, or None.
         states: what cells, by their numbers, have to say of their problems' states.
-        since: generations of the job before this world.
+        since: generations of the job before this epoch.
     """
 
     name: ClassVar[str] = "finish"
     job: int
-    world: int
+    epoch: int
     champion: Champion | None
     generation: int
     reasons: tuple[Reason, ...]

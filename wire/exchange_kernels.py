@@ -16,10 +16,10 @@ from genetics.sequence_kernels import is_sound_sequence
 
 Header = NDArray[np.int64]  # (..., HEADER)
 
-# Columns of a header: the numbers of the job and of the world that the fitness values belong to, the sender's
+# Columns of a header: the numbers of the job and of the epoch that the fitness values belong to, the sender's
 # generation, the least generation of a stop that it knows, how many messages it has published for this job (this one
 # included), how many fitness calls it has made, and when and where the champion was born.
-JOB, WORLD, GENERATION, STOP_AT, SENT, EVALUATIONS, BORN, BIRTHPLACE = range(8)
+JOB, EPOCH, GENERATION, STOP_AT, SENT, EVALUATIONS, BORN, BIRTHPLACE = range(8)
 HEADER = 8
 
 VERSION = 1

@@ -24,9 +24,9 @@ class Improvement:
     """A champion that the spy has evaluated itself.
 
     Attributes:
-        world: of the job, that it is an answer for.
-        seconds: since that world began.
-        generation: of its birth, in that world.
+        epoch: of the job, that it is an answer for.
+        seconds: since that epoch began.
+        generation: of its birth, in that epoch.
         cell: where it was born.
         fitness: lower is better.
         feasible: whether the planner's independent check accepts the solution.
@@ -34,7 +34,7 @@ class Improvement:
     """
 
     job: int
-    world: int
+    epoch: int
     seconds: float
     generation: int
     cell: int
@@ -42,14 +42,14 @@ class Improvement:
     feasible: bool
     solution: dict[str, Any]
 
-    def carried_to(self, world: int) -> "Improvement":
-        """The same answer in a later world of the same problem: there it is known from the beginning."""
-        return self if world == self.world else replace(self, world=world, seconds=0.0, generation=0)
+    def carried_to(self, epoch: int) -> "Improvement":
+        """The same answer in a later epoch of the same problem: there it is known from the beginning."""
+        return self if epoch == self.epoch else replace(self, epoch=epoch, seconds=0.0, generation=0)
 
     def encode(self) -> bytes:
         """As msgpack, the solution as JSON, which has null for numbers that are not finite."""
         solution = json.dumps(plain(self.solution))
-        place = (self.job, self.world, self.seconds, self.generation, self.cell)
+        place = (self.job, self.epoch, self.seconds, self.generation, self.cell)
         return pack((*place, self.fitness, self.feasible, solution))
 
     @staticmethod
@@ -59,10 +59,10 @@ class Improvement:
         Raises:
             Rejected: whatever is wrong with it.
         """
-        job, world, seconds, generation, cell, its_fitness, feasible, solution = fields(unpack(payload), 8)
+        job, epoch, seconds, generation, cell, its_fitness, feasible, solution = fields(unpack(payload), 8)
         return Improvement(
             count(job),
-            count(world),
+            count(epoch),
             fitness(seconds),
             count(generation),
             count(cell),
@@ -88,7 +88,7 @@ class Counters(NamedTuple):
     node: int
     cell: int
     job: int
-    world: int
+    epoch: int
     generation: int
     evaluations: int
     sent: int
@@ -143,7 +143,7 @@ class Statistics(NamedTuple):
     """The counters of all nodes of a job, as the spy adds them up: sums over nodes, the root's generation.
 
     Attributes:
-        world: of the job, that they are of.
+        epoch: of the job, that they are of.
         messages: that were sent,
         received: and that were received and used.
         best, worst: fitness of the best and of the worst individual of all.
@@ -154,7 +154,7 @@ class Statistics(NamedTuple):
     """
 
     job: int
-    world: int
+    epoch: int
     generation: int
     evaluations: int
     messages: int

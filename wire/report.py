@@ -30,7 +30,7 @@ class Birth(NamedTuple):
     Under the paper's spy, which looks at the root alone, the root tells of those that it learned of, wherever born.
 
     Attributes:
-        generation: of it, in this world.
+        generation: of it, in this epoch.
         cell: of it.
     """
 

@@ -9,7 +9,7 @@ from multiprocessing import get_context
 from typing import Any, TypeVar
 
 from node import Plan, simulate
-from node.replay import worlds_of
+from node.replay import epochs_of
 from problems import Problem, ProblemFile, Run
 from problems.problem import Solution
 from spy.collector import Collector
@@ -74,10 +74,10 @@ def run(problem: Problem | ProblemFile, **settings: Any) -> Outcome:
 
 
 def _run_of(file: ProblemFile) -> Outcome:
-    (world,) = worlds_of(file.with_run(oracle=False))  # the search alone is measured
-    result = Simulation([world]).run()
+    (epoch,) = epochs_of(file.with_run(oracle=False))  # the search alone is measured
+    result = Simulation([epoch]).run()
     found = result.found_at
-    worlds, cells = 0 if found is None else found.get("world", 0), world.plan.topology.cells
+    epochs, cells = 0 if found is None else found.get("epoch", 0), epoch.plan.topology.cells
     return Outcome(
         result.status,
         result.feasible,
@@ -85,15 +85,15 @@ def _run_of(file: ProblemFile) -> Outcome:
         result.solution if result.feasible else result.best_attempt,
         result.generations,
         result.evaluations,
-        None if found is None else cells * _evaluations(world.plan, worlds, found["generation"], result.directives),
+        None if found is None else cells * _evaluations(epoch.plan, epochs, found["generation"], result.directives),
         result.seconds,
     )
 
 
-def _evaluations(plan: Plan, worlds: int, generation: int, directives: Sequence[Mapping[str, Any]]) -> int:
-    """By one cell, up to that generation of the world after so many others."""
-    lived = generation + sum(directive["generation"] for directive in directives[:worlds])
-    return (worlds + 1) * plan.run.deme + lived * plan.evaluations_per_generation
+def _evaluations(plan: Plan, epochs: int, generation: int, directives: Sequence[Mapping[str, Any]]) -> int:
+    """By one cell, up to that generation of the epoch after so many others."""
+    lived = generation + sum(directive["generation"] for directive in directives[:epochs])
+    return (epochs + 1) * plan.run.deme + lived * plan.evaluations_per_generation
 
 
 def on_all_cores(work: Callable[[Task], Found], tasks: Iterable[Task]) -> Iterator[Found]:

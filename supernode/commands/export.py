@@ -86,7 +86,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="KIND",
         choices=_KINDS,
         help="statistics of each second, verified improvements as they were heard, history (improvements as the cells "
-        f"noted them, a function of the run), events (states and worlds) or log ({_KIND})",
+        f"noted them, a function of the run), events (states and epochs) or log ({_KIND})",
     )
     add_place(records)
 

@@ -74,5 +74,5 @@ def _one(view: Mapping[str, Any]) -> str:
             lines.append(f"  {name} {_clock(view[name])}")
     best = view.get("best")
     if best is not None:
-        lines.append(f"  best: fitness {best['fitness']:.6g}, generation {best['generation']} of world {best['world']}")
+        lines.append(f"  best: fitness {best['fitness']:.6g}, generation {best['generation']} of epoch {best['epoch']}")
     return "\n".join(lines)

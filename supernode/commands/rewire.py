@@ -15,11 +15,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     shape = parser.add_mutually_exclusive_group(required=True)
     shape.add_argument("--torus", metavar="RxC", type=torus, dest="topology", help="rows and columns")
     shape.add_argument("--topology", metavar="SPEC", help='such as "torus 4x4" or "ring 16"')
-    add_cluster_options(parser, "the number of the new world")
+    add_cluster_options(parser, "the number of the new epoch")
 
 
 def run(options: argparse.Namespace) -> int:
-    """Print the number of the world that has it."""
+    """Print the number of the epoch that has it."""
     import topologies
     from problems.errors import BadInput
 
@@ -28,6 +28,6 @@ def run(options: argparse.Namespace) -> int:
     except ValueError as error:
         raise BadInput(f"--topology: {error}") from None
     with connected(options) as client:
-        world = client.job(options.job).rewire(spec)
-    tell(options, {"job": options.job, "world": world}, f"{options.job}: world {world}")
+        epoch = client.job(options.job).rewire(spec)
+    tell(options, {"job": options.job, "epoch": epoch}, f"{options.job}: epoch {epoch}")
     return exits.OK

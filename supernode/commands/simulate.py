@@ -12,7 +12,7 @@ from supernode import exits
 from supernode.commands.run_options import add_run_options, chosen_file, settings
 
 if TYPE_CHECKING:
-    from node.replay import World
+    from node.replay import Epoch
     from node.simulation import StopWish
     from spy.improvement_records import ImprovementRecord
     from spy.judge import Judgement
@@ -27,13 +27,13 @@ EXAMPLE = "supernode simulate examples/arm-ik.toml --torus 8x8 --seed 7"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of a run, or what is to be repeated."""
     add_run_options(parser)
-    parser.add_argument("--replay", metavar="RESULT.json", help="repeat this run: its settings, and all its worlds")
+    parser.add_argument("--replay", metavar="RESULT.json", help="repeat this run: its settings, and all its epochs")
 
 
 def run(options: argparse.Namespace) -> int:
     """Simulate, follow the run on stderr, and print its result on stdout."""
     import topologies
-    from node.replay import worlds_of
+    from node.replay import epochs_of
     from spy.run_log import RunLog
     from spy.terminal import Terminal
     from supernode.present import present
@@ -42,8 +42,8 @@ def run(options: argparse.Namespace) -> int:
 
     file = chosen_file(options)
     recorded = None if options.replay is None else Recorded.read(options.replay, settings(options))
-    worlds = worlds_of(file) if recorded is None else recorded.worlds(file)
-    file = worlds[-1].file
+    epochs = epochs_of(file) if recorded is None else recorded.epochs(file)
+    file = epochs[-1].file
     log = RunLog(options.log, options.least_improvement)
     with (
         Terminal(topologies.parse(file.run.topology), options.quiet, least=options.least_improvement) as terminal,
@@ -51,7 +51,7 @@ def run(options: argparse.Namespace) -> int:
         contextlib.redirect_stdout(sys.stderr),  # a user's module may print
     ):
         stops = None if recorded is None else recorded.stops
-        simulation = Simulation(worlds, stops, _shown(terminal, log), wish.reason)
+        simulation = Simulation(epochs, stops, _shown(terminal, log), wish.reason)
         wish.began = time.monotonic()
         result = simulation.run()
         log.close()
@@ -88,19 +88,19 @@ def _shown(terminal: "Terminal", log: "RunLog") -> "Listener":
     class Shown(Listener):
         """Both of them."""
 
-        def begins(self, world: "World") -> None:
-            if world.is_fresh:
-                terminal.begins_anew(world.why)
-            log.start(1, world.number, world.file.run)
+        def begins(self, epoch: "Epoch") -> None:
+            if epoch.is_fresh:
+                terminal.begins_anew(epoch.why)
+            log.start(1, epoch.number, epoch.file.run)
 
-        def improvement(self, world: "World", better: "Improvement") -> None:
+        def improvement(self, epoch: "Epoch", better: "Improvement") -> None:
             terminal.improvement(better)
-            log.news(world.plan.topology, better)
+            log.news(epoch.plan.topology, better)
 
-        def lived(self, world: "World", records: "Sequence[ImprovementRecord]") -> None:
-            log.improvements(world.plan.topology, records)
+        def lived(self, epoch: "Epoch", records: "Sequence[ImprovementRecord]") -> None:
+            log.improvements(epoch.plan.topology, records)
 
-        def ends(self, world: "World", judgement: "Judgement", generation: int) -> None:
+        def ends(self, epoch: "Epoch", judgement: "Judgement", generation: int) -> None:
             log.end(judgement, generation)
 
     return Shown()

@@ -12,7 +12,7 @@ from supernode.commands.cluster_options import add_cluster_options, connected, t
 
 EXAMPLE = "supernode status"
 
-_COLUMNS = ("node", "process", "job", "cell", "world", "generation", "age", "memory", "sent", "received")
+_COLUMNS = ("node", "process", "job", "cell", "epoch", "generation", "age", "memory", "sent", "received")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -13,12 +13,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Which job, and what is new."""
     add_job(parser)
     parser.add_argument("patch", metavar="PATCH.toml", help="keys of a problem file, each in place of the old")
-    add_cluster_options(parser, "the number of the new world")
+    add_cluster_options(parser, "the number of the new epoch")
 
 
 def run(options: argparse.Namespace) -> int:
-    """Print the number of the new world."""
+    """Print the number of the new epoch."""
     with connected(options) as client:
-        world = client.job(options.job).update(Path(options.patch))
-    tell(options, {"job": options.job, "world": world}, f"{options.job}: world {world}")
+        epoch = client.job(options.job).update(Path(options.patch))
+    tell(options, {"job": options.job, "epoch": epoch}, f"{options.job}: epoch {epoch}")
     return exits.OK

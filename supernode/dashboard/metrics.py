@@ -8,7 +8,7 @@ from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metri
 from supernode.dashboard.view import View
 
 _COUNTERS = {
-    "generation": ("supernode_generations", "Generations of a running job's world, at the root."),
+    "generation": ("supernode_generations", "Generations of a running job's epoch, at the root."),
     "evaluations": ("supernode_evaluations", "Evaluations of a running job."),
     "messages": ("supernode_messages_sent", "Messages that the nodes of a running job have sent."),
     "received": ("supernode_messages_received", "Messages that they have received and used."),
@@ -16,7 +16,7 @@ _COUNTERS = {
     "rejected": ("supernode_messages_rejected", "Messages that they have refused."),
 }
 _GAUGES = {
-    "world": ("supernode_job_world", "The world that a running job is in."),
+    "epoch": ("supernode_job_epoch", "The epoch that a running job is in."),
     "exchange_seconds": ("supernode_exchange_seconds", "From one exchange of a node to its next; median of the nodes."),
     "age": ("supernode_champion_age_generations", "Generations since the birth of the champion known at the root."),
     "best": ("supernode_best_fitness", "Fitness of the best individual of a running job; lower is better."),

@@ -48,7 +48,7 @@ class Scenes:
             BadInput: if it cannot be drawn here.
         """
         best, name = view["best"], (view["job"], form)
-        of = (view["number"], view["world"], None if best is None else (best["world"], best["fitness"]))
+        of = (view["number"], view["epoch"], None if best is None else (best["epoch"], best["fitness"]))
         known = self._pictures.get(name)
         if known is not None and known.of != of:
             await asyncio.sleep(known.next_at - time.monotonic())

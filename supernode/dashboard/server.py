@@ -119,7 +119,7 @@ class Dashboard:
     async def _show(self, job: str, after: float) -> dict[str, Any]:
         await asyncio.sleep(after)
         view: dict[str, Any] = await self.watcher.client.ask(wire.Show(job), PATIENCE)
-        return {name: value for name, value in view.items() if name not in ("file", "worlds")}
+        return {name: value for name, value in view.items() if name not in ("file", "epochs")}
 
 
 def application(place: Place, single: bool, broke: Callable[[BaseException], None]) -> Starlette:

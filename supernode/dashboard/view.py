@@ -183,7 +183,7 @@ class View:
             "jobs": list(self.jobs),
             "counts": dict(self.counts),
             "statistics": {number: each._asdict() for number, each in self.statistics.items()},
-            "bests": {number: [each.world, each.seconds, each.generation] for number, each in self._best.items()},
+            "bests": {number: [each.epoch, each.seconds, each.generation] for number, each in self._best.items()},
             "lines": list(self._lines),
         }
         return {name: plain(value) for name, value in shown.items()}
@@ -204,7 +204,7 @@ class View:
         number = None if line is None else line["number"]
         statistics = self.statistics.get(number) if number is not None else None
         best = self._best.get(number) if number is not None else None
-        return line, None if statistics is None else statistics.world, best
+        return line, None if statistics is None else statistics.epoch, best
 
     def node(self, number: int) -> dict[str, Any] | None:
         """All about one node."""

@@ -256,7 +256,7 @@ def test_another_problem_is_asked_about_anew_and_another_attempt_is_not(closed):
 
 
 @pytest.mark.parametrize("settings", [{"oracle": False}, {"keep_alive": True}])
-def test_a_job_that_wants_no_oracle_or_waits_for_another_world_asks_nobody(closed, settings):
+def test_a_job_that_wants_no_oracle_or_waits_for_another_epoch_asks_nobody(closed, settings):
     consulting = Consulting()
     consulting.turn_to(load(closed).with_run(**settings))
     consulting.ask()

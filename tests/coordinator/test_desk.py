@@ -242,7 +242,7 @@ def test_a_store_that_fails_is_not_the_clients_fault(office, monkeypatch):
     assert office.refusal(Submit(file(), "a"), "failure") == "store: disk full"
 
 
-# Moving worlds --------------------------------------------------------------------------------------------------------
+# Moving epochs --------------------------------------------------------------------------------------------------------
 @pytest.fixture
 def robot(office):
     """An office with a mobile robot under way, as job "r"."""
@@ -253,13 +253,13 @@ def robot(office):
 
 def test_an_update_replaces_top_level_keys(robot):
     start = [OFFICE.fields["start"][0] + 0.1, *OFFICE.fields["start"][1:]]
-    assert robot.ask(Update("r", json.dumps({"start": start}))) == {"job": "r", "world": 1}
+    assert robot.ask(Update("r", json.dumps({"start": start}))) == {"job": "r", "epoch": 1}
     assert robot.dispatcher.asked[-1] == ("update", 1, {"start": start})
     assert robot.dispatcher.placings[1].file.fields == OFFICE.fields | {"start": start}
-    assert robot.ask(Update("r", json.dumps({"goal": OFFICE.fields["goal"]})))["world"] == 2
+    assert robot.ask(Update("r", json.dumps({"goal": OFFICE.fields["goal"]})))["epoch"] == 2
     assert robot.dispatcher.placings[1].file.fields["start"] == start  # the second builds on the first
-    worlds = robot.ask(Show("r"))["worlds"]
-    assert [(world["world"], world["fields"]) for world in worlds] == [
+    epochs = robot.ask(Show("r"))["epochs"]
+    assert [(epoch["epoch"], epoch["fields"]) for epoch in epochs] == [
         (1, {"start": start}),
         (2, {"goal": OFFICE.fields["goal"]}),
     ]
@@ -280,15 +280,15 @@ def test_a_wrong_update_is_refused_and_the_job_goes_on(robot, patch, expected):
     assert message.startswith(f"update of {OFFICE.name}: {expected}")
     assert "strat" not in patch or message.endswith("; did you mean 'start'?")
     shown = robot.ask(Show("r"))
-    assert (shown["status"], shown["worlds"]) == ("running", [])
-    assert robot.dispatcher.placings[1].world == 0
+    assert (shown["status"], shown["epochs"]) == ("running", [])
+    assert robot.dispatcher.placings[1].epoch == 0
 
 
 def test_an_update_that_codes_individuals_otherwise_is_refused(office):
     office.ask(Submit(file(), "a"))
     office.until("a", "running")
     assert "would change how individuals are coded" in office.refusal(Update("a", '{"bits": 9}'))
-    assert office.ask(Update("a", '{"obstacles": []}'))["world"] == 1
+    assert office.ask(Update("a", '{"obstacles": []}'))["epoch"] == 1
 
 
 def test_only_jobs_under_way_can_be_changed(office):
@@ -302,7 +302,7 @@ def test_only_jobs_under_way_can_be_changed(office):
 
 
 def test_rewiring(robot):
-    assert robot.ask(Rewire("r", "complete 4")) == {"job": "r", "world": 1}
+    assert robot.ask(Rewire("r", "complete 4")) == {"job": "r", "epoch": 1}
     assert robot.dispatcher.asked[-1] == ("rewire", 1, "complete 4")
     assert robot.ask(Show("r"))["topology"] == "complete 4"
     assert robot.refusal(Rewire("r", "ring 5")) == "topology: expected one of 4 cells, as the job has, found 5"
@@ -384,7 +384,7 @@ def test_a_job_whose_nodes_have_forgotten_it_starts_over(offices):
     assert states == ["submitted", "queued", "preparing", "running", "queued", "preparing", "running"]
 
 
-def test_a_restored_job_is_in_the_world_that_it_had_reached(offices):
+def test_a_restored_job_is_in_the_epoch_that_it_had_reached(offices):
     office = offices()
     office.ask(Submit(file(), "a"))
     office.until("a", "running")
@@ -395,7 +395,7 @@ def test_a_restored_job_is_in_the_world_that_it_had_reached(offices):
     order, placing = office.dispatcher.orders[1], office.dispatcher.placings[1]
     assert order.file.fields["obstacles"], "as it was submitted"
     assert placing.file.fields["obstacles"] == []
-    assert (placing.why["do"], placing.past.worlds) == ("update", 0)
+    assert (placing.why["do"], placing.past.epochs) == ("update", 0)
 
 
 def test_a_job_that_begins_again_keeps_its_past_and_its_answer(offices):
@@ -409,7 +409,7 @@ def test_a_job_that_begins_again_keeps_its_past_and_its_answer(offices):
     office = offices(make=partial(StubDispatcher, manual=True, lost=True))
     office.desk.restore()
     order = office.dispatcher.orders[1]
-    assert (order.best.world, order.best.fitness, order.past.worlds) == (1, 0.25, 2)
+    assert (order.best.epoch, order.best.fitness, order.past.epochs) == (1, 0.25, 2)
     assert [each["do"] for each in order.past.directives] == ["update", "restart"]
     assert order.past.directives[0]["fields"] == {"obstacles": []}
     assert order.past.history is None
@@ -417,7 +417,7 @@ def test_a_job_that_begins_again_keeps_its_past_and_its_answer(offices):
     assert "the job cannot go on from where it was: BadInput: they know nothing of it" in office.said.getvalue()
 
 
-def test_a_job_that_never_left_its_first_world_begins_it_again(offices):
+def test_a_job_that_never_left_its_first_epoch_begins_it_again(offices):
     office = offices()
     office.ask(Submit(file(), "a"))
     office.until("a", "running", lambda shown: shown["best"] is not None)
@@ -431,7 +431,7 @@ def test_in_brief_all_that_may_be_large_is_left_out(office):
     office.ask(Submit(file(), "a"))
     whole = office.until("a", "running")
     brief = office.ask(Show("a", brief=True))
-    assert whole.keys() - brief.keys() == {"file", "file_now", "worlds", "states"}
+    assert whole.keys() - brief.keys() == {"file", "file_now", "epochs", "states"}
     assert brief == {name: whole[name] for name in brief}
 
 

@@ -55,7 +55,7 @@ def test_what_was_noted_is_there(book):
     assert found == {
         "at": 100.0,
         "seconds": 0.5,
-        "world": 0,
+        "epoch": 0,
         "generation": 3,
         "cell": 7,
         "fitness": 2.0,

@@ -3,8 +3,8 @@
 from dataclasses import replace
 from pathlib import Path
 
+import epochs
 import pytest
-import worlds
 from live_service import live, until
 from stubborn import stubborn_file
 
@@ -23,12 +23,12 @@ def endless(**run):
 
 
 def history(file, result):
-    """What `spy.result` makes of all worlds in which nobody died, replayed in this process."""
-    return worlds.history(replay(replace(file, fields=file.fields | {"cost_us": 0.0}), result.directives))
+    """What `spy.result` makes of all epochs in which nobody died, replayed in this process."""
+    return epochs.history(replay(replace(file, fields=file.fields | {"cost_us": 0.0}), result.directives))
 
 
 def retries(job):
-    return [each for each in job.show()["worlds"] if each["do"] == "retry"]
+    return [each for each in job.show()["epochs"] if each["do"] == "retry"]
 
 
 def goes_on(job):
@@ -82,7 +82,7 @@ def test_who_takes_over_knows_what_attempts_have_changed(service, tmp_path):
         result = job.result(60)
     assert latest["fields"] == {"size": 16 + 8 * latest["attempt"], "hurdles": 99 - latest["attempt"]}
     assert result.problem_sha256 == file.sha256
-    assert result.history_sha256 == worlds.again(file, result)
+    assert result.history_sha256 == epochs.again(file, result)
 
 
 def test_a_job_is_not_submitted_in_the_middle_of_its_attempts(service):

@@ -3,12 +3,12 @@
 from pathlib import Path
 
 import pytest
+from epochs import States, again, turns_of
 from stubborn import stubborn_file
-from worlds import States, again, turns_of
 
 import supernode
 from coordinator.job import BegunAnew
-from node.replay import worlds_of
+from node.replay import epochs_of
 from supernode.simulation import Listener, Simulation
 
 FUNCTION = """
@@ -58,7 +58,7 @@ def function(tmp_path):
 
 
 def simulated(file, **run):
-    return Simulation(worlds_of(file.with_run(**run))).run()
+    return Simulation(epochs_of(file.with_run(**run))).run()
 
 
 class Historian(Listener):
@@ -67,13 +67,13 @@ class Historian(Listener):
     def __init__(self):
         self.records = []
 
-    def lived(self, world, records):
+    def lived(self, epoch, records):
         self.records += records
 
 
 def test_improvements_of_all_attempts_are_those_of_the_simulation(cluster, stubborn):
     file, historian = stubborn().with_run(topology="torus 2x3", stall=25), Historian()
-    Simulation(worlds_of(file), listener=historian).run()
+    Simulation(epochs_of(file), listener=historian).run()
     job = cluster.submit(file)
     result = job.result(timeout=60)
     assert job.history() == historian.records
@@ -106,7 +106,7 @@ def test_it_begins_anew_with_what_the_problem_changes(cluster, stubborn, run):
     first, second = result.directives
     assert (first["attempt"], first["fields"]) == (1, {"size": 24, "hurdles": 1})
     assert (second["attempt"], second["fields"]) == (2, {"size": 32, "hurdles": 0})
-    assert result.found_at["world"] == 2
+    assert result.found_at["epoch"] == 2
     assert result.generations > first["generation"] + second["generation"] >= 50
     assert result.problem_sha256 == file.sha256, "it is the same problem"
     assert result.messages["lost"] == result.messages["rejected"] == 0
@@ -154,7 +154,7 @@ def test_the_best_of_an_earlier_attempt_is_kept(cluster, stubborn):
     file = stubborn(size=8, answers='{"size": 200, "hurdles": 50}')
     result = both(cluster, file, stall=25, restarts=2)
     assert (result.status, result.fitness) == ("stalled", 2.0)
-    assert result.found_at.keys() == {"cell", "generation"}, "of the first world"
+    assert result.found_at.keys() == {"cell", "generation"}, "of the first epoch"
     assert file.problem().check(result.best_attempt).fitness == 2.0
 
 
@@ -208,7 +208,7 @@ def test_cancelling_ends_the_attempt_that_runs(cluster, stubborn):
 
 def test_async_attempts_follow_each_other_too(cluster, stubborn):
     result = cluster.submit(stubborn(), mode="async", stall=200).result(timeout=60)
-    assert (result.status, result.found_at["world"]) == ("solved", 2)
+    assert (result.status, result.found_at["epoch"]) == ("solved", 2)
     assert turns_of(result) == [("retry", 1), ("retry", 2)]
     alone = simulated(stubborn(), mode="async", stall=25, topology="torus 2x3")
     assert (alone.status, len(alone.directives)) == ("solved", 2)
@@ -220,13 +220,13 @@ def test_an_update_goes_on_from_the_attempt_and_counts_anew(cluster, states, stu
     job = cluster.submit(file, stall=40, seconds=60.0, topology="torus 2x3")
     attempts = (event for event in job.events() if isinstance(event, BegunAnew))
     next(attempts)
-    world = job.update(hurdles=2)
+    epoch = job.update(hurdles=2)
     next(event for event in attempts if event.why["attempt"] == 1)
     result = job.result(timeout=60)
     assert result.status == "solved"
     (update,) = [each for each in result.directives if each["do"] == "update"]
-    assert update["world"] == world
-    after = [each["attempt"] for each in result.directives if each["do"] == "retry" and each["world"] > world]
+    assert update["epoch"] == epoch
+    after = [each["attempt"] for each in result.directives if each["do"] == "retry" and each["epoch"] > epoch]
     assert after[0] == 1
     assert result.problem_sha256 == file.changed({"hurdles": 2}, {}).sha256
     assert result.history_sha256 == again(file, result)

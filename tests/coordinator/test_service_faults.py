@@ -6,9 +6,9 @@ import signal
 from dataclasses import replace
 from pathlib import Path
 
+import epochs
 import postgres
 import pytest
-import worlds
 from live_service import children_of, command_of, live, until
 from places import free_port
 
@@ -51,8 +51,8 @@ def states(job):
 
 
 def history(file, result):
-    """What `spy.result` makes of all worlds in which nobody died, replayed in this process."""
-    return worlds.history(replay(replace(file, fields=file.fields | {"cost_us": 0.0}), result.directives))
+    """What `spy.result` makes of all epochs in which nobody died, replayed in this process."""
+    return epochs.history(replay(replace(file, fields=file.fields | {"cost_us": 0.0}), result.directives))
 
 
 @pytest.fixture(params=["sqlite"])
@@ -99,7 +99,7 @@ def test_a_dead_node_is_replaced_on_its_cell(tmp_path, mode, deme):
         assert states(running)[-1] == "exhausted"
         (directive,) = result.directives
         cell = str(running.show()["nodes"].index(4))
-        assert (directive["do"], directive["world"]) == ("replace", 1)
+        assert (directive["do"], directive["epoch"]) == ("replace", 1)
         assert directive["demes_of"].keys() == {cell}
         assert directive["demes_of"][cell] in topologies.parse("torus 2x3").neighbours(int(cell))
         assert directive["generations"].keys() == {str(other) for other in range(6)} - {cell}
@@ -130,7 +130,7 @@ def test_a_node_dies_while_there_is_no_coordinator(service):
         breeds(running)
         os.kill(service.processes()["coordinator"], signal.SIGKILL)
         service.kill("node 7")
-        until(lambda: running.show()["worlds"])
+        until(lambda: running.show()["epochs"])
         breeds(running)
         running.cancel()
         result = running.result(60)
@@ -160,8 +160,8 @@ def test_who_takes_over_knows_what_a_job_has_lived_through(tmp_path):
             service.kill("coordinator")
             running.update(cost_us=cost)
             running.rewire(topology)
-        told = running.show()["worlds"]
-        assert [each["world"] for each in told] == [1, 2, 3, 4, 5, 6]
+        told = running.show()["epochs"]
+        assert [each["epoch"] for each in told] == [1, 2, 3, 4, 5, 6]
         assert all(each["generation"] is not None for each in told[:-1])
         service.kill("coordinator")
         running.cancel()
@@ -194,7 +194,7 @@ def test_all_nodes_of_a_job_die(tmp_path):
         (node,) = running.show()["nodes"]
         best = running.show()["best"]["fitness"]
         service.kill(f"node {node}")
-        until(lambda: running.show()["best"]["world"] == 1)  # told right after the world itself is
+        until(lambda: running.show()["best"]["epoch"] == 1)  # told right after the epoch itself is
         assert running.show()["best"]["fitness"] <= best
         result = running.result(120)
         assert (result.status, result.generations) == ("exhausted", 300)

@@ -84,7 +84,7 @@ def test_a_job_is_kept_as_it_was_submitted(store, reopened):
     assert shown.file == shown.file_now == OTHER.file
     assert (shown.kind, shown.cells, shown.topology) == ("terrain", 4, "torus 2x2")
     assert shown.submitted == summary.submitted
-    assert (shown.best, shown.result, shown.nodes, shown.world) == (None, None, (), 0)
+    assert (shown.best, shown.result, shown.nodes, shown.epoch) == (None, None, (), 0)
     assert (shown.fitness, shown.started, shown.ended, shown.message) == (None, None, None, None)
 
 
@@ -186,13 +186,13 @@ def test_of_large_jobs_those_that_ended_first_are_forgotten(store, reopened):
         store.show("b")
 
 
-def test_the_worlds_of_a_job_that_has_ended_have_a_size_too(store):
+def test_the_epochs_of_a_job_that_has_ended_have_a_size_too(store):
     added(store, FILE, "a")
     live(store, 1, "preparing", "running")
     file = ProblemFile("a.toml", {"kind": "arm-ik"}, Run(topology="ring 4"), Path("/"))
-    for world in (1, 2, 3):
+    for epoch in (1, 2, 3):
         update = {"do": "update", "fields": {"goal": "x" * 10_000}}
-        store.note_placing(1, Placing(world, file, (0, 1, 2, 3), 7, update))
+        store.note_placing(1, Placing(epoch, file, (0, 1, 2, 3), 7, update))
     store.end(1, "solved", None)
     assert 30_000 < store.bytes_ended < 40_000
 
@@ -205,37 +205,37 @@ def test_a_job_that_starts_over_has_no_nodes_and_has_not_started(store):
     assert (over.nodes, over.started, over.message) == ((), None, "its nodes were lost")
 
 
-def test_worlds_are_numbered_and_the_file_is_that_of_the_latest(store, reopened):
+def test_epochs_are_numbered_and_the_file_is_that_of_the_latest(store, reopened):
     added(store, job="a")
     live(store, 1, "preparing", "running")
     file = ProblemFile("a.toml", {"kind": "arm-ik"}, Run(topology="ring 4"), Path("/"))
     store.note_placing(1, Placing(0, file, (0, 1, 2, 3), 7))
-    assert (store.worlds(1), store.past(1)) == ([], (Past(), {}))
+    assert (store.epochs(1), store.past(1)) == ([], (Past(), {}))
     update, rewire = {"do": "update", "fields": {"goal": [1, 2]}}, {"do": "rewire", "topology": "complete 4"}
     store.note_placing(1, Placing(1, file, (0, 1, 2, 3), 7, update))
     rewired = file.with_run(topology="complete 4")
-    past = Past(1, generations=9, history="abc").led_on({"world": 1, "generation": 9, **update})
+    past = Past(1, generations=9, history="abc").led_on({"epoch": 1, "generation": 9, **update})
     store.note_placing(1, Placing(2, rewired, (4, 5, 6, 7), 8, rewire, past))
     again = reopened(store)
     assert again.past(1) == (past, rewire)
-    shown, worlds = again.show("a"), again.worlds(1)
-    assert (shown.world, shown.file, shown.topology, shown.wiring) == (2, FILE.file, "complete 4", 8)
+    shown, epochs = again.show("a"), again.epochs(1)
+    assert (shown.epoch, shown.file, shown.topology, shown.wiring) == (2, FILE.file, "complete 4", 8)
     assert (shown.file_now, shown.nodes) == (rewired.to_json(), (4, 5, 6, 7))
-    assert [(world["world"], world["generation"]) for world in worlds] == [(1, 9), (2, None)]
-    assert worlds[0]["fields"] == {"goal": [1, 2]}
+    assert [(epoch["epoch"], epoch["generation"]) for epoch in epochs] == [(1, 9), (2, None)]
+    assert epochs[0]["fields"] == {"goal": [1, 2]}
 
 
-def test_of_many_worlds_the_latest_are_told(store, monkeypatch):
+def test_of_many_epochs_the_latest_are_told(store, monkeypatch):
     added(store, job="a")
     live(store, 1, "preparing", "running")
     file = ProblemFile("a.toml", {"kind": "arm-ik"}, Run(topology="ring 4"), Path("/"))
-    for world in range(1, 8):
-        store.note_placing(1, Placing(world, file, (0, 1, 2, 3), 7, {"do": "update", "fields": {"goal": "x" * 100}}))
-    assert [each["world"] for each in store.worlds(1)] == [1, 2, 3, 4, 5, 6, 7]
+    for epoch in range(1, 8):
+        store.note_placing(1, Placing(epoch, file, (0, 1, 2, 3), 7, {"do": "update", "fields": {"goal": "x" * 100}}))
+    assert [each["epoch"] for each in store.epochs(1)] == [1, 2, 3, 4, 5, 6, 7]
     monkeypatch.setattr("coordinator.store._MOST_TOLD", 300)
-    assert [each["world"] for each in store.worlds(1)] == [6, 7]
+    assert [each["epoch"] for each in store.epochs(1)] == [6, 7]
     monkeypatch.setattr("coordinator.store._MOST_TOLD", 10)
-    assert [each["world"] for each in store.worlds(1)] == [7]
+    assert [each["epoch"] for each in store.epochs(1)] == [7]
 
 
 def test_a_job_that_lives_for_days_does_not_fill_the_store(store, monkeypatch):
@@ -246,15 +246,15 @@ def test_a_job_that_lives_for_days_does_not_fill_the_store(store, monkeypatch):
     live(store, 1, "preparing", "running")
     file = ProblemFile("a.toml", {"kind": "arm-ik"}, Run(topology="ring 4"), Path("/"))
     past = Past()
-    for world in range(1, 101):
-        why = {"do": "update", "fields": {"goal": "x" * 100, "world": world}}
-        past = past.and_then(Lived(file, number=world - 1), why)
-        store.note_placing(1, Placing(world, file, (0, 1, 2, 3), 7, why, past))
+    for epoch in range(1, 101):
+        why = {"do": "update", "fields": {"goal": "x" * 100, "epoch": epoch}}
+        past = past.and_then(Lived(file, number=epoch - 1), why)
+        store.note_placing(1, Placing(epoch, file, (0, 1, 2, 3), 7, why, past))
         live(store, 1, "waiting", "running")
-    rows = store.worlds(1)
+    rows = store.epochs(1)
     assert len(rows) < 40
     assert rows[0]["do"] == "several"
-    assert [row["world"] for row in rows[1:]] == list(range(rows[0]["world"] + 1, 101))
+    assert [row["epoch"] for row in rows[1:]] == list(range(rows[0]["epoch"] + 1, 101))
     found, latest = store.past(1)
     assert found.directives == past.directives
     assert latest == why
@@ -469,7 +469,7 @@ def test_a_store_of_another_version_is_refused(tmp_path):
     with sqlite3.connect(tmp_path / "jobs.sqlite") as connection:
         connection.execute("update meta set schema = 7")
     connection.close()
-    with pytest.raises(StoreFailed, match="expected a store of version 3, found 7"):
+    with pytest.raises(StoreFailed, match="expected a store of version 4, found 7"):
         Store(url)
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 import zenoh
-from worlds import again
+from epochs import again
 
 import supernode
 from coordinator.dispatcher import Dispatcher

@@ -29,7 +29,7 @@ class Exchange:
 
     Attributes:
         job: number of the job.
-        world: number of the world that the fitness values belong to.
+        epoch: number of the epoch that the fitness values belong to.
         generation: of the sender.
         stop_at: the least generation of a stop that the sender knows, None if nobody proposed one.
         emigrants: its best individuals, best first.
@@ -39,7 +39,7 @@ class Exchange:
     """
 
     job: int
-    world: int
+    epoch: int
     generation: int
     stop_at: int | None
     emigrants: tuple[Emigrant, ...]
@@ -50,11 +50,11 @@ class Exchange:
     @staticmethod
     def of(messages: Messages, row: int) -> "Exchange":
         """One of the messages."""
-        job, world, generation, stop_at, sent, evaluations, *_ = messages.header[row].tolist()
+        job, epoch, generation, stop_at, sent, evaluations, *_ = messages.header[row].tolist()
         emigrants = zip(messages.genomes[row, :-1], messages.fitness[row].tolist(), strict=False)
         return Exchange(
             job,
-            world,
+            epoch,
             generation,
             None if stop_at == NEVER else stop_at,
             tuple(Emigrant(genome.tobytes(), its_fitness) for genome, its_fitness in emigrants),
@@ -69,7 +69,7 @@ class Exchange:
         messages = Messages.room(1, genome_bytes, len(self.emigrants))
         stop_at = NEVER if self.stop_at is None else self.stop_at
         champion = self.champion or Champion(math.inf, 0, 0, bytes(genome_bytes))
-        counts = (self.job, self.world, self.generation, stop_at, self.sent, self.evaluations)
+        counts = (self.job, self.epoch, self.generation, stop_at, self.sent, self.evaluations)
         messages.header[0] = (*counts, champion.generation, champion.cell)
         everyone = [*self.emigrants, Emigrant(champion.genome, champion.fitness)]
         messages.genomes[0] = [np.frombuffer(each.genome, np.uint8) for each in everyone]
@@ -125,7 +125,7 @@ def exchanges(genomes, emigrants, cells):
     return st.builds(
         Exchange,
         job=counts,
-        world=counts,
+        epoch=counts,
         generation=counts,
         stop_at=st.none() | counts,
         emigrants=st.tuples(*[st.builds(Emigrant, genomes, fitnesses)] * emigrants),
@@ -137,7 +137,7 @@ def exchanges(genomes, emigrants, cells):
 
 MESSAGE = Exchange(
     job=3,
-    world=1,
+    epoch=1,
     generation=300,
     stop_at=70_000,
     emigrants=(Emigrant(bytes([0x12, 0x34]), 1.5), Emigrant(bytes([0xFF, 0xFE]), math.inf)),
@@ -152,7 +152,7 @@ def values_of(message):
     emigrants = [[genome.rstrip(b"\0"), its_fitness] for genome, its_fitness in message.emigrants]
     champion = None if message.champion is None else [*message.champion[:3], message.champion.genome.rstrip(b"\0")]
     counters = [message.sent, message.evaluations]
-    return [VERSION, message.job, message.world, message.generation, message.stop_at, emigrants, champion, counters]
+    return [VERSION, message.job, message.epoch, message.generation, message.stop_at, emigrants, champion, counters]
 
 
 def read_slowly(payload, limits):
@@ -197,8 +197,8 @@ def read_slowly(payload, limits):
         return None
     if not is_message(value):
         return None
-    _, job, world, generation, stop_at, emigrants, champion, (sent, evaluations) = value
+    _, job, epoch, generation, stop_at, emigrants, champion, (sent, evaluations) = value
     # A champion of infinite fitness stands for none.
     best = None if champion is None or champion[0] == math.inf else Champion(*champion[:3], whole(champion[3]))
     told = tuple(Emigrant(whole(genome), its_fitness) for genome, its_fitness in emigrants)
-    return Exchange(job, world, generation, stop_at, told, best, sent, evaluations)
+    return Exchange(job, epoch, generation, stop_at, told, best, sent, evaluations)

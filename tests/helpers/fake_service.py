@@ -61,10 +61,10 @@ class FakeService:
         state = jobs.JobState(job, entry["number"], status, entry["fitness"], message, time.time())
         self.publish(self.keys.state, state.encode())
 
-    def improve(self, job, fitness, world=0, feasible=True):
+    def improve(self, job, fitness, epoch=0, feasible=True):
         """The spy finds something better."""
         entry = self.jobs[job]
-        better = Improvement(entry["number"], world, 0.1, 3, 2, float(fitness), feasible, SOLUTION)
+        better = Improvement(entry["number"], epoch, 0.1, 3, 2, float(fitness), feasible, SOLUTION)
         entry["best"] = vars(better)
         entry["fitness"] = float(fitness)
         self.publish(self.keys.best, better.encode())
@@ -129,14 +129,14 @@ class FakeService:
                 "file_now": request.file,
                 "best": None,
                 "result": None,
-                "world": 0,
-                "worlds": [],
+                "epoch": 0,
+                "epochs": [],
             }
         return {"job": request.id, "status": self.jobs[request.id]["status"]}
 
     def of_a_job(self, request, entry):
         if isinstance(request, jobs.Show):
-            large = ("file", "file_now", "worlds") if request.brief else ()
+            large = ("file", "file_now", "epochs") if request.brief else ()
             return {name: value for name, value in entry.items() if name not in large}
         if isinstance(request, jobs.Records):
             columns = ["id", "epoch", "generation", "cell", "evaluations", "fitness"]
@@ -144,11 +144,11 @@ class FakeService:
         if isinstance(request, jobs.Cancel):
             threading.Timer(0.05, self.end, (request.job, "cancelled")).start()
             return {"job": request.job, "status": entry["status"]}
-        entry["worlds"].append(request.patch if isinstance(request, jobs.Update) else request.topology)
-        return {"job": request.job, "world": len(entry["worlds"])}
+        entry["epochs"].append(request.patch if isinstance(request, jobs.Update) else request.topology)
+        return {"job": request.job, "epoch": len(entry["epochs"])}
 
     def brief(self, job):
-        long = ("file", "file_now", "best", "result", "world", "worlds")
+        long = ("file", "file_now", "best", "result", "epoch", "epochs")
         return {name: value for name, value in self.jobs[job].items() if name not in long}
 
 

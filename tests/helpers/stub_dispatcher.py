@@ -40,7 +40,7 @@ class StubDispatcher:
 
     def adopt(self, order, placing):
         with self._lock:
-            self.asked.append(("adopt", order.number, placing.nodes, placing.world))
+            self.asked.append(("adopt", order.number, placing.nodes, placing.epoch))
             self.orders[order.number] = order
             self.placings[order.number] = placing
             if self._lost:
@@ -63,8 +63,8 @@ class StubDispatcher:
 
     def _change(self, number, fields, run, why):
         now = self.placings[number]
-        self._place(number, replace(now, world=now.world + 1, file=now.file.changed(fields, run), why=why))
-        return now.world + 1
+        self._place(number, replace(now, epoch=now.epoch + 1, file=now.file.changed(fields, run), why=why))
+        return now.epoch + 1
 
     def _place(self, number, placing):
         self.placings[number] = placing

@@ -92,7 +92,7 @@ def test_a_stall_counts_where_it_ends_the_run_or_leads_to_another_attempt(settin
 def test_limits_may_leave_no_room_for_another_attempt():
     assert plan().leaves_room(10**6)
     assert [plan(generations=90).leaves_room(lived) for lived in (89, 90)] == [True, False]
-    # 16 cells evaluate 16 individuals first in each world, and 128 in each generation.
+    # 16 cells evaluate 16 individuals first in each epoch, and 128 in each generation.
     at_most = plan(evaluations=2 * 16 + 128 * 7)
     assert [at_most.leaves_room(lived) for lived in (6, 7)] == [True, False]
 

@@ -50,7 +50,7 @@ def test_start_publishes_the_first_generation_and_waits():
     plan = plan_of()
     cell, published = started(plan)
     message = said(plan, published)
-    assert (message.job, message.world, message.generation, message.stop_at) == (1, 0, 0, None)
+    assert (message.job, message.epoch, message.generation, message.stop_at) == (1, 0, 0, None)
     assert (message.sent, message.evaluations) == (1, 1)
     (emigrant,) = message.emigrants
     assert message.champion == cell.champion == Champion(emigrant.fitness, 0, 0, emigrant.genome)
@@ -89,16 +89,16 @@ def test_messages_of_another_job_strangers_and_doubles_are_ignored():
 
 
 @pytest.mark.parametrize("mode", ["lockstep", "async"])
-def test_messages_of_another_world_are_ignored_and_nobody_complains_of_them(mode):
-    plan = dataclasses.replace(plan_of(mode=mode, target=-1.0), world=1)
+def test_messages_of_another_epoch_are_ignored_and_nobody_complains_of_them(mode):
+    plan = dataclasses.replace(plan_of(mode=mode, target=-1.0), epoch=1)
     cell = Cell(plan, 0, job=1)
-    assert said(plan, cell.step(events=[Start()])[0]).world == 1
-    others = [message for world in (0, 2) for message in heard(plan, (12, 1, 4, 3), world=world, stop_at=1)]
+    assert said(plan, cell.step(events=[Start()])[0]).epoch == 1
+    others = [message for epoch in (0, 2) for message in heard(plan, (12, 1, 4, 3), epoch=epoch, stop_at=1)]
     generation = cell.rows.generation
     actions = cell.step(others, [Answered(*each) for each in others])
     assert not any(isinstance(action, Complain) for action in actions)
     assert (cell.inbox.kept, cell.inbox.refused, cell.inbox.of_no_use, cell.lost) == (0, 0, 0, 0)
-    assert cell.state == "running", "a stop of another world is none here"
+    assert cell.state == "running", "a stop of another epoch is none here"
     if mode == "lockstep":
         assert actions == []
         assert sorted(cell.inbox.missing()) == [1, 3, 4, 12]
@@ -108,23 +108,23 @@ def test_messages_of_another_world_are_ignored_and_nobody_complains_of_them(mode
     assert cell.rows.generation > generation
 
 
-def test_another_world_draws_other_random_numbers():
+def test_another_epoch_draws_other_random_numbers():
     first = plan_of(size=200, target=-1.0)
-    worlds = [first, *(dataclasses.replace(first, world=world, since=30) for world in (1, 2))]
+    epochs = [first, *(dataclasses.replace(first, epoch=epoch, since=30) for epoch in (1, 2))]
     demes = []
-    for plan in worlds:
+    for plan in epochs:
         cell = Cell(plan, 0, job=1)
         cell.step(events=[Start()])
         demes.append(cell.rows.genomes.tobytes())
     assert len(set(demes)) == 3, "each begins with random individuals of its own"
     deme = np.frombuffer(demes[0], np.uint8).reshape(1, -1)
     bred = []
-    for plan in worlds:
+    for plan in epochs:
         cell = Cell(plan, 0, job=1)
         (published,) = cell.step(events=[Start(deme)])
         assert said(plan, published).emigrants[0].genome == demes[0], "of those that are given"
         same_news = [
-            (sender, dataclasses.replace(message_of(first, sender), world=plan.world)) for sender in (12, 1, 4, 3)
+            (sender, dataclasses.replace(message_of(first, sender), epoch=plan.epoch)) for sender in (12, 1, 4, 3)
         ]
         cell.step([(sender, message.encode()) for sender, message in same_news])
         assert cell.rows.generation == 1

@@ -178,13 +178,13 @@ def test_in_async_mode_messages_are_put_among_the_news(one_core):
     assert (node.assignment.news, node.assignment.cell.inbox.refused) == ([], MANY_UNREAD + 1)
 
 
-def test_in_async_mode_a_world_to_come_hears_its_messages(one_core):
+def test_in_async_mode_an_epoch_to_come_hears_its_messages(one_core):
     node = waiting_for_turns(in_async(generations=1000))
     node._carry_on(node.assignment)
     node.coming = Coming(1, node.assignment.cell.plan, None, None, b"")
     node._carry_on(node.assignment)
-    node.gets(1, b"for any world")
-    assert node.coming.news == node.assignment.news == [(1, b"for any world")]
+    node.gets(1, b"for any epoch")
+    assert node.coming.news == node.assignment.news == [(1, b"for any epoch")]
     node.coming = None
     node._carry_on(node.assignment)
     assert node._fast_path.is_open(node.assignment)
@@ -281,7 +281,7 @@ def test_the_path_opens_while_a_message_is_on_its_ordinary_way(before):
     assert node.generation == 1
 
 
-def test_a_message_of_the_next_world_waits_for_it(pair):
+def test_a_message_of_the_next_epoch_waits_for_it(pair):
     one, other = pair
     plan = plan_of("onemax", topology="torus 1x2", target=-1.0, generations=1000)
     plan = type(plan)(plan.problem, plan.run, 1)
@@ -323,7 +323,7 @@ def test_who_publishes_may_change(pair):
     assert (len(one.published), len(after)) == (before, 1)
 
 
-def test_a_step_for_the_world_before_leaves_this_one_its_fast_path(pair):
+def test_a_step_for_the_epoch_before_leaves_this_one_its_fast_path(pair):
     one, other = pair
     past = LoneNode(plan_of("onemax", topology="torus 1x2", generations=10), 0).assignment
     one._carry_on(past)

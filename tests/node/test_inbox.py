@@ -15,13 +15,13 @@ from wire.report import Staleness
 from wire.strict import Rejected
 
 JOB = 3
-WORLD = 2
+EPOCH = 2
 TORI = ["torus 1x1", "torus 1x2", "torus 2x2", "torus 2x3", "torus 4x4"]
 
 
 def plan_in(**settings):
-    """A plan of one of a job's later worlds."""
-    return dataclasses.replace(plan_of(**settings), world=WORLD)
+    """A plan of one of a job's later epochs."""
+    return dataclasses.replace(plan_of(**settings), epoch=EPOCH)
 
 
 class Model:
@@ -42,7 +42,7 @@ class Model:
             if message is None:
                 self.refused += 1
                 complaints.add((sender, reason_of(payload, self.plan)))
-            elif (message.job, message.world) != (JOB, WORLD):
+            elif (message.job, message.epoch) != (JOB, EPOCH):
                 pass  # whatever it says, it was not meant for this inbox
             elif self.is_of_use(sender, message):
                 self.kept += 1
@@ -117,7 +117,7 @@ def reason_of(payload, plan):
     return caught.value.reason
 
 
-def a_message(rng, generation, sent=1, job=JOB, size=40, emigrants=1, world=WORLD):
+def a_message(rng, generation, sent=1, job=JOB, size=40, emigrants=1, epoch=EPOCH):
     """Any message; now and then somebody is infeasible, nobody is champion, or a stop is proposed."""
 
     def fitness():
@@ -128,7 +128,7 @@ def a_message(rng, generation, sent=1, job=JOB, size=40, emigrants=1, world=WORL
 
     told = tuple(Emigrant(genome(), fitness()) for _ in range(emigrants))
     champion = rng.choice((None, Champion(rng.random(), rng.randrange(50), 0, genome())))
-    return Exchange(job, world, generation, rng.choice((None, 99)), told, champion, sent, rng.randrange(1000))
+    return Exchange(job, epoch, generation, rng.choice((None, 99)), told, champion, sent, rng.randrange(1000))
 
 
 def spoilt(rng, payload):
@@ -145,13 +145,13 @@ def in_slots(inbox, whence):
 
 
 def some_news(rng, plan, model, generations, sent):
-    """A batch, mostly of neighbours' sound messages of this world of the job, of now and then hundreds."""
+    """A batch, mostly of neighbours' sound messages of this epoch of the job, of now and then hundreds."""
     senders = [*model.neighbours, *model.neighbours, *range(plan.topology.cells)]
     news = []
     for _ in range(rng.choice((0, 1, 1, 2, 5, 30)) if rng.random() < 0.98 else 500):
         job = JOB if rng.random() < 0.9 else rng.randrange(6)
-        world = WORLD if rng.random() < 0.9 else rng.randrange(4)
-        message = a_message(rng, rng.choice(generations), sent(), job, emigrants=plan.run.emigrants, world=world)
+        epoch = EPOCH if rng.random() < 0.9 else rng.randrange(4)
+        message = a_message(rng, rng.choice(generations), sent(), job, emigrants=plan.run.emigrants, epoch=epoch)
         payload = message.encode()
         news.append((rng.choice(senders), payload if rng.random() < 0.9 else spoilt(rng, payload)))
         if rng.random() < 0.1:
@@ -212,13 +212,13 @@ def test_in_async_mode_it_keeps_what_the_model_keeps(shape, settings):
 
 
 @pytest.mark.parametrize("mode", ["lockstep", "async"])
-def test_a_message_of_another_world_is_neither_kept_nor_refused_nor_counted_at_all(mode):
+def test_a_message_of_another_epoch_is_neither_kept_nor_refused_nor_counted_at_all(mode):
     plan = plan_in(topology="torus 1x2", mode=mode)
     inbox = Inbox(plan, 0, JOB)
     rng = random.Random(1)
     before = inbox.counts.copy()
-    others = [(JOB, 0), (JOB, WORLD - 1), (JOB, WORLD + 1), (JOB + 1, WORLD)]
-    assert inbox.hear([(1, a_message(rng, 0, job=job, world=world).encode()) for job, world in others]) == set()
+    others = [(JOB, 0), (JOB, EPOCH - 1), (JOB, EPOCH + 1), (JOB + 1, EPOCH)]
+    assert inbox.hear([(1, a_message(rng, 0, job=job, epoch=epoch).encode()) for job, epoch in others]) == set()
     assert inbox.counts.tolist() == before.tolist()
     assert inbox.hear([(1, a_message(rng, 0).encode())]) == set()
     assert inbox.kept == 1

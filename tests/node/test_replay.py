@@ -1,4 +1,4 @@
-"""A job through several worlds in this process: the same as its worlds one by one, and nothing wrong is let in."""
+"""A job through several epochs in this process: the same as its epochs one by one, and nothing wrong is let in."""
 
 import dataclasses
 import hashlib
@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from node import Plan, simulate
-from node.replay import replay, worlds_of
+from node.replay import epochs_of, replay
 from problems import BadInput, EvaluationFailed, load
 
 FUNCTION = """
@@ -22,10 +22,10 @@ seed = 11
 target = -1.0
 generations = 60
 """
-UPDATE = {"world": 1, "do": "update", "generation": 12, "fields": {"name": "sphere"}}
-REWIRE = {"world": 2, "do": "rewire", "generation": 7, "topology": "ring 6"}
+UPDATE = {"epoch": 1, "do": "update", "generation": 12, "fields": {"name": "sphere"}}
+REWIRE = {"epoch": 2, "do": "rewire", "generation": 7, "topology": "ring 6"}
 REPLACE = {
-    "world": 3,
+    "epoch": 3,
     "do": "replace",
     "generation": 5,
     "demes_of": {"4": 3},
@@ -50,15 +50,15 @@ def demes_of(reports, deme=5):
     return np.stack([np.frombuffer(report.deme, np.uint8).reshape(deme, -1) for report in reports])
 
 
-def plan_of(file, world=0, since=0, **run):
-    return Plan.of(file.with_run(**run), world, since)
+def plan_of(file, epoch=0, since=0, **run):
+    return Plan.of(file.with_run(**run), epoch, since)
 
 
 def test_without_directives_it_is_a_plain_run(file):
     (lived,) = replay(file)
     assert digests(lived.reports) == digests(simulate(Plan.of(file)))
     assert (lived.file, lived.why) == (file, {})
-    assert (lived.plan.world, lived.plan.since) == (0, 0)
+    assert (lived.plan.epoch, lived.plan.since) == (0, 0)
 
 
 @pytest.mark.parametrize("stops", [[STOP], [STOP, STOP | {"generation": 30}], [STOP | {"generation": 30}, STOP]])
@@ -69,7 +69,7 @@ def test_a_stop_is_a_limit_of_generations(file, stops):
     assert lived.plan.run.generations == 60, "what is judged is the run that was asked for"
 
 
-def test_an_update_goes_on_with_the_demes_in_a_world_of_its_own(file):
+def test_an_update_goes_on_with_the_demes_in_an_epoch_of_its_own(file):
     first, second = replay(file, [UPDATE])
     by_hand = simulate(plan_of(file, generations=12))
     assert digests(first.reports) == digests(by_hand)
@@ -99,7 +99,7 @@ def test_update_rewire_and_replacement_are_a_chain_of_runs(file):
     four = simulate(plan_of(ring, 3, 25, generations=25 + 9), demes=np.stack([kept[cell] for cell in range(6)]))
     assert [digests(each.reports) for each in lived] == [digests(each) for each in (one, two, three, four)]
     assert [each.plan.topology.spec for each in lived] == ["torus 2x3", "torus 2x3", "ring 6", "ring 6"]
-    assert [(each.plan.world, each.plan.since) for each in lived] == [(0, 0), (1, 12), (2, 19), (3, 25)]
+    assert [(each.plan.epoch, each.plan.since) for each in lived] == [(0, 0), (1, 12), (2, 19), (3, 25)]
     assert [each.why for each in lived] == [{}, *TURNS]
 
 
@@ -128,7 +128,7 @@ def test_an_update_right_at_the_beginning_hands_on_the_first_demes(file):
     )
 
 
-def test_only_the_last_world_is_watched_and_asked_whether_to_stop(file):
+def test_only_the_last_epoch_is_watched_and_asked_whether_to_stop(file):
     seen, asked = [], []
 
     def outside():
@@ -142,24 +142,24 @@ def test_only_the_last_world_is_watched_and_asked_whether_to_stop(file):
     assert seen[-1][1] == second.reports[0].champion, "of what the root knows"
 
 
-def test_worlds_are_known_before_anything_runs(file):
-    worlds = worlds_of(file, (*TURNS, STOP))
-    assert [each.since for each in worlds] == [0, 12, 19, 25]
-    assert [each.last for each in worlds] == [12, 7, 6, 9]
-    assert worlds[-1].file.sha256 == file.changed({"name": "sphere"}, {}).sha256
+def test_epochs_are_known_before_anything_runs(file):
+    epochs = epochs_of(file, (*TURNS, STOP))
+    assert [each.since for each in epochs] == [0, 12, 19, 25]
+    assert [each.last for each in epochs] == [12, 7, 6, 9]
+    assert epochs[-1].file.sha256 == file.changed({"name": "sphere"}, {}).sha256
 
 
-def test_a_problem_that_breaks_in_a_later_world_says_so(own_problem):
+def test_a_problem_that_breaks_in_a_later_epoch_says_so(own_problem):
     file = load(own_problem("[run]", 'topology = "torus 2x2"', "target = -1.0", "generations = 40"))
     with pytest.raises(EvaluationFailed, match="evaluate raised RuntimeError: out of paper"):
         replay(file, [{"do": "update", "generation": 3, "fields": {"trouble": "raises"}}])
 
 
-RETRY = {"world": 1, "do": "retry", "generation": 12, "attempt": 1, "seed": 7, "fields": {"dimension": 5}}
+RETRY = {"epoch": 1, "do": "retry", "generation": 12, "attempt": 1, "seed": 7, "fields": {"dimension": 5}}
 
 
 def test_another_attempt_begins_with_new_individuals_and_a_seed_of_its_own(file):
-    first, second, third = replay(file, [RETRY, UPDATE | {"world": 2, "generation": 7}])
+    first, second, third = replay(file, [RETRY, UPDATE | {"epoch": 2, "generation": 7}])
     assert digests(first.reports) == digests(simulate(plan_of(file, generations=12)))
     alone = {"seed": int(second.plan.seed), "generations": 7}
     longer = dataclasses.replace(file, fields=file.fields | {"dimension": 5})
@@ -169,7 +169,7 @@ def test_another_attempt_begins_with_new_individuals_and_a_seed_of_its_own(file)
 
 
 def test_the_directive_of_an_attempt_tells_its_seed(file):
-    first = worlds_of(file)[0]
+    first = epochs_of(file)[0]
     second = first.retried(12, {"dimension": 5})
     assert second.why == {"do": "retry", "attempt": 1, "seed": int(second.plan.seed), "fields": {"dimension": 5}}
     assert (second.number, second.since, second.is_fresh, first.is_fresh) == (1, 12, True, False)
@@ -226,7 +226,7 @@ def without(directive, name):
 )
 def test_wrong_directives_are_refused_before_anything_runs(file, directive, said):
     with pytest.raises(BadInput) as caught:
-        worlds_of(file, [UPDATE, directive])
+        epochs_of(file, [UPDATE, directive])
     assert str(caught.value).startswith("directives: ")
     assert said in str(caught.value)
 
@@ -238,18 +238,18 @@ def test_an_update_to_an_impossible_world_is_refused_as_it_is_in_a_run(file):
         replay(file, [UPDATE | {"fields": {"dimension": 5}}])
 
 
-def test_a_world_that_ends_before_it_was_left_is_of_another_run(file):
-    with pytest.raises(BadInput, match="leave after generation 12, but world 0 ends after generation 3 already"):
+def test_an_epoch_that_ends_before_it_was_left_is_of_another_run(file):
+    with pytest.raises(BadInput, match="leave after generation 12, but epoch 0 ends after generation 3 already"):
         replay(file.with_run(target=1e9), [UPDATE])
 
 
-def test_async_worlds_cannot_be_repeated(file):
+def test_async_epochs_cannot_be_repeated(file):
     with pytest.raises(BadInput, match="mode: expected lockstep, which alone can be repeated, found async"):
         replay(file.with_run(mode="async"), [UPDATE])
 
 
-def test_the_seed_of_each_world_is_another(file):
-    plans = [Plan.of(file, world) for world in range(100)]
+def test_the_seed_of_each_epoch_is_another(file):
+    plans = [Plan.of(file, epoch) for epoch in range(100)]
     assert plans[0].seed == 11
     assert len({int(plan.seed) for plan in plans}) == 100
     assert dataclasses.replace(plans[3], since=9).seed == plans[3].seed

@@ -85,7 +85,7 @@ def test_the_last_generation(settings, last):
 
 def test_the_first_individuals_of_each_world_are_evaluated_too():
     run = Run(evaluations=3 * 16 + 128 * 5)
-    assert [run.last_generation(Recipe(), worlds) for worlds in (1, 2, 3, 4, 50)] == [5, 5, 5, 4, 0]
+    assert [run.last_generation(Recipe(), epochs) for epochs in (1, 2, 3, 4, 50)] == [5, 5, 5, 4, 0]
     assert Run(generations=17).last_generation(Recipe(), 3) == 17
 
 

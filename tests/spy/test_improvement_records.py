@@ -39,7 +39,7 @@ def test_under_the_papers_spy_the_root_alone_is_asked():
 
 
 def test_evaluations_go_on_from_epoch_to_epoch():
-    past = Past(worlds=1, evaluations=1000)
+    past = Past(epochs=1, evaluations=1000)
     (record,) = records_of(past, lived([report(0, [(10, 2.0)]), report(1)], number=1))
     assert (record.epoch, record.evaluations) == (1, 1000 + 168)
 

@@ -40,10 +40,10 @@ def test_improvements_are_told_once_and_only_if_better():
     assert collector.hear(Champion(0.0, 9, 1, FULL), 0.5).fitness == 0.0
 
 
-def test_an_improvement_says_for_which_world_it_is_an_answer():
-    collector = Collector(dataclasses.replace(plan_of(), world=3), job=7)
+def test_an_improvement_says_for_which_epoch_it_is_an_answer():
+    collector = Collector(dataclasses.replace(plan_of(), epoch=3), job=7)
     better = collector.hear(Champion(20.0, 3, 5, HALF), 0.25)
-    assert (better.job, better.world) == (7, 3)
+    assert (better.job, better.epoch) == (7, 3)
     assert collector.best == better
 
 
@@ -55,8 +55,8 @@ def test_an_earlier_birth_of_the_same_fitness_is_the_champion_but_no_improvement
 
 def test_what_was_known_before_the_nodes_were_rewired_is_known_still():
     before = collected(plan_of(), Champion(20.0, 3, 5, HALF)).best
-    collector = Collector(dataclasses.replace(plan_of(), world=1), 1, before.carried_to(1))
-    assert (collector.best.world, collector.best.fitness, collector.best.generation) == (1, 20.0, 0)
+    collector = Collector(dataclasses.replace(plan_of(), epoch=1), 1, before.carried_to(1))
+    assert (collector.best.epoch, collector.best.fitness, collector.best.generation) == (1, 20.0, 0)
     assert collector.hear(Champion(40.0, 1, 0, EMPTY), 0.3) is None
     assert collector.hear(Champion(20.0, 0, 9, HALF), 0.4) is None
     assert collector.best.cell == 9, "who has it now"
@@ -65,11 +65,11 @@ def test_what_was_known_before_the_nodes_were_rewired_is_known_still():
 
 def test_the_best_of_an_earlier_attempt_stays_as_it_was_found():
     before = collected(plan_of(), Champion(20.0, 3, 5, HALF)).best
-    collector = Collector(dataclasses.replace(plan_of(), world=1, attempt=1), 1, before)
+    collector = Collector(dataclasses.replace(plan_of(), epoch=1, attempt=1), 1, before)
     assert collector.best == before
     assert collector.hear(Champion(20.0, 0, 9, HALF), 0.4) is None
     assert collector.best == before, "one that is as good is no better"
-    assert collector.hear(Champion(0.0, 9, 1, FULL), 0.5).world == 1
+    assert collector.hear(Champion(0.0, 9, 1, FULL), 0.5).epoch == 1
 
 
 def test_a_lie_is_not_believed_and_fails_the_run():
@@ -91,7 +91,7 @@ def test_a_lie_is_not_believed_and_fails_the_run():
         ({"target": -1.0}, 7, ["deadline"], "deadline"),
         ({"target": -1.0}, 7, ["cancel"], "cancelled"),
         ({"target": 0.0, "generations": 8}, 8, ["target"], "solved"),
-        ({"target": -1.0, "generations": 8}, 7, [], "exhausted"),  # in async mode, after another world
+        ({"target": -1.0, "generations": 8}, 7, [], "exhausted"),  # in async mode, after another epoch
         ({"target": -1.0}, 7, [], "failed"),
     ],
 )
@@ -143,14 +143,14 @@ def test_a_judgement_tells_what_its_target_means(says, settings, told):
         ({"restarts": 2, "target": 30.0}, ["stall"], 100, "solved", None),
         ({"restarts": 2, "generations": 109}, ["stall"], 100, "stalled", {}),
         ({"restarts": 2, "generations": 108}, ["stall"], 100, "exhausted", None),
-        # 16 cells; 16 evaluations first in each of the two worlds, and 128 a generation
+        # 16 cells; 16 evaluations first in each of the two epochs, and 128 a generation
         ({"restarts": 2, "evaluations": 32 + 128 * 109}, ["stall"], 100, "stalled", {}),
         ({"restarts": 2, "evaluations": 32 + 128 * 109 - 1}, ["stall"], 100, "exhausted", None),
         ({"keep_alive": True}, ["stall"], 100, "stalled", {}),
     ],
 )
 def test_what_stalls_without_its_target_begins_anew(settings, reasons, lived, status, fields):
-    """World 0 has ended after its generation 8."""
+    """Epoch 0 has ended after its generation 8."""
     collector = collected(plan_of(**settings), Champion(20.0, 3, 5, HALF))
     judgement = judge(collector, 8, reasons, since=lived)
     assert (judgement.status, judgement.next_attempt) == (status, fields)
@@ -293,8 +293,8 @@ def test_reasons_are_those_of_the_stop():
 def test_infinity_is_null_in_json(tmp_path):
     file = ProblemFile("x", {"kind": "x:Y"}, Run(topology="torus 1x2"), tmp_path)
     judgement = Judgement("stalled", False, None, None)
-    world = Lived(file, [report(0), report(1)])
-    result = result_of("1", file.run, Past(), world, judgement, {}, Clocks(1.0, 2.0, 3.0))
+    epoch = Lived(file, [report(0), report(1)])
+    result = result_of("1", file.run, Past(), epoch, judgement, {}, Clocks(1.0, 2.0, 3.0))
     assert math.isinf(result.fitness)
     plain = json.loads(json.dumps(result.to_json(), allow_nan=False))
     assert (plain["fitness"], plain["solution"], plain["found_at"]) == (None, None, None)
@@ -312,7 +312,7 @@ def test_the_run_log_is_json_lines(tmp_path):
     log.close()
     log.write("late")
     events = [json.loads(line) for line in path.read_text().splitlines()]
-    assert [event["event"] for event in events] == ["one", "end", "start", "end"], "each world has an end"
+    assert [event["event"] for event in events] == ["one", "end", "start", "end"], "each epoch has an end"
     assert [event["generations"] for event in events if event["event"] == "end"] == [9, 12]
     assert events[0]["infinite"] is None
     with pytest.raises(BadInput, match="--log: expected a file that can be written"):

@@ -1,4 +1,4 @@
-"""What worlds that have ended come to: nothing is lost by adding them up, and it does not grow for ever."""
+"""What epochs that have ended come to: nothing is lost by adding them up, and it does not grow for ever."""
 
 from dataclasses import replace
 
@@ -50,21 +50,21 @@ RETRY = {"do": "retry", "attempt": 1, "seed": 9, "fields": {"commands": 9}}
 REWIRE = {"do": "rewire", "topology": "ring 2"}
 
 
-def result(world, past=None):
+def result(epoch, past=None):
     judgement = Judgement("stalled", False, None, None)
-    return result_of("1", world.file.run, past or Past(), world, judgement, {}, Clocks(1.0, 2.0, 3.0))
+    return result_of("1", epoch.file.run, past or Past(), epoch, judgement, {}, Clocks(1.0, 2.0, 3.0))
 
 
 def test_generations_evaluations_and_messages_are_added_up_and_directives_say_how_it_went_on():
     past = Past().and_then(lived(0), update(1)).and_then(lived(1, [report(0, 4), report(1, 4)]), update(2))
-    assert (past.worlds, past.generations, past.evaluations) == (2, 13, 4 * 73)
+    assert (past.epochs, past.generations, past.evaluations) == (2, 13, 4 * 73)
     assert (past.messages.sent, past.messages.received, past.messages.rejected) == (36, 144, 4)
-    assert [(each["world"], each["generation"]) for each in past.directives] == [(1, 9), (2, 4)]
+    assert [(each["epoch"], each["generation"]) for each in past.directives] == [(1, 9), (2, 4)]
     last = result(lived(2), past)
     assert (last.generations, last.evaluations, len(last.directives)) == (22, 6 * 73, 2)
 
 
-def test_the_history_is_that_of_all_worlds_whatever_the_order_of_reports():
+def test_the_history_is_that_of_all_epochs_whatever_the_order_of_reports():
     one = Past().and_then(lived(0, [report(0), report(1)]), update(1))
     other = Past().and_then(lived(0, [report(1), report(0)]), update(1))
     assert one.history == other.history
@@ -75,14 +75,14 @@ def test_the_history_is_that_of_all_worlds_whatever_the_order_of_reports():
 MISSING = [lived(0, [report(0)]), lived(0, []), lived(1), lived(0, [report(0, 9), report(1, 8)])]
 
 
-@pytest.mark.parametrize("world", MISSING, ids=["a cell", "all", "a world", "one that halted on the way"])
-def test_a_history_that_lacks_something_is_none(world):
-    past = Past().and_then(world, update(world.number + 1))
+@pytest.mark.parametrize("epoch", MISSING, ids=["a cell", "all", "an epoch", "one that halted on the way"])
+def test_a_history_that_lacks_something_is_none(epoch):
+    past = Past().and_then(epoch, update(epoch.number + 1))
     assert past.history is None
-    assert result(lived(past.worlds), past).history_sha256 is None
+    assert result(lived(past.epochs), past).history_sha256 is None
 
 
-def test_a_world_that_a_node_died_in_counts_from_the_furthest_and_is_no_part_of_the_history():
+def test_an_epoch_that_a_node_died_in_counts_from_the_furthest_and_is_no_part_of_the_history():
     past = Past().and_then(lived(0, [report(0, 9), report(1, 11)]), {"do": "replace"})
     assert (past.generations, past.history) == (11, "")
 
@@ -95,7 +95,7 @@ def test_it_comes_back_from_json_whole_but_for_the_directives():
     assert again.led_on(past.directives[0]) == past
 
 
-def test_the_best_of_worlds_of_one_problem_is_known_until_it_changes():
+def test_the_best_of_epochs_of_one_problem_is_known_until_it_changes():
     past = Past().and_then(lived(0, [knowing(0.5), knowing(0.25, 1)]), REWIRE)
     assert (past.champion.fitness, past.champion.cell) == (0.25, 1)
     assert past.or_better(lived(1, [knowing(0.3)])) == past.champion._replace(generation=0)
@@ -118,7 +118,7 @@ def test_many_directives_are_put_together_and_what_they_come_to_is_kept(monkeypa
     for directive in past.directives:
         merged |= directive["fields"]
     assert merged == {"goal": 199, "only 0": 1, "only 1": 1, "only 2": 1}
-    assert [each["world"] for each in past.directives[1:]] == list(range(201 - len(past.directives) + 1, 201))
+    assert [each["epoch"] for each in past.directives[1:]] == list(range(201 - len(past.directives) + 1, 201))
 
 
 def test_what_attempts_change_is_not_put_together_with_updates(monkeypatch):

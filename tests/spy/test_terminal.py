@@ -29,8 +29,8 @@ def told(capsys):
     return [line.split()[-2] for line in capsys.readouterr().err.splitlines()]
 
 
-def better(fitness, seconds=1.0, world=0):
-    return Improvement(1, world, seconds, 17, 6, fitness, True, {})
+def better(fitness, seconds=1.0, epoch=0):
+    return Improvement(1, epoch, seconds, 17, 6, fitness, True, {})
 
 
 def test_only_improvements_that_matter_have_a_line_but_the_first_and_the_last_always(capsys):
@@ -41,9 +41,9 @@ def test_only_improvements_that_matter_have_a_line_but_the_first_and_the_last_al
         terminal.improvement(better(9.5))
         terminal.improvement(better(9.4999))
         terminal.improvement(better(9.4998))
-        terminal.improvement(better(20.0, world=1))
+        terminal.improvement(better(20.0, epoch=1))
         assert told(capsys) == ["9.5", "20"], "an epoch begins anew"
-        terminal.improvement(better(19.9999, world=1))
+        terminal.improvement(better(19.9999, epoch=1))
     assert told(capsys) == ["19.9999"]
 
 

@@ -121,10 +121,10 @@ def test_the_answer_comes_at_the_deadline_or_when_the_job_waits(service, client,
     assert 0.19 < time.monotonic() - began < 0.25
     later(0.1, lambda: service.improve("a", 2), lambda: service.tell("a", "waiting"))
     assert job.answer().fitness == 2.0
-    world = job.update({"goal": [1, 2]}, start=[0, 0])
-    assert world == 1
-    assert json.loads(service.jobs["a"]["worlds"][0]) == {"goal": [1, 2], "start": [0, 0]}
-    later(0.1, lambda: service.tell("a", "running"), lambda: service.improve("a", 8, world=1),
+    epoch = job.update({"goal": [1, 2]}, start=[0, 0])
+    assert epoch == 1
+    assert json.loads(service.jobs["a"]["epochs"][0]) == {"goal": [1, 2], "start": [0, 0]}
+    later(0.1, lambda: service.tell("a", "running"), lambda: service.improve("a", 8, epoch=1),
           lambda: service.tell("a", "waiting"))  # fmt: skip
     assert job.answer().fitness == 8.0
     assert job.rewire("ring 16") == 2
@@ -138,10 +138,10 @@ def test_an_answer_is_feasible_and_of_a_job_that_searches_it_takes_its_time(serv
     began = time.monotonic()
     assert job.answer(0.3) is None
     assert time.monotonic() - began >= 0.29
-    service.improve("a", 4, world=1)
-    service.improve("a", 3, world=1, feasible=False)
+    service.improve("a", 4, epoch=1)
+    service.improve("a", 3, epoch=1, feasible=False)
     assert job.answer(0.2).fitness == 4.0, "the best that the check accepts"
-    later(0.2, lambda: service.improve("a", 0, world=2), lambda: service.tell("a", "waiting"))
+    later(0.2, lambda: service.improve("a", 0, epoch=2), lambda: service.tell("a", "waiting"))
     assert job.answer().fitness == 0.0
     assert job.update(goal=[1, 2]) == 1
 
@@ -152,7 +152,7 @@ def test_what_happens_to_a_job_that_is_kept_alive(service, client, file):
         lambda: service.tell("a", "running"),
         lambda: service.improve("a", 5),
         lambda: service.tell("a", "searching"),
-        lambda: service.improve("a", 0, world=1),
+        lambda: service.improve("a", 0, epoch=1),
         lambda: service.tell("a", "waiting"),
         lambda: service.end("a", "cancelled"),
     ]
@@ -168,13 +168,13 @@ def test_an_update_from_a_file_takes_what_that_names_from_beside_it(service, cli
     path = tmp_path / "patch.toml"
     path.write_text('file = "moved.map"\ngoal = [0, 2]\n')
     assert job.update(path, start=[1, 0]) == 1
-    assert json.loads(service.jobs["a"]["worlds"][0]) == {"goal": [0, 2], "map": [".@.", "..T"], "start": [1, 0]}
+    assert json.loads(service.jobs["a"]["epochs"][0]) == {"goal": [0, 2], "map": [".@.", "..T"], "start": [1, 0]}
     path.write_text('file = "none.map"\n')
     with pytest.raises(supernode.BadInput, match=r"^\S+patch.toml: file: expected a map, found no such file as "):
         job.update(str(path))
     service.jobs["a"]["file_now"] = json.dumps(["x.toml", {"kind": "my_module:Mine"}, {}, "/"])
     assert job.update(path) == 2
-    assert json.loads(service.jobs["a"]["worlds"][1]) == {"file": "none.map"}
+    assert json.loads(service.jobs["a"]["epochs"][1]) == {"file": "none.map"}
 
 
 def test_angles_of_an_update_from_a_file_are_in_the_unit_of_the_problem_file(service, client, file, tmp_path):
@@ -184,10 +184,10 @@ def test_angles_of_an_update_from_a_file_are_in_the_unit_of_the_problem_file(ser
     path = tmp_path / "patch.toml"
     path.write_text("goal = [1.0, 2.0, 180.0]\n")
     job.update(path)
-    assert json.loads(service.jobs["a"]["worlds"][0]) == {"goal": [1.0, 2.0, math.pi]}
+    assert json.loads(service.jobs["a"]["epochs"][0]) == {"goal": [1.0, 2.0, math.pi]}
     path.write_text('unit = "rad"\ngoal = [1.0, 2.0, 1.5]\n')
     job.update(path)
-    assert json.loads(service.jobs["a"]["worlds"][1]) == {"unit": "rad", "goal": [1.0, 2.0, 1.5]}
+    assert json.loads(service.jobs["a"]["epochs"][1]) == {"unit": "rad", "goal": [1.0, 2.0, 1.5]}
 
 
 def test_cancel_and_timeouts(service, client, file):

@@ -79,7 +79,7 @@ def test_one_job(supernode, service, file):
     service.improve("a", 2.5)
     code, out, _ = supernode("jobs", "a")
     assert (code, out.splitlines()[0]) == (0, "a: queued")
-    assert "best: fitness 2.5, generation 3 of world 0" in out
+    assert "best: fitness 2.5, generation 3 of epoch 0" in out
     assert json.loads(supernode("jobs", "a", "--json")[1])["best"]["fitness"] == 2.5
 
 
@@ -102,11 +102,11 @@ def test_watch_says_of_a_job_that_is_kept_alive_whether_it_waits_or_searches(sup
     service.improve("a", 9)
     service.tell("a", "searching")
     shown = partial(service.wait_until_asked, "show")
-    retry = {"world": 3, "do": "retry", "attempt": 2, "seed": 77, "fields": {"commands": 16}}
+    retry = {"epoch": 3, "do": "retry", "attempt": 2, "seed": 77, "fields": {"commands": 16}}
 
     def solved():
-        service.jobs["a"].update(world=3, worlds=[retry])
-        service.improve("a", 0, world=3)
+        service.jobs["a"].update(epoch=3, epochs=[retry])
+        service.improve("a", 0, epoch=3)
 
     steps = [solved, partial(service.tell, "a", "waiting"), partial(service.end, "a", "cancelled")]
     thread = soon(shown, *steps)
@@ -134,15 +134,15 @@ def test_watch_ends_as_the_job_did(supernode, service, file):
 
 def test_a_world_that_moves_is_shown_with_its_topology(supernode, service, file):
     supernode("submit", file, "--id", "a", "--torus", "2x2")
-    service.jobs["a"]["worlds"].append({"world": 1, "topology": "ring 16"})
-    service.jobs["a"]["world"] = 1
-    service.improve("a", 3, world=0)
+    service.jobs["a"]["epochs"].append({"epoch": 1, "topology": "ring 16"})
+    service.jobs["a"]["epoch"] = 1
+    service.improve("a", 3, epoch=0)
     shown = partial(service.wait_until_asked, "show")
-    thread = soon(shown, lambda: service.improve("a", 5, world=1), lambda: service.end("a"))
+    thread = soon(shown, lambda: service.improve("a", 5, epoch=1), lambda: service.end("a"))
     _, _, err = supernode("watch", "a")
     thread.join()
     assert "cell (1, 0)  fitness 3" in err
-    assert "world 1: ring 16\n" in err
+    assert "epoch 1: ring 16\n" in err
     assert "cell (2)  fitness 5" in err
 
 
@@ -171,30 +171,30 @@ def test_cancel_update_and_rewire(supernode, service, file, tmp_path):
     supernode("submit", file, "--id", "a")
     patch = tmp_path / "patch.toml"
     patch.write_text("goal = [1.0, 2.0]\n[robot]\nradius = 0.5\n")
-    assert supernode("update", "a", patch)[:2] == (0, "a: world 1\n")
-    assert json.loads(service.jobs["a"]["worlds"][0]) == {"goal": [1.0, 2.0], "robot": {"radius": 0.5}}
+    assert supernode("update", "a", patch)[:2] == (0, "a: epoch 1\n")
+    assert json.loads(service.jobs["a"]["epochs"][0]) == {"goal": [1.0, 2.0], "robot": {"radius": 0.5}}
     for text, said in (("", "expected keys of a problem file, found nothing"), ("goal = [", "expected TOML, found ")):
         patch.write_text(text)
         assert supernode("update", "a", patch)[2].startswith(f"error: {patch}: {said}")
     no_such = f"error: {tmp_path}/none.toml: expected a patch of a problem file, found no such file\n"
     assert supernode("update", "a", tmp_path / "none.toml") == (2, "", no_such)
-    assert json.loads(supernode("rewire", "a", "--topology", "ring 16", "--json")[1]) == {"job": "a", "world": 2}
-    assert json.loads(supernode("rewire", "a", "--torus", "2x8", "--json")[1]) == {"job": "a", "world": 3}
-    assert service.jobs["a"]["worlds"][1] == "ring 16"
+    assert json.loads(supernode("rewire", "a", "--topology", "ring 16", "--json")[1]) == {"job": "a", "epoch": 2}
+    assert json.loads(supernode("rewire", "a", "--torus", "2x8", "--json")[1]) == {"job": "a", "epoch": 3}
+    assert service.jobs["a"]["epochs"][1] == "ring 16"
     assert supernode("cancel", "a")[:2] == (0, "a is being cancelled (it was queued)\n")
     assert supernode("watch", "a")[0] == 3
 
 
 def test_status_is_a_table_of_nodes(supernode, service):
-    node = {"node": 0, "process": 4711, "job": "a", "cell": [0, 1], "world": 2, "generation": 37, "seconds": 12.3,
+    node = {"node": 0, "process": 4711, "job": "a", "cell": [0, 1], "epoch": 2, "generation": 37, "seconds": 12.3,
             "memory": 7_000_000, "sent": 40, "received": 160}  # fmt: skip
-    idle = node | {"node": 1, "job": None, "cell": None, "world": None, "generation": None}
+    idle = node | {"node": 1, "job": None, "cell": None, "epoch": None, "generation": None}
     service.value = lambda _: {"cluster": "fake", "version": "0", "nodes": [node, idle], "jobs": {"running": 1}}
     code, out, _ = supernode("status")
     head, titles, first, second = out.splitlines()
     assert code == 0
     assert head == "cluster fake, supernode 0: 2 nodes; jobs: 1 running"
-    assert titles == "node  process  job  cell    world  generation  age  memory  sent  received"
+    assert titles == "node  process  job  cell    epoch  generation  age  memory  sent  received"
     assert first.split() == ["0", "4711", "a", "(0,", "1)", "2", "37", "12", "7.0", "MB", "40", "160"]
     assert second.split() == ["1", "4711", "-", "-", "-", "-", "12", "7.0", "MB", "40", "160"]
     assert json.loads(supernode("status", "--json")[1])["nodes"] == [node, idle]

@@ -188,7 +188,7 @@ def test_the_result_of_a_world_that_has_moved_is_checked_in_the_world_as_it_beca
     there.write_text(re.sub(r"(?m)^target = .*$", f"target = {moved['target']}", ARM.read_text()))
     claim = json.loads(in_process(capsys, "simulate", there, "--json", "--quiet")[1])
     result = tmp_path / "result.json"
-    update = {"do": "update", "world": 1, "fields": moved, "generation": 5}
+    update = {"do": "update", "epoch": 1, "fields": moved, "generation": 5}
     for directives, code in (([update], 0), ([{"do": "stop", "generation": 5}, update], 0), ([], 3)):
         result.write_text(json.dumps(claim | {"directives": directives}))
         assert in_process(capsys, "check", ARM, result)[0] == code

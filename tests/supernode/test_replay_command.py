@@ -69,7 +69,7 @@ def test_a_plain_run_is_repeated_with_its_own_settings(simulate, kept, problem, 
         assert again[1][name] == result[name], name
 
 
-def test_a_run_of_processes_in_several_worlds_is_repeated(simulate, kept, problem):
+def test_a_run_of_processes_in_several_epochs_is_repeated(simulate, kept, problem):
     file = supernode.load(problem)
     with supernode.LocalCluster(torus=(2, 3)) as cluster:
         job = cluster.submit(file, target=-1.0, stall=10**9, deme=4)
@@ -117,7 +117,7 @@ def test_another_history_is_an_error_after_the_result(simulate, kept, problem):
         ({"run": {"mode": "lockstep", "deme": 0}}, "run: deme: expected"),
         ({"directives": 3}, "expected a result as `solve --json` prints it"),
         ({"directives": [3]}, "directives: expected tables, found 3"),
-        ({"directives": [{"do": "several", "world": 9}]}, "such a run cannot be repeated: it has lived in so many"),
+        ({"directives": [{"do": "several", "epoch": 9}]}, "such a run cannot be repeated: it has lived in so many"),
         ({"directives": [{"do": "stop", "generation": 3}]}, "directives: reason: expected one, found null"),
         ({"directives": [{"do": "stop", "reason": "cancel"}]}, "directives: generation: expected a whole number"),
         (
@@ -165,8 +165,8 @@ def test_a_replay_takes_no_other_settings(simulate, kept, problem):
 def test_a_result_of_another_run_is_found_out(simulate, kept, problem):
     """Its directives do not fit: the target is reached before the update came."""
     _, result, _ = simulate(problem, "--target", 1e9)
-    turn = {"do": "update", "world": 1, "generation": 500, "fields": {"cost_us": 0.0}}
+    turn = {"do": "update", "epoch": 1, "generation": 500, "fields": {"cost_us": 0.0}}
     changed = supernode.load(problem).changed(turn["fields"], {}).sha256
     code, _, error = simulate(problem, "--replay", kept(result, directives=[turn], problem_sha256=changed))
     assert code == 2
-    assert "directives: expected cells to leave after generation 500, but world 0 ends after generation" in error
+    assert "directives: expected cells to leave after generation 500, but epoch 0 ends after generation" in error

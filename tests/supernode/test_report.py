@@ -148,14 +148,14 @@ def test_an_ended_run_is_repeated_from_its_report_alone(client, report, command,
     assert command("check", problem, found, place=[])[0] == 0
 
 
-def test_a_run_through_several_worlds(client, report, command, tmp_path):
+def test_a_run_through_several_epochs(client, report, command, tmp_path):
     file = supernode.load(ROOT / "examples" / "mobile-robot.toml")
     file = file.with_run(topology="torus 2x2", target=-1.0, restarts=0)
     running = client.submit(file, id="moved", seconds=60)
     next(running.improvements())
     assert running.update(obstacles=[]) == 1
     assert running.rewire("ring 4") == 2
-    until(lambda: running.show()["best"]["world"] == 2)
+    until(lambda: running.show()["best"]["epoch"] == 2)
     running.cancel()
     result = running.result(30)
     page, view = report("moved"), running.show()
@@ -174,8 +174,8 @@ def test_a_run_through_several_worlds(client, report, command, tmp_path):
 
 
 @pytest.mark.parametrize(("change", "moved"), [({"fields": {"goal": 1}}, True), ({"topology": "ring 4"}, False)])
-def test_an_answer_is_shown_only_in_a_world_that_it_is_an_answer_for(change, moved):
-    view = {"worlds": [{"world": 1, **change}]}
+def test_an_answer_is_shown_only_in_an_epoch_that_it_is_an_answer_for(change, moved):
+    view = {"epochs": [{"epoch": 1, **change}]}
     assert supernode.report._has_moved_since(view, 0) is moved
     assert supernode.report._has_moved_since(view, 1) is False
 
@@ -294,18 +294,18 @@ def test_a_job_alone_is_exported_as_its_statistics(client, recorded, command, tm
     assert "messages_per_second [1/s]" in titles
 
 
-def test_events_are_the_states_and_the_worlds_in_their_order(client, command, tmp_path):
+def test_events_are_the_states_and_the_epochs_in_their_order(client, command, tmp_path):
     moving = client.submit(job(cost=100, dimension=500, keep_alive=True), id="restless")
     until(lambda: moving.state() == "running")
     moving.update(cost_us=50)
-    until(lambda: moving.show()["world"] == 1)
+    until(lambda: moving.show()["epoch"] == 1)
     moving.cancel()
     moving.result(60)
     view = moving.show()
     code, out, err = command("export", "restless", "--records", "events")
     assert (code, err) == (0, "")
     titles, *lines = csv.reader(io.StringIO(out))
-    assert titles == ["at [Unix s]", "event", "world", "generation", "about"]
+    assert titles == ["at [Unix s]", "event", "epoch", "generation", "about"]
     states = [line[:2] for line in lines if not line[2]]
     assert states == [[str(at), state] for state, at in view["states"]]
     (update,) = [line for line in lines if line[2]]

@@ -32,7 +32,7 @@ def test_each_attempt_is_told_of(supernode, problem, tmp_path, command):
     anew = [line for line in err.splitlines() if line.startswith("stalled: ")]
     assert [line.split(", seed")[0] for line in anew] == [f"stalled: begins anew, restart {n}" for n in (1, 2)]
     assert anew[0].endswith(", size = 24, hurdles = 1")
-    assert out.splitlines()[0].endswith(" of world 2")
+    assert out.splitlines()[0].endswith(" of epoch 2")
     assert "  restarts after a stall: 2\n" in out
     assert (f"picture: {picture}" in err, "warning" in err) == (True, False)
 
@@ -68,7 +68,7 @@ def test_the_log_tells_of_each_attempt(supernode, problem, tmp_path):
         supernode(log.stem, problem, "--quiet", "--log", log)
         events = [json.loads(line) for line in log.read_text().splitlines()]
         ends = [each for each in events if each["event"] in ("start", "end")]
-        told.append([(each["event"], each.get("world"), each.get("status"), each.get("generations")) for each in ends])
+        told.append([(each["event"], each.get("epoch"), each.get("status"), each.get("generations")) for each in ends])
     assert told[0] == told[1]
     assert [each[0] for each in told[0]] == ["start", "end"] * 3
     assert [each[2] for each in told[0][1::2]] == ["stalled", "stalled", "solved"]

@@ -36,7 +36,7 @@ with supernode.connect(sys.argv[1]) as client:
     job = client.job(sys.argv[2])
     print("watches", flush=True)
     for better in job.improvements():
-        print(better.world, better.generation, better.cell, better.fitness, flush=True)
+        print(better.epoch, better.generation, better.cell, better.fitness, flush=True)
 """
 
 pytestmark = pytest.mark.timeout(180)
@@ -228,9 +228,9 @@ def test_an_update_that_is_refused_leaves_the_old_world(client, command, tmp_pat
     with pytest.raises(supernode.BadInput, match=f"^update of {file.name}: strat: unknown field"):
         running.update(strat=[1.0, 1.0, 0.0])
     assert running.state() == "running"
-    assert running.show()["worlds"] == []
+    assert running.show()["epochs"] == []
     assert running.update(obstacles=[]) == 1
-    until(lambda: 1 in {row["world"] for row in told(client, "statistics", "moved")})
+    until(lambda: 1 in {row["epoch"] for row in told(client, "statistics", "moved")})
     running.cancel()
     assert [each["do"] for each in running.result(30).directives][:1] == ["update"]
 
@@ -245,8 +245,8 @@ def test_a_map_in_a_file_moves_the_world_of_a_job(client, tmp_path):
     patch = tmp_path / "patch.toml"
     patch.write_text('file = "flooded.map"\n')
     assert running.update(patch) == 1
-    (world,) = running.show()["worlds"]
-    assert world["fields"] == {"map": flooded}
+    (epoch,) = running.show()["epochs"]
+    assert epoch["fields"] == {"map": flooded}
     running.cancel()
 
 

@@ -109,7 +109,7 @@ def test_no_file_of_a_stranger_s_choice_is_opened(cluster, stranger, tmp_path, k
         VERSION,
         "prepare",
         right.job,
-        right.world,
+        right.epoch,
         right.file,
         [0, [0, 1, 2, 3]],
         None,

@@ -9,8 +9,8 @@ from wire.jobs import JobState
 from wire.news import Improvement
 
 
-def better(fitness, job=1, world=0):
-    return Improvement(job, world, 0.5, 4, 3, float(fitness), True, {})
+def better(fitness, job=1, epoch=0):
+    return Improvement(job, epoch, 0.5, 4, 3, float(fitness), True, {})
 
 
 def view(best=None, status="running", number=1):
@@ -55,18 +55,18 @@ def test_repeated_and_late_ones_are_dropped(trail):
 
 def test_of_very_many_the_latest_are_kept_and_read_on_from_any(trail):
     trail.hear_state(state("running"), 0.0)
-    for world in range(3 * MOST_KEPT):
-        trail.hear_best(better(5, world=world), 0.0)
-    assert [each.world for each in trail.improvements] == list(range(2 * MOST_KEPT, 3 * MOST_KEPT))
-    assert trail.after(None).world == trail.after(better(1, world=7)).world == 2 * MOST_KEPT
-    assert trail.after(better(5, world=2 * MOST_KEPT)).world == 2 * MOST_KEPT + 1
+    for epoch in range(3 * MOST_KEPT):
+        trail.hear_best(better(5, epoch=epoch), 0.0)
+    assert [each.epoch for each in trail.improvements] == list(range(2 * MOST_KEPT, 3 * MOST_KEPT))
+    assert trail.after(None).epoch == trail.after(better(1, epoch=7)).epoch == 2 * MOST_KEPT
+    assert trail.after(better(5, epoch=2 * MOST_KEPT)).epoch == 2 * MOST_KEPT + 1
     assert trail.after(trail.improvements[-1]) is None
 
 
-def test_a_later_world_begins_anew(trail):
+def test_a_later_epoch_begins_anew(trail):
     trail.hear_view(view(better(1)), 0.0)
-    trail.hear_best(better(8, world=1), 0.0)
-    trail.hear_best(better(0, world=0), 0.0)
+    trail.hear_best(better(8, epoch=1), 0.0)
+    trail.hear_best(better(0, epoch=0), 0.0)
     assert fitnesses(trail) == [1.0, 8.0]
     assert trail.best(1).fitness == 8.0
     assert trail.best(2) is None
@@ -74,10 +74,10 @@ def test_a_later_world_begins_anew(trail):
 
 def test_an_answer_is_one_that_the_check_accepts(trail):
     trail.hear_view(view(better(9)), 0.0)
-    trail.hear_best(better(7, world=1), 0.0)
-    trail.hear_best(dataclasses.replace(better(3, world=1), feasible=False), 0.0)
+    trail.hear_best(better(7, epoch=1), 0.0)
+    trail.hear_best(dataclasses.replace(better(3, epoch=1), feasible=False), 0.0)
     assert [trail.best(1).fitness, trail.answer(1).fitness, trail.answer(0).fitness] == [3.0, 7.0, 7.0]
-    trail.hear_best(dataclasses.replace(better(8, world=2), feasible=False), 0.0)
+    trail.hear_best(dataclasses.replace(better(8, epoch=2), feasible=False), 0.0)
     assert trail.answer(2) is None
 
 

@@ -128,7 +128,7 @@ def test_a_picture_of_an_attempt_says_so(own_problem, tmp_path, capsys, monkeypa
 
 @pytest.mark.parametrize("feasible", [True, False])
 def test_a_lost_result_holds_what_was_known_as_what_it_was(file, feasible):
-    best = {"world": 0, "fitness": 0.5, "feasible": feasible, "solution": {"x": [0.5, 0.0]}}
+    best = {"epoch": 0, "fitness": 0.5, "feasible": feasible, "solution": {"x": [0.5, 0.0]}}
     view = {"job": "a", "status": "failed", "result": None, "best": best, "file": load(file).to_json()}
     result = result_in(view)
     assert (result.fitness, result.feasible, result.found) == (0.5, feasible, best["solution"])

@@ -103,7 +103,7 @@ def test_the_longest_message_is_no_longer_than_the_limit(genome_bytes, emigrants
 # What is refused ------------------------------------------------------------------------------------------------------
 SCALARS = [
     ((1,), "job"),
-    ((2,), "world"),
+    ((2,), "epoch"),
     ((3,), "generation"),
     ((4,), "stop_at"),
     ((7, 0), "sent"),
@@ -377,7 +377,7 @@ def valid_messages(rng, count=50):
         champion = Champion(rng.random(), rng.randrange(300), rng.randrange(16), genome())
         yield Exchange(
             job=rng.randrange(3),
-            world=0,
+            epoch=0,
             generation=rng.choice((0, 5, 200, 70_000, 1 << 40)),
             stop_at=rng.choice((None, 100)),
             emigrants=(Emigrant(genome(), rng.random()), Emigrant(genome(), math.inf)),

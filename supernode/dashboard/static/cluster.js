@@ -5,7 +5,7 @@ import { Torus } from "./torus.js";
 
 const COLUMNS = ["node", "state", "cell", "generation", "champion", "best", "age", "sent"];
 const SHOWN = {
-  state: "state", process: "process", cell: "cell", job: "job", world: "world", generation: "generation",
+  state: "state", process: "process", cell: "cell", job: "job", epoch: "epoch", generation: "generation",
   evaluations: "evaluations", best: "best", median: "median", worst: "worst", champion: "champion", age: "champion's age",
   sent: "sent", received: "received", lost: "lost", rejected: "rejected", deaths: "deaths", megabytes: "memory / MB",
 };

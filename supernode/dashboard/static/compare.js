@@ -50,7 +50,7 @@ function showPlots(known) {
   const bests = known.map(({ id, job }) => `${id} ${number(job.fitness)}`).join(", ");
   const say = (along) => `Best fitness of each run against ${along}, now: ${bests}`;
   plot(byId("seconds"), drawn("seconds"), ["seconds", "fitness"], say("seconds"));
-  plot(byId("generation"), drawn("generation"), ["generation of its world", "fitness"], say("generations"));
+  plot(byId("generation"), drawn("generation"), ["generation of its epoch", "fitness"], say("generations"));
 }
 
 function showTable(known) {

@@ -54,21 +54,20 @@ export class History {
   }
 }
 
-// Of each world what its cells noted, once it has ended, which repeats; of one that they have not, what was heard of it.
+// Of each epoch what its cells noted, once it has ended, which repeats; of one that they have not, what was heard of it.
 function byBirth(noted, heard) {
   const ended = new Set(noted.map((each) => each.epoch));
-  const births = noted.map((each) => ({ ...each, world: each.epoch }));
-  return [...births, ...heard.filter((each) => !ended.has(each.world))].sort((one, other) => one.world - other.world);
+  return [...noted, ...heard.filter((each) => !ended.has(each.epoch))].sort((one, other) => one.epoch - other.epoch);
 }
 
 export const since = (start) => (record) => record.at - start;
 export const generation = (record) => record.generation;
 
 // Where a line of improvements, and one of statistics, begins anew: as in the report.
-const isOfNewWorld = (before, record) => record.world !== before.world;
-export const isOfNewLife = (before, record) => isOfNewWorld(before, record) || record.generation < before.generation;
+const isOfNewEpoch = (before, record) => record.epoch !== before.epoch;
+export const isOfNewLife = (before, record) => isOfNewEpoch(before, record) || record.generation < before.generation;
 
-export function line(name, records, x, y, more = {}, beginsAnew = isOfNewWorld) {
+export function line(name, records, x, y, more = {}, beginsAnew = isOfNewEpoch) {
   const points = records.flatMap((record, index) => {
     const point = [x(record), record[y]];
     return index > 0 && beginsAnew(records[index - 1], record) ? [[null, null], point] : [point];

@@ -52,7 +52,7 @@ function showJob() {
   const end = job.ended ?? latest.at;
   showFacts(byId("facts"), {
     status, fitness, feasible: job.best === null ? null : job.best.feasible ? "yes" : "no",
-    problem: name, kind, topology, seed: job.run.seed, world: job.world,
+    problem: name, kind, topology, seed: job.run.seed, epoch: job.epoch,
     seconds: job.started ? Number((end - job.started).toFixed(1)) : null,
     generations: result?.generations ?? now?.generation, evaluations: result?.evaluations ?? now?.evaluations,
     "best alive": now?.best, "median alive": now?.median, "worst alive": now?.worst,
@@ -64,8 +64,8 @@ function showJob() {
   byId("cancel").dataset.status = status;
   byId("cancel").hidden = hasEnded(status);
   setText(byId("scene-title"), `${found()} so far`);
-  const best = job.best && [job.best.world, job.best.fitness, job.world];
-  scene.show(JSON.stringify(best ?? [job.world]));
+  const best = job.best && [job.best.epoch, job.best.fitness, job.epoch];
+  scene.show(JSON.stringify(best ?? [job.epoch]));
 }
 
 // What the check does not accept is no solution.
@@ -75,7 +75,7 @@ function showHistory() {
   const began = Date.now();
   const seconds = byId("against").value === "seconds";
   const x = seconds ? since(job.started ?? job.submitted) : generation;
-  const along = seconds ? "seconds" : "generation of its world", { statistics } = history;
+  const along = seconds ? "seconds" : "generation of its epoch", { statistics } = history;
   const lines = [
     line("worst", statistics, x, "worst", { line: { color: "#b0713c", width: 1 } }, isOfNewLife),
     line("median", statistics, x, "median", { line: { color: "#8a4fbf", width: 1.5 } }, isOfNewLife),
@@ -101,15 +101,15 @@ function showHistory() {
 }
 
 function showBirths(improvements) {
-  const world = improvements.at(-1)?.world, rows = byId("rows");
-  const born = improvements.filter((each) => each.world === world).slice(-LINEAGE).map((each) => each.cell);
+  const epoch = improvements.at(-1)?.epoch, rows = byId("rows");
+  const born = improvements.filter((each) => each.epoch === epoch).slice(-LINEAGE).map((each) => each.cell);
   torus.trace(born, /^(torus|moore)/.test(job.topology));
   const keys = improvements.map((each) => `${each.kind} ${each.id}`);
   while (rows.firstElementChild && rows.firstElementChild.dataset.key !== keys[0]) rows.firstElementChild.remove();
   for (const [index, each] of improvements.entries()) {
     const old = rows.children[index];
     if (old?.dataset.key === keys[index]) continue;
-    const texts = [each.world, each.generation, each.cell, each.evaluations, each.fitness];
+    const texts = [each.epoch, each.generation, each.cell, each.evaluations, each.fitness];
     const row = fillRow(make("tr", { "data-key": keys[index] }), texts);
     if (old) old.replaceWith(row);
     else rows.append(row);

@@ -323,11 +323,11 @@ def test_a_stream_that_is_refused_is_asked_for_again(chromium, home):
     page.close()
 
 
-def test_long_curves_are_thinned_and_break_between_worlds(page, home):
+def test_long_curves_are_thinned_and_break_between_epochs(page, home):
     page.goto(home + "jobs")
     lengths, first, last, gaps = page.evaluate("""async () => {
       const { History, generation, line } = await import("/static/history.js");
-      const history = new History("any"), columns = ["id", "world", "generation", "fitness"];
+      const history = new History("any"), columns = ["id", "epoch", "generation", "fitness"];
       const row = (id) => [id, id < 5000 ? 0 : 1, id, 100000 - id];
       window.fetch = async (address) => {
         const after = Number(new URL(address, location).searchParams.get("improvements"));
@@ -433,6 +433,6 @@ def test_its_metrics_count_what_the_nodes_do(cluster, home, endless):
         with urllib.request.urlopen(home + "metrics") as answer:
             return answer.read().decode()
 
-    for name in ("generations_total", "evaluations_total", "messages_received_total", "exchange_seconds", "job_world"):
+    for name in ("generations_total", "evaluations_total", "messages_received_total", "exchange_seconds", "job_epoch"):
         until(lambda line=f'supernode_{name}{{job="{endless.id}"}} ': line in text())
     assert "supernode_nodes_alive 16.0" in text()

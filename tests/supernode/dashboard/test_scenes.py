@@ -26,8 +26,8 @@ def test_a_picture_of_what_the_check_does_not_accept_says_so(monkeypatch):
 
 
 def view_of(fitness):
-    return {"number": 1, "job": "a", "world": 0, "best": None, "file_now": FILE} | (
-        {} if fitness is None else {"best": {"world": 0, "fitness": fitness, "solution": None}}
+    return {"number": 1, "job": "a", "epoch": 0, "best": None, "file_now": FILE} | (
+        {} if fitness is None else {"best": {"epoch": 0, "fitness": fitness, "solution": None}}
     )
 
 

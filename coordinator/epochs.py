@@ -1,4 +1,4 @@
-"""The worlds that a job lives in: what the latest ones' cells have reported, and what all those before came to."""
+"""The epochs that a job lives in: what the latest ones' cells have reported, and what all those before came to."""
 
 import itertools
 from collections.abc import Iterator, Mapping
@@ -16,8 +16,8 @@ from wire.report import Report
 
 
 @dataclass
-class World:
-    """What a conductor knows of one world.
+class Epoch:
+    """What a conductor knows of one epoch.
 
     Attributes:
         since: generations of the job before it, as far as is known.
@@ -81,68 +81,68 @@ class World:
         return Lived(self.file, list(self.reports.values()), self.number)
 
 
-class Worlds:
-    """The latest world of a job, and the one before it; what came before these is added up.
+class Epochs:
+    """The latest epoch of a job, and the one before it; what came before these is added up.
 
     Attributes:
-        past: the worlds before.
+        past: the epochs before.
         known: the others, the latest last.
     """
 
     def __init__(self, past: Past) -> None:
         self.past = past
-        self.known: list[World] = []
+        self.known: list[Epoch] = []
 
     def __bool__(self) -> bool:
         return bool(self.known)
 
     @property
-    def latest(self) -> World:
+    def latest(self) -> Epoch:
         """The one that the job is in, or goes to."""
         return self.known[-1]
 
     @property
-    def unsettled(self) -> list[World]:
+    def unsettled(self) -> list[Epoch]:
         """Those that cells are at, the older one first."""
-        return [world for world in self.known if not world.settled]
+        return [epoch for epoch in self.known if not epoch.settled]
 
     @property
     def settled(self) -> bool:
-        """Whether all cells have come to the latest world; before that there cannot be another one."""
-        return all(world.settled for world in self.known[:-1])
+        """Whether all cells have come to the latest epoch; before that there cannot be another one."""
+        return all(epoch.settled for epoch in self.known[:-1])
 
     @property
     def since(self) -> int:
-        """Generations of the job before the latest world."""
-        known = [list(world.reports.values()) for world in self.known[:-1] if world.reports]
+        """Generations of the job before the latest epoch."""
+        known = [list(epoch.reports.values()) for epoch in self.known[:-1] if epoch.reports]
         return self.past.generations + sum(lived_for(reports, halted=False) for reports in known)
 
-    def of(self, number: int) -> World | None:
+    def of(self, number: int) -> Epoch | None:
         """The one of that number, if it is one of the latest."""
-        return next((world for world in self.known if world.number == number), None)
+        return next((epoch for epoch in self.known if epoch.number == number), None)
 
-    def add(self, world: World) -> None:
+    def add(self, epoch: Epoch) -> None:
         """Another one follows; what those before came to is all that is kept of them, once nobody is at them."""
         stays = [before for before in self.known[-1:] if not before.settled]
         gone = self.known[: len(self.known) - len(stays)]
-        for before, after in zip(gone, [*self.known[1:], world], strict=False):
+        for before, after in zip(gone, [*self.known[1:], epoch], strict=False):
             self.past = self.past.and_then(before.lived, after.why)
-        self.known = [*stays, world]
+        self.known = [*stays, epoch]
 
-    def take_over(self, world: World) -> None:
+    def take_over(self, epoch: Epoch) -> None:
         """It is known of a coordinator that died; how the one before it ended is still to be asked, perhaps."""
-        before = [World(world.number - 1, world.file, world.wiring)] if self.past.worlds < world.number else []
-        self.known = [*before, world]
+        before = [Epoch(epoch.number - 1, epoch.file, epoch.wiring)] if self.past.epochs < epoch.number else []
+        self.known = [*before, epoch]
 
-    def untold(self) -> Iterator[tuple[Past, World]]:
+    def untold(self) -> Iterator[tuple[Past, Epoch]]:
         """Those that have ended since this was asked last, each with what there was before it."""
         past = self.past
-        for world, after in itertools.zip_longest(self.known, self.known[1:]):
-            if world.settled and not world.told:
-                world.told = True
-                yield past, world
+        for epoch, after in itertools.zip_longest(self.known, self.known[1:]):
+            if epoch.settled and not epoch.told:
+                epoch.told = True
+                yield past, epoch
             if after is not None:
-                past = past.and_then(world.lived, after.why)
+                past = past.and_then(epoch.lived, after.why)
 
     def whole(self) -> tuple[Past, Lived]:
         """All before the latest, and the latest."""

@@ -1,4 +1,4 @@
-"""Jobs that live in several worlds: their states are watched, and they are repeated here from their results."""
+"""Jobs that live in several epochs: their states are watched, and they are repeated here from their results."""
 
 import hashlib
 import itertools
@@ -50,11 +50,11 @@ class States:
 
 
 def history(lived):
-    """The digest that a result has of the worlds that were lived through."""
+    """The digest that a result has of the epochs that were lived through."""
     before = b""
-    for world, after in itertools.zip_longest(lived, lived[1:]):
+    for epoch, after in itertools.zip_longest(lived, lived[1:]):
         if after is None or after.why["do"] != "replace":
-            before = hashlib.sha256(before + b"".join(report.digest for report in world.reports)).digest()
+            before = hashlib.sha256(before + b"".join(report.digest for report in epoch.reports)).digest()
     return before.hex()
 
 
@@ -64,14 +64,14 @@ def again(file, result):
 
 
 def turns_of(result):
-    """What led from world to world."""
-    return [(each["do"], each["world"]) for each in result.directives if each["do"] != "stop"]
+    """What led from epoch to epoch."""
+    return [(each["do"], each["epoch"]) for each in result.directives if each["do"] != "stop"]
 
 
 def best_again(file, result):
     """The best that is known at the end of the run that a result tells of, lived through once more."""
     *before, last = replay(file.with_run(**result.run), result.directives)
     past = Past()
-    for world, then in zip(before, [*before[1:], last], strict=True):
-        past = past.and_then(Lived(world.file, world.reports, world.plan.world), then.why)
-    return past.or_better(Lived(last.file, last.reports, last.plan.world))
+    for epoch, then in zip(before, [*before[1:], last], strict=True):
+        past = past.and_then(Lived(epoch.file, epoch.reports, epoch.plan.epoch), then.why)
+    return past.or_better(Lived(last.file, last.reports, last.plan.epoch))

@@ -1,10 +1,10 @@
-"""Several jobs at once, and jobs that live in several worlds: on real processes, each repeated bit for bit."""
+"""Several jobs at once, and jobs that live in several epochs: on real processes, each repeated bit for bit."""
 
 import itertools
 import math
 
 import pytest
-from worlds import States, again, best_again, turns_of
+from epochs import States, again, best_again, turns_of
 
 import supernode
 from coordinator.job import Order
@@ -76,12 +76,12 @@ def room(tmp_path):
     return supernode.load(path)
 
 
-def next_of_world(improvements, world):
-    """Wait for an answer in a world; there is none for an older one after it."""
+def next_of_epoch(improvements, epoch):
+    """Wait for an answer in an epoch; there is none for an older one after it."""
     for better in improvements:
-        if better.world >= world:
+        if better.epoch >= epoch:
             return better
-    raise AssertionError(f"the job ended before there was an answer in world {world}")
+    raise AssertionError(f"the job ended before there was an answer in epoch {epoch}")
 
 
 def cancelled(job):
@@ -101,17 +101,17 @@ def test_what_was_found_stays_the_answer_when_the_nodes_are_rewired(cluster, fun
         job.rewire(topology)
     result = cancelled(job)
     found += improvements
-    ranks = [(better.world, -better.fitness) for better in found]
+    ranks = [(better.epoch, -better.fitness) for better in found]
     assert ranks == sorted(ranks)
     assert sorted((better.fitness for better in found), reverse=True) == [better.fitness for better in found]
-    assert {better.world for better in found} == {0, 1, 2, 3}, "it is an answer in each"
+    assert {better.epoch for better in found} == {0, 1, 2, 3}, "it is an answer in each"
     assert result.fitness <= found[-1].fitness
     assert result.history_sha256 == again(function, result)
     assert result.fitness == best_again(function, result).fitness
 
 
 def begun_before(file, number):
-    """A job that has lost its nodes in its second world."""
+    """A job that has lost its nodes in its second epoch."""
     past = Past().and_then(Lived(file), {"do": "rewire", "topology": "ring 16"})
     past = past.and_then(Lived(file.with_run(topology="ring 16"), number=1), {"do": "restart"})
     best = Improvement(number, 1, 0.1, 3, 1, 1e-9, True, {"x": [0.0] * 6, "value": 1e-9})
@@ -123,9 +123,9 @@ def test_a_job_that_begins_again_keeps_its_past_and_its_best_answer(cluster, fun
     job = cluster._dispatcher.submit(order)
     result = job.result(60)
     assert [each["do"] for each in result.directives] == ["rewire", "restart"]
-    assert (result.status, result.fitness, result.found_at["world"]) == ("exhausted", 1e-9, 2)
+    assert (result.status, result.fitness, result.found_at["epoch"]) == ("exhausted", 1e-9, 2)
     assert (result.run["topology"], result.topology, result.generations) == ("torus 4x4", "ring 16", 5)
-    assert [better.world for better in job.improvements()] == [2]
+    assert [better.epoch for better in job.improvements()] == [2]
 
 
 def test_a_job_that_begins_again_but_never_gets_nodes_ends_with_what_it_had(cluster, function):
@@ -238,40 +238,40 @@ def test_a_job_that_is_cancelled_while_it_is_queued_never_runs(cluster, states, 
     assert next_one.result(timeout=60).history_sha256 == again(function, next_one.result())
 
 
-# Several worlds -------------------------------------------------------------------------------------------------------
+# Several epochs -------------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize(
     "run", [{}, {"deme": 5, "interval": 3, "emigrants": 2}, {"spy": "root", "topology": "ring 5"}], ids=str
 )
 def test_an_update_while_it_runs(cluster, function, run):
     job = cluster.submit(function, **ENDLESS, **run)
     improvements = job.improvements()
-    assert next(improvements).world == 0
+    assert next(improvements).epoch == 0
     assert job.update(name="sphere") == 1
-    better = next_of_world(improvements, 1)
+    better = next_of_epoch(improvements, 1)
     x = better.solution["x"]
     assert better.fitness == pytest.approx(sum(each * each for each in x)), "it is an answer for the new world"
     result = cancelled(job)
     assert turns_of(result) == [("update", 1)]
     assert result.directives[0]["fields"] == {"name": "sphere"}
-    assert result.found_at["world"] == 1
+    assert result.found_at["epoch"] == 1
     assert result.history_sha256 == again(function, result)
     assert result.problem_sha256 == function.changed({"name": "sphere"}, {}).sha256
 
 
-def test_the_individuals_of_the_old_world_live_on_in_the_new_one(cluster, function):
+def test_the_individuals_of_the_old_epoch_live_on_in_the_new_one(cluster, function):
     """An update that changes nothing loses nothing."""
     job = cluster.submit(function, **ENDLESS, deme=8, replacement="elitist")
     improvements = job.improvements()
     best = min(better.fitness for better in itertools.islice(improvements, 8))
     assert job.update(cost_us=0) == 1
-    better = next_of_world(improvements, 1)
-    assert better.world == 1
+    better = next_of_epoch(improvements, 1)
+    assert better.epoch == 1
     assert better.fitness <= best, "what the cells had"
     result = cancelled(job)
     assert result.history_sha256 == again(function, result)
 
 
-def test_a_change_that_changes_nothing_makes_no_world(cluster, function):
+def test_a_change_that_changes_nothing_makes_no_epoch(cluster, function):
     """As when a client repeats what it has had no answer to."""
     job = cluster.submit(function, **ENDLESS)
     assert [job.update(name="sphere"), job.update(name="sphere"), job.rewire("ring 16"), job.rewire("ring 16")] == [
@@ -307,7 +307,7 @@ def test_many_changes_in_a_row_while_another_job_runs(cluster, function):
             assert job.rewire(topology) == 2 * turn + 2
     for job in jobs:
         result = cancelled(job)
-        assert [world for _, world in turns_of(result)] == [1, 2, 3, 4, 5, 6]
+        assert [epoch for _, epoch in turns_of(result)] == [1, 2, 3, 4, 5, 6]
         assert result.history_sha256 == again(function, result)
         assert result.generations == sum(each["generation"] for each in result.directives)
 
@@ -322,7 +322,7 @@ def test_an_update_may_come_before_all_cells_have_begun(cluster, states, functio
         assert result.history_sha256 == again(function, result)
 
 
-def test_a_limit_of_generations_is_one_of_the_job_and_not_of_a_world(cluster, states, function):
+def test_a_limit_of_generations_is_one_of_the_job_and_not_of_an_epoch(cluster, states, function):
     job = cluster.submit(function, target=-1.0, generations=3000, topology="torus 2x2")
     states.wait(job, "running")
     assert job.update(name="sphere") == 1
@@ -337,17 +337,17 @@ def test_an_update_of_a_users_own_problem(cluster, own_problem):
     improvements = job.improvements()
     next(improvements)
     assert job.update(trouble="none that it knows") == 1
-    next_of_world(improvements, 1)
+    next_of_epoch(improvements, 1)
     result = cancelled(job)
     assert result.history_sha256 == again(file, result)
 
 
-def test_async_worlds_follow_each_other_too(cluster, states, function):
+def test_async_epochs_follow_each_other_too(cluster, states, function):
     job = cluster.submit(function, mode="async", target=-1.0, generations=10_000)
     states.wait(job, "running")
     improvements = job.improvements()
     assert job.update(name="sphere") == 1
-    assert next_of_world(improvements, 1).world == 1
+    assert next_of_epoch(improvements, 1).epoch == 1
     assert job.rewire("ring 16") == 2
     result = job.result(timeout=60)
     assert (result.status, result.topology) == ("exhausted", "ring 16"), "each cell lives for as long as it may"
@@ -374,7 +374,7 @@ def test_what_cannot_be_is_refused_and_the_job_goes_on(cluster, room):
         with pytest.raises(supernode.BadInput, match=said):
             job.rewire(topology)
     assert job.update(goal=[9.0, 1.0, 0.0]) == 1, "the first that there is"
-    assert next_of_world(improvements, 1).world == 1
+    assert next_of_epoch(improvements, 1).epoch == 1
     result = cancelled(job)
     assert turns_of(result) == [("update", 1)]
     assert result.history_sha256 == again(room, result)
@@ -395,7 +395,7 @@ def test_an_update_of_a_users_own_problem_that_codes_otherwise_is_refused_too(cl
     assert result.history_sha256 == again(file, result)
 
 
-def test_a_problem_that_breaks_in_a_later_world_fails_the_job_and_not_the_cluster(cluster, own_problem):
+def test_a_problem_that_breaks_in_a_later_epoch_fails_the_job_and_not_the_cluster(cluster, own_problem):
     file = supernode.load(own_problem("size = 400"))
     job = cluster.submit(file, **ENDLESS)
     next(job.improvements())
@@ -407,7 +407,7 @@ def test_a_problem_that_breaks_in_a_later_world_fails_the_job_and_not_the_cluste
     assert sound.history_sha256 == again(file, sound)
 
 
-def test_a_job_that_has_ended_has_no_further_world(cluster, function):
+def test_a_job_that_has_ended_has_no_further_epoch(cluster, function):
     job = cluster.submit(function, generations=1, target=-1.0)
     job.result(timeout=60)
     for change in (lambda: job.update(name="sphere"), lambda: job.rewire("ring 16")):
@@ -415,7 +415,7 @@ def test_a_job_that_has_ended_has_no_further_world(cluster, function):
             change()
 
 
-def test_a_job_that_is_being_stopped_has_no_further_world(cluster, function):
+def test_a_job_that_is_being_stopped_has_no_further_epoch(cluster, function):
     job = cluster.submit(function, **ENDLESS)
     next(job.improvements())
     job.cancel()
@@ -428,14 +428,14 @@ def test_a_job_that_is_being_stopped_has_no_further_world(cluster, function):
 def test_a_job_that_is_kept_alive_goes_on_from_its_answer(cluster, states, room):
     job = cluster.submit(room, keep_alive=True, deme=8)
     goals = [[9.0, 1.0, 0.0], [1.0, 9.0, 0.0]]
-    for world, goal in enumerate(goals, 1):
-        states.wait(job, "waiting", times=world)
+    for epoch, goal in enumerate(goals, 1):
+        states.wait(job, "waiting", times=epoch)
         with pytest.raises(supernode.BadInput, match="start"):
             job.update(start=[5.0, 5.0, 0.0])
-        assert job.update(goal=goal) == world
+        assert job.update(goal=goal) == epoch
     states.wait(job, "waiting", times=3)
     result = cancelled(job)
-    assert (result.solved, result.feasible, result.found_at["world"]) == (False, True, 2)
+    assert (result.solved, result.feasible, result.found_at["epoch"]) == (False, True, 2)
     assert result.fitness <= result.target
     assert states.of(job) == ["queued", "preparing", "running", *["waiting", "running"] * 2, "waiting"]
     assert turns_of(result) == [("update", 1), ("update", 2)]
@@ -455,7 +455,7 @@ def test_a_job_that_is_kept_alive_can_be_rewired_while_it_waits(cluster, states,
 
 @pytest.mark.parametrize("limit", [{"generations": 30}, {"evaluations": 1000}], ids=str)
 def test_a_job_that_is_kept_alive_ends_when_its_limit_is_used_up(cluster, states, function, limit):
-    """Nothing could go on in another world."""
+    """Nothing could go on in another epoch."""
     job = cluster.submit(function, keep_alive=True, target=-1.0, **limit)
     result = job.result(timeout=60)
     assert result.status == "exhausted"
@@ -529,8 +529,8 @@ def test_improvements_of_a_job_with_updates_are_those_of_its_replay(cluster, sta
     result = cancelled(job)
     past, again = Past(), []
     lived = replay(function.with_run(**result.run), result.directives)
-    for world, after in itertools.zip_longest(lived, lived[1:]):
-        epoch = Lived(world.file, world.reports, world.plan.world)
+    for each, after in itertools.zip_longest(lived, lived[1:]):
+        epoch = Lived(each.file, each.reports, each.plan.epoch)
         again += records_of(past, epoch)
         past = past.and_then(epoch, None if after is None else after.why)
     assert job.history() == again
