@@ -18,7 +18,7 @@ from coordinator import capacity
 from coordinator.errors import ClusterFailed
 from coordinator.folders import make_folder, new_folder
 from coordinator.zygote import Zygote
-from node.berth import Berth
+from node.node_config import NodeConfig
 from problems.modules import Modules
 from wire import jobs, sessions
 from wire.callbacks import direct
@@ -99,10 +99,10 @@ class HostZygote(Zygote):
             self._fork(name, self._be_the_agent)
         else:
             number = int(name.removeprefix("node "))
-            self._fork(name, lambda: _as_usual(partial(self._node_live, self._berth(number))))
+            self._fork(name, lambda: _as_usual(partial(self._node_live, self._config(number))))
 
-    def _berth(self, node: int, topology: str = "") -> Berth:
-        return Berth(
+    def _config(self, node: int, topology: str = "") -> NodeConfig:
+        return NodeConfig(
             self.cluster,
             node,
             topology,
@@ -111,7 +111,7 @@ class HostZygote(Zygote):
             self.secret,
             self.modules,
             self._host.id,
-            self._batons,
+            self._core_tokens,
         )
 
     def _be_the_agent(self) -> None:

@@ -12,16 +12,16 @@ from coordinator.host_book import LEFT_AFTER, HostBook
 from coordinator.roster import Roster
 from coordinator.service import Options, run
 from coordinator.staff import Staff
-from node.berth import Berth
+from node.node_config import NodeConfig
 from wire.hosts import Host
 from wire.keys import Keys
 from wire.seal import Seal
 
 
-def preside(berth: Berth, options: Options, max_queue: int | None) -> None:
+def preside(config: NodeConfig, options: Options, max_queue: int | None) -> None:
     """Be the coordinator until a client, or SIGTERM, ends it; ``options.nodes`` are expected at least."""
-    staff = partial(JoinedStaff, seal=Seal(berth.secret), max_queue=max_queue)
-    run(berth, replace(options, joined=True), staff)
+    staff = partial(JoinedStaff, seal=Seal(config.secret), max_queue=max_queue)
+    run(config, replace(options, joined=True), staff)
 
 
 class JoinedStaff(Staff):

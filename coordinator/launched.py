@@ -14,22 +14,22 @@ from coordinator.record_book import Keep
 from coordinator.roster import Roster
 from coordinator.service import Options, run
 from coordinator.staff import Staff
-from node.berth import Berth
+from node.node_config import NodeConfig
 from wire.keys import Keys
 from wire.seal import Seal
 
 
-def coordinate(berth: Berth, told: Mapping[str, Any], first: bool) -> None:
+def coordinate(config: NodeConfig, told: Mapping[str, Any], first: bool) -> None:
     """Be the coordinator, started as ``told`` (see `coordinator.launcher.ServiceOptions`).
 
     Only the ``first`` one knows how the nodes are linked.
     """
     url = told["database"] or url_in(Path(told["state"]))
-    cells = topologies.parse(berth.topology).cells
-    seal = Seal(berth.secret)
-    staff = partial(LaunchedStaff, seal=seal, topology=berth.topology, wired=first, max_queue=told["max_queue"])
+    cells = topologies.parse(config.topology).cells
+    seal = Seal(config.secret)
+    staff = partial(LaunchedStaff, seal=seal, topology=config.topology, wired=first, max_queue=told["max_queue"])
     keep = Keep(told["keep_days"], told["keep_records"])
-    run(berth, Options(cells, url, keep, told["log_json"]), staff)
+    run(config, Options(cells, url, keep, told["log_json"]), staff)
 
 
 class LaunchedStaff(Staff):

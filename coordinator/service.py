@@ -26,7 +26,7 @@ from coordinator.record_book import Keep, RecordBook
 from coordinator.recorder import Recorder
 from coordinator.store import Store
 from coordinator.waiting_room import Queue, WaitingRoom
-from node.berth import Berth
+from node.node_config import NodeConfig
 from problems.modules import Modules
 from wire import jobs, sessions
 from wire.callbacks import direct
@@ -61,11 +61,11 @@ class Options:
     joined: bool = False
 
 
-def run(berth: Berth, options: Options, make_dispatcher: MakeDispatcher) -> None:
+def run(config: NodeConfig, options: Options, make_dispatcher: MakeDispatcher) -> None:
     """Be the coordinator until a client, or SIGTERM, says that the cluster is to end."""
     sessions.use_runtime(sessions.NODE_RUNTIME)
-    session = sessions.client(berth.router)
-    service = Service(session, berth.keys, berth.modules, options, make_dispatcher)
+    session = sessions.client(config.router)
+    service = Service(session, config.keys, config.modules, options, make_dispatcher)
     signal.signal(signal.SIGTERM, lambda *_: service.stop())
     try:
         service.serve()

@@ -31,8 +31,8 @@ from coordinator.errors import ClusterFailed
 from coordinator.folders import make_folder
 
 if TYPE_CHECKING:
-    from node.baton import Batons
-    from node.berth import Berth
+    from node.core_token import CoreTokens
+    from node.node_config import NodeConfig
     from problems.modules import Modules
 
 _PR_SET_PDEATHSIG = 1
@@ -143,7 +143,7 @@ class Zygote:
         self.folder = folder
         self.service = service  # `coordinator.launcher.ServiceOptions`, as JSON has them
         self.children: dict[int, str] = {}  # process id to name
-        self._batons: Batons = {}
+        self._core_tokens: CoreTokens = {}
         self._nothing = os.open(os.devnull, os.O_RDWR)
         self._deaths: list[float] = []  # of late, on the monotonic clock
 
@@ -187,14 +187,14 @@ class Zygote:
         """Import all that a child will need, and no more garbage collection of it: children share its pages."""
         gc.disable()  # next to nothing of what is imported is garbage
         import_all()
-        import node.baton
+        import node.core_token
         import node.process
         import spy.process
         from coordinator import fork_memory
         from wire import sessions
 
         sessions.log_nothing()  # here, since in each child it would touch forty pages
-        self._batons = node.baton.for_all_cores(nodes)
+        self._core_tokens = node.core_token.for_all_cores(nodes)
         self._spy_watch, self._node_live = spy.process.watch, node.process.live
         gc.enable()
         gc.freeze()
@@ -206,7 +206,7 @@ class Zygote:
     def _fork_router(self) -> str | None:
         """The router first: when it listens, the others need not try twice. Why it does not, if so."""
         ready, tell = os.pipe()
-        listen = [self._berth(0).router, *(self.service["listen"] if self.service is not None else ())]
+        listen = [self._config(0).router, *(self.service["listen"] if self.service is not None else ())]
 
         def route() -> None:
             from coordinator.router import route
@@ -228,24 +228,26 @@ class Zygote:
             return (said + pipe.read()).decode() or "ended before it listened"
 
     def _spy(self, topology: str) -> None:
-        self._spy_watch(self._berth(0, topology))
+        self._spy_watch(self._config(0, topology))
 
     def _node(self, node: int, topology: str) -> None:
-        self._node_live(self._berth(node, topology))
+        self._node_live(self._config(node, topology))
 
     def _coordinate(self, first: bool = False) -> None:
         from coordinator.launched import coordinate
 
         assert self.service is not None, "only for a cluster that stays up"
-        coordinate(self._berth(0, self.topology), self.service, first)
+        coordinate(self._config(0, self.topology), self.service, first)
         os._exit(_DOWN)
 
-    def _berth(self, node: int, topology: str = "") -> "Berth":
-        from node.berth import Berth
+    def _config(self, node: int, topology: str = "") -> "NodeConfig":
+        from node.node_config import NodeConfig
         from wire import sessions
 
         router = sessions.unix_socket(self.folder, "router")
-        return Berth(self.cluster, node, topology, self.folder, router, self.secret, self.modules, batons=self._batons)
+        return NodeConfig(
+            self.cluster, node, topology, self.folder, router, self.secret, self.modules, core_tokens=self._core_tokens
+        )
 
     def _fork(self, name: str, live: Callable[[], None]) -> None:
         """Fork a child that lives so.

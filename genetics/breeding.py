@@ -50,7 +50,7 @@ def breed(
         its_keys = keys._replace(cells=keys.cells[block])
         if alone:
             assert immigrants is not None
-            its_immigrants = immigrants._replace(whence=immigrants.whence[block])
+            its_immigrants = immigrants._replace(source_row=immigrants.source_row[block])
             _breed_individual(*part, its_immigrants, coding, recipe, judges, its_keys)
         else:
             _breed_island(*part, coding, recipe, judges, its_keys)
@@ -82,7 +82,7 @@ def _breed_individual(
     keys: Keys,
 ) -> None:
     """The fine-grained step (Ahuactzin et al. 1992, §6): the local individual with each of its neighbours."""
-    couples = selection.couples_with(genomes, immigrants.genomes, immigrants.whence, immigrants.each)
+    couples = selection.couples_with(genomes, immigrants.genomes, immigrants.source_row, immigrants.each)
     offspring = coding.recombine(couples, recipe, keys)
     if recipe.mutation == ONE_BIT:
         coding.mutate_one(offspring, keys)

@@ -67,13 +67,13 @@ class Immigrants(NamedTuple):
     Attributes:
         genomes: of all senders, shape (senders, at least each, genome_bytes).
         fitness: theirs.
-        whence: the senders, shape (rows, slots), in the order of the neighbours.
+        source_row: the senders, shape (rows, slots), in the order of the neighbours.
         each: how many of each sender.
     """
 
     genomes: Genomes
     fitness: Fitness
-    whence: Cells
+    source_row: Cells
     each: int
 
 

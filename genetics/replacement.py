@@ -55,7 +55,7 @@ def admit_to(
     fitness: Any,
     emigrants: Any,
     emigrant_fitness: Any,
-    whence: Any,
+    source_row: Any,
     count: Any,
     itself: Any,
     seed: Any,
@@ -63,8 +63,8 @@ def admit_to(
     generation: Any,
 ) -> Any:
     """`admit` for one row, which ``itself`` names among the senders and ``cell`` to the draws."""
-    for slot in range(whence.size):
-        sender = whence[slot]
+    for slot in range(source_row.size):
+        sender = source_row[slot]
         if sender == itself:
             continue
         for immigrant in range(count):
@@ -84,7 +84,7 @@ def admit(
     fitness: Fitness,
     emigrants: Genomes,
     emigrant_fitness: Fitness,
-    whence: Cells,
+    source_row: Cells,
     count: int,
     seed: np.uint64,
     cells: Cells,
@@ -92,12 +92,14 @@ def admit(
 ) -> None:
     """Each immigrant in turn replaces the worst of its row if it is better; of several worst a drawn one goes.
 
-    ``whence``, (rows, slots), says whose emigrants come, the first ``count`` of each. A slot that names its own row
+    ``source_row``, (rows, slots), says whose emigrants come, the first ``count`` of each. A slot that names its own row
     brings none: an island must not be flooded with its own best.
     """
     for row in range(fitness.shape[0]):
         into, its_fitness = genomes[row], fitness[row]
-        admit_to(into, its_fitness, emigrants, emigrant_fitness, whence[row], count, row, seed, cells[row], generation)
+        admit_to(
+            into, its_fitness, emigrants, emigrant_fitness, source_row[row], count, row, seed, cells[row], generation
+        )
 
 
 @subroutine

@@ -16,23 +16,23 @@ _HALF = np.uint64(32)
 
 
 @subroutine
-def pair_with(own: Any, emigrants: Any, whence: Any, count: Any, couples: Any) -> Any:
+def pair_with(own: Any, emigrants: Any, source_row: Any, count: Any, couples: Any) -> Any:
     """`couples_with` for one row."""
     for couple in range(couples.shape[0]):
         couples[couple, 0] = own
-        couples[couple, 1] = emigrants[whence[couple // count], couple % count]
+        couples[couple, 1] = emigrants[source_row[couple // count], couple % count]
 
 
 @kernel("uint8[:,:,:,::1](uint8[:,:,::1], uint8[:,:,::1], int64[:,::1], int64)")
-def couples_with(genomes: Genomes, emigrants: Genomes, whence: Cells, count: int) -> Genomes:
+def couples_with(genomes: Genomes, emigrants: Genomes, source_row: Cells, count: int) -> Genomes:
     """Each row's single individual with each immigrant in turn (§6); see `genetics.replacement.admit` for those.
 
     Returns shape (rows, slots * count, 2, genome_bytes).
     """
-    rows, slots = whence.shape
+    rows, slots = source_row.shape
     couples = np.empty((rows, slots * count, 2, genomes.shape[2]), np.uint8)
     for row in range(rows):
-        pair_with(genomes[row, 0], emigrants, whence[row], count, couples[row])
+        pair_with(genomes[row, 0], emigrants, source_row[row], count, couples[row])
     return couples
 
 

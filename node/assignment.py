@@ -8,15 +8,15 @@ from dataclasses import dataclass, field
 import zenoh
 
 from node.cell import Action, Cell, Event, Message
+from node.cpu_affinity import LONG, core_of
 from node.links import Links
 from node.plan import Plan
-from node.turns import LONG, core_of
 
-BRISK_SECONDS = 2e-3  # of processor time: what is bred between two exchanges in less may be on the network thread
+INLINE_SECONDS = 2e-3  # of processor time: what is bred between two exchanges in less may be on the network thread
 MANY_UNREAD = 64  # messages in async mode: far more may come before the main thread gets a core
 _MOST_EARLY = 1000  # messages: of the next epoch each neighbour sends one or two before this node comes there
 _MEASURED_EVERY = 16  # generations: to ask for the time used costs as much as a message
-BRISK_BYTES = 1 << 14  # longer messages may have to wait for room to leave; on the network thread nothing may wait
+INLINE_BYTES = 1 << 14  # longer messages may have to wait for room to leave; on the network thread nothing may wait
 
 
 class Assignment:
@@ -30,10 +30,10 @@ class Assignment:
             come since; the network thread removes. With too few in it a step is in vain, with too many one is missed.
         core: which one the node should keep to, for now.
         turns: how long its turns on that core should be, in seconds; 0: as long as the kernel likes.
-        hands_on: whether it breeds on that core only while it has the baton.
+        hands_on: whether it breeds on that core only while it has the token.
         events: for the cell; any thread may append.
         turn: held by the thread that carries the cell on, or lets it read.
-        brisk: whether that is the network thread, for now.
+        inline: whether that is the network thread, for now.
         begun: to be answered with the report.
         report: what the cell had to say when it stopped, encoded.
         bred_at: when the latest generations were bred, on the monotonic clock,
@@ -54,7 +54,7 @@ class Assignment:
         self.hands_on = False
         self.events: deque[Event] = deque()
         self.turn = threading.Lock()
-        self.brisk = False
+        self.inline = False
         self.begun: zenoh.Query | None = None
         self.report: bytes | None = None
         self.bred_at = time.monotonic()
@@ -67,7 +67,7 @@ class Assignment:
         self._bred = 0  # generations, at `bred_at`
         self._interval = plan.run.interval
         self.in_lockstep = plan.run.mode == "lockstep"
-        self._may_be_brisk = self.in_lockstep and plan.problem.any_thread and plan.limits.most_bytes <= BRISK_BYTES
+        self._may_be_inline = self.in_lockstep and plan.problem.any_thread and plan.limits.most_bytes <= INLINE_BYTES
 
     @property
     def job(self) -> int:
@@ -88,7 +88,7 @@ class Assignment:
     def is_to_be_measured(self) -> bool:
         """Whether it is time to see how long a generation takes, which a step does."""
         unmeasured = self.cell.rows.generation - self._measured_at
-        return unmeasured >= _MEASURED_EVERY or (self._may_be_brisk and not self.brisk)
+        return unmeasured >= _MEASURED_EVERY or (self._may_be_inline and not self.inline)
 
     def seconds_since_told(self) -> tuple[float, float]:
         """From one message to the next, and from one generation to the next, on average since this was asked last."""
@@ -110,8 +110,8 @@ class Assignment:
             if measured:
                 self._measured_at = cell.rows.generation
                 each = (time.thread_time() - used) / bred
-                self.most = max(1, int(BRISK_SECONDS / max(each, 1e-6)))
-                self.brisk = self._may_be_brisk and each * self._interval < BRISK_SECONDS
+                self.most = max(1, int(INLINE_SECONDS / max(each, 1e-6)))
+                self.inline = self._may_be_inline and each * self._interval < INLINE_SECONDS
                 self._settle(each)
         self._end_step()
         return actions
@@ -161,7 +161,7 @@ class Assignment:
         """
         goes_on_alone = not self.in_lockstep and self.most == 1 and self.cell.generations is not None
         self.turns = LONG if goes_on_alone else 0.0
-        self.core = self._core if self.brisk or goes_on_alone else None
+        self.core = self._core if self.inline or goes_on_alone else None
         # Whose generations take longer than a turn would keep the others from theirs.
         self.hands_on = goes_on_alone and self.core is not None and seconds < LONG
 

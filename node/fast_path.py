@@ -3,7 +3,7 @@
 It takes the ordinary way's place (`node.process`, which opens it and closes it) only where there is nothing else to do
 for a while. In lockstep a generation is then one exchange, of messages that are sound, and breeding that takes little
 time; it is carried out where the last neighbour's message comes in. In async mode messages are put where they are
-taken from before the next generation, and a node with the baton breeds on to the end of its turn.
+taken from before the next generation, and a node with the token breeds on to the end of its turn.
 """
 
 import struct
@@ -39,19 +39,19 @@ from wire.compiled_callbacks import (
     call,
     call_without,
     content,
-    drop,
+    decref,
     forget_exception,
     integer,
-    item,
     item_of_list,
     length,
     let_others_run,
     message_of,
+    new_ref,
     pair,
     payload_of,
     remove_first,
     run_again,
-    same,
+    tuple_item,
 )
 
 # What the path knows. The first is the address of the cell's table; 0: it is closed. The last are objects.
@@ -72,10 +72,10 @@ def _publish(path: Any, octets: Any) -> Any:
         return False
     message = message_of(octets)
     done = call(publish, message)
-    drop(publish)
-    drop(message)
+    decref(publish)
+    decref(message)
     if done != 0:
-        drop(done)
+        decref(done)
     return done != 0
 
 
@@ -83,10 +83,10 @@ def _publish(path: Any, octets: Any) -> Any:
 def _carry_on(path: Any, table: Any) -> Any:
     """Breed and publish, if nobody else is at it (who is looks again afterwards)."""
     acquired = call_without(path[_ACQUIRE])
-    drop(acquired)  # True and False are for ever
+    decref(acquired)  # True and False are for ever
     if acquired != path[_TRUE]:
-        return same(path[_NONE])
-    release, go_on = same(path[_RELEASE]), same(path[_GO_ON])  # the path may be another's before they are called
+        return new_ref(path[_NONE])
+    release, go_on = new_ref(path[_RELEASE]), new_ref(path[_GO_ON])  # the path may be another's before they are called
     if path[_LEFT] > 0:
         path[_LEFT] -= breed_on(table, min(path[_LEFT], path[_MOST]))
     else:
@@ -100,8 +100,8 @@ def _carry_on(path: Any, table: Any) -> Any:
     else:
         nothing_bred(table)
         result = call_without(go_on)
-    drop(release)
-    drop(go_on)
+    decref(release)
+    decref(go_on)
     return result
 
 
@@ -110,13 +110,13 @@ def _put_among_news(path: Any, sender: Any, payload: Any) -> Any:
     """Another thread may be at the inbox; when there are many it is time to see whether it is."""
     message = pair(sender, payload)
     append(path[_NEWS], message)
-    drop(message)
-    drop(payload)
+    decref(message)
+    decref(payload)
     if length(path[_NEWS]) < MANY_UNREAD:
-        return same(path[_NONE])
-    go_on = same(path[_GO_ON])
+        return new_ref(path[_NONE])
+    go_on = new_ref(path[_GO_ON])
     result = call_without(go_on)
-    drop(go_on)
+    decref(go_on)
     return result
 
 
@@ -127,7 +127,7 @@ def _take_news(path: Any, table: Any) -> Any:
     messages = length(news)
     for number in range(messages):
         message = item_of_list(news, number)
-        if hear_one(inbox_of(table), content(item(message, 1)), integer(item(message, 0))) <= 0:
+        if hear_one(inbox_of(table), content(tuple_item(message, 1)), integer(tuple_item(message, 0))) <= 0:
             remove_first(news, number)
             return False
     remove_first(news, messages)
@@ -146,26 +146,26 @@ def _end_turn(own: int, path_at: int) -> Any:
     """Take the news, breed to the end of the turn, and tell nobody before; True if anything was bred."""
     path = integers_at(integer(path_at), 1, _PLACES)[0]
     if path[_TABLE] == 0:  # closed since Python looked
-        return same(path[_NONE])
+        return new_ref(path[_NONE])
     table = integers_at(path[_TABLE], PLACES, 3)
     nothing_bred(table)
     if not _take_news(path, table):
-        return same(path[_NONE])
+        return new_ref(path[_NONE])
     while True:
         thread = let_others_run()
         breed_on(table, 1)
         over = _is_over(path)
         run_again(thread)
         if over or not may_be_superseded(table) or not _take_news(path, table):
-            return same(path[_TRUE])
+            return new_ref(path[_TRUE])
         take_back(table)
 
 
 @c_function(CALLBACK)
 def _hear(own: int, sample: int) -> Any:
     """Take a neighbour's message."""
-    its = content(item(own, 0)).view(np.int64)
-    path, otherwise = integers_at(its[0], 1, _PLACES)[0], item(own, 1)
+    its = content(tuple_item(own, 0)).view(np.int64)
+    path, otherwise = integers_at(its[0], 1, _PLACES)[0], tuple_item(own, 1)
     if path[_TABLE] == 0:
         return call(otherwise, sample)
     table = integers_at(path[_TABLE], PLACES, 3)
@@ -173,13 +173,13 @@ def _hear(own: int, sample: int) -> Any:
     if payload == 0:
         return payload
     if path[_NEWS] != 0:
-        return _put_among_news(path, item(own, 2), payload)
+        return _put_among_news(path, tuple_item(own, 2), payload)
     heard = hear_one(inbox_of(table), content(payload), its[1]) > 0
-    drop(payload)
+    decref(payload)
     if not heard:
         return call(otherwise, sample)
     if lacks(table):
-        return same(path[_NONE])
+        return new_ref(path[_NONE])
     return _carry_on(path, table)
 
 
@@ -198,7 +198,7 @@ class FastPath:
         self._for: Assignment | None = None
         self._objects: tuple[object, ...] = ()  # that the path knows by their addresses
 
-    def ear(self, sender: int, ordinary: Callable[[Any], None]) -> Callable[[Any], None]:
+    def make_handler(self, sender: int, ordinary: Callable[[Any], None]) -> Callable[[Any], None]:
         """What to call with a sender's samples; it calls ``ordinary`` as long as the path is closed."""
         # The array must live as long as the function.
         return _HEAR.of((_own.pack(self._address, sender), ordinary, sender, self._path))
@@ -230,7 +230,7 @@ class FastPath:
                 async mode when there are many unread messages.
         """
         generations = assignment.cell.generations
-        if generations is None or (assignment.in_lockstep and not assignment.brisk) or self.is_open(assignment):
+        if generations is None or (assignment.in_lockstep and not assignment.inline) or self.is_open(assignment):
             return
         if assignment is not self._for:
             turn = assignment.turn

@@ -1,9 +1,10 @@
 """Generations of a cell from its neighbours' messages to its own, compiled as a whole.
 
 What a generation of few individuals costs is mostly what Python costs between kernels. So here the rules of the other
-modules follow one another without a step into Python: believe, breed, judge, replace, tell, propose, note and encode
-(Ahuactzin et al. 1992, §3.1 and §6), for as many generations as there are up to the next message. The call finds what
-it works on by a table of pointers: handing over an array costs as much as breeding with it.
+modules follow one another without a step into Python: merge champions, breed, evaluate, replace, prepare
+messages, propose, note and encode (Ahuactzin et al. 1992, §3.1 and §6), for as many generations as there are up to the
+next message. The call finds what it works on by a table of pointers: handing over an array costs as much as breeding
+with it.
 """
 
 from collections.abc import Sequence
@@ -31,7 +32,7 @@ from genetics.replacement import admit_to, leave_families, renew, take_place
 from genetics.selection import first_unsound, pair, pair_with
 from node.history import History
 from node.inbox import LACKING, NEXT, Inbox, hear, packed, turn
-from node.kernels import OWN, TOLD, believe_one, is_noted, note_staleness, tell_one
+from node.kernels import OWN, TOLD, is_noted, merge_champion, note_staleness, prepare_message
 from node.outbox import Outbox
 from node.plan import Plan
 from node.rows import Rows
@@ -52,7 +53,7 @@ PLACES = 31
 
 # Columns of the settings.
 _MATING, _STRAYING, _JUDGING, _EACH, _ELITIST, _SEED, _CELL, _FIRST_EVALUATIONS, _EVALUATIONS = range(9)
-_INTERVAL, _LOCKSTEP, _CHAMPION, _WITNESS, _STALL, _STOP_DISTANCE, _LIMIT = range(9, 16)
+_INTERVAL, _LOCKSTEP, _CHAMPION, _TARGET_REPORTER, _STALL, _STOP_DISTANCE, _LIMIT = range(9, 16)
 _FAMILIES, _BETTER_HALF, _MOST_SELECTIONS = range(16, 19)
 
 _BRED, _FLAGS, _SIZE, _WRONG = range(4)  # what a call has to say, see `Generations`
@@ -70,32 +71,32 @@ def _listen(table: Any, settings: Any, now: Any) -> Any:
 
     Returns which message came to each slot; between exchanges, which came last.
     """
-    counts, whences = integers(table, _COUNTS)[0], integers(table, _WHENCES)
-    exchanges = whences.shape[0]
+    counts, source_rows = integers(table, _COUNTS)[0], integers(table, _WHENCES)
+    exchanges = source_rows.shape[0]
     if (now - 1) % settings[_INTERVAL] != 0:
-        return whences[(counts[NEXT] - 1) % exchanges]
-    whence = whences[counts[NEXT] % exchanges]
+        return source_rows[(counts[NEXT] - 1) % exchanges]
+    source_row = source_rows[counts[NEXT] % exchanges]
     header, genomes = integers(table, _HEADER), _heard(table)
     fitness, better_at = reals(table, _FITNESS), integers(table, _BETTER_AT)[0]
     if settings[_LOCKSTEP]:
         turn(integers(table, _LATEST), counts)
     else:
-        note_staleness(header, whence, now - 1, integers(table, _USED)[0], integers(table, _STALENESS)[0])
-    believe_one(header, genomes, fitness, better_at, OWN, now, header, genomes, fitness, whence)
-    return whence
+        note_staleness(header, source_row, now - 1, integers(table, _USED)[0], integers(table, _STALENESS)[0])
+    merge_champion(header, genomes, fitness, better_at, OWN, now, header, genomes, fitness, source_row)
+    return source_row
 
 
 @subroutine
-def _couple(table: Any, settings: Any, whence: Any, now: Any) -> Any:
+def _couple(table: Any, settings: Any, source_row: Any, now: Any) -> Any:
     """Fill the couples: an individual alone with each of its immigrants, which an island has taken in, then its own."""
     deme, deme_fitness, paired = octets(table, _DEME), reals(table, _DEME_FITNESS)[0], blocks(table, _COUPLES, 2)
     heard, each = _heard(table), settings[_EACH]
     seed, cell = np.uint64(settings[_SEED]), settings[_CELL]
     if deme_fitness.size == 1:
-        pair_with(deme[0], heard, whence, each, paired)
+        pair_with(deme[0], heard, source_row, each, paired)
         return paired
     if (now - 1) % settings[_INTERVAL] == 0:
-        admit_to(deme, deme_fitness, heard, reals(table, _FITNESS), whence, each, OWN, seed, cell, now)
+        admit_to(deme, deme_fitness, heard, reals(table, _FITNESS), source_row, each, OWN, seed, cell, now)
     parents, better_half = integers(table, _PARENTS), settings[_BETTER_HALF] != 0
     pair(deme_fitness, seed, cell, now, better_half, settings[_MOST_SELECTIONS], parents)
     for couple in range(parents.shape[0]):
@@ -111,13 +112,13 @@ def _stray(table: Any, settings: Any, individuals: Any, now: Any) -> Any:
 
 
 @subroutine
-def _breed(table: Any, settings: Any, whence: Any, now: Any) -> Any:
+def _breed(table: Any, settings: Any, source_row: Any, now: Any) -> Any:
     """Couple, mate, judge and replace; returns the index of an offspring whose fitness is none, or -1."""
     deme, deme_fitness = octets(table, _DEME), reals(table, _DEME_FITNESS)[0]
     offspring, offspring_fitness = octets(table, _OFFSPRING), reals(table, _OFFSPRING_FITNESS)[0]
     judging_table, elitist = integers(table, _JUDGING_TABLE), settings[_ELITIST] != 0
     seed, cell, alone = np.uint64(settings[_SEED]), settings[_CELL], deme_fitness.size == 1
-    couples = _couple(table, settings, whence, now)
+    couples = _couple(table, settings, source_row, now)
     call_mating(settings[_MATING], couples, offspring, seed, cell, now, integers(table, _MATING_TABLE))
     if settings[_STRAYING] and alone:
         _stray(table, settings, offspring, now)
@@ -167,13 +168,13 @@ def _tell(table: Any, settings: Any, now: Any) -> Any:
     header, fitness = integers(table, _HEADER)[OWN], reals(table, _FITNESS)[OWN]
     genomes, better_at = octets(table, _GENOMES)[: fitness.size], integers(table, _BETTER_AT)[0]
     cell, evaluations = settings[_CELL], settings[_FIRST_EVALUATIONS] + now * settings[_EVALUATIONS]
-    target, witness = reals(table, _TARGET)[0, 0], settings[_WITNESS]
+    target, target_reporter = reals(table, _TARGET)[0, 0], settings[_TARGET_REPORTER]
     flags = 0
-    reached = tell_one(
-        deme, deme_fitness, cell, now, evaluations, header, genomes, fitness, better_at, OWN, target, witness
+    reached = prepare_message(
+        deme, deme_fitness, cell, now, evaluations, header, genomes, fitness, better_at, OWN, target, target_reporter
     )
     noted = reals(table, _NOTED_FITNESS)
-    if is_noted(header, fitness[-1], better_at, OWN, cell, now, witness, noted):
+    if is_noted(header, fitness[-1], better_at, OWN, cell, now, target_reporter, noted):
         _note(table, header, fitness[-1])
     if reached and _propose(header, now, settings[_STOP_DISTANCE]):
         flags |= REACHED
@@ -233,8 +234,8 @@ def breed_on(table: Any, most: Any) -> Any:
     done[:] = 0
     while done[_BRED] < most and done[_SIZE] == 0 and done[_FLAGS] == 0 and not lacks(table):
         now = clock[0] + 1
-        whence = _listen(table, settings, now)
-        done[_WRONG] = _breed(table, settings, whence, now)
+        source_row = _listen(table, settings, now)
+        done[_WRONG] = _breed(table, settings, source_row, now)
         if done[_WRONG] >= 0:
             done[_FLAGS] = UNSOUND
             break
@@ -323,7 +324,7 @@ class Generations:
         self._birth_count = np.zeros(1, np.int64)
         arrays = (
             *rows.messages,
-            inbox.whences,
+            inbox.source_rows,
             inbox.latest,
             inbox.counts,
             inbox.used,
@@ -393,7 +394,7 @@ def _settings(plan: Plan, rows: Rows, champion: bool, addresses: tuple[int, int,
             run.interval,
             run.mode == "lockstep",
             champion,
-            rows.witness,
+            rows.target_reporter,
             -1 if rows.stall is None else rows.stall,
             plan.stop_distance,
             rows.limit,

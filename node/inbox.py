@@ -64,14 +64,14 @@ def _note(header: Any, interval: Any, latest: Any, number: Any, counts: Any) -> 
 
 
 @subroutine
-def _swap(row: Any, whence: Any, names: Any, spare: Any, counts: Any) -> Any:
+def _swap(row: Any, source_row: Any, names: Any, spare: Any, counts: Any) -> Any:
     """Let the slots named find the spare ``row``; the row that they had is spare now."""
     counts[_SPARE] -= 1
     old = np.int64(TOLD)
-    for slot in range(whence.size):
+    for slot in range(source_row.size):
         if names[slot]:
-            old = whence[slot]
-            whence[slot] = row
+            old = source_row[slot]
+            source_row[slot] = row
     if old > TOLD:
         spare[counts[_SPARE]] = old
         counts[_SPARE] += 1
@@ -163,7 +163,7 @@ class Inbox:
     Attributes:
         neighbours: the distinct cells that the cell's slots name, without itself.
         messages: rows for all of them, the cell's own in rows `OWN` and `TOLD`.
-        whences: the row of the message for each slot, shape (exchanges kept apart, slots).
+        source_rows: the row of the message for each slot, shape (exchanges kept apart, slots).
         latest: shape (exchanges, neighbours): 1 for whose message has not come; in async mode the latest one's number.
         counts: see above.
         used: in async mode the number of the message that each slot gave last.
@@ -184,7 +184,7 @@ class Inbox:
         self._not_come = tuple(exchange.tolist for exchange in self.latest)
         # Both stand for the cell itself, and for whom nothing was heard of. An individual alone breeds with what it has
         # told last until it tells more; an island takes nothing in from itself, and knows itself by its own row.
-        self.whences = np.full((exchanges, len(slots)), TOLD if plan.run.deme == 1 else OWN)
+        self.source_rows = np.full((exchanges, len(slots)), TOLD if plan.run.deme == 1 else OWN)
         self.used = np.zeros(len(slots), np.int64)
         self.staleness = np.zeros(len(Staleness._fields), np.int64)
         spare = np.arange(2, 3 + exchanges * others)
@@ -201,7 +201,7 @@ class Inbox:
             *(np.atleast_2d(each) for each in plan.limits.alphabet),
             names.reshape(others, len(slots)),
             np.array([self.neighbours], np.int64),
-            self.whences,
+            self.source_rows,
             self.latest,
             spare,
             self.counts,
@@ -255,6 +255,6 @@ class Inbox:
         if self._lockstep:
             exchange = self.counts.item(NEXT) % 2
             turn(self.latest, self.counts)
-            return self.whences[exchange : exchange + 1]
-        note_staleness(self.messages.header, self.whences[0], generation, self.used, self.staleness)
-        return self.whences
+            return self.source_rows[exchange : exchange + 1]
+        note_staleness(self.messages.header, self.source_rows[0], generation, self.used, self.staleness)
+        return self.source_rows

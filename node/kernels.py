@@ -31,7 +31,7 @@ def _is_better(heard: Any, heard_header: Any, known: Any, header: Any) -> Any:
 
 
 @subroutine
-def believe_one(
+def merge_champion(
     header: Any,
     genomes: Any,
     fitness: Any,
@@ -41,11 +41,11 @@ def believe_one(
     heard_header: Any,
     heard_genomes: Any,
     heard_fitness: Any,
-    whence: Any,
+    source_row: Any,
 ) -> Any:
-    """`believe` for one row."""
+    """`merge_champions` for one row."""
     last = fitness.shape[1] - 1
-    for sender in whence:
+    for sender in source_row:
         header[row, STOP_AT] = min(header[row, STOP_AT], heard_header[sender, STOP_AT])
         heard, known = heard_fitness[sender, last], fitness[row, last]
         if heard == np.inf or not _is_better(heard, heard_header[sender], known, header[row]):
@@ -62,7 +62,7 @@ def believe_one(
     "void(int64[:,::1], uint8[:,:,::1], float64[:,::1], int64[::1], int64,"
     "int64[:,::1], uint8[:,:,::1], float64[:,::1], int64[:,::1])"
 )
-def believe(
+def merge_champions(
     header: Header,
     genomes: Genomes,
     fitness: Fitness,
@@ -71,14 +71,14 @@ def believe(
     heard_header: Header,
     heard_genomes: Genomes,
     heard_fitness: Fitness,
-    whence: Cells,
+    source_row: Cells,
 ) -> None:
     """Each row keeps the least stop, and the best champion, that it knows or hears of.
 
-    ``whence``, (rows, slots), says which of the heard messages came to each slot.
+    ``source_row``, (rows, slots), says which of the heard messages came to each slot.
     """
-    for row in range(whence.shape[0]):
-        believe_one(
+    for row in range(source_row.shape[0]):
+        merge_champion(
             header,
             genomes,
             fitness,
@@ -88,12 +88,12 @@ def believe(
             heard_header,
             heard_genomes,
             heard_fitness,
-            whence[row],
+            source_row[row],
         )
 
 
 @subroutine
-def _greet(
+def update_champion(
     deme: Any, deme_fitness: Any, first: Any, cell: Any, now: Any, header: Any, genomes: Any, fitness: Any
 ) -> Any:
     """The best of a deme becomes the champion if it is better, of two as good the earlier born; whether it did."""
@@ -108,7 +108,7 @@ def _greet(
 
 
 @subroutine
-def _compose(deme: Any, deme_fitness: Any, first: Any, genomes: Any, fitness: Any) -> Any:
+def pack_emigrants(deme: Any, deme_fitness: Any, first: Any, genomes: Any, fitness: Any) -> Any:
     """Put the best of a deme, best first, into the row's message as emigrants."""
     count = fitness.size - 1
     if count == 1:
@@ -122,7 +122,7 @@ def _compose(deme: Any, deme_fitness: Any, first: Any, genomes: Any, fitness: An
 
 
 @subroutine
-def tell_one(
+def prepare_message(
     deme: Any,
     deme_fitness: Any,
     cell: Any,
@@ -134,32 +134,34 @@ def tell_one(
     better_at: Any,
     row: Any,
     target: Any,
-    witness: Any,
+    target_reporter: Any,
 ) -> Any:
-    """`tell` for one row; whether it may say that the target is reached."""
+    """`prepare_messages` for one row; whether it may say that the target is reached."""
     first = np.argmin(deme_fitness)
     header[GENERATION] = now
     header[EVALUATIONS] = evaluations
-    born = _greet(deme, deme_fitness, first, cell, now, header, genomes, fitness)
+    born = update_champion(deme, deme_fitness, first, cell, now, header, genomes, fitness)
     if born:
         better_at[row] = now
-    _compose(deme, deme_fitness, first, genomes, fitness)
-    return fitness[-1] <= target and (born if witness < 0 else cell == witness)
+    pack_emigrants(deme, deme_fitness, first, genomes, fitness)
+    return fitness[-1] <= target and (born if target_reporter < 0 else cell == target_reporter)
 
 
 @subroutine
-def is_noted(header: Any, fitness: Any, better_at: Any, row: Any, cell: Any, now: Any, witness: Any, noted: Any) -> Any:
+def is_noted(
+    header: Any, fitness: Any, better_at: Any, row: Any, cell: Any, now: Any, target_reporter: Any, noted: Any
+) -> Any:
     """Whether the row's champion of now is an improvement to be noted.
 
     ``noted``, (rows, 2), holds the fitness that each row noted last, and how many there were; it is brought up to date.
 
-    A cell notes what is born on it. Under the paper's spy only the cell ``witness`` notes: whatever it learns of.
-    After the first `NOTED_ALL` improvements of a cell only larger ones count: at least 2^-10 of the fitness noted last,
-    and twice that share after each further `NOTED_EACH`. So a cell notes `MOST_BIRTHS` at most, however long it lives.
-    A share of the fitness is scale-free; keeping the last ones instead would lose where the run began.
+    A cell notes what is born on it. Under the paper's spy only the cell ``target_reporter`` notes: whatever it learns
+    of. After the first `NOTED_ALL` improvements of a cell only larger ones count: at least 2^-10 of the fitness noted
+    last, and twice that share after each further `NOTED_EACH`. So a cell notes `MOST_BIRTHS` at most, however long it
+    lives. A share of the fitness is scale-free; keeping the last ones instead would lose where the run began.
     """
-    if witness >= 0:
-        is_new = cell == witness and better_at[row] == now
+    if target_reporter >= 0:
+        is_new = cell == target_reporter and better_at[row] == now
     else:
         is_new = header[BORN] == now and header[BIRTHPLACE] == cell
     if not is_new:
@@ -180,7 +182,7 @@ def is_noted(header: Any, fitness: Any, better_at: Any, row: Any, cell: Any, now
     "int64(uint8[:,:,::1], float64[:,::1], int64[::1], int64, int64, int64[:,::1], uint8[:,:,::1], float64[:,::1],"
     "int64[::1], float64, int64, int64[::1], float64[:,::1], int64[::1])"
 )
-def tell(
+def prepare_messages(
     demes: Genomes,
     deme_fitness: Fitness,
     cells: Cells,
@@ -191,7 +193,7 @@ def tell(
     fitness: Fitness,
     better_at: Cells,
     target: float,
-    witness: int,
+    target_reporter: int,
     reached: Cells,
     noted: Fitness,
     improved: Cells,
@@ -199,13 +201,13 @@ def tell(
     """Put what has become of the demes into the rows' messages: champions and emigrants.
 
     Fills ``reached`` with the rows that may say that the target is reached, and returns how many: those that bred the
-    champion just now, or only the cell ``witness`` unless that is negative. Fills ``improved``, (rows + 1,), with how
-    many rows note an improvement (see `is_noted`), and then with which.
+    champion just now, or only the cell ``target_reporter`` unless that is negative. Fills ``improved``, (rows + 1,),
+    with how many rows note an improvement (see `is_noted`), and then with which.
     """
     count = 0
     improved[0] = 0
     for row in range(cells.size):
-        if tell_one(
+        if prepare_message(
             demes[row],
             deme_fitness[row],
             cells[row],
@@ -217,25 +219,25 @@ def tell(
             better_at,
             row,
             target,
-            witness,
+            target_reporter,
         ):
             reached[count] = row
             count += 1
-        if is_noted(header[row], fitness[row, -1], better_at, row, cells[row], now, witness, noted):
+        if is_noted(header[row], fitness[row, -1], better_at, row, cells[row], now, target_reporter, noted):
             improved[0] += 1
             improved[improved[0]] = row
     return count
 
 
 @kernel("void(int64[:,::1], int64[::1], int64, int64[::1], int64[::1])")
-def note_staleness(header: Header, whence: Cells, now: int, used: Cells, staleness: Cells) -> None:
+def note_staleness(header: Header, source_row: Cells, now: int, used: Cells, staleness: Cells) -> None:
     """Count the immigrants of one cell, how many generations they are behind (sum and most), and which come again.
 
     ``used``, (slots,), is the number of the message that each slot gave last time; ``staleness`` holds the four counts.
     A slot that names the cell itself brings no immigrant.
     """
-    for slot in range(whence.size):
-        sender = whence[slot]
+    for slot in range(source_row.size):
+        sender = source_row[slot]
         if sender <= TOLD:
             continue
         behind = max(0, now - header[sender, GENERATION])

@@ -16,7 +16,7 @@ from typing import Any
 
 import zenoh
 
-from node.berth import Berth
+from node.node_config import NodeConfig
 from topologies import ROOT, Topology
 from wire import sessions
 from wire.callbacks import direct, frequent
@@ -35,11 +35,11 @@ class Links:
     """The data session of one node in one wiring, and who is heard by which session.
 
     Args:
-        berth: the node's place.
+        config: the node's place.
         topology: who neighbours whom.
         wiring: who lives where; this node must be among them.
         control: the session through the router.
-        ear: makes what takes a neighbour's messages, of the sender's cell.
+        make_handler: makes what takes a neighbour's messages, of the sender's cell.
         later: runs a task on the main thread: on Zenoh's thread nothing may be declared.
         changed: notified when a neighbour is linked, and when ``given_up`` may have changed: a thousand nodes that
             looked for themselves would keep each other from starting.
@@ -52,23 +52,23 @@ class Links:
 
     def __init__(
         self,
-        berth: Berth,
+        config: NodeConfig,
         topology: Topology,
         wiring: Wiring,
         control: zenoh.Session,
-        ear: Callable[[int], Hear],
+        make_handler: Callable[[int], Hear],
         later: Callable[[Task], None],
         changed: threading.Condition,
         given_up: Callable[[], bool],
     ) -> None:
-        self.keys = berth.keys
-        self.node = berth.node
+        self.keys = config.keys
+        self.node = config.node
         self.wiring = wiring
         self.control = control
-        self.cell = wiring.nodes.index(berth.node)
+        self.cell = wiring.nodes.index(config.node)
         slots = topology.neighbours(self.cell)
         self.neighbours = tuple(dict.fromkeys(other for other in slots if other != self.cell))
-        self._ear = ear
+        self._make_handler = make_handler
         self._later = later
         self._given_up = given_up
         self._changed = changed
@@ -76,11 +76,11 @@ class Links:
         self._routed: dict[int, Any] = {}  # the others, with their subscribers
         self._listening: set[int] = set()  # those of them who say that they listen to the router
         self._routed_out: zenoh.Publisher | None = None
-        self._apart = frozenset(other for other in self.neighbours if self._way_to(berth, other) is None)
+        self._apart = frozenset(other for other in self.neighbours if self._way_to(config, other) is None)
         self._for_the_spy = self.cell == ROOT and bool(wiring.hosts)
         self._patient = True  # as long as direct links may still come up
         self._closed = False
-        self._open(berth)
+        self._open(config)
         try:
             self._wait()
         except TimeoutError:
@@ -100,15 +100,15 @@ class Links:
         self._stop_publishing_both_ways()
         self.data.close()  # type: ignore[no-untyped-call]
 
-    def _open(self, berth: Berth) -> None:
+    def _open(self, config: NodeConfig) -> None:
         """Of two neighbours the one on the higher cell connects: on a cluster's start the other was forked before it.
 
         A node declares its token after its subscriptions, on the same link: who sees the token may publish to it.
         """
         node_of, endpoints = self.wiring.nodes, self.wiring.endpoints
-        here = [berth.data_endpoint(self.node, self.wiring.number)]
+        here = [config.data_endpoint(self.node, self.wiring.number)]
         abroad = [endpoints[self.cell]] if endpoints and endpoints[self.cell] else []
-        ways = [self._way_to(berth, other) for other in sorted(self.neighbours) if other < self.cell]
+        ways = [self._way_to(config, other) for other in sorted(self.neighbours) if other < self.cell]
         there = [way for way in ways if way is not None]
         try:
             self.data = sessions.peer([*here, *abroad], there)
@@ -125,16 +125,18 @@ class Links:
         self._watcher = liveliness.declare_subscriber(self.keys.any_node, direct(see), history=True)
         self._token = liveliness.declare_token(self.keys.node(self.node))
 
-    def _way_to(self, berth: Berth, other: int) -> str | None:
+    def _way_to(self, config: NodeConfig, other: int) -> str | None:
         """Where a neighbour listens to this node; None if there can be no direct link."""
         hosts, endpoints = self.wiring.hosts, self.wiring.endpoints
         if not hosts or hosts[other] == hosts[self.cell]:
-            return berth.data_endpoint(self.wiring.nodes[other], self.wiring.number)
+            return config.data_endpoint(self.wiring.nodes[other], self.wiring.number)
         both_listen = bool(endpoints) and bool(endpoints[self.cell]) and bool(endpoints[other])
         return endpoints[other] if both_listen else None
 
     def _subscribe(self, session: zenoh.Session, sender: int) -> Any:
-        return session.declare_subscriber(self.keys.out(self.wiring.nodes[sender]), frequent(self._ear(sender)))
+        return session.declare_subscriber(
+            self.keys.out(self.wiring.nodes[sender]), frequent(self._make_handler(sender))
+        )
 
     def _see(self, neighbours: Mapping[str, int], sample: zenoh.Sample) -> None:
         """A direct link has come up or gone."""

@@ -1,4 +1,4 @@
-"""The process around a cell: its links, its mail, and the threads that carry out what the cell decides.
+"""The process around a cell: its links, its queue of tasks, and the threads that carry out what the cell decides.
 
 Zenoh calls back on a network thread of its own. In lockstep the cell is carried on right there, by the call that brings
 the last neighbour's message: a generation then costs no change of threads, which is most of what an exchange would
@@ -19,9 +19,8 @@ from functools import partial
 import zenoh
 
 import topologies
-from node import turns
+from node import cpu_affinity
 from node.assignment import MANY_UNREAD, Assignment, Coming
-from node.berth import Berth
 from node.cell import (
     Action,
     Answer,
@@ -39,8 +38,9 @@ from node.cell import Halt as Halted
 from node.fast_path import FastPath
 from node.fingerprint import fingerprint
 from node.links import Hear, Links, Task
+from node.node_config import NodeConfig
 from node.plan import Plan
-from node.relay import Relay
+from node.turn_taking import TurnTaking
 from problems import BadInput
 from topologies import Topology
 from wire import control, sessions
@@ -57,20 +57,20 @@ _WORTH_TELLING = 8  # generations: by then a node that waits for its turn on a c
 _MOST_UNREAD = 1000  # messages, though some neighbour has sent nothing
 
 
-def live(berth: Berth) -> None:
+def live(config: NodeConfig) -> None:
     """Be a node until the process is ended."""
     sessions.use_runtime(sessions.NODE_RUNTIME)
-    turns.take_turns()
-    NodeProcess(berth).run()
+    cpu_affinity.take_turns()
+    NodeProcess(config).run()
 
 
 class NodeProcess:
-    """One node: its links, its mail and its cell."""
+    """One node: its links, its queue of tasks and its cell."""
 
-    def __init__(self, berth: Berth) -> None:
-        self.berth = berth
-        self.keys = berth.keys
-        self.mail: queue.SimpleQueue[Task] = queue.SimpleQueue()  # for the main thread
+    def __init__(self, config: NodeConfig) -> None:
+        self.config = config
+        self.keys = config.keys
+        self.queue: queue.SimpleQueue[Task] = queue.SimpleQueue()  # for the main thread
         self.past: Assignment | None = None  # the epoch before, which neighbours may still be at
         self.assignment: Assignment | None = None
         self.coming: Coming | None = None
@@ -81,14 +81,14 @@ class NodeProcess:
         self._cluster_nodes = 1
         self._core: int | None = None  # that this node keeps to,
         self._turns = 0.0  # and how long its turns are there
-        self._relay = Relay(berth.batons)
+        self._turn_taking = TurnTaking(config.core_tokens)
         self._fast_path = _FAST_PATH
         self._network_thread = 0  # its number; until it is known, that of whoever asks
-        self._seal = Seal(berth.secret)
-        self.control = sessions.client(berth.router)
+        self._seal = Seal(config.secret)
+        self.control = sessions.client(config.router)
         self.links: Links | None = None  # those of the latest wiring
-        if berth.topology:
-            topology = topologies.parse(berth.topology)
+        if config.topology:
+            topology = topologies.parse(config.topology)
             self.links = self._linked(topology, Wiring(0, tuple(range(topology.cells))))
         self._register()
 
@@ -100,16 +100,18 @@ class NodeProcess:
         def given_up() -> bool:
             return order is not None and self._ordered is not order
 
-        return Links(self.berth, topology, wiring, self.control, self._ear, self.mail.put, self._changed, given_up)
+        return Links(
+            self.config, topology, wiring, self.control, self.make_handler, self.queue.put, self._changed, given_up
+        )
 
     def _register(self) -> None:
         """The token comes last, since it means ready."""
-        node, session = self.berth.node, self.control
+        node, session = self.config.node, self.control
         self.stats = session.declare_publisher(self.keys.stats(node))
         self._queryable = session.declare_queryable(self.keys.control(node), direct(self._take_command))
         liveliness = session.liveliness()
         self._tokens = [
-            liveliness.declare_token(key) for key in (self.keys.life(node, self.berth.process), self.keys.node(node))
+            liveliness.declare_token(key) for key in (self.keys.life(node, self.config.process), self.keys.node(node))
         ]
 
     # On the network thread --------------------------------------------------------------------------------------------
@@ -121,16 +123,17 @@ class NodeProcess:
             command = control.decode(self._seal.open(str(query.key_expr), payload))
         except Rejected as error:
             command = error
-        if (isinstance(command, Prepare) and self.berth.node in command.wiring.nodes) or (
+        if (isinstance(command, Prepare) and self.config.node in command.wiring.nodes) or (
             isinstance(command, Drop | Halt) and self._ordered is not None and command.job == self._ordered.job
         ):
             with self._changed:
                 self._ordered = command
                 self._changed.notify_all()
-        self.mail.put(partial(self._open_command, query, command))
+        self.queue.put(partial(self._open_command, query, command))
 
-    def _ear(self, sender: int) -> Hear:
-        return self._fast_path.ear(sender, partial(self._hear, sender))
+    def make_handler(self, sender: int) -> Hear:
+        """Return what takes the messages of the cell ``sender``."""
+        return self._fast_path.make_handler(sender, partial(self._hear, sender))
 
     def _hear(self, sender: int, sample: zenoh.Sample) -> None:
         """The ordinary way of a message."""
@@ -151,19 +154,19 @@ class NodeProcess:
         awaited = assignment.awaited  # only now: whoever replaces it looks at the news afterwards
         awaited.discard(sender)
         if not awaited or len(news) > _MOST_UNREAD:  # else it could only wait for more
-            if assignment.brisk:
+            if assignment.inline:
                 self._carry_on_briskly(assignment)
             else:
-                self.mail.put(_nothing)  # wakes the main thread
+                self.queue.put(_nothing)  # wakes the main thread
 
     def _take_in(self, assignment: Assignment) -> None:
         """In async mode read what has come, unless the main thread is at it: that one does so in its next step."""
         if assignment.turn.acquire(False):
             try:
                 for action in assignment.take_in():
-                    self.mail.put(partial(self._carry_out, assignment, action))
+                    self.queue.put(partial(self._carry_out, assignment, action))
             except Exception as error:
-                self.mail.put(partial(_fail, error))
+                self.queue.put(partial(_fail, error))
             finally:
                 assignment.turn.release()
 
@@ -174,8 +177,8 @@ class NodeProcess:
         """
         while assignment.turn.acquire(False):
             self._step_briskly(assignment, assignment.step)
-            if not assignment.brisk:
-                self.mail.put(_nothing)
+            if not assignment.inline:
+                self.queue.put(_nothing)
                 return
             if not assignment.busy:
                 return
@@ -194,13 +197,13 @@ class NodeProcess:
                 if type(action) is Publish:
                     assignment.links.publish(action)
                 else:
-                    self.mail.put(partial(self._carry_out, assignment, action))
+                    self.queue.put(partial(self._carry_out, assignment, action))
             if assignment.bred_at >= self._stats_due:
                 self._tell_counters(assignment)
             self._keep_to(assignment)
             self._open_fast_path(assignment)
         except Exception as error:
-            self.mail.put(partial(_fail, error))
+            self.queue.put(partial(_fail, error))
         finally:
             assignment.turn.release()
 
@@ -226,16 +229,16 @@ class NodeProcess:
         """Let both threads stay on a core, or go wherever the kernel likes, and the main one take turns of so long."""
         if seconds != self._turns:
             self._turns = seconds
-            turns.take_turns_of(seconds)
+            cpu_affinity.take_turns_of(seconds)
         if core != self._core:
             self._core = core
             with contextlib.suppress(OSError):  # somebody has taken that core away from this process
                 for thread in (os.getpid(), self._network_thread):
-                    os.sched_setaffinity(thread, turns.CORES if core is None else {core})
+                    os.sched_setaffinity(thread, cpu_affinity.CORES if core is None else {core})
 
     # On the main thread -----------------------------------------------------------------------------------------------
     def run(self) -> None:
-        """Handle mail and carry the cell on for ever; the coordinator ends the process."""
+        """Carry out what is queued and carry the cell on for ever; the coordinator ends the process."""
         while True:
             self._open_mail()
             assignment = self.assignment
@@ -243,26 +246,26 @@ class NodeProcess:
                 continue
             while assignment.busy:
                 self._carry_on(assignment)
-                if not self.mail.empty() or assignment.bred_at >= self._stats_due:
+                if not self.queue.empty() or assignment.bred_at >= self._stats_due:
                     break
             if assignment.cell.state == "running":
                 self._mind_the_time(assignment)
 
     def _open_mail(self) -> None:
-        """Wait for mail unless there is something else to do, and do all that it asks for."""
-        if self.mail.empty():
+        """Wait for a task unless there is something else to do, and carry out all that are queued."""
+        if self.queue.empty():
             with contextlib.suppress(queue.Empty):
-                self._attend_to(self.mail.get(timeout=self._idle_seconds()))
-        for _ in range(self.mail.qsize()):
-            self._attend_to(self.mail.get_nowait())
+                self._attend_to(self.queue.get(timeout=self._idle_seconds()))
+        for _ in range(self.queue.qsize()):
+            self._attend_to(self.queue.get_nowait())
 
     def _attend_to(self, task: Task) -> None:
         """It may take long, so that others may breed meanwhile."""
-        self._relay.hand_on()
+        self._turn_taking.hand_on()
         task()
 
     def _idle_seconds(self) -> float | None:
-        """How long nothing needs to be done without mail; None: for ever."""
+        """How long nothing needs to be done unless a task comes; None: for ever."""
         assignment = self.assignment
         if assignment is None or (assignment.cell.state != "running" and not assignment.events):
             return None
@@ -272,34 +275,34 @@ class NodeProcess:
 
     def _main_thread_due(self, assignment: Assignment) -> float:
         """When to look at the clock: the network thread tells counters itself for as long as it breeds."""
-        return self._stats_due + (PATIENCE if assignment.brisk else 0.0)
+        return self._stats_due + (PATIENCE if assignment.inline else 0.0)
 
     def _carry_on(self, assignment: Assignment) -> None:
-        self._relay.take_over(assignment)
+        self._turn_taking.take_over(assignment)
         with assignment.turn:
             if assignment.in_lockstep:
                 self._fast_path.close(assignment)
-            if self._may_end_turn(assignment) and self._fast_path.end_turn(self._relay.over_at):
+            if self._may_end_turn(assignment) and self._fast_path.end_turn(self._turn_taking.over_at):
                 actions = assignment.went_on()
             else:
                 actions = assignment.step()
             for action in actions:
                 if type(action) is Publish:
-                    self._relay.publish(assignment, action)
+                    self._turn_taking.publish(assignment, action)
                 else:
                     self._carry_out(assignment, action)
             self._keep_to(assignment)
             self._open_fast_path(assignment)
-        self._relay.step_is_done(assignment)
-        if not assignment.in_lockstep and assignment.turns != turns.LONG:
+        self._turn_taking.step_is_done(assignment)
+        if not assignment.in_lockstep and assignment.turns != cpu_affinity.LONG:
             # For the network thread and the neighbours, should they want this core (or Python): else a node breeds
             # hundreds of generations with the same immigrants until its turn is over.
-            turns.stand_back()
+            cpu_affinity.stand_back()
 
     def _may_end_turn(self, assignment: Assignment) -> bool:
         """Whether there is nothing to do in this turn but to breed, each generation telling something."""
         return (
-            self._relay.has_turn
+            self._turn_taking.has_turn
             and self._fast_path.is_open(assignment)
             and assignment.cell.plan.run.interval == 1
             and not assignment.events
@@ -325,9 +328,9 @@ class NodeProcess:
 
     def _open_command(self, query: zenoh.Query, command: Command | Rejected) -> None:
         if isinstance(command, Rejected):
-            _answer(query, Refused(f"node {self.berth.node}: bad command: {command.reason}"))
+            _answer(query, Refused(f"node {self.config.node}: bad command: {command.reason}"))
         elif isinstance(command, Prepare):
-            if self.berth.node in command.wiring.nodes:
+            if self.config.node in command.wiring.nodes:
                 _answer(query, self._prepare(command))
             else:
                 self._leave(query)
@@ -377,7 +380,7 @@ class NodeProcess:
             self._forget(self.assignment.job)
         self.coming = None
         try:
-            file = self.berth.modules.read(command.file)
+            file = self.config.modules.read(command.file)
             plan = Plan.of(file, command.epoch, command.since or 0, checked=True)
             if goes_on and self.assignment is not None and not command.fresh:  # a user's own is known here only
                 file.keep_coding(self.assignment.cell.plan.coding, plan.coding)
@@ -386,7 +389,7 @@ class NodeProcess:
         except BadInput as error:
             return Refused(str(error), "input")
         except Exception as error:
-            return Refused(f"node {self.berth.node}: {type(error).__name__}: {error}")
+            return Refused(f"node {self.config.node}: {type(error).__name__}: {error}")
         self._keep(links)
         self._cluster_nodes = command.cluster_nodes
         if cell is None:
@@ -506,7 +509,7 @@ class NodeProcess:
         def hear(reply: zenoh.Reply) -> None:
             if reply.ok is not None:
                 assignment.events.append(Answered(action.neighbour, reply.ok.payload.to_bytes()))
-                self.mail.put(_nothing)
+                self.queue.put(_nothing)
 
         key = self.keys.control(assignment.links.wiring.nodes[action.neighbour])
         missed = control.encode(Missed(assignment.job, assignment.epoch, action.generation))
@@ -518,7 +521,7 @@ class NodeProcess:
         )
 
     def _log(self, level: str, text: str, cell: Cell) -> None:
-        node, generation = self.berth.node, cell.plan.since + cell.rows.generation
+        node, generation = self.config.node, cell.plan.since + cell.rows.generation
         record = LogRecord(level, f"node {node}", text, time.time(), node, cell.cell, cell.job, generation)
         self.control.put(self.keys.log, record.encode())
 
@@ -527,7 +530,7 @@ class NodeProcess:
         least = _WORTH_TELLING * each_generation if assignment.hands_on else 0.0
         self._stats_due = time.monotonic() + max(period_of_reports(self._cluster_nodes), least)
         counters = Counters(
-            self.berth.node,
+            self.config.node,
             cell.cell,
             cell.job,
             cell.plan.epoch,

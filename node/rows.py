@@ -12,7 +12,7 @@ import numpy as np
 from genetics import Cells, Fitness, Genomes
 from genetics.breeding import Judges, breed, judge
 from genetics.coding import Immigrants
-from node.kernels import believe, tell
+from node.kernels import merge_champions, prepare_messages
 from node.plan import Plan
 from problems.guard import guarded
 from topologies import ROOT
@@ -66,7 +66,7 @@ class Rows:
         self._improved = np.zeros(rows + 1, np.int64)
         self.target = -np.inf if plan.target is None else plan.target
         # Under the paper's spy only what has come past the root is known, so there the root says it for all.
-        self.witness = ROOT if plan.run.spy == "root" else -1
+        self.target_reporter = ROOT if plan.run.spy == "root" else -1
         self.stall = plan.stall if self.cells[0] == ROOT else None
         # Looked up once: a node asks for these in every generation.
         self._first_evaluations, self._each_evaluations = plan.run.deme, plan.evaluations_per_generation
@@ -97,17 +97,18 @@ class Rows:
         self.fitness = judge(self.genomes, self._evaluate)
         self._tell()
 
-    def advance(self, received: Messages | None, whence: Cells | None = None) -> None:
+    def advance(self, received: Messages | None, source_row: Cells | None = None) -> None:
         """Take what the neighbours said (None in a generation without exchange) and breed the next generation.
 
-        ``whence``, (rows, slots), says which message came to each slot; a slot that names the row's own number stands
-        for the cell itself. Between exchanges an individual that lives alone breeds with the immigrants it had last.
+        ``source_row``, (rows, slots), says which message came to each slot; a slot that names the row's own number
+        stands for the cell itself. Between exchanges an individual that lives alone breeds with the immigrants it had
+        last.
         """
         self.clock += 1
         if received is not None:
-            assert whence is not None, "messages come from somewhere"
-            believe(*self.messages, self.better_at, self.generation, *received, whence)
-            self._immigrants = Immigrants(received.genomes, received.fitness, whence, self._emigrants)
+            assert source_row is not None, "messages come from somewhere"
+            merge_champions(*self.messages, self.better_at, self.generation, *received, source_row)
+            self._immigrants = Immigrants(received.genomes, received.fitness, source_row, self._emigrants)
         breed(
             self.genomes,
             self.fitness,
@@ -149,7 +150,7 @@ class Rows:
 
     def _tell(self) -> None:
         """Champions, emigrants and proposals."""
-        reached = tell(
+        reached = prepare_messages(
             self.genomes,
             self.fitness,
             self.cells,
@@ -158,7 +159,7 @@ class Rows:
             *self.messages,
             self.better_at,
             self.target,
-            self.witness,
+            self.target_reporter,
             self._reached,
             self.noted,
             self._improved,

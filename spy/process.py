@@ -2,7 +2,7 @@
 
 It hears what the root publishes, believes a champion once it has evaluated and checked it, and tells the epoch. The
 root publishes thousands of messages a second, most of them with the same champion as before: they are read on the
-network thread, and only a new champion is mail for the main thread. Several jobs may run at once, each with a root of
+network thread, and only a new champion is queued for the main thread. Several jobs may run at once, each with a root of
 its own. The control session also gathers the nodes' counters. Twice a second it adds up the counters,
 and passes them on together: who shows them would have to wake for each of 256 a second otherwise.
 """
@@ -17,7 +17,7 @@ from typing import Any
 import zenoh
 
 import topologies
-from node.berth import Berth
+from node.node_config import NodeConfig
 from node.plan import Plan
 from problems import BadInput
 from spy.collector import Collector
@@ -37,10 +37,10 @@ STATISTICS_PERIOD = 0.5  # seconds
 _LINKED_WITHIN = 5.0  # seconds; the root is there before it is said to be, unless it has died, when others wait
 
 
-def watch(berth: Berth) -> None:
-    """Be the spy until the process is ended; ``berth.node`` is the root's number."""
+def watch(config: NodeConfig) -> None:
+    """Be the spy until the process is ended; ``config.node`` is the root's number."""
     sessions.use_runtime(sessions.NODE_RUNTIME)
-    SpyProcess(berth).run()
+    SpyProcess(config).run()
 
 
 class _Root:
@@ -73,7 +73,7 @@ class _Root:
 
 @dataclass(eq=False)
 class _Assignment:
-    """An epoch of a job that is being watched; as mail: the root has told of a champion that it had not told before.
+    """An epoch of a job that is being watched; in the queue: the root has told of a new champion.
 
     Only the ``latest`` is looked at: a check may take longer than it takes to find something better.
     """
@@ -106,18 +106,20 @@ class _Assignment:
 class _Link:
     """The session that is linked to the root of a job, and what is heard by it."""
 
-    def __init__(self, berth: Berth, wiring: Wiring, mail: "queue.SimpleQueue[Any]", routed: zenoh.Session) -> None:
+    def __init__(
+        self, config: NodeConfig, wiring: Wiring, queue: "queue.SimpleQueue[Any]", routed: zenoh.Session
+    ) -> None:
         root = wiring.nodes[ROOT]
         self.wiring = wiring
         self.listening: list[_Assignment] = []  # epochs of the job at that root; replaced as a whole
-        self._mail = mail
+        self._queue = queue
         # A spy that has joined a cluster is nowhere near the root, which then publishes through the router too.
-        self._own = None if berth.host else sessions.peer([], [berth.data_endpoint(root, wiring.number)])
+        self._own = None if config.host else sessions.peer([], [config.data_endpoint(root, wiring.number)])
         session = self._own or routed
-        self._root = session.declare_subscriber(berth.keys.out(root), frequent(self._listen))
+        self._root = session.declare_subscriber(config.keys.out(root), frequent(self._listen))
         linked = threading.Event()
         watcher = session.liveliness().declare_subscriber(
-            berth.keys.node(root), direct(lambda _: linked.set()), history=True
+            config.keys.node(root), direct(lambda _: linked.set()), history=True
         )
         linked.wait(_LINKED_WITHIN)
         watcher.undeclare()  # type: ignore[no-untyped-call]
@@ -129,7 +131,7 @@ class _Link:
             champion = assignment.root.hear(payload)
             if champion is not None:
                 assignment.latest = champion
-                self._mail.put(assignment)
+                self._queue.put(assignment)
 
     def close(self) -> None:
         """Hear nothing any more."""
@@ -141,19 +143,19 @@ class _Link:
 class SpyProcess:
     """Mail in, verified improvements and statistics out."""
 
-    def __init__(self, berth: Berth) -> None:
-        self.berth = berth
-        self.keys = berth.keys
-        self.mail: queue.SimpleQueue[_Assignment | zenoh.Query | None] = queue.SimpleQueue()
+    def __init__(self, config: NodeConfig) -> None:
+        self.config = config
+        self.keys = config.keys
+        self.queue: queue.SimpleQueue[_Assignment | zenoh.Query | None] = queue.SimpleQueue()
         self._counted: list[tuple[bytes, float]] = []  # counters, with their times; the network thread appends
         self.alive: set[str] = set()
         self.assignments: dict[int, _Assignment] = {}  # by job: its latest epoch
         self.links: dict[int, _Link] = {}  # by root: its node's number
         self._due = 0.0
-        self._seal = Seal(berth.secret)
-        self.control = sessions.client(berth.router)
-        if berth.topology:
-            nodes = tuple(range(topologies.parse(berth.topology).cells))
+        self._seal = Seal(config.secret)
+        self.control = sessions.client(config.router)
+        if config.topology:
+            nodes = tuple(range(topologies.parse(config.topology).cells))
             self._link(Wiring(0, nodes))
         self._register()
 
@@ -164,7 +166,7 @@ class SpyProcess:
         if link is None or link.wiring.number != wiring.number:
             if link is not None:
                 link.close()
-            link = self.links[root] = _Link(self.berth, wiring, self.mail, self.control)
+            link = self.links[root] = _Link(self.config, wiring, self.queue, self.control)
         return link
 
     def _register(self) -> None:
@@ -173,16 +175,16 @@ class SpyProcess:
             self.control.declare_subscriber(self.keys.any_stats, direct(self._count)),
             liveliness.declare_subscriber(self.keys.any_node, direct(self._see), history=True),
         ]
-        self._queryable = self.control.declare_queryable(self.keys.spy_control, direct(self.mail.put))
+        self._queryable = self.control.declare_queryable(self.keys.spy_control, direct(self.queue.put))
         self._tokens = [
-            liveliness.declare_token(key) for key in (self.keys.spy_life(self.berth.process), self.keys.spy)
+            liveliness.declare_token(key) for key in (self.keys.spy_life(self.config.process), self.keys.spy)
         ]
 
     def _count(self, sample: zenoh.Sample) -> None:
-        """They are not opened at once; the first one is mail, so that somebody looks at the clock."""
+        """They are not opened at once; the first one is queued, so that somebody looks at the clock."""
         self._counted.append((sample.payload.to_bytes(), time.monotonic()))
         if len(self._counted) == 1:
-            self.mail.put(None)
+            self.queue.put(None)
 
     def _see(self, sample: zenoh.Sample) -> None:
         if sample.kind == zenoh.SampleKind.PUT:
@@ -191,11 +193,11 @@ class SpyProcess:
             self.alive.discard(str(sample.key_expr))
 
     def run(self) -> None:
-        """Handle mail for ever; the coordinator ends the process."""
+        """Handle what is queued for ever; the coordinator ends the process."""
         while True:
             left = max(0.0, self._due - time.monotonic())
             with contextlib.suppress(queue.Empty):
-                self._open(self.mail.get(timeout=left if self._counted or self._watched() else None))
+                self._open(self.queue.get(timeout=left if self._counted or self._watched() else None))
             now = time.monotonic()
             if now >= self._due:
                 self._due = now + STATISTICS_PERIOD
@@ -221,13 +223,13 @@ class SpyProcess:
         for message in Counters.encode_all(latest.values()):
             self.control.put(self.keys.spy_counters, message)
 
-    def _open(self, mail: _Assignment | zenoh.Query | None) -> None:
-        if mail is None:  # after a silence: the others' counters are on their way
+    def _open(self, queued: _Assignment | zenoh.Query | None) -> None:
+        if queued is None:  # after a silence: the others' counters are on their way
             self._due = max(self._due, time.monotonic() + STATISTICS_PERIOD / 2)
-        elif isinstance(mail, zenoh.Query):
-            self._open_command(mail)
-        elif self.assignments.get(mail.job) is mail:
-            self._hear(mail, mail.latest)
+        elif isinstance(queued, zenoh.Query):
+            self._open_command(queued)
+        elif self.assignments.get(queued.job) is queued:
+            self._hear(queued, queued.latest)
 
     def _hear(self, assignment: _Assignment, champion: Champion | None) -> None:
         better = assignment.collector.hear(champion, assignment.seconds)
@@ -271,7 +273,7 @@ class SpyProcess:
         """Watch an epoch of a job, instead of the one before if there was one."""
         before = self.assignments.get(command.job)
         try:
-            file = self.berth.modules.read(command.file)
+            file = self.config.modules.read(command.file)
             plan = Plan.of(file, command.epoch)
             best = _better(command.best, before, file.sha256)
             if best is not None and not command.fresh:

@@ -31,20 +31,20 @@ def _api(name: str, result: Any, *arguments: Any) -> Any:
 call: Any = _api("PyObject_CallOneArg", OBJECT, OBJECT, OBJECT)
 call_without: Any = _api("PyObject_CallNoArgs", OBJECT, OBJECT)
 attribute: Any = _api("PyObject_GetAttr", OBJECT, OBJECT, OBJECT)
-item: Any = _api("PyTuple_GetItem", OBJECT, OBJECT, types.intp)  # borrowed
+tuple_item: Any = _api("PyTuple_GetItem", OBJECT, OBJECT, types.intp)  # borrowed
 item_of_list: Any = _api("PyList_GetItem", OBJECT, OBJECT, types.intp)  # borrowed
 length: Any = _api("PyList_Size", types.intp, OBJECT)
 append: Any = _api("PyList_Append", types.int32, OBJECT, OBJECT)
 integer: Any = _api("PyLong_AsLongLong", types.int64, OBJECT)
-keep: Any = _api("Py_IncRef", types.void, OBJECT)
-drop: Any = _api("Py_DecRef", types.void, OBJECT)
+incref: Any = _api("Py_IncRef", types.void, OBJECT)
+decref: Any = _api("Py_DecRef", types.void, OBJECT)
 forget_exception: Any = _api("PyErr_Clear", types.void)
 let_others_run: Any = _api("PyEval_SaveThread", types.intp)
 run_again: Any = _api("PyEval_RestoreThread", types.void, types.intp)
 """With what `let_others_run` returned: between the two no object may be touched."""
 _set_slice: Any = _api("PyList_SetSlice", types.int32, OBJECT, types.intp, types.intp, OBJECT)
 _new_tuple: Any = _api("PyTuple_New", OBJECT, types.intp)
-_set_item: Any = _api("PyTuple_SetItem", types.int32, OBJECT, types.intp, OBJECT)  # takes the reference
+_set_tuple_item: Any = _api("PyTuple_SetItem", types.int32, OBJECT, types.intp, OBJECT)  # takes the reference
 _bytes_of: Any = _api("PyObject_Bytes", OBJECT, OBJECT)
 _new_bytes: Any = _api("PyBytes_FromStringAndSize", OBJECT, types.intp, types.intp)
 _size: Any = _api("PyBytes_Size", types.intp, OBJECT)
@@ -52,9 +52,9 @@ _content: Any = _api("PyBytes_AsString", types.intp, OBJECT)
 
 
 @subroutine
-def same(its: Any) -> Any:
+def new_ref(its: Any) -> Any:
     """An object once more, to be returned."""
-    keep(its)
+    incref(its)
     return its
 
 
@@ -71,7 +71,7 @@ def payload_of(sample: Any, name: Any) -> Any:
     if payload == 0:
         return payload
     its_bytes = _bytes_of(payload)
-    drop(payload)
+    decref(payload)
     return its_bytes
 
 
@@ -85,8 +85,8 @@ def message_of(octets: Any) -> Any:
 def pair(first: Any, second: Any) -> Any:
     """A new tuple of two objects."""
     its = _new_tuple(2)
-    _set_item(its, 0, same(first))
-    _set_item(its, 1, same(second))
+    _set_tuple_item(its, 0, new_ref(first))
+    _set_tuple_item(its, 1, new_ref(second))
     return its
 
 

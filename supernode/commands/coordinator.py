@@ -46,11 +46,11 @@ def run(options: argparse.Namespace) -> int:
     from coordinator.record_book import Keep
     from coordinator.service import Options
     from coordinator.zygote import import_all
-    from node.berth import Berth
+    from node.node_config import NodeConfig
 
     import_all()
     how = Options(nodes, database, Keep(keep_days, keep_records), options.log_json)
-    preside(Berth(cluster, 0, "", Path(), router, secret, modules_of(options)), how, max_queue)
+    preside(NodeConfig(cluster, 0, "", Path(), router, secret, modules_of(options)), how, max_queue)
     return exits.OK
 
 

@@ -51,11 +51,11 @@ def run(options: argparse.Namespace) -> int:
     _check_state(options.state is None, "expected --dashboard too")
     router, cluster, secret = endpoint_of(options), cluster_of(options), secret_of(options)
     from coordinator.zygote import import_all
-    from node.berth import Berth
+    from node.node_config import NodeConfig
     from spy.process import watch
 
     import_all()
-    watch(Berth(cluster, 0, "", Path(), router, secret, modules_of(options), secrets.token_hex(4)))
+    watch(NodeConfig(cluster, 0, "", Path(), router, secret, modules_of(options), secrets.token_hex(4)))
     return exits.OK
 
 

@@ -29,22 +29,22 @@ from pathlib import Path
 ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # none outlives the test
 import node.links
 from coordinator.zygote import import_all
-from node.berth import Berth
+from node.node_config import Berth
 from problems.modules import AnyModules
 role, folder, node_number, router = json.loads(sys.argv[1])
 node.links._DIRECT_WITHIN = 0.5
-berth = Berth("apart", node_number, "torus 2x2", Path(folder), router, bytes(32), AnyModules())
+configuration = Berth("apart", node_number, "torus 2x2", Path(folder), router, bytes(32), AnyModules())
 if role == "router":
     from coordinator.router import route
     route([router], 1)
 elif role == "spy":
     from spy.process import watch
     import_all()
-    watch(berth)
+    watch(configuration)
 else:
     from node.process import live
     import_all()  # as those that fork nodes do; else each would import what it lacks while others breed
-    live(berth)
+    live(configuration)
 """
 
 

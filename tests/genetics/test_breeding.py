@@ -82,8 +82,8 @@ def immigrants_of(genomes, fitness):
     rows, slots, size = genomes.shape
     themselves, strangers = np.zeros((rows, 1, size), np.uint8), genomes.reshape(rows * slots, 1, size)
     their_fitness = np.concatenate([np.full((rows, 1), -1.0), fitness.reshape(rows * slots, 1)])
-    whence = rows + np.arange(rows * slots).reshape(rows, slots)
-    return Immigrants(np.concatenate([themselves, strangers]), their_fitness, whence, 1)
+    source_row = rows + np.arange(rows * slots).reshape(rows, slots)
+    return Immigrants(np.concatenate([themselves, strangers]), their_fitness, source_row, 1)
 
 
 def population(coding, cells, deme, seed):
@@ -107,8 +107,8 @@ def bred(coding, recipe, deme, cells=(3,), seed=1, generation=1, exchange=True, 
 
 def of_row(row, immigrants):
     """The immigrants of one row, as that row alone would see them: it is number 0 there."""
-    genomes, fitness, whence, each = immigrants
-    renamed = np.where(whence[row] == row, 0, whence[row] + 1)[None]
+    genomes, fitness, source_row, each = immigrants
+    renamed = np.where(source_row[row] == row, 0, source_row[row] + 1)[None]
     return Immigrants(
         np.concatenate([genomes[row : row + 1], genomes]),
         np.concatenate([fitness[row : row + 1], fitness]),
@@ -132,8 +132,8 @@ def test_rows_bred_together_are_those_bred_one_at_a_time(breed_of, deme, cells, 
     genomes, fitness, immigrants = population(coding, cells, deme, seed)
     senders = st.integers(0, len(immigrants.genomes) - 1)  # whoever it is: repeatedly, or the row itself
     slots = st.lists(senders, min_size=SLOTS, max_size=SLOTS)
-    whence = data.draw(st.lists(slots, min_size=len(cells), max_size=len(cells)))
-    immigrants = immigrants._replace(whence=np.array(whence))
+    source_row = data.draw(st.lists(slots, min_size=len(cells), max_size=len(cells)))
+    immigrants = immigrants._replace(source_row=np.array(source_row))
     alone = [
         (genomes[row : row + 1].copy(), fitness[row : row + 1].copy(), of_row(row, immigrants))
         for row in range(len(cells))

@@ -32,17 +32,17 @@ def matings(draw):
     keys = Keys(np.array(cells), np.uint64(seed), generation)
     each, spare, senders = draw(st.integers(1, 3)), draw(st.integers(0, 1)), draw(st.integers(1, 5))
     slots = st.lists(st.integers(0, senders - 1), min_size=SLOTS, max_size=SLOTS)
-    whence = np.array(draw(st.lists(slots, min_size=len(cells), max_size=len(cells))))
+    source_row = np.array(draw(st.lists(slots, min_size=len(cells), max_size=len(cells))))
     first = Keys(np.arange(senders), np.uint64(7), 0)
     emigrants = coding.random(first, each + spare)
     own = coding.random(keys, 1)
-    return coding, recipe, keys, own, Immigrants(emigrants, np.zeros(emigrants.shape[:2]), whence, each)
+    return coding, recipe, keys, own, Immigrants(emigrants, np.zeros(emigrants.shape[:2]), source_row, each)
 
 
 @given(matings())
 def test_the_operator_of_a_recipe_recombines_one_row_bit_for_bit(case):
     coding, recipe, keys, own, immigrants = case
-    couples = selection.couples_with(own, immigrants.genomes, immigrants.whence, immigrants.each)
+    couples = selection.couples_with(own, immigrants.genomes, immigrants.source_row, immigrants.each)
     before, expected = couples.copy(), coding.recombine(couples, recipe, keys)
     assert expected.shape == (len(own), 2 * SLOTS * immigrants.each, coding.genome_bytes)
     operator = coding.mating(recipe)

@@ -49,7 +49,7 @@ def admit(fitness, immigrant_fitness, generation=1):
     return admit_of([immigrant_fitness], fitness, [1], generation=generation)
 
 
-def admit_of(strangers, fitness, whence, count=None, generation=1):
+def admit_of(strangers, fitness, source_row, count=None, generation=1):
     """The same for any senders, of whom the cell itself, number 0, has emigrants of fitness -1 tagged 200."""
     genomes, fitness = tagged(len(fitness)), np.array([fitness], dtype=float)
     each = len(strangers[0])
@@ -57,7 +57,9 @@ def admit_of(strangers, fitness, whence, count=None, generation=1):
     emigrants = np.concatenate([np.full((1, each, 1), 200, np.uint8), emigrants])
     emigrant_fitness = np.array([[-1.0] * each, *strangers], dtype=float)
     count = each if count is None else count
-    replacement.admit(genomes, fitness, emigrants, emigrant_fitness, np.array([whence]), count, *keys(1, generation))
+    replacement.admit(
+        genomes, fitness, emigrants, emigrant_fitness, np.array([source_row]), count, *keys(1, generation)
+    )
     return list(zip(genomes[0, :, 0].tolist(), fitness[0].tolist(), strict=True))
 
 
@@ -122,8 +124,8 @@ def test_after_admission_the_fitness_is_never_worse_and_individuals_stay_whole(d
     strangers = tagged(slots, start=100, rows=rows).reshape(rows * slots, 1, 1)
     emigrants = np.concatenate([np.zeros((rows, 1, 1), np.uint8), strangers])
     emigrant_fitness = np.concatenate([np.full((rows, 1), -1.0), immigrants.reshape(-1, 1)])
-    whence = rows + np.arange(rows * slots).reshape(rows, slots)
-    replacement.admit(genomes, fitness, emigrants, emigrant_fitness, whence, 1, *keys(rows))
+    source_row = rows + np.arange(rows * slots).reshape(rows, slots)
+    replacement.admit(genomes, fitness, emigrants, emigrant_fitness, source_row, 1, *keys(rows))
     for row in range(rows):
         known = {(tag, value) for tag, value in enumerate(before[row])}
         known |= {(100 + tag, value) for tag, value in enumerate(immigrants[row])}
@@ -343,10 +345,10 @@ def replaced(fitness, children, immigrants):
     genomes, now = tagged(deme, rows=rows), fitness.copy()
     offspring = tagged(2 * deme, 100, rows)
     yield genomes, now
-    whence = rows + np.arange(rows * 2).reshape(rows, 2)
+    source_row = rows + np.arange(rows * 2).reshape(rows, 2)
     emigrants = np.concatenate([np.zeros((rows, 1, 1), np.uint8), tagged(2, 200, rows).reshape(-1, 1, 1)])
     emigrant_fitness = np.concatenate([np.zeros((rows, 1)), immigrants.reshape(-1, 1)])
-    replacement.admit(genomes, now, emigrants, emigrant_fitness, whence, 1, *by)
+    replacement.admit(genomes, now, emigrants, emigrant_fitness, source_row, 1, *by)
     yield genomes, now
     replacement.replace_worst(genomes, now, offspring[:, :5].copy(), children[:, :5].copy(), True, *by)
     yield genomes, now

@@ -34,11 +34,13 @@ def couples_by_rank(fitness, seed=1, generation=1, cells=None):
 def test_an_individual_alone_is_coupled_with_each_of_its_immigrants_in_turn(data):
     rows, senders, slots, count = (data.draw(st.integers(1, most)) for most in (3, 4, 4, 3))
     named = st.lists(st.integers(0, senders - 1), min_size=slots, max_size=slots)
-    whence = np.array(data.draw(st.lists(named, min_size=rows, max_size=rows)))
+    source_row = np.array(data.draw(st.lists(named, min_size=rows, max_size=rows)))
     own = np.arange(rows, dtype=np.uint8).reshape(rows, 1, 1)
     emigrants = np.arange(100, 100 + senders * (count + 1), dtype=np.uint8).reshape(senders, count + 1, 1)
-    expected = [[[row, guest] for each in whence[row] for guest in emigrants[each, :count, 0]] for row in range(rows)]
-    assert selection.couples_with(own, emigrants, whence, count)[..., 0].tolist() == expected
+    expected = [
+        [[row, guest] for each in source_row[row] for guest in emigrants[each, :count, 0]] for row in range(rows)
+    ]
+    assert selection.couples_with(own, emigrants, source_row, count)[..., 0].tolist() == expected
 
 
 # What is no fitness -----------------------------------------------------------------------------------------------

@@ -9,7 +9,7 @@ from node.assignment import Assignment
 from node.cell import Start
 from node.fast_path import FastPath
 from node.process import NodeProcess
-from node.relay import Relay
+from node.turn_taking import TurnTaking
 from wire.control import Wiring
 
 
@@ -31,18 +31,23 @@ class LoneNode(NodeProcess):
         done: what the main thread was asked to carry out.
     """
 
-    def __init__(self, plan, cell, kind=Counted, brisk=True):
+    def __init__(self, plan, cell, kind=Counted, inline=True):
         self.published, self.done = [], []
         links = SimpleNamespace(
             cell=cell, wiring=Wiring(0, tuple(range(plan.topology.cells))), publish=self.published.append
         )
-        self.coming, self.mail, self._relay, self._fast_path = None, queue.SimpleQueue(), Relay({}), FastPath()
+        self.coming, self.queue, self._turn_taking, self._fast_path = (
+            None,
+            queue.SimpleQueue(),
+            TurnTaking({}),
+            FastPath(),
+        )
         self._core, self._turns, self._stats_due = None, 0.0, math.inf
         self.assignment = kind(Cell(plan, cell, job=1), links)
         self.assignment.events.append(Start())
         self.published += self.assignment.step()
-        self.assignment.brisk, self.assignment.steps = brisk, 0
-        self.ears = {other: self._ear(other) for other in self.assignment.cell.neighbours}
+        self.assignment.inline, self.assignment.steps = inline, 0
+        self.handlers = {other: self.make_handler(other) for other in self.assignment.cell.neighbours}
 
     @property
     def generation(self):
@@ -54,12 +59,12 @@ class LoneNode(NodeProcess):
 
     def gets(self, sender, payload):
         """As from Zenoh."""
-        self.ears[sender](SimpleNamespace(payload=Payload(payload)))
+        self.handlers[sender](SimpleNamespace(payload=Payload(payload)))
 
     def open_mail(self):
         """As the main thread does."""
-        while not self.mail.empty():
-            self.mail.get_nowait()()
+        while not self.queue.empty():
+            self.queue.get_nowait()()
 
     def _carry_out(self, assignment, action):
         self.done.append(action)

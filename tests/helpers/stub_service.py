@@ -9,15 +9,15 @@ from stub_dispatcher import StubDispatcher
 
 from coordinator.record_book import Keep
 from coordinator.service import Options, run
-from node.berth import Berth
+from node.node_config import NodeConfig
 from problems.modules import Modules
 
 if __name__ == "__main__":
     router, cluster, store, nodes = sys.argv[1:]
-    berth = Berth(cluster, 0, f"ring {nodes}", Path("/nowhere"), router, bytes(32), Modules())
+    config = NodeConfig(cluster, 0, f"ring {nodes}", Path("/nowhere"), router, bytes(32), Modules())
     most = os.environ.get("MAX_QUEUE")
     run(
-        berth,
+        config,
         Options(int(nodes), store, Keep()),
         partial(StubDispatcher, max_queue=None if most is None else int(most)),
     )

@@ -9,7 +9,7 @@ from one_max import plan_of
 from node import Cell, Plan
 from node.assignment import Assignment
 from node.cell import Halt, Start
-from node.turns import LONG
+from node.cpu_affinity import LONG
 from problems import Run
 from problems.function import Function
 from wire.control import Wiring
@@ -25,7 +25,7 @@ def clock(monkeypatch):
         return shown.now
 
     monkeypatch.setattr(time, "thread_time", look)
-    monkeypatch.setattr("node.turns.CORES", [2, 3])
+    monkeypatch.setattr("node.cpu_affinity.CORES", [2, 3])
     return shown
 
 
@@ -59,7 +59,7 @@ def started(plan):
         (compiled("async"), 2 * LONG, 3, LONG, False),
         (in_python("async"), 1e-2, None, 0.0, False),
     ],
-    ids=["brisk", "lockstep", "async brisk", "async", "async, longer than a turn", "async in Python"],
+    ids=["inline", "lockstep", "async inline", "async", "async, longer than a turn", "async in Python"],
 )
 def test_who_keeps_to_a_core(clock, plan, seconds, core, turns, hands_on):
     assignment = started(plan)
@@ -77,8 +77,8 @@ def test_after_a_slow_generation_the_next_is_measured_too(clock):
     assignment = started(compiled("lockstep", interval=3))
     clock.step = 1e-2  # as the first one can be, whose code and memory nobody has touched
     assignment.step()
-    assert not assignment.brisk
+    assert not assignment.inline
     clock.step = 1e-4
     assignment.step()
-    assert assignment.brisk
+    assert assignment.inline
     assert assignment.cell.rows.generation == 2

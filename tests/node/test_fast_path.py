@@ -12,9 +12,9 @@ from lone_node import LoneNode
 
 from node import Cell, Plan, simulate
 from node.assignment import MANY_UNREAD, Coming
-from node.baton import Baton
 from node.cell import Ask, Complain, Start, Waited
-from node.relay import Relay
+from node.core_token import CoreToken
+from node.turn_taking import TurnTaking
 from problems import Run
 from problems.function import Function
 from wire.report import Report
@@ -25,7 +25,7 @@ ENDS = [{"generations": 150}, {"target": -1.0, "stall": 70}, {}]  # the last: th
 
 @pytest.fixture(autouse=True)
 def cores(monkeypatch):
-    monkeypatch.setattr("node.turns.CORES", list(range(16)))  # so many that nobody keeps to one
+    monkeypatch.setattr("node.cpu_affinity.CORES", list(range(16)))  # so many that nobody keeps to one
 
 
 class Torus:
@@ -57,7 +57,7 @@ class Torus:
 
     def collect(self, number):
         node = self.nodes[number]
-        while not node.assignment.brisk and node.assignment.busy:  # this machine has been slow for once
+        while not node.assignment.inline and node.assignment.busy:  # this machine has been slow for once
             node._carry_on(node.assignment)
         for payload in node.published:
             for other in node.assignment.cell.neighbours:
@@ -97,7 +97,7 @@ def test_nodes_report_what_the_simulator_does(shape, name):
             plan = plan_of(name, **rule)
             torus = Torus(plan, number)
             assert torus.run() == simulate(plan), rule
-            assert all(node.mail.empty() for node in torus.nodes)
+            assert all(node.queue.empty() for node in torus.nodes)
 
 
 def test_hardly_any_generation_goes_the_ordinary_way():
@@ -129,8 +129,8 @@ def in_async(**run):
 
 def waiting_for_turns(plan):
     """The root of nodes that share one core."""
-    node = LoneNode(plan, 0, brisk=False)
-    node._relay = Relay({0: Baton(1.0)})
+    node = LoneNode(plan, 0, inline=False)
+    node._turn_taking = TurnTaking({0: CoreToken(1.0)})
     return node
 
 
@@ -218,7 +218,7 @@ def test_what_comes_during_a_turn_is_looked_at_in_it(one_core, payload):
         while assignment.news:
             node._carry_on(assignment)
     assert turns == 3
-    node._relay.hand_on()
+    node._turn_taking.hand_on()
     assert assignment.cell.sent == len(node.published)
 
 
@@ -231,7 +231,7 @@ def tell_in_turn(node, payload, over):
 
 @pytest.fixture
 def one_core(monkeypatch):
-    monkeypatch.setattr("node.turns.CORES", [0])
+    monkeypatch.setattr("node.cpu_affinity.CORES", [0])
 
 
 @pytest.fixture
@@ -343,11 +343,11 @@ def test_a_job_that_is_forgotten_hears_nothing_more(pair):
 def test_what_is_no_sample_is_an_error_of_the_caller(pair):
     one, _ = pair
     with pytest.raises(AttributeError, match="payload"):
-        one.ears[1](object())
+        one.handlers[1](object())
     with pytest.raises(TypeError):
-        one.ears[1](SimpleNamespace(payload=None))
+        one.handlers[1](SimpleNamespace(payload=None))
     with pytest.raises(TypeError):
-        one.ears[1]()
+        one.handlers[1]()
 
 
 def test_no_object_is_kept_or_given_back_twice(pair):

@@ -19,20 +19,20 @@ def lived(plan, reports, tmp_path):
 
 
 @njit
-def _noted_of(fitness, header, noted, better_at, witness):
+def _noted_of(fitness, header, noted, better_at, target_reporter):
     """Which of a cell's champions, born one a generation, it notes."""
     told = np.zeros(fitness.size, np.bool_)
     for now in range(fitness.size):
         header[BORN] = now
-        told[now] = is_noted(header, fitness[now], better_at, 0, 0, now, witness, noted)
+        told[now] = is_noted(header, fitness[now], better_at, 0, 0, now, target_reporter, noted)
     return told
 
 
-def noted_of(fitness, witness=-1, born_at=0, better_at=-1):
+def noted_of(fitness, target_reporter=-1, born_at=0, better_at=-1):
     header = np.zeros(HEADER, np.int64)
     header[BIRTHPLACE] = born_at
     fitness = np.array(fitness, float)
-    return _noted_of(fitness, header, np.array([[np.inf, 0.0]]), np.array([better_at]), witness)
+    return _noted_of(fitness, header, np.array([[np.inf, 0.0]]), np.array([better_at]), target_reporter)
 
 
 def test_a_cell_notes_what_is_born_on_it_and_better_than_before():
@@ -41,8 +41,8 @@ def test_a_cell_notes_what_is_born_on_it_and_better_than_before():
 
 
 def test_under_the_papers_spy_the_root_alone_notes_whatever_it_learned():
-    assert noted_of([5.0], witness=0, born_at=3, better_at=0).all()
-    assert not noted_of([5.0], witness=1, better_at=0).any()
+    assert noted_of([5.0], target_reporter=0, born_at=3, better_at=0).all()
+    assert not noted_of([5.0], target_reporter=1, better_at=0).any()
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])

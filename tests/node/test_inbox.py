@@ -138,9 +138,9 @@ def spoilt(rng, payload):
     return bytes(bits[: rng.choice((len(bits), rng.randrange(len(bits))))])
 
 
-def in_slots(inbox, whence):
+def in_slots(inbox, source_row):
     """The messages that the slots stand for; None for the cell's own."""
-    (row,) = whence
+    (row,) = source_row
     return [None if place <= TOLD else Exchange.of(inbox.messages, place) for place in row]
 
 
@@ -245,9 +245,9 @@ def test_what_was_taken_stays_as_it_is_while_the_next_exchange_comes_in():
     rng = random.Random(1)
     first, second = (a_message(rng, generation) for generation in (0, 3))
     inbox.hear([(1, first.encode())])
-    whence = inbox.take(0)
+    source_row = inbox.take(0)
     inbox.hear([(1, second.encode()), *[(1, spoilt(rng, second.encode())) for _ in range(300)]])
-    assert in_slots(inbox, whence) == [None, first, None, first]
+    assert in_slots(inbox, source_row) == [None, first, None, first]
 
 
 def test_a_cut_message_is_not_read_on_into_the_one_behind_it():
@@ -292,8 +292,8 @@ def test_each_neighbour_has_a_row_of_its_own_in_each_exchange(mode):
         inbox.hear(some_news(rng, plan, model, (now, now + 1), lambda: rng.randrange(100)))
         held = {
             (row, other, exchange)
-            for exchange, whence in enumerate(inbox.whences.tolist())
-            for other, row in zip(slots, whence, strict=True)
+            for exchange, source_row in enumerate(inbox.source_rows.tolist())
+            for other, row in zip(slots, source_row, strict=True)
             if row > TOLD
         }
         assert len({row for row, *_ in held}) == len({(other, exchange) for _, other, exchange in held}) == len(held)

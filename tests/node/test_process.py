@@ -45,7 +45,7 @@ class Node(LoneNode):
 
 @pytest.fixture(autouse=True)
 def cores(monkeypatch):
-    monkeypatch.setattr("node.turns.CORES", list(range(16)))  # so many that nobody keeps to one
+    monkeypatch.setattr("node.cpu_affinity.CORES", list(range(16)))  # so many that nobody keeps to one
 
 
 def test_it_steps_once_for_all_neighbours():
@@ -115,8 +115,8 @@ def test_in_async_mode_many_messages_are_read_before_the_cell_breeds_again():
     assert (node.generation, node.assignment.steps, node.assignment.news) == (before, 0, [])
     assert (node.assignment.cell.inbox.refused, node.assignment.cell.inbox.kept) == (MANY_UNREAD - 1, 1)
     (complaint,) = Cell(IN_ASYNC, 9, job=1).hear([(5, b"bad")])
-    assert node.mail.get_nowait().args == (node.assignment, complaint)
-    assert node.mail.empty()
+    assert node.queue.get_nowait().args == (node.assignment, complaint)
+    assert node.queue.empty()
     assert not node.assignment.turn.locked()
 
 
@@ -141,7 +141,7 @@ def test_what_goes_wrong_in_reading_ends_the_process(monkeypatch):
     for _ in range(MANY_UNREAD):
         node.hears_of(0, 5)
     with pytest.raises(ZeroDivisionError):
-        node.mail.get_nowait()()
+        node.queue.get_nowait()()
     assert not node.assignment.turn.locked()
 
 
@@ -155,11 +155,11 @@ def test_what_comes_while_another_thread_is_at_it_is_not_forgotten():
 
 
 def test_the_main_thread_is_woken_for_generations_that_take_long():
-    node = Node(brisk=False)
+    node = Node(inline=False)
     node.hears_of(0, *NEIGHBOURS[:3])
-    assert node.mail.empty()
+    assert node.queue.empty()
     node.hears_of(0, NEIGHBOURS[3])
-    assert (node.mail.qsize(), node.assignment.steps, node.assignment.busy) == (1, 0, True)
+    assert (node.queue.qsize(), node.assignment.steps, node.assignment.busy) == (1, 0, True)
 
 
 class Steps(list):

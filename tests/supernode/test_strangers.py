@@ -176,7 +176,7 @@ def test_a_command_that_was_overheard_cannot_be_given_again(cluster, stranger):
 
 def test_nodes_and_spy_know_themselves_which_modules_they_may_import(tmp_path):
     """Though the coordinator itself told them to: it reads what they are asked to do from a database."""
-    from node.berth import Berth
+    from node.node_config import NodeConfig
     from node.process import NodeProcess
     from problems.modules import Modules
     from spy.process import SpyProcess
@@ -185,8 +185,8 @@ def test_nodes_and_spy_know_themselves_which_modules_they_may_import(tmp_path):
     (tmp_path / "evil_module.py").write_text(EVIL.format(str(ran)))
     router_endpoint = f"tcp/127.0.0.1:{free_port()}"
     with contextlib.closing(sessions.router([router_endpoint])):
-        berth = Berth("c1", 0, "", tmp_path, router_endpoint, bytes(32), Modules(["own"], tmp_path))
-        for process in (NodeProcess(berth), SpyProcess(berth)):
+        config = NodeConfig("c1", 0, "", tmp_path, router_endpoint, bytes(32), Modules(["own"], tmp_path))
+        for process in (NodeProcess(config), SpyProcess(config)):
             with contextlib.closing(process.control):
                 answer = process._prepare(preparation("evil_module:Problem", tmp_path))
                 assert (answer.blame, "--allow-module evil_module" in answer.message) == ("input", True)

@@ -15,44 +15,44 @@ from wire.compiled_callbacks import (
     call,
     call_without,
     content,
-    drop,
+    decref,
     forget_exception,
     integer,
-    item,
     item_of_list,
     length,
     message_of,
+    new_ref,
     pair,
     payload_of,
     remove_first,
-    same,
+    tuple_item,
 )
 
 
 @numba.cfunc(CALLBACK)  # not kept on disk, as a `c_function` is
 def _second(own, argument):
     """Its own second object, and the argument, in a tuple."""
-    return pair(item(own, 1), argument)
+    return pair(tuple_item(own, 1), argument)
 
 
 @numba.cfunc(CALLBACK)
 def _reversed(own, sample):
     """The payload of a sample, backwards."""
-    payload = payload_of(sample, item(own, 0))
+    payload = payload_of(sample, tuple_item(own, 0))
     if payload == 0:
         return payload
     backwards = content(payload)[::-1].copy()
-    drop(payload)
+    decref(payload)
     return message_of(backwards)
 
 
 @numba.cfunc(CALLBACK)
 def _calls(own, argument):
     """What the first returns for the argument; if that fails, what the second returns."""
-    result = call(item(own, 0), argument)
+    result = call(tuple_item(own, 0), argument)
     if result == 0:
         forget_exception()
-        return call_without(item(own, 1))
+        return call_without(tuple_item(own, 1))
     return result
 
 
@@ -60,8 +60,8 @@ def _calls(own, argument):
 def _shorten(own, numbers):
     """Take as many items from a list as its first says, and put its length there."""
     remove_first(numbers, integer(item_of_list(numbers, 0)))
-    append(item(own, 0), numbers)
-    return same(numbers) if length(numbers) > 0 else same(item(own, 0))
+    append(tuple_item(own, 0), numbers)
+    return new_ref(numbers) if length(numbers) > 0 else new_ref(tuple_item(own, 0))
 
 
 SECOND, REVERSED, CALLS, SHORTEN = (

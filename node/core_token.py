@@ -1,11 +1,11 @@
-"""On each core one node at a time breeds, for some generations, and then hands a baton on to who has waited longest.
+"""On each core one node at a time breeds, for some generations, and then hands a token on to who has waited longest.
 
 Asynchronous nodes wait for nobody, so where many of them share a core they all want it all the time. The kernel gives
 each a millisecond or so, whatever turns they ask for: as soon as another thread wakes up, who has had more than his
 share is interrupted. With a hundred nodes on a core each then finds its caches cold in every generation.
 
-The baton is a datagram in a socket that all nodes of a host have inherited; who waits for it sleeps in the kernel's
-queue. A node may be killed while it has the baton. Whoever has waited far too long makes another, and an older one than
+The token is a datagram in a socket that all nodes of a host have inherited; who waits for it sleeps in the kernel's
+queue. A node may be killed while it has the token. Whoever has waited far too long makes another, and an older one than
 has been seen is dropped where it turns up again: at worst some nodes breed side by side for a while.
 """
 
@@ -15,15 +15,15 @@ import struct
 import time
 from collections.abc import Mapping
 
-from node.turns import CORES, LONG, share_cores
+from node.cpu_affinity import CORES, LONG, share_cores
 
 _TOKEN = struct.Struct("qq")  # how often one was lost before, and the process that made it
-_AFTERWARDS = 5e-3  # seconds until who has handed the baton on asks for it again: the next one should be awake by then
-_ROUNDS = 4  # of all turns on a core, and a second, may pass until a node believes that its baton was lost,
+_AFTERWARDS = 5e-3  # seconds until who has handed the token on asks for it again: the next one should be awake by then
+_ROUNDS = 4  # of all turns on a core, and a second, may pass until a node believes that its token was lost,
 _MOST_PATIENT = 30.0  # or so many seconds: a job whose nodes do not halt within a minute fails
 
 
-class Baton:
+class CoreToken:
     """One core's. Make it in the process that the nodes are forked from: it has its end when all of them have.
 
     Args:
@@ -55,14 +55,14 @@ class Baton:
         time.sleep(_AFTERWARDS)
 
 
-Batons = Mapping[int, Baton]
+CoreTokens = Mapping[int, CoreToken]
 """Those of cores, by number."""
 
 
-def for_all_cores(nodes: int) -> Batons:
+def for_all_cores(nodes: int) -> CoreTokens:
     """One for each core that so many nodes of a host share; none if they are too few for that."""
     patience = min(1.0 + _ROUNDS * LONG * nodes / len(CORES), _MOST_PATIENT)
-    return {core: Baton(patience) for core in CORES if share_cores(nodes)}
+    return {core: CoreToken(patience) for core in CORES if share_cores(nodes)}
 
 
 def _timeval(seconds: float) -> bytes:

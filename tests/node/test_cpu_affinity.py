@@ -8,7 +8,7 @@ from collections import Counter
 
 import pytest
 
-from node.turns import core_of
+from node.cpu_affinity import core_of
 from wire.control import Wiring
 
 
@@ -17,7 +17,7 @@ def cores(monkeypatch):
     """Have these cores, whatever the machine has."""
 
     def have(*cores):
-        monkeypatch.setattr("node.turns.CORES", list(cores))
+        monkeypatch.setattr("node.cpu_affinity.CORES", list(cores))
 
     return have
 
@@ -61,7 +61,7 @@ def test_all_cores_have_as_many(cores, nodes):
 # How a process of its own sees its turns: milliseconds, by sched_getattr(2); 0 before Linux 6.12, which tells nothing.
 LOOK = """
 import ctypes, struct
-from node.turns import LONG, take_turns, take_turns_of
+from node.cpu_affinity import LONG, take_turns, take_turns_of
 
 def look():
     attributes = ctypes.create_string_buffer(48)

@@ -6,9 +6,9 @@ import msgpack
 
 from node import Cell, Plan
 from node.assignment import Assignment
-from node.baton import Baton
 from node.cell import Halt, Publish, Start
-from node.relay import Relay
+from node.core_token import CoreToken
+from node.turn_taking import TurnTaking
 from problems import Run
 from problems.function import Function
 from wire.control import Wiring
@@ -19,12 +19,12 @@ FUNCTION = Function(kind="function", name="onemax", dimension=64)
 
 
 class Node:
-    """The cell 9 of an asynchronous torus after its start, with a relay of its own."""
+    """The cell 9 of an asynchronous torus after its start, with a order of turns of its own."""
 
     def __init__(self, generations=100, interval=1):
         self.published = []
-        self.baton = Baton(PATIENCE)
-        self.relay = Relay({CORE: self.baton})
+        self.core_token = CoreToken(PATIENCE)
+        self.turn_taking = TurnTaking({CORE: self.core_token})
         run = Run(topology="torus 4x4", mode="async", generations=generations, interval=interval)
         links = SimpleNamespace(cell=9, wiring=Wiring(0, tuple(range(16))), publish=self.publish)
         self.assignment = Assignment(Cell(Plan(FUNCTION, run), 9, job=1), links)
@@ -38,10 +38,10 @@ class Node:
 
     def breeds(self):
         """One generation, as `node.process` does."""
-        self.relay.take_over(self.assignment)
+        self.turn_taking.take_over(self.assignment)
         for action in self.assignment.cell.step():
             if type(action) is Publish:
-                self.relay.publish(self.assignment, action)
+                self.turn_taking.publish(self.assignment, action)
 
 
 def test_without_a_baton_every_message_is_published_at_once():
@@ -57,28 +57,28 @@ def test_of_a_turn_the_last_message_is_published_when_the_baton_is_handed_on():
     for _ in range(3):
         node.breeds()
     assert node.published == []
-    node.relay.hand_on()
+    node.turn_taking.hand_on()
     assert node.published == [(4, 3)]
     node.breeds()
-    node.relay.hand_on()
+    node.turn_taking.hand_on()
     assert node.published == [(4, 3), (5, 4)]
 
 
 def test_handing_on_gives_the_baton_back():
     node = Node()
     node.breeds()
-    node.relay.hand_on()
-    assert node.baton.take()
+    node.turn_taking.hand_on()
+    assert node.core_token.take()
 
 
 def test_a_turn_is_over_when_its_time_is():
     node = Node()
     node.breeds()
     node.assignment.bred_at = 0.0  # long before the turn's end
-    node.relay.step_is_done(node.assignment)
+    node.turn_taking.step_is_done(node.assignment)
     assert node.published == []
     node.assignment.bred_at = float("inf")
-    node.relay.step_is_done(node.assignment)
+    node.turn_taking.step_is_done(node.assignment)
     assert node.published == [(2, 3)]
 
 
@@ -86,7 +86,7 @@ def test_a_turn_is_over_when_the_node_leaves_the_relay():
     node = Node()
     node.breeds()
     node.assignment.bred_at, node.assignment.hands_on = 0.0, False
-    node.relay.step_is_done(node.assignment)
+    node.turn_taking.step_is_done(node.assignment)
     assert node.published == [(2, 3)]
 
 
@@ -108,11 +108,11 @@ def test_where_some_generations_tell_nothing_no_message_is_kept_back():
 
 def test_with_events_a_node_waits_for_no_baton():
     node = Node()
-    assert node.baton.take()  # somebody else has it
+    assert node.core_token.take()  # somebody else has it
     node.assignment.events.append(Halt())
     node.breeds()
     assert node.published == [(2, 3)]
-    assert not node.baton.take()  # nobody has handed it on
+    assert not node.core_token.take()  # nobody has handed it on
 
 
 def test_on_a_core_without_a_baton_nobody_waits():

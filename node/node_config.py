@@ -4,14 +4,14 @@ import os
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from node.baton import Batons
+from node.core_token import CoreTokens
 from problems.modules import Modules
 from wire import sessions
 from wire.keys import Keys
 
 
 @dataclass(frozen=True)
-class Berth:
+class NodeConfig:
     """Where one node lives, and where the others do.
 
     Attributes:
@@ -23,7 +23,7 @@ class Berth:
         secret: of the cluster: commands are obeyed if they are sealed with it; see `wire.seal`.
         modules: users' modules that problems may name.
         host: names this start of the processes that share ``folder``, if the cluster's live in several places.
-        batons: for the nodes that share a core; who has none breeds when the kernel lets it.
+        core_tokens: for the nodes that share a core; who has none breeds when the kernel lets it.
     """
 
     cluster: str
@@ -34,7 +34,7 @@ class Berth:
     secret: bytes
     modules: Modules
     host: str = ""
-    batons: Batons = field(default_factory=dict)
+    core_tokens: CoreTokens = field(default_factory=dict)
 
     @property
     def keys(self) -> Keys:
