@@ -51,7 +51,7 @@ def files() -> Iterator[ProblemFile]:
 def rate(plan: Plan, size: int, seconds: float) -> float:
     """Evaluations a second of batches of that ``size``."""
     genomes = plan.coding.random(plan.keys(np.arange(max(_TOGETHER)), 0), 1)[:, 0]
-    evaluate = plan.evaluate if plan.problem.judging is None else plan.problem.judging.fitness
+    evaluate = plan.evaluate if plan.problem.fitness_kernel is None else plan.problem.fitness_kernel.fitness
     batches = [np.ascontiguousarray(genomes[start : start + size]) for start in range(0, len(genomes), size)]
     judge_all(evaluate, batches)  # what is kept from one evaluation to the next is there from now on
     return max(_rate(evaluate, batches, seconds / _REPEATS) for _ in range(_REPEATS))

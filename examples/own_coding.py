@@ -57,11 +57,11 @@ class Moves:
         """For the one-bit rule, which `check` refuses."""
         raise NotImplementedError
 
-    def mating(self, recipe: supernode.Recipe) -> Any:
+    def variation(self, recipe: supernode.Recipe) -> Any:
         """`recombine` as compiled code, for problems whose fitness is compiled."""
         raise NotImplementedError
 
-    straying = mating  # likewise for `mutate_one`
+    mutate_one_bit = variation  # likewise for `mutate_one`
 
 
 class Warehouse(supernode.Problem):

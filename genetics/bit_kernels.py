@@ -155,7 +155,7 @@ def recombine(
 
 
 @kernel(MATING)
-def mating(couples: Genomes, offspring: Genomes, seed: np.uint64, cell: int, generation: int, table: Table) -> None:
+def variation(couples: Genomes, offspring: Genomes, seed: np.uint64, cell: int, generation: int, table: Table) -> None:
     """`recombine` for one row; its table: length and uniform, then rate."""
     choices = operators.integers(table, 0)[0]
     rate = operators.reals(table, 1)[0, 0]
@@ -172,7 +172,7 @@ def mutate_one(individuals: Genomes, seed: np.uint64, cells: Cells, generation: 
 
 
 @kernel(STRAYING)
-def straying(individuals: Genomes, seed: np.uint64, cell: int, generation: int, table: Table) -> int:
+def mutate_one_bit(individuals: Genomes, seed: np.uint64, cell: int, generation: int, table: Table) -> int:
     """`mutate_one` for one row; its table: length."""
     changed: int = _stray(individuals, seed, cell, generation, operators.integers(table, 0)[0, 0])
     return changed

@@ -70,18 +70,18 @@ class BitString:
         )
         return offspring
 
-    def mating(self, recipe: Recipe) -> "Operator":
+    def variation(self, recipe: Recipe) -> "Operator":
         """`recombine` for one row, compiled."""
         from genetics.operators import Operator
 
         rate = 0.0 if recipe.mutation == ONE_BIT else float(recipe.mutation)
-        return Operator.of(self._kernels.mating, [self.length, recipe.crossover == "uniform"], rate)
+        return Operator.of(self._kernels.variation, [self.length, recipe.crossover == "uniform"], rate)
 
-    def straying(self) -> "Operator":
+    def mutate_one_bit(self) -> "Operator":
         """`mutate_one` for one row, compiled."""
         from genetics.operators import Operator
 
-        return Operator.of(self._kernels.straying, self.length)
+        return Operator.of(self._kernels.mutate_one_bit, self.length)
 
     def mutate_one(self, individuals: Genomes, keys: Keys) -> Cells:
         """Flip one random bit of one random individual of each row (§3.1 step 5)."""

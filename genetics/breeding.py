@@ -14,7 +14,7 @@ from genetics.arrays import Cells, Evaluate, Fitness, Genomes
 from genetics.coding import Coding, Immigrants, Keys
 from genetics.recipe import ONE_BIT, Recipe
 
-Judges = Evaluate | Sequence[Evaluate]
+Evaluators = Evaluate | Sequence[Evaluate]
 """Who evaluates: one for all rows together, or one for each row, as a node does it by itself."""
 
 _TOGETHER = 1 << 13  # individuals of a block
@@ -26,7 +26,7 @@ def breed(
     immigrants: Immigrants | None,
     coding: Coding,
     recipe: Recipe,
-    evaluate: Judges,
+    evaluate: Evaluators,
     keys: Keys,
 ) -> None:
     """Take ``immigrants`` in and breed the next generation, in place.
@@ -46,19 +46,19 @@ def breed(
     if immigrants is not None and not alone:
         replacement.admit(genomes, fitness, *immigrants, *_drawn_by(keys))
     for block in _blocks(genomes):
-        part, judges = (genomes[block], fitness[block]), _judges_of(evaluate, block)
+        part, evaluators = (genomes[block], fitness[block]), _evaluators_of(evaluate, block)
         its_keys = keys._replace(cells=keys.cells[block])
         if alone:
             assert immigrants is not None
             its_immigrants = immigrants._replace(source_row=immigrants.source_row[block])
-            _breed_individual(*part, its_immigrants, coding, recipe, judges, its_keys)
+            _breed_individual(*part, its_immigrants, coding, recipe, evaluators, its_keys)
         else:
-            _breed_island(*part, coding, recipe, judges, its_keys)
+            _breed_island(*part, coding, recipe, evaluators, its_keys)
 
 
-def judge(genomes: Genomes, evaluate: Judges) -> Fitness:
+def evaluate_all(genomes: Genomes, evaluate: Evaluators) -> Fitness:
     """The fitness of whole demes, (rows, deme, genome_bytes) to (rows, deme), evaluated as `breed` does it."""
-    return np.concatenate([_evaluate(_judges_of(evaluate, block), genomes[block]) for block in _blocks(genomes)])
+    return np.concatenate([_evaluate(_evaluators_of(evaluate, block), genomes[block]) for block in _blocks(genomes)])
 
 
 def _blocks(genomes: Genomes) -> Iterator[slice]:
@@ -68,7 +68,7 @@ def _blocks(genomes: Genomes) -> Iterator[slice]:
     return (slice(first, first + each) for first in range(0, rows, each))
 
 
-def _judges_of(evaluate: Judges, block: slice) -> Judges:
+def _evaluators_of(evaluate: Evaluators, block: slice) -> Evaluators:
     return evaluate if callable(evaluate) else evaluate[block]
 
 
@@ -78,7 +78,7 @@ def _breed_individual(
     immigrants: Immigrants,
     coding: Coding,
     recipe: Recipe,
-    evaluate: Judges,
+    evaluate: Evaluators,
     keys: Keys,
 ) -> None:
     """The fine-grained step (Ahuactzin et al. 1992, §6): the local individual with each of its neighbours."""
@@ -96,7 +96,7 @@ def _breed_island(
     fitness: Fitness,
     coding: Coding,
     recipe: Recipe,
-    evaluate: Judges,
+    evaluate: Evaluators,
     keys: Keys,
 ) -> None:
     """A sequential recipe, such as that of §3.1 steps 3 to 5, at constant size."""
@@ -128,7 +128,7 @@ def _drawn_by(keys: Keys) -> tuple[np.uint64, Cells, int]:
     return keys.seed, keys.cells, keys.generation
 
 
-def _evaluate(evaluate: Judges, individuals: Genomes) -> Fitness:
+def _evaluate(evaluate: Evaluators, individuals: Genomes) -> Fitness:
     """Of each row's individuals: (rows, count, genome_bytes) to (rows, count)."""
     rows, count, size = individuals.shape
     if callable(evaluate):

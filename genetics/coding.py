@@ -109,7 +109,7 @@ class Coding(Protocol):
         """
         ...
 
-    def mating(self, recipe: Recipe) -> "Operator":
+    def variation(self, recipe: Recipe) -> "Operator":
         """`recombine` for one row, as an operator of signature MATING."""
         ...
 
@@ -120,7 +120,7 @@ class Coding(Protocol):
         """
         ...
 
-    def straying(self) -> "Operator":
+    def mutate_one_bit(self) -> "Operator":
         """`mutate_one` for one row, as an operator of signature STRAYING."""
         ...
 

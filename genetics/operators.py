@@ -1,4 +1,4 @@
-"""Compiled functions that other compiled code calls by address: a coding's mating, a problem's fitness.
+"""Compiled functions that other compiled code calls by address: a coding's variation, a problem's fitness.
 
 So one kernel can carry a whole generation out, whatever the coding and the problem are, and without a step into Python
 between them. What a function needs beside its arguments (a world, bounds, lengths) is a table of pointers to arrays.

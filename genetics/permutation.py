@@ -39,20 +39,20 @@ class Permutation(Sequence):
         super().__init__(size, size, [(0, size - 1)])
         self.size, self.inversions = size, inversions
 
-    def founding(self) -> "Operator":
+    def initialise(self) -> "Operator":
         """All orders with equal probability."""
         from genetics.operators import Operator
-        from genetics.permutation_kernels import founding
+        from genetics.permutation_kernels import initialise
 
-        return Operator.of(founding, self.size)
+        return Operator.of(initialise, self.size)
 
-    def mating(self, recipe: Recipe) -> "Operator":
+    def variation(self, recipe: Recipe) -> "Operator":
         """Order or edge crossover, then mutation."""
         from genetics.operators import Operator
-        from genetics.permutation_kernels import mating
+        from genetics.permutation_kernels import variation
 
         assert recipe.mutation != ONE_BIT, "refused by check"
-        return Operator.of(mating, recipe.crossover == "edge", [float(recipe.mutation), float(self.inversions)])
+        return Operator.of(variation, recipe.crossover == "edge", [float(recipe.mutation), float(self.inversions)])
 
     def orders(self, genomes: Genomes) -> NDArray[np.int64]:
         """The coded orders: (n, genome_bytes) to (n, size)."""

@@ -1,4 +1,4 @@
-"""The compiled side of `genetics.permutation`: founding, crossover and mutation of orders of items."""
+"""The compiled side of `genetics.permutation`: first demes, crossover and mutation of orders of items."""
 
 from typing import Any
 
@@ -15,7 +15,7 @@ _MOST_EDGES = 4  # of an item: two in either parent
 
 
 @kernel(FOUNDING)
-def founding(deme: Genomes, seed: np.uint64, cell: int, generation: int, table: Table) -> None:
+def initialise(deme: Genomes, seed: np.uint64, cell: int, generation: int, table: Table) -> None:
     """Orders with equal probability (Fisher and Yates); its table: the number of items."""
     size = integers(table, 0)[0, 0]
     for individual in range(deme.shape[0]):
@@ -125,7 +125,7 @@ def _mutate(order: Any, seed: Any, cell: Any, generation: Any, child: Any, rate:
 
 
 @kernel(MATING)
-def mating(couples: Genomes, offspring: Genomes, seed: np.uint64, cell: int, generation: int, table: Table) -> None:
+def variation(couples: Genomes, offspring: Genomes, seed: np.uint64, cell: int, generation: int, table: Table) -> None:
     """Order or edge crossover, then mutation; its table: whether by edges, then rate and share of inversions."""
     by_edges, choices = integers(table, 0)[0, 0] != 0, reals(table, 1)[0]
     for couple in range(couples.shape[0]):

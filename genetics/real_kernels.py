@@ -130,7 +130,7 @@ def recombine(
 
 
 @kernel(MATING)
-def mating(couples: Genomes, offspring: Genomes, seed: np.uint64, cell: int, generation: int, table: Table) -> None:
+def variation(couples: Genomes, offspring: Genomes, seed: np.uint64, cell: int, generation: int, table: Table) -> None:
     """`recombine` for one row; its table: uniform; then low, high, rate."""
     uniform, numbers = integers(table, 0)[0, 0] != 0, reals(table, 1)[0]
     parents, children = couples.view(np.float64), offspring.view(np.float64)

@@ -66,19 +66,19 @@ class RealVector:
         )
         return offspring.view(np.uint8)
 
-    def mating(self, recipe: Recipe) -> "Operator":
+    def variation(self, recipe: Recipe) -> "Operator":
         """`recombine` for one row, compiled."""
         from genetics.operators import Operator
 
         assert recipe.mutation != ONE_BIT, "refused by check"
         numbers = [float(self.low), float(self.high), float(recipe.mutation)]
-        return Operator.of(self._kernels.mating, recipe.crossover == "uniform", numbers)
+        return Operator.of(self._kernels.variation, recipe.crossover == "uniform", numbers)
 
     def mutate_one(self, individuals: Genomes, keys: Keys) -> Cells:
         """Not for real vectors: `check` has refused the recipe that asks for it."""
         raise ValueError("real vectors have no bits to flip")
 
-    def straying(self) -> "Operator":
+    def mutate_one_bit(self) -> "Operator":
         """Likewise."""
         raise ValueError("real vectors have no bits to flip")
 

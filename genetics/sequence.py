@@ -43,7 +43,7 @@ class Sequence(ABC):
             raise ValueError(f"expected 0 to {MOST_GENE} items, found {least} to {most}")
         if not self.genes or not all(0 <= low <= high <= MOST_GENE for low, high in self.genes):
             raise ValueError(f"expected bounds of genes between 0 and {MOST_GENE}, found {self.genes}")
-        self._matings: dict[Recipe, Operator] = {}
+        self._variations: dict[Recipe, Operator] = {}
 
     @property
     def width(self) -> int:
@@ -56,11 +56,11 @@ class Sequence(ABC):
         return 2 * (1 + self.most * self.width)
 
     @abstractmethod
-    def founding(self) -> "Operator":
+    def initialise(self) -> "Operator":
         """How first demes are made, as an operator of signature FOUNDING."""
 
     @abstractmethod
-    def mating(self, recipe: Recipe) -> "Operator":
+    def variation(self, recipe: Recipe) -> "Operator":
         """How couples are crossed and mutated, as an operator of signature MATING."""
 
     def check(self, recipe: Recipe) -> None:
@@ -72,23 +72,23 @@ class Sequence(ABC):
             raise ValueError("these individuals are no bit strings: 'mutation' is a probability, found 'one-bit'")
 
     def random(self, keys: Keys, deme: int) -> Genomes:
-        """First demes, as `founding` makes them."""
+        """First demes, as `initialise` makes them."""
         from genetics.operators import found_rows
 
         demes = np.zeros((len(keys.cells), deme, self.genome_bytes), np.uint8)
-        operator = self.founding()
+        operator = self.initialise()
         found_rows(operator.address, demes, keys.seed, keys.cells, keys.generation, operator.table)
         return demes
 
     def recombine(self, couples: Genomes, recipe: Recipe, keys: Keys) -> Genomes:
-        """What `mating` makes of them."""
+        """What `variation` makes of them."""
         from genetics.operators import mate_rows
 
         rows, count, _, size = couples.shape
         offspring = np.zeros((rows, 2 * count, size), np.uint8)
-        if recipe not in self._matings:
-            self._matings[recipe] = self.mating(recipe)
-        operator = self._matings[recipe]
+        if recipe not in self._variations:
+            self._variations[recipe] = self.variation(recipe)
+        operator = self._variations[recipe]
         mate_rows(operator.address, couples, offspring, keys.seed, keys.cells, keys.generation, operator.table)
         return offspring
 
@@ -96,7 +96,7 @@ class Sequence(ABC):
         """Not for sequences: `check` has refused the recipe that asks for it."""
         raise ValueError("these individuals have no bits to flip")
 
-    def straying(self) -> "Operator":
+    def mutate_one_bit(self) -> "Operator":
         """Likewise."""
         raise ValueError("these individuals have no bits to flip")
 

@@ -251,7 +251,7 @@ class Cell:
             self.state = "running"
             rows, plan = self.rows, self.plan
             rows.begin(None if deme is None else deme[None])
-            if rows.problems[0].judging is not None:
+            if rows.problems[0].fitness_kernel is not None:
                 self.generations = Generations(
                     plan, rows, self.inbox, self._history, self._tells_champion, self._outbox
                 )

@@ -113,7 +113,7 @@ def _stray(table: Any, settings: Any, individuals: Any, now: Any) -> Any:
 
 @subroutine
 def _breed(table: Any, settings: Any, source_row: Any, now: Any) -> Any:
-    """Couple, mate, judge and replace; returns the index of an offspring whose fitness is none, or -1."""
+    """Couple, mate, evaluate and replace; returns the index of an offspring whose fitness is none, or -1."""
     deme, deme_fitness = octets(table, _DEME), reals(table, _DEME_FITNESS)[0]
     offspring, offspring_fitness = octets(table, _OFFSPRING), reals(table, _OFFSPRING_FITNESS)[0]
     judging_table, elitist = integers(table, _JUDGING_TABLE), settings[_ELITIST] != 0
@@ -296,7 +296,7 @@ def live_on(table: Table, news: bytes, most: int) -> None:
 
 
 class Generations:
-    """`live_on` for one cell whose problem has a compiled fitness (`Problem.judging`).
+    """`live_on` for one cell whose problem has a compiled fitness (`Problem.fitness_kernel`).
 
     Args:
         plan: of the job.
@@ -312,12 +312,12 @@ class Generations:
     """
 
     def __init__(self, plan: Plan, rows: Rows, inbox: Inbox, history: History, champion: bool, outbox: Outbox) -> None:
-        judging, mating = rows.problems[0].judging, plan.coding.mating(plan.recipe)
-        assert judging is not None, "only for a compiled fitness"
-        straying = plan.coding.straying() if plan.recipe.mutation == ONE_BIT else None
+        fitness_kernel, variation = rows.problems[0].fitness_kernel, plan.coding.variation(plan.recipe)
+        assert fitness_kernel is not None, "only for a compiled fitness"
+        mutate_one_bit = plan.coding.mutate_one_bit() if plan.recipe.mutation == ONE_BIT else None
         alone = plan.run.deme == 1
         couples = plan.slots * plan.run.emigrants if alone else plan.recipe.couples(plan.run.deme)
-        addresses = (mating.address, 0 if straying is None else straying.address, judging.address)
+        addresses = (variation.address, 0 if mutate_one_bit is None else mutate_one_bit.address, fitness_kernel.address)
         self.offspring = np.zeros((2 * couples, plan.coding.genome_bytes), np.uint8)
         done = np.zeros((1, 4), np.int64)
         self._births, self._birth_fitness = np.zeros((MOST_BIRTHS, 2), np.int64), np.zeros(MOST_BIRTHS)
@@ -340,9 +340,9 @@ class Generations:
             history.counts,
             outbox.room,
             outbox.said,
-            mating.table,
-            mating.table if straying is None else straying.table,
-            judging.table,
+            variation.table,
+            variation.table if mutate_one_bit is None else mutate_one_bit.table,
+            fitness_kernel.table,
             inbox.table,
             _settings(plan, rows, champion, addresses),
             np.array([rows.target]),
@@ -354,7 +354,7 @@ class Generations:
             self._birth_count,
         )
         assert len(arrays) == PLACES, "each has its place"
-        self._kept = (mating, straying, judging, arrays, inbox)
+        self._kept = (variation, mutate_one_bit, fitness_kernel, arrays, inbox)
         self.table = pointers(*arrays)
         self._live_on = partial(entry(live_on), self.table)
         self._done = done[0].data

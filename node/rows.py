@@ -10,7 +10,7 @@ from zlib import crc32
 import numpy as np
 
 from genetics import Cells, Fitness, Genomes
-from genetics.breeding import Judges, breed, judge
+from genetics.breeding import Evaluators, breed, evaluate_all
 from genetics.coding import Immigrants
 from node.kernels import merge_champions, prepare_messages
 from node.plan import Plan
@@ -73,7 +73,7 @@ class Rows:
         self._interval, self._emigrants, self._alone = plan.run.interval, plan.run.emigrants, plan.run.deme == 1
         self._coding, self._recipe = plan.coding, plan.recipe
         self.problems = [plan.problem.for_cell() for _ in range(rows)]
-        self._evaluate = self._judges()
+        self._evaluate = self._evaluators()
 
     @property
     def generation(self) -> int:
@@ -94,7 +94,7 @@ class Rows:
         """Draw the first demes, unless they are given, (rows, deme, genome_bytes), and evaluate them (§6, 1 and 2)."""
         plan = self.plan
         self.genomes = plan.coding.random(plan.keys(self.cells, 0), plan.run.deme) if demes is None else demes.copy()
-        self.fitness = judge(self.genomes, self._evaluate)
+        self.fitness = evaluate_all(self.genomes, self._evaluate)
         self._tell()
 
     def advance(self, received: Messages | None, source_row: Cells | None = None) -> None:
@@ -140,7 +140,7 @@ class Rows:
             return *spread, np.inf, 0, digest
         return *spread, champion.fitness, max(0, self.generation - champion.generation), digest
 
-    def _judges(self) -> Judges:
+    def _evaluators(self) -> Evaluators:
         """One for all rows, unless that would not be the same as one for each."""
         if any(each is not self.plan.problem for each in self.problems):
             return [guarded(each) for each in self.problems]

@@ -156,8 +156,8 @@ class Problem(Table):
     def __pydantic_init_subclass__(cls, **_: Any) -> None:
         """A compiled fitness is not inherited by who evaluates, or codes, in a way of their own."""
         own = vars(cls)
-        if "judging" not in own and ("evaluate" in own or "coding" in own):
-            cls.judging = Problem.judging  # type: ignore[method-assign]
+        if "fitness_kernel" not in own and ("evaluate" in own or "coding" in own):
+            cls.fitness_kernel = Problem.fitness_kernel  # type: ignore[method-assign]
 
     @classmethod
     def read_angles(cls, fields: dict[str, Any], world: Mapping[str, Any] | None = None) -> dict[str, Any]:
@@ -209,7 +209,7 @@ class Problem(Table):
         """The fitness of each genome: (n, genome_bytes) to (n,), never NaN; the same for the same genome."""
 
     @property
-    def judging(self) -> Operator | None:
+    def fitness_kernel(self) -> Operator | None:
         """`evaluate` as compiled code, of signature `genetics.operators.FITNESS`, if there is such; both must agree."""
         return None
 

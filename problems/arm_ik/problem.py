@@ -239,7 +239,7 @@ seed = 1
         return self._compiled.fitness(genomes)
 
     @property
-    def judging(self) -> Operator:
+    def fitness_kernel(self) -> Operator:
         """`evaluate` as compiled code, whatever the fields: nothing of it is left to Python."""
         return self._compiled
 

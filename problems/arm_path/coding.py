@@ -38,14 +38,14 @@ class CoarseToFine(BitString):
         offspring: Genomes = super().recombine(couples, recipe, keys) & self.masks[self.stage(keys.generation)]
         return offspring
 
-    def mating(self, recipe: Recipe) -> "Operator":
+    def variation(self, recipe: Recipe) -> "Operator":
         """`recombine` for one row, compiled."""
         from genetics.operators import Operator
         from problems.arm_path import kernels
 
         rate = 0.0 if recipe.mutation == ONE_BIT else float(recipe.mutation)
         choices = [self.length, recipe.crossover == "uniform"]
-        return Operator.of(kernels.mating, choices, rate, FINER_AT, self.masks.astype(np.int64))
+        return Operator.of(kernels.variation, choices, rate, FINER_AT, self.masks.astype(np.int64))
 
     def stage(self, generation: int) -> int:
         """How often numbers have become finer."""

@@ -332,7 +332,7 @@ def mark(computed: Genomes, cells: Genomes, table: Table) -> None:
 
 
 @kernel(MATING)
-def mating(couples: Genomes, offspring: Genomes, seed: np.uint64, cell: int, generation: int, table: Table) -> None:
+def variation(couples: Genomes, offspring: Genomes, seed: np.uint64, cell: int, generation: int, table: Table) -> None:
     """`coding.CoarseToFine.recombine` for one row; its table: length and uniform, rate, `coding.FINER_AT`, masks."""
     choices, finer_at, masks = integers(table, 0)[0], integers(table, 2)[0], integers(table, 3)
     rate = reals(table, 1)[0, 0]

@@ -37,17 +37,17 @@ class SynchronisationPoints(Sequence):
         self._arrays = arrays
         self._layout = [variable, *cells, points]
 
-    def founding(self) -> Operator:
+    def initialise(self) -> Operator:
         """Uniform draws for each coordinate, sorted; of the lengths 1 to ``points``, n with probability ∝ n (§3.2)."""
         from genetics.operators import Operator
         from problems.coordination import kernels
 
-        return Operator.of(kernels.founding, self._layout)
+        return Operator.of(kernels.initialise, self._layout)
 
-    def mating(self, recipe: Recipe) -> Operator:
+    def variation(self, recipe: Recipe) -> Operator:
         """Half of the offspring by mutation alone, the others by crossover, then perhaps mutation."""
         from genetics.operators import Operator
         from problems.coordination import kernels
 
         tuned = recipe.crossover == "sp-tuned"
-        return Operator.of(kernels.mating, [*self._layout, tuned], float(recipe.mutation), *self._arrays)
+        return Operator.of(kernels.variation, [*self._layout, tuned], float(recipe.mutation), *self._arrays)

@@ -194,7 +194,7 @@ def _sort(points: Any) -> Any:
 
 
 @kernel(FOUNDING)
-def founding(deme: Genomes, seed: np.uint64, cell: int, generation: int, table: Table) -> None:
+def initialise(deme: Genomes, seed: np.uint64, cell: int, generation: int, table: Table) -> None:
     """Sorted uniform draws; n SPs with probability ∝ n on 1..NMAX, or always NMAX (§3.2, initial population)."""
     variable, sides, most = integers(table, 0)[0, 0], integers(table, 0)[0, 1:3], integers(table, 0)[0, 3]
     points = np.empty((most, 2), np.int64)
@@ -443,7 +443,7 @@ def _mutate(points: Any, count: Any, variable: Any, tuned: Any, diagram: Any, ch
 
 
 @kernel(MATING)
-def mating(couples: Genomes, offspring: Genomes, seed: np.uint64, cell: int, generation: int, table: Table) -> None:
+def variation(couples: Genomes, offspring: Genomes, seed: np.uint64, cell: int, generation: int, table: Table) -> None:
     """Each parent with the other one: a mutant of it, or their child, perhaps mutated (§3.2, characteristics)."""
     layout, mutated, diagram = integers(table, 0)[0], reals(table, 1)[0, 0], _diagram_of(table, 2)
     variable, tuned = layout[0] != 0, layout[4] != 0

@@ -160,7 +160,7 @@ seed = 1
         return self._costly.fitness(genomes)
 
     @property
-    def judging(self) -> Operator:
+    def fitness_kernel(self) -> Operator:
         """What `evaluate` calls."""
         return self._costly
 

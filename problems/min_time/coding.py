@@ -37,18 +37,18 @@ class Trajectories(Sequence):
         self.least_level = LEVELS if full_torque else 1
         super().__init__(1, most, [*((0, gene) for gene in self.greatest), (self.least_level, LEVELS)])
 
-    def founding(self) -> Operator:
+    def initialise(self) -> Operator:
         """The relative transition scheme (§IV, figure 1)."""
         from problems.min_time import coding_kernels
 
-        return self._operator(coding_kernels.founding, refining=False, rate=0.0)
+        return self._operator(coding_kernels.initialise, refining=False, rate=0.0)
 
-    def mating(self, recipe: Recipe) -> Operator:
+    def variation(self, recipe: Recipe) -> Operator:
         """Analogous crossover, and the mutations of §IV, or those that refine."""
         from problems.min_time import coding_kernels
 
         assert recipe.mutation != ONE_BIT, "refused by check"
-        return self._operator(coding_kernels.mating, recipe.crossover == "refining", float(recipe.mutation))
+        return self._operator(coding_kernels.variation, recipe.crossover == "refining", float(recipe.mutation))
 
     def _operator(self, function: object, refining: bool, rate: float) -> Operator:
         from genetics.operators import Operator

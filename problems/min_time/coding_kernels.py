@@ -143,7 +143,7 @@ def _grow(numbers: Any, shape: Any, dice: Any, individual: Any, number: Any) -> 
 
 
 @kernel(FOUNDING)
-def founding(deme: Genomes, seed: np.uint64, cell: int, generation: int, table: Table) -> None:
+def initialise(deme: Genomes, seed: np.uint64, cell: int, generation: int, table: Table) -> None:
     """Random trajectories by the relative transition scheme."""
     shape, dice = _shape_of(table), Dice(seed, cell, generation)
     for individual in range(deme.shape[0]):
@@ -300,7 +300,7 @@ def _copies_before(offspring: Any, child: Any) -> Any:
 
 
 @kernel(MATING)
-def mating(couples: Genomes, offspring: Genomes, seed: np.uint64, cell: int, generation: int, table: Table) -> None:
+def variation(couples: Genomes, offspring: Genomes, seed: np.uint64, cell: int, generation: int, table: Table) -> None:
     """Cross and mutate; extra copies of the same trajectory give way to new ones (§IV)."""
     shape, dice = _shape_of(table), Dice(seed, cell, generation)
     refining, rates = operators.integers(table, 0)[0, 3] != 0, operators.reals(table, 2)[0]

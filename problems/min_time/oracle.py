@@ -102,7 +102,7 @@ def _table(problem: MinTime) -> tuple[Any, int]:
     moving = np.not_equal(problem.start, problem.goal)
     if problem.arm.size != 2 or not moving.all():
         raise BadInput(f"oracle: expected two joints that move, found {moving.sum()} of {problem.arm.size} joints")
-    return problem.judging.table, problem.grid
+    return problem.fitness_kernel.table, problem.grid
 
 
 def _genome(problem: MinTime, nodes: Nodes) -> Any:

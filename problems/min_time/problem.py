@@ -143,7 +143,7 @@ stall = 50                      # generations without a quicker one, after which
         return self._compiled.fitness(genomes)
 
     @property
-    def judging(self) -> Operator:
+    def fitness_kernel(self) -> Operator:
         """`evaluate` as compiled code."""
         return self._compiled
 

@@ -42,14 +42,14 @@ class Moves(Sequence):
         """How far a window of the tuned recipe reaches from its middle, in cells."""
         return max(_NARROWEST, self.side // _WINDOWS_ACROSS)
 
-    def founding(self) -> Operator:
+    def initialise(self) -> Operator:
         """§3.2, or straight lines through random cells."""
         from genetics.operators import Operator
         from problems.terrain import kernels
 
         return Operator.of(kernels.found_lines if self.founders == "lines" else kernels.found_random, *self.world)
 
-    def mating(self, recipe: Recipe) -> Operator:
+    def variation(self, recipe: Recipe) -> Operator:
         """§3.3, or the best path within those of both parents and a small window."""
         from genetics.operators import Operator
         from problems.terrain import kernels

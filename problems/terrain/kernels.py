@@ -1,6 +1,6 @@
 """The compiled fitness, first paths, and how paths are crossed (Fries, §3).
 
-The table (see `genetics.operators`): the fields of `walking.World`; for first paths and for mating, then whatever
+The table (see `genetics.operators`): the fields of `walking.World`; for first paths and for variation, then whatever
 their own docstrings say.
 """
 

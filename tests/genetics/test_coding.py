@@ -45,7 +45,7 @@ def test_the_operator_of_a_recipe_recombines_one_row_bit_for_bit(case):
     couples = selection.couples_with(own, immigrants.genomes, immigrants.source_row, immigrants.each)
     before, expected = couples.copy(), coding.recombine(couples, recipe, keys)
     assert expected.shape == (len(own), 2 * SLOTS * immigrants.each, coding.genome_bytes)
-    operator = coding.mating(recipe)
+    operator = coding.variation(recipe)
     for row, cell in enumerate(keys.cells):
         offspring = np.full(expected.shape[1:], 0xAA, np.uint8)
         operator.function(couples[row], offspring, keys.seed, cell, keys.generation, operator.table)
@@ -58,9 +58,9 @@ def test_the_operator_of_the_one_bit_rule_changes_what_the_rule_changes(case):
     coding, _, keys, own, _ = case
     if isinstance(coding, RealVector):
         with pytest.raises(ValueError, match="no bits"):
-            coding.straying()
+            coding.mutate_one_bit()
         return
-    expected, operator = own.copy(), coding.straying()
+    expected, operator = own.copy(), coding.mutate_one_bit()
     changed = coding.mutate_one(expected, keys)
     for row, cell in enumerate(keys.cells):
         assert operator.function(own[row], keys.seed, cell, keys.generation, operator.table) == changed[row]

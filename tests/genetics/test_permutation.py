@@ -1,4 +1,4 @@
-"""Permutations: founding, crossover and mutation, and what is one."""
+"""Permutations: first demes, crossover and mutation, and what is one."""
 
 import itertools
 import math
@@ -92,7 +92,7 @@ def test_offspring_are_permutations_and_each_row_is_what_it_is_alone(coding, cel
     demes = coding.random(Keys(cells, seed, 0), 2 * count)
     couples = demes.reshape(len(cells), count, 2, coding.genome_bytes)
     together = coding.recombine(couples, recipe, Keys(cells, seed, generation))
-    operator = coding.mating(recipe)
+    operator = coding.variation(recipe)
     for row, cell in enumerate(cells):
         alone = np.full_like(together[row], 0xFF)  # whatever was there before
         operator.function(couples[row].copy(), alone, seed, cell, generation, operator.table)
@@ -240,5 +240,5 @@ def test_offspring_are_the_same_compiled_and_in_python(crossover, monkeypatch):
 
     monkeypatch.setattr(randomness, "philox", randomness.philox.py_func)
     offspring = np.zeros_like(expected)
-    permutation_kernels.mating(couples[0], offspring, np.uint64(2), 5, 9, None)
+    permutation_kernels.variation(couples[0], offspring, np.uint64(2), 5, 9, None)
     np.testing.assert_array_equal(offspring, expected)

@@ -89,7 +89,7 @@ def test_recipes_are_those_of_the_coding():
         Lists().check(Recipe("one-point", 0.1))
     with pytest.raises(ValueError, match="no bit strings: 'mutation' is a probability, found 'one-bit'"):
         Lists().check(Recipe("splice", "one-bit"))
-    for no_bits in (Lists().straying, lambda: Lists().mutate_one(np.zeros((1, 1, 26), np.uint8), None)):
+    for no_bits in (Lists().mutate_one_bit, lambda: Lists().mutate_one(np.zeros((1, 1, 26), np.uint8), None)):
         with pytest.raises(ValueError, match="no bits to flip"):
             no_bits()
 
@@ -120,7 +120,7 @@ def test_offspring_are_sound_and_each_row_is_what_it_is_alone(coding, cells, see
     couples = parents.reshape(len(cells), count, 2, coding.genome_bytes)
     together = coding.recombine(couples, recipe, Keys(cells, seed, generation))
     assert together.shape == (len(cells), 2 * count, coding.genome_bytes)
-    operator = coding.mating(recipe)
+    operator = coding.variation(recipe)
     for row, cell in enumerate(cells):
         keys = Keys(np.array([cell]), seed, generation)
         np.testing.assert_array_equal(together[row], coding.recombine(couples[row : row + 1], recipe, keys)[0])
@@ -145,5 +145,5 @@ def test_without_mutation_genes_are_those_of_the_parents():
 
 
 def test_an_operator_may_need_no_table():
-    operator = Operator.of(Lists().founding().function)
+    operator = Operator.of(Lists().initialise().function)
     assert operator.table.shape == (0, 3)

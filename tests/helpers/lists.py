@@ -62,10 +62,10 @@ class Lists(Sequence):
     def __init__(self, least=1, most=6, genes=GENES):
         super().__init__(least, most, genes)
 
-    def founding(self):
+    def initialise(self):
         return Operator.of(found, self.alphabet.items)
 
-    def mating(self, recipe):
+    def variation(self, recipe):
         return Operator.of(mate, self.alphabet.items, float(recipe.mutation))
 
 
@@ -91,7 +91,7 @@ class Adding(Problem):
         return Lists()
 
     @property
-    def judging(self):
+    def fitness_kernel(self):
         return Operator.of(distance, self.total)
 
     def evaluate(self, genomes):
@@ -102,7 +102,7 @@ class AddingSlowly(Adding):
     """The same, not compiled into the generation."""
 
     @property
-    def judging(self):
+    def fitness_kernel(self):
         return None
 
 

@@ -29,7 +29,7 @@ class Visiting(Problem):
         return Permutation(PLACES)
 
     @property
-    def judging(self):
+    def fitness_kernel(self):
         return Operator.of(way)
 
     def evaluate(self, genomes):
@@ -40,5 +40,5 @@ class VisitingSlowly(Visiting):
     """The same, not compiled into the generation."""
 
     @property
-    def judging(self):
+    def fitness_kernel(self):
         return None

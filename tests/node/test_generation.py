@@ -35,7 +35,7 @@ class Slow(Function):
     """The same functions, not compiled into the generation."""
 
     @property
-    def judging(self):
+    def fitness_kernel(self):
         return None
 
 
@@ -70,7 +70,7 @@ def simulated(plan):
 def test_it_reports_what_it_would_without(shape, name):
     for settings in choices(name, shape):
         compiled, slow = plan_of(name, **settings), plan_of(name, Slow, **settings)
-        assert compiled.problem.judging is not None
+        assert compiled.problem.fitness_kernel is not None
         assert reports_of(compiled) == reports_of(slow, mail=2), settings
 
 
@@ -144,7 +144,7 @@ def test_whatever_the_rule_of_an_island_it_lives_the_same_with_and_without(compi
         settings = {"topology": shape, "deme": deme, "target": -1.0, "generations": 25, "seed": deme}
         its_recipe = replace(recipe, **rule)
         fast = ruled(compiled, its_recipe, fields, **settings)
-        assert fast.problem.judging is not None
+        assert fast.problem.fitness_kernel is not None
         reports = reports_of(fast)
         assert reports == reports_of(ruled(slow, its_recipe, fields, **settings), mail=2) == simulated(fast)
         assert {report.evaluations for report in reports} == {deme + 25 * fast.evaluations_per_generation}
@@ -155,8 +155,8 @@ class Watched(Function):
     """Counts the genomes that it is asked about in Python."""
 
     @property
-    def judging(self):
-        return super().judging
+    def fitness_kernel(self):
+        return super().fitness_kernel
 
     def evaluate(self, genomes):
         asked.append(len(genomes))
@@ -208,7 +208,7 @@ class Breaking(OneMax):
     infinite: bool = False
 
     @property
-    def judging(self):
+    def fitness_kernel(self):
         return Operator.of(broken, [self.size, self.size // 3, self.infinite])
 
     def evaluate(self, genomes):
@@ -217,7 +217,7 @@ class Breaking(OneMax):
 
 class BreakingSlowly(Breaking):
     @property
-    def judging(self):
+    def fitness_kernel(self):
         return None
 
 

@@ -483,7 +483,7 @@ def test_numbers_grow_finer_and_the_operator_agrees(seed, generation, crossover,
     offspring = coding.recombine(couples, recipe, keys)
     leading = 8 if generation >= FINER_AT[-1] else 3 + coding.stage(generation)
     assert not (coding.integers(offspring.reshape(12, -1)) % 2 ** (8 - leading)).any()
-    operator, alone = coding.mating(recipe), np.empty_like(offspring[0])
+    operator, alone = coding.variation(recipe), np.empty_like(offspring[0])
     for row in (0, 1):
         operator.function(couples[row], alone, keys.seed, keys.cells[row], generation, operator.table)
         np.testing.assert_array_equal(alone, offspring[row])

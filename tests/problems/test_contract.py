@@ -133,32 +133,32 @@ def odd_genomes(plan):
 
 
 def compiled_fitness(plan):
-    judging = plan.problem.judging
-    if judging is None:
+    fitness_kernel = plan.problem.fitness_kernel
+    if fitness_kernel is None:
         pytest.skip("has no compiled fitness")
-    return judging
+    return fitness_kernel
 
 
 def test_its_compiled_fitness_is_its_fitness_bit_for_bit(plan):
-    judging = compiled_fitness(plan)
+    fitness_kernel = compiled_fitness(plan)
     genomes = np.concatenate([some_genomes(plan), odd_genomes(plan)])
     expected = plan.problem.evaluate(genomes)
-    assert judging.fitness(genomes).tobytes() == expected.tobytes()
+    assert fitness_kernel.fitness(genomes).tobytes() == expected.tobytes()
     for size in (1, 8):  # as many as a cell judges at once
         for start in range(0, len(genomes), 5 * size):
             part = slice(start, start + size)
-            assert judging.fitness(genomes[part]).tobytes() == expected[part].tobytes()
+            assert fitness_kernel.fitness(genomes[part]).tobytes() == expected[part].tobytes()
             assert plan.problem.evaluate(genomes[part]).tobytes() == expected[part].tobytes()
-    assert plan.problem.model_copy().judging.fitness(genomes[::-1]).tobytes() == expected[::-1].tobytes()
+    assert plan.problem.model_copy().fitness_kernel.fitness(genomes[::-1]).tobytes() == expected[::-1].tobytes()
 
 
 def test_cells_live_the_same_with_and_without_its_compiled_fitness(plan):
     compiled_fitness(plan)
     kind = type(plan.problem)
-    uncompiled = type(kind.__name__, (kind,), {"__module__": __name__, "judging": property(lambda _: None)})
+    uncompiled = type(kind.__name__, (kind,), {"__module__": __name__, "fitness_kernel": property(lambda _: None)})
     run = plan.run.model_copy(update={"topology": "torus 2x2", "target": -1.0, "generations": 8, "deme": 1})
     slow = Plan(uncompiled.model_validate(plan.problem.model_dump(exclude_unset=True)), run)
-    assert slow.problem.judging is None
+    assert slow.problem.fitness_kernel is None
     reports = Bus(Plan(plan.problem, run), random.Random(1)).run()
     assert reports == Bus(slow, random.Random(2)).run() == simulate(slow)
 

@@ -46,9 +46,9 @@ def label(fields):
 def test_every_function_has_a_compiled_fitness_even_if_it_is_to_cost_time(fields):
     problem = function(**fields)
     genomes = genomes_of(problem, 200)
-    assert problem.judging.fitness(genomes).tobytes() == problem.evaluate(genomes).tobytes()
+    assert problem.fitness_kernel.fitness(genomes).tobytes() == problem.evaluate(genomes).tobytes()
     costly = function(**fields, cost_us=0.5)
-    assert costly.judging.fitness(genomes).tobytes() == problem.evaluate(genomes).tobytes()
+    assert costly.fitness_kernel.fitness(genomes).tobytes() == problem.evaluate(genomes).tobytes()
     assert costly.evaluate(genomes).tobytes() == problem.evaluate(genomes).tobytes()
 
 

@@ -21,10 +21,10 @@ class Pairs(Sequence):
 
     crossovers: ClassVar = ("none",)
 
-    def founding(self):
+    def initialise(self):
         raise NotImplementedError
 
-    mating = founding
+    variation = initialise
 
 
 class Moves:
