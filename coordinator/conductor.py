@@ -26,9 +26,9 @@ from node.plan import retry
 from problems import BadInput, ProblemFile
 from problems.errors import blaming_the_update
 from spy.improvement_records import ImprovementRecord, records_of
-from spy.judge import STATUS_OF, Judgement
 from spy.past import Lived, lived_for, stopped_after
 from spy.result import Clocks, Result, result_of, states_of, stop_reasons
+from spy.verification import STATUS_OF, Judgement
 from topologies import ROOT
 from wire.control import Begin, Done, Drop, Finish, Halt, Judged, Look, Prepare, ProposeStop, Wiring
 from wire.keys import Keys

@@ -64,7 +64,7 @@ def has_oracle(model: type[Problem]) -> bool:
     return model.oracle_decides and model.oracle is not Problem.oracle
 
 
-def foretell(file: ProblemFile, problem: Problem) -> Foretold:
+def solve_exactly(file: ProblemFile, problem: Problem) -> Foretold:
     """Ask the oracle of a problem, made of ``file``.
 
     Raises:

@@ -31,14 +31,14 @@ def main() -> None:
 def _answered(text: str) -> str:
     from problems.errors import BadInput, EvaluationFailed
     from problems.file import ProblemFile
-    from problems.foretelling import foretell, has_oracle
+    from problems.foretelling import has_oracle, solve_exactly
 
     try:
         file = ProblemFile.from_json(text)
         if not has_oracle(file.find_model()):
             return ""
         _limit()
-        return foretell(file, file.problem(checked=True)).to_json()
+        return solve_exactly(file, file.problem(checked=True)).to_json()
     except (BadInput, EvaluationFailed, MemoryError):
         return ""
 

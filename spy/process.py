@@ -21,8 +21,8 @@ from node.node_config import NodeConfig
 from node.plan import Plan
 from problems import BadInput
 from spy.collector import Collector
-from spy.judge import judge
 from spy.tally import added_up
+from spy.verification import verify
 from topologies import ROOT
 from wire import control, sessions
 from wire.callbacks import direct, frequent
@@ -306,7 +306,7 @@ class SpyProcess:
             assignment.root.generation = max(assignment.root.generation, command.generation)
             self._tell_statistics(assignment)
         assignment.rates.clear()  # nobody sends any more, though the job may be kept alive
-        judgement = judge(collector, command.generation, reasons, command.error, dict(command.states), command.since)
+        judgement = verify(collector, command.generation, reasons, command.error, dict(command.states), command.since)
         return judgement.answer()
 
     def _forget(self, job: int) -> None:

@@ -7,8 +7,8 @@ from typing import Any
 
 import topologies
 from problems import Run
-from spy.judge import Judgement, Status
 from spy.past import Lived, Past, stopped_after
+from spy.verification import Judgement, Status
 from topologies import Topology
 from wire.news import Improvement
 from wire.report import Reason, Report, Staleness
@@ -124,7 +124,7 @@ def states_of(reports: Sequence[Report]) -> dict[int, bytes]:
 def result_of(
     job: str, first: Run, past: Past, epoch: Lived, judgement: Judgement, versions: dict[str, str], clocks: Clocks
 ) -> Result:
-    """Put together what the cells of the last ``epoch`` report, what came before it, and what the spy judges.
+    """Put together what the cells of the last ``epoch`` report, what came before it, and what the spy verifies.
 
     ``first`` are the settings that the job began with.
     """

@@ -9,7 +9,7 @@ from typing import Any
 
 from problems import BadInput, Problem, ProblemFile, Solution, Verdict
 from problems.guard import checked, cleared, solved_at
-from spy.judge import same_fitness
+from spy.verification import same_fitness
 from supernode.results import read_table
 
 _MOST_OBJECTIONS = 3  # of the check, that are named
@@ -34,7 +34,7 @@ class Judgement:
     clearance: dict[str, Any] | None = None
 
 
-def judged(file: ProblemFile, result: str) -> Judgement:
+def verified(file: ProblemFile, result: str) -> Judgement:
     """What the file of a result, or of its solution alone, is worth as an answer to a problem.
 
     Raises:
@@ -43,14 +43,14 @@ def judged(file: ProblemFile, result: str) -> Judgement:
     claim = read_table(result)
     try:
         with contextlib.redirect_stdout(sys.stderr):  # a user's module may print
-            return _judged(_as_it_was_run(file, claim), claim)
+            return _verified(_as_it_was_run(file, claim), claim)
     except BadInput as error:
         if str(error).startswith(file.name):
             raise
         raise BadInput(f"{result}: {error}") from None
 
 
-def _judged(file: ProblemFile, claim: dict[str, Any]) -> Judgement:
+def _verified(file: ProblemFile, claim: dict[str, Any]) -> Judgement:
     if claim.get("kind", file.kind) != file.kind and "run" in claim:
         kinds = f"of kind {claim['kind']!r}, and {file.name} is of kind {file.kind!r}"
         return Judgement(file.problem(), None, math.inf, [f"the result is of another problem: it is {kinds}"])

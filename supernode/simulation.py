@@ -23,9 +23,9 @@ from problems import BadInput, EvaluationFailed, Problem, ProblemFile, load, reg
 from problems.made import MadeProblem
 from spy.collector import Collector
 from spy.improvement_records import ImprovementRecord, records_of
-from spy.judge import Judgement, judge
 from spy.past import Lived, Past, stopped_after
 from spy.result import Clocks, Result, result_of, states_of, stop_reasons
+from spy.verification import Judgement, verify
 from wire.exchange import Champion
 from wire.news import Improvement
 from wire.report import Proposal, Reason, Report
@@ -176,7 +176,7 @@ class Simulation:
             if attempt.error is None and self._known and not self._known[0].is_fresh:
                 best = attempt.collector.best  # what else it knew the past keeps
             else:
-                judgement = attempt.judged(past)
+                judgement = attempt.verified(past)
                 if attempt.error is not None or not self._goes_on(attempt, judgement):
                     break
                 best = judgement.best
@@ -265,13 +265,13 @@ class _Attempt:
             for report in self.reports
         ]
 
-    def judged(self, past: Past) -> Judgement:
+    def verified(self, past: Past) -> Judgement:
         """What came of it."""
         self._hear(past.or_better(self.lived))
         generation = stopped_after(self.reports) if self.reports else 0
         reasons = stop_reasons(self.reports, self.epoch.file.run.mode)
         states = states_of(self.reports)
-        judgement = judge(self.collector, generation, reasons, self.error, states, self.epoch.since)
+        judgement = verify(self.collector, generation, reasons, self.error, states, self.epoch.since)
         self._listener.ends(self.epoch, judgement, generation)
         return judgement
 

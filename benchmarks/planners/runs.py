@@ -13,9 +13,9 @@ from node.replay import epochs_of
 from problems import Problem, ProblemFile, Run
 from problems.problem import Solution
 from spy.collector import Collector
-from spy.judge import Status, judge
 from spy.past import best_known, stopped_after
 from spy.result import states_of, stop_reasons
+from spy.verification import Status, verify
 from supernode.simulation import Simulation
 
 Task = TypeVar("Task")
@@ -58,7 +58,7 @@ def run(problem: Problem | ProblemFile, **settings: Any) -> Outcome:
     collector = Collector(plan, job=1)
     collector.hear(best_known(reports, plan.run.spy), 0.0)
     generations = stopped_after(reports)
-    judgement = judge(collector, generations, stop_reasons(reports, plan.run.mode), states=states_of(reports))
+    judgement = verify(collector, generations, stop_reasons(reports, plan.run.mode), states=states_of(reports))
     best = judgement.best
     first, each = plan.run.deme, plan.evaluations_per_generation
     return Outcome(

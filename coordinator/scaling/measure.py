@@ -17,9 +17,9 @@ from node.simulation import StopWish
 from problems import ProblemFile
 from spy.collector import Collector
 from spy.improvement_records import ImprovementRecord, records_of
-from spy.judge import judge
 from spy.past import Lived, Past, best_known, stopped_after
 from spy.result import Clocks, Result, result_of, states_of, stop_reasons
+from spy.verification import verify
 from wire.exchange import Champion
 from wire.news import Improvement
 
@@ -77,7 +77,7 @@ def run_in_process(file: ProblemFile, case: Case) -> Record:
     seconds = time.monotonic() - began
     hear(best_known(reports, file.run.spy))
     reasons = stop_reasons(reports, file.run.mode)
-    judgement = judge(collector, stopped_after(reports), reasons, states=states_of(reports))
+    judgement = verify(collector, stopped_after(reports), reasons, states=states_of(reports))
     clocks = Clocks(seconds, 0.0, cpu)
     result = result_of("1", file.run, Past(), Lived(file, reports), judgement, fingerprint(), clocks)
     records = records_of(Past(), Lived(file, reports))

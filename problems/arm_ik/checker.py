@@ -1,4 +1,4 @@
-"""The judge of arm-ik solutions: its own kinematics in complex numbers, and shapely; nothing that `evaluate` uses.
+"""The verify of arm-ik solutions: its own kinematics in complex numbers, and shapely; nothing that `evaluate` uses.
 
 It is more lenient than the evaluation by one more `CONTACT`, so that rounding never makes the two disagree about shapes
 that only touch.
@@ -38,7 +38,7 @@ class ArmSolution(Table):
     distance: Annotated[float, Field(ge=0)]
 
 
-def judge(problem: ArmIk, solution: Solution) -> Verdict:
+def verify(problem: ArmIk, solution: Solution) -> Verdict:
     """The distance of the tip to the target, inf in collision, and all that is wrong with the solution."""
     claimed = _parsed(problem.arm, solution)
     joints = joints_of(problem.arm, claimed.configuration)

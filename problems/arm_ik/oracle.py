@@ -1,6 +1,6 @@
 """The exact answers that arm-ik is held against: enumeration, reach in closed form, and a local solver.
 
-No genetic algorithm here, and nothing that `evaluate` uses: kinematics and collisions are those of the judge.
+No genetic algorithm here, and nothing that `evaluate` uses: kinematics and collisions are those of the verify.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _SAMPLES = 4000
 _STARTS = 40
 
 
-def foretell(problem: ArmIk) -> Answer:
+def solve_exactly(problem: ArmIk) -> Answer:
     """The optimum of all coded configurations, if these are few; else what bounds that of all configurations."""
     bits = len(problem.arm.links) * problem.bits
     if bits <= MOST_BITS:

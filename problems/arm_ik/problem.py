@@ -262,13 +262,13 @@ seed = 1
 
     def check(self, solution: Solution) -> Verdict:
         """See `problems.arm_ik.checker`, which shares no code with `evaluate`."""
-        return checker.judge(self, solution)
+        return checker.verify(self, solution)
 
     def oracle(self) -> Answer:
         """See `problems.arm_ik.oracle`: enumeration of few codes, else the arm's reach and a local solver."""
         from problems.arm_ik import oracle
 
-        return oracle.foretell(self)
+        return oracle.solve_exactly(self)
 
     def draw(self, figure: Figure, solution: Solution | None, populations: Populations) -> None:
         """The arm in its world; for two links beside it the configuration space (figures 1 to 3 of the paper)."""

@@ -1,4 +1,4 @@
-"""The judge of arm-path solutions: its own kinematics in complex numbers, and shapely; nothing that `evaluate` uses.
+"""The verify of arm-path solutions: its own kinematics in complex numbers, and shapely; nothing that `evaluate` uses.
 
 A motion turns what lies beyond one joint. It is sampled, and the hull of a link at two neighbouring samples covers all
 that it sweeps between them, up to a few micrometres: overlaps up to that are allowed.
@@ -31,7 +31,7 @@ Code = Annotated[int, Field(ge=0)] | Literal["start", "goal"]
 
 TOLERANCE = 1e-6  # rad, and m where the arm stands still
 _SAMPLES_A_RADIAN = 400
-_SHARE = 1e-3  # of configuration space: cells that only touch may be judged either way
+_SHARE = 1e-3  # of configuration space: cells that only touch may be verified either way
 _FULL_TURN = 2.0 * np.pi
 _ACCURACY = 1e-3  # of the clearance, as a share of the arm's reach
 
@@ -44,7 +44,7 @@ class PathSolution(Table):
     slices: tuple[list[Code], list[Code]] | Annotated[int, Field(ge=0)]
 
 
-def judge(problem: ArmPath, solution: Solution) -> Verdict:
+def verify(problem: ArmPath, solution: Solution) -> Verdict:
     """How far the path ends from the goal, rad, and all that is wrong with the solution."""
     claimed = _parsed(problem, solution)
     path = np.array(claimed.path)
@@ -237,7 +237,7 @@ def _hits_itself(joints: Joints, moved: int, limit: float) -> bool:
     Args:
         joints: of all samples.
         moved: the joint that turns; the links before it stand still, and those beyond among themselves.
-        limit: as for `_overlap`. Links without thickness are judged at the samples alone: what touches may pass.
+        limit: as for `_overlap`. Links without thickness are verified at the samples alone: what touches may pass.
     """
     lines = _lines(joints)
     turning = (

@@ -48,7 +48,7 @@ class Grid(NamedTuple):
     is_torus: bool
 
 
-def answer(problem: ArmPath) -> Answer:
+def solve_exactly(problem: ArmPath) -> Answer:
     """Whether the goal can be reached at all; and bounds from above of the fewest moves and the shortest way there.
 
     Raises:

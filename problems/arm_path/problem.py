@@ -274,13 +274,13 @@ seed = 1
 
     def check(self, solution: Solution) -> Verdict:
         """See `problems.arm_path.checker`, which shares no code with `evaluate`."""
-        return checker.judge(self, solution)
+        return checker.verify(self, solution)
 
     def oracle(self) -> Answer:
         """See `problems.arm_path.oracle`: for two links."""
         from problems.arm_path import oracle
 
-        return oracle.answer(self)
+        return oracle.solve_exactly(self)
 
     def motion(self, solution: Solution, pace: Pace) -> Motion:
         """One joint after another, each from rest to rest within its limits."""

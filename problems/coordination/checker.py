@@ -1,4 +1,4 @@
-"""The judge of coordination solutions: cell by cell, with its own motions and its own arms; nothing of `evaluate`.
+"""The verify of coordination solutions: cell by cell, with its own motions and its own arms; nothing of `evaluate`.
 
 Where the diagram comes from two arms, it also moves them through every rectangle, in all pairs of places half a cell
 apart, and measures the distance of their links; in closer places where links could come nearer to each other between.
@@ -39,7 +39,7 @@ class CoordinationSolution(Table):
     points: list[tuple[Annotated[int, Field(ge=0)], Annotated[int, Field(ge=0)]]]
 
 
-def judge(problem: Coordination, solution: Solution) -> Verdict:
+def verify(problem: Coordination, solution: Solution) -> Verdict:
     """The time of the sequence, or K + its obstacle cells, and all that is wrong with it."""
     claimed = _parsed(solution)
     corners = [(0, 0), *claimed.points, problem.last]

@@ -28,7 +28,7 @@ MOST_CELLS = 1 << 18
 """As many take some ten seconds where hardly anything is in the way."""
 
 
-def answer(problem: Coordination) -> Answer:
+def solve_exactly(problem: Coordination) -> Answer:
     """The least time of all sequences that the problem's coding holds, and the time of the slower path alone.
 
     Raises:

@@ -210,13 +210,13 @@ seed = 1
 
     def check(self, solution: Solution) -> Verdict:
         """See `problems.coordination.checker`, which shares no code with `evaluate`."""
-        return checker.judge(self, solution)
+        return checker.verify(self, solution)
 
     def oracle(self) -> Answer:
         """See `problems.coordination.oracle`."""
         from problems.coordination import oracle
 
-        return oracle.answer(self)
+        return oracle.solve_exactly(self)
 
     def motion(self, solution: Solution, pace: Pace) -> Motion:
         """Both robots along their paths, each waiting for the other where it must."""

@@ -1,4 +1,4 @@
-"""The judge of points, bit strings and partitions: the formulas once more, in plain numpy, as the literature has them.
+"""The verify of points, bit strings and partitions: the formulas once more, in plain numpy, as the literature has them.
 
 Nothing here is used by the evaluation.
 """
@@ -51,12 +51,12 @@ class PartitionClaim(Claim):
     planted_cut: int
 
 
-def judge(problem: Function, solution: Solution) -> Verdict:
+def verify(problem: Function, solution: Solution) -> Verdict:
     """The value, computed anew, and what is wrong with the solution."""
     if problem.graph is not None:
-        return _judge_partition(problem.graph, solution)
+        return _verify_partition(problem.graph, solution)
     if problem.bounds is None:
-        return _judge_bits(problem, solution)
+        return _verify_bits(problem, solution)
     claim = _parsed(PointClaim, solution, "x", problem.dimension, "numbers")
     x = np.array(claim.x)
     low, high = problem.bounds
@@ -81,7 +81,7 @@ def value(name: str, x: Points) -> float:
     return values[name]()  # type: ignore[no-any-return]
 
 
-def _judge_bits(problem: Function, solution: Solution) -> Verdict:
+def _verify_bits(problem: Function, solution: Solution) -> Verdict:
     claim = _parsed(BitsClaim, solution, "bits", problem.dimension, "digits")
     if problem.name == "onemax":
         return _verdict(claim.bits.count("0"), claim, [])
@@ -90,7 +90,7 @@ def _judge_bits(problem: Function, solution: Solution) -> Verdict:
     return _verdict(float(np.sum(np.where(ones == problem.block, 0, 1 + ones))), claim, [])
 
 
-def _judge_partition(graph: Graph, solution: Solution) -> Verdict:
+def _verify_partition(graph: Graph, solution: Solution) -> Verdict:
     claim = _parsed(PartitionClaim, solution, "parts", graph.vertices, "numbers")
     if max(claim.parts) >= graph.parts:
         raise BadInput(f"solution: parts: expected numbers below {graph.parts}, found {max(claim.parts)}")

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from problems.function.problem import Function
 
 
-def foretell(problem: Function) -> Answer:
+def solve_exactly(problem: Function) -> Answer:
     """The optimum with an individual that has it, or a value that some individual has."""
     if problem.graph is not None:
         return _planted(problem.graph)

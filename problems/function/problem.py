@@ -229,13 +229,13 @@ seed = 1
 
     def check(self, solution: Solution) -> Verdict:
         """See `problems.function.checker`, which shares no code with `evaluate`."""
-        return checker.judge(self, solution)
+        return checker.verify(self, solution)
 
     def oracle(self) -> Answer:
         """See `problems.function.oracle`: the optimum is known, or else a value that is hardly above it."""
         from problems.function import oracle
 
-        return oracle.foretell(self)
+        return oracle.solve_exactly(self)
 
     def draw(self, figure: Figure, solution: Solution | None, populations: Populations) -> None:
         """A map of the first two parameters; the bits; or the graph's edges, sorted by parts."""

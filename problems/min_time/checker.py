@@ -1,6 +1,6 @@
-"""The judge of min-time solutions: its own curve and time law, and pinocchio's dynamics; nothing that `evaluate` uses.
+"""The verify of min-time solutions: its own curve and time law, and pinocchio's dynamics; nothing that `evaluate` uses.
 
-Where pinocchio is not installed, rods in a plane are judged by Kane's equations in complex numbers.
+Where pinocchio is not installed, rods in a plane are verified by Kane's equations in complex numbers.
 """
 
 from __future__ import annotations
@@ -72,11 +72,11 @@ class Law(NamedTuple):
     between: Floats  # (4, samples): the same at the rows and between them, and the third derivative, inf if it jumps
 
 
-def judge(problem: MinTime, solution: Solution) -> Verdict:
+def verify(problem: MinTime, solution: Solution) -> Verdict:
     """The time that the trajectory takes, and all that is wrong with it."""
     claim = _parsed(problem, solution)
     if len(claim.t) == 1:
-        return _judge_standing(problem, claim)
+        return _verify_standing(problem, claim)
     with np.errstate(all="ignore"):  # what becomes of nonsense is compared, and found wrong
         law = _law(claim)
         wrong = list(_wrong_rows(problem.arm, claim, law))
@@ -162,7 +162,7 @@ def _parsed(problem: MinTime, solution: Solution) -> Claim:
     return Claim(trip.time, np.array(trip.nodes), np.array(rows.t), q, qd, qdd, torque, place)
 
 
-def _judge_standing(problem: MinTime, claim: Claim) -> Verdict:
+def _verify_standing(problem: MinTime, claim: Claim) -> Verdict:
     """A trajectory of one row: of an arm that is at its goal."""
     torque = torques(problem.arm, claim.q, claim.qd, claim.qdd)
     ends = np.array([problem.start, problem.goal])

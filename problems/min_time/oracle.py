@@ -37,7 +37,7 @@ class Found(NamedTuple):
     searched: float = 1.0
 
 
-def best_on_grid(problem: MinTime) -> Answer:
+def solve_exactly(problem: MinTime) -> Answer:
     """The answer of `dynamic_program`.
 
     Raises:

@@ -191,13 +191,13 @@ stall = 50                      # generations without a quicker one, after which
         """See `problems.min_time.checker`, which shares no code with `evaluate`."""
         from problems.min_time import checker
 
-        return checker.judge(self, solution)
+        return checker.verify(self, solution)
 
     def oracle(self) -> Answer:
         """The best trajectory through nodes of the grid; see `problems.min_time.oracle`."""
         from problems.min_time import oracle
 
-        return oracle.best_on_grid(self)
+        return oracle.solve_exactly(self)
 
     def motion(self, solution: Solution, pace: Pace) -> Motion:
         """The trajectory, row by row."""

@@ -1,4 +1,4 @@
-"""The judge of mobile-robot solutions: shapely, along the whole path; nothing that `evaluate` uses.
+"""The verify of mobile-robot solutions: shapely, along the whole path; nothing that `evaluate` uses.
 
 A straight move sweeps the hulls of the robot's edges, which shapely intersects exactly. A turn is sampled so finely
 that no point of the robot moves farther than 1/250 of its circumscribed radius from one sample to the next; something
@@ -42,7 +42,7 @@ class RobotSolution(Table):
     length: Annotated[float, Field(ge=0)]
 
 
-def judge(problem: MobileRobot, solution: Solution) -> Verdict:
+def verify(problem: MobileRobot, solution: Solution) -> Verdict:
     """What the last pose is worth, and all that is wrong with the way there."""
     claimed = _parsed(solution)
     away, off = _short_of(problem, claimed.path[-1])

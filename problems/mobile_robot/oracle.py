@@ -45,7 +45,7 @@ _HALF_SLICE = np.pi / _SLICES
 _HEADINGS = 2.0 * _HALF_SLICE * np.arange(_SLICES)  # in their middles
 
 
-def foretell(problem: MobileRobot) -> Answer:
+def solve_exactly(problem: MobileRobot) -> Answer:
     """Whether the goal can be reached, and bounds of the shortest way's length."""
     outer, inner = (radius + problem.clearance if radius > 0.0 else 0.0 for radius in _discs(problem))
     least, away = _least(problem, inner)
@@ -72,7 +72,7 @@ def _of_a_polygon(problem: MobileRobot, roomy: shapely.Geometry, figures: dict[s
     poses = oracle_drives.find_way(problem, roomy)
     if poses is not None:
         solution = _solution(poses)
-        if checker.judge(problem, solution).feasible:
+        if checker.verify(problem, solution).feasible:
             return _proven("turns and drives, for any number of commands", solution, figures)
     method = "slices of the headings, turns and drives, which cannot tell whether the robot gets through"
     return Answer("lower bound", 0.0, method, None, figures)

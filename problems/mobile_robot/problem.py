@@ -262,13 +262,13 @@ seed = 1
 
     def check(self, solution: Solution) -> Verdict:
         """See `problems.mobile_robot.checker`, which shares no code with `evaluate`."""
-        return checker.judge(self, solution)
+        return checker.verify(self, solution)
 
     def oracle(self) -> Answer:
         """See `problems.mobile_robot.oracle`: a visibility graph; for a polygon also turns and drives, and slices."""
         from problems.mobile_robot import oracle
 
-        return oracle.foretell(self)
+        return oracle.solve_exactly(self)
 
     def motion(self, solution: Solution, pace: Pace) -> Motion:
         """Moves and turns, each from rest to rest; see `problems.mobile_robot.moving`."""

@@ -1,4 +1,4 @@
-"""The judge of sphere-path solutions: distances in closed form, the vehicle in its world; nothing of the kernels."""
+"""The verify of sphere-path solutions: distances in closed form, the vehicle in its world; nothing of the kernels."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class PathSolution(Table):
     length: Annotated[float, Field(ge=0)]
 
 
-def judge(problem: SpherePath, solution: Solution) -> Verdict:
+def verify(problem: SpherePath, solution: Solution) -> Verdict:
     """The obstacles that the path crosses, its detour, and all that is wrong with it."""
     claimed = _parsed(problem, solution)
     path = np.array(claimed.path)

@@ -200,7 +200,7 @@ def _crossed(way: Any, table: Any) -> Any:
 
 
 @subroutine
-def _judge(genome: Any, table: Any, way: Any) -> Any:
+def _evaluate(genome: Any, table: Any, way: Any) -> Any:
     weights = reals(table, 2)[0]
     detour = max(0.0, _follow(genome, table, way) - weights[1])
     return _crossed(way, table) + weights[0] * detour / (detour + weights[2])
@@ -211,7 +211,7 @@ def evaluate(genomes: Genomes, fitness: Fitness, table: Table) -> None:
     """The number of obstacles that coded paths cross, and a share of 1 for their detours."""
     way = _room_for(table)
     for row in range(fitness.size):
-        fitness[row] = _judge(genomes[row], table, way)
+        fitness[row] = _evaluate(genomes[row], table, way)
 
 
 @kernel("Tuple((float64[:,:,::1], int64[::1]))(uint8[:,::1], int64[:,::1])")

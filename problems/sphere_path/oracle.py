@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 
-def answer(problem: SpherePath) -> Answer:
+def solve_exactly(problem: SpherePath) -> Answer:
     """What is known of the best path."""
     straight = problem.straight
     if crossed_by(problem, straight) == 0:

@@ -284,13 +284,13 @@ target = 0.03                   # nothing crossed, and a detour of at most 1.1; 
         """See `problems.sphere_path.checker`, which shares no code with `evaluate`."""
         from problems.sphere_path import checker
 
-        return checker.judge(self, solution)
+        return checker.verify(self, solution)
 
     def oracle(self) -> Answer:
         """See `problems.sphere_path.oracle`."""
         from problems.sphere_path import oracle
 
-        return oracle.answer(self)
+        return oracle.solve_exactly(self)
 
     def advice(self, found: Solution | None, run: Run) -> list[str]:
         """First of all a finer accuracy, if nothing else keeps the best attempt from being free."""

@@ -1,4 +1,4 @@
-"""The judge of terrain solutions: scipy and plain arithmetic along the path; nothing that `evaluate` uses."""
+"""The verify of terrain solutions: scipy and plain arithmetic along the path; nothing that `evaluate` uses."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Floats = NDArray[np.float64]
 Triangle = tuple[float, float, float]
 
 
-def judge(problem: Terrain, solution: Solution) -> Verdict:
+def verify(problem: Terrain, solution: Solution) -> Verdict:
     """What the path is worth, and all that is wrong with it."""
     claimed = _parsed(solution)
     cost, blocked, astray = 0.0, 0, []

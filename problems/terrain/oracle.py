@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 METHOD = "Dijkstra's algorithm over all cells"
 
 
-def easiest(problem: Terrain) -> Answer:
+def solve_exactly(problem: Terrain) -> Answer:
     """The cost of the easiest path of all, whether or not there are blocks enough to code it, and such a path."""
     blocked = problem.impassable
     columns = blocked.shape[1]

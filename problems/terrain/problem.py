@@ -294,13 +294,13 @@ seed = 1
 
     def check(self, solution: Solution) -> Verdict:
         """See `problems.terrain.checker`, which shares no code with `evaluate`."""
-        return checker.judge(self, solution)
+        return checker.verify(self, solution)
 
     def oracle(self) -> Answer:
         """The easiest of all paths, by Dijkstra's algorithm."""
         from problems.terrain import oracle
 
-        return oracle.easiest(self)
+        return oracle.solve_exactly(self)
 
     def motion(self, solution: Solution, pace: Pace) -> Motion:
         """From cell to cell, from rest to rest between its turns."""

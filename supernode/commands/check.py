@@ -23,9 +23,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Print whether the result is accepted, and what there is against it."""
     from problems import load
-    from supernode.claims import judged
+    from supernode.claims import verified
 
-    judgement = judged(load(options.problem), options.result)
+    judgement = verified(load(options.problem), options.result)
     print(json.dumps(_plain(judgement)) if options.json else _words(judgement))
     return exits.NOT_REACHED if judgement.objections else exits.OK
 

@@ -136,14 +136,14 @@ def _run_motion(options: argparse.Namespace) -> int:
     from problems.guard import moved
     from problems.motion import Pace
     from problems.registry import find
-    from supernode.claims import judged
+    from supernode.claims import verified
 
     pace = Pace(options.speed, options.turn_speed, options.acceleration, options.turn_acceleration, options.rate)
     kind_of_file, file = _format(options, _OF_MOTIONS), load(options.source)
     with contextlib.redirect_stdout(sys.stderr):  # a user's module may print
         if not _moves(find(file.kind, file.folder)):
             raise _no_motion(file)
-        judgement = judged(file, options.result)
+        judgement = verified(file, options.result)
         if judgement.solution is None or judgement.objections:
             print("rejected: " + "; ".join(judgement.objections), file=sys.stderr)
             return exits.NOT_REACHED

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from coordinator.states import ENDS, TRANSITIONS, State, WrongTransition, follow, state_of
-from spy.judge import Status
+from spy.verification import Status
 
 STATES = get_args(State)
 

@@ -7,9 +7,9 @@ import pytest
 import supernode
 from node import Plan, simulate
 from spy.collector import Collector
-from spy.judge import judge
 from spy.past import best_known, stopped_after
 from spy.result import states_of, stop_reasons
+from spy.verification import verify
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 
@@ -26,7 +26,7 @@ def simulated(file):
     collector = Collector(plan, job=1)
     collector.hear(best_known(reports, plan.run.spy), 0.0)
     reasons = stop_reasons(reports, plan.run.mode)
-    return judge(collector, stopped_after(reports), reasons, states=states_of(reports)).best.solution
+    return verify(collector, stopped_after(reports), reasons, states=states_of(reports)).best.solution
 
 
 @pytest.mark.parametrize("example", ["arm-path", "arm-path-four-links"])

@@ -17,9 +17,9 @@ from node import Plan, simulate
 from problems import registry
 from problems.file import parse
 from spy.collector import Collector
-from spy.judge import judge
 from spy.past import best_known, stopped_after
 from spy.result import states_of, stop_reasons
+from spy.verification import verify
 
 EXAMPLES = sorted((Path(__file__).parent.parent.parent / "examples").glob("*.toml"))
 read = functools.cache(supernode.load)  # to make the spheres of a mesh takes a second
@@ -43,7 +43,7 @@ def outcome(plan):
     collector = Collector(plan, job=1)
     collector.hear(best_known(reports, plan.run.spy), 0.0)
     reasons = stop_reasons(reports, plan.run.mode)
-    return reports, judge(collector, stopped_after(reports), reasons, states=states_of(reports))
+    return reports, verify(collector, stopped_after(reports), reasons, states=states_of(reports))
 
 
 def some_genomes(plan, deme=50):
@@ -144,7 +144,7 @@ def test_its_compiled_fitness_is_its_fitness_bit_for_bit(plan):
     genomes = np.concatenate([some_genomes(plan), odd_genomes(plan)])
     expected = plan.problem.evaluate(genomes)
     assert fitness_kernel.fitness(genomes).tobytes() == expected.tobytes()
-    for size in (1, 8):  # as many as a cell judges at once
+    for size in (1, 8):  # as many as a cell verifies at once
         for start in range(0, len(genomes), 5 * size):
             part = slice(start, start + size)
             assert fitness_kernel.fitness(genomes[part]).tobytes() == expected[part].tobytes()

@@ -6,9 +6,9 @@ import pytest
 
 from problems import ProblemFile, Run
 from spy import past as of_past
-from spy.judge import Judgement
 from spy.past import Lived, Past
 from spy.result import Clocks, result_of
+from spy.verification import Judgement
 from wire.exchange import Champion
 from wire.report import Report, Staleness
 

@@ -90,8 +90,8 @@ def test_what_the_check_refuses_is_an_attempt_and_no_solution(own_problem, tmp_p
     result.write_text(out)
     code, out, _ = in_process(capsys, "check", path, result)
     assert (code, out) == (3, "rejected: there is no solution, only a best attempt; it hits a wall\n")
-    judged = json.loads(in_process(capsys, "check", path, result, "--json")[1])
-    assert (judged["accepted"], judged["fitness"]) == (False, told["fitness"])
+    verified = json.loads(in_process(capsys, "check", path, result, "--json")[1])
+    assert (verified["accepted"], verified["fitness"]) == (False, told["fitness"])
 
 
 def test_an_attempt_that_the_check_would_accept_is_no_solution_either(own_problem, tmp_path, capsys):

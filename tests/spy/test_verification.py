@@ -1,4 +1,4 @@
-"""The spy believes only what it has evaluated itself, and judges a run by an independent check."""
+"""The spy believes only what it has evaluated itself, and verifies a run by an independent check."""
 
 import dataclasses
 import json
@@ -11,10 +11,10 @@ from one_max import OneMax, plan_of
 from node import Plan
 from problems import BadInput, Clearance, ProblemFile, Run, Verdict
 from spy.collector import Collector
-from spy.judge import Judgement, judge
 from spy.past import Lived, Past, best_known, stopped_after
 from spy.result import Clocks, result_of, stop_reasons
 from spy.run_log import RunLog
+from spy.verification import Judgement, verify
 from wire.control import decode_answer, encode_answer
 from wire.exchange import Champion
 from wire.news import Improvement
@@ -75,7 +75,7 @@ def test_the_best_of_an_earlier_attempt_stays_as_it_was_found():
 def test_a_lie_is_not_believed_and_fails_the_run():
     collector = collected(plan_of(), Champion(20.0, 3, 5, HALF), Champion(0.0, 4, 6, EMPTY))
     assert collector.best.fitness == 20.0
-    judgement = judge(collector, 10, ["target"])
+    judgement = verify(collector, 10, ["target"])
     assert judgement.status == "failed"
     assert judgement.message == "cell 6 claims a fitness of 0.0, the spy finds 40.0"
     assert judgement.best.fitness == 20.0
@@ -101,7 +101,7 @@ def test_status(settings, generation, reasons, status):
     words, when = f"integers: {[1] * 40}", "as asked for" if "target" in settings else None
     advice = tuple(collector.plan.problem.advice(None, collector.plan.run)) if status == "stalled" else ()
     judgement = Judgement(status, True, None, collector.best, words, target, solved_when=when, advice=advice)
-    assert judge(collector, generation, reasons) == judgement
+    assert verify(collector, generation, reasons) == judgement
 
 
 class Explained(OneMax):
@@ -128,7 +128,7 @@ class Explained(OneMax):
 def test_a_judgement_tells_what_its_target_means(says, settings, told):
     plan = Plan(Explained(kind="explained", says=says), Run(**settings))
     for champion in (Champion(0.0, 3, 5, FULL), None):
-        judgement = judge(collected(plan, champion), 8, ["stall"])
+        judgement = verify(collected(plan, champion), 8, ["stall"])
         assert judgement.solved_when == told
         assert Judgement.of(decode_answer(encode_answer(judgement.answer()))) == judgement
 
@@ -152,7 +152,7 @@ def test_a_judgement_tells_what_its_target_means(says, settings, told):
 def test_what_stalls_without_its_target_begins_anew(settings, reasons, lived, status, fields):
     """Epoch 0 has ended after its generation 8."""
     collector = collected(plan_of(**settings), Champion(20.0, 3, 5, HALF))
-    judgement = judge(collector, 8, reasons, since=lived)
+    judgement = verify(collector, 8, reasons, since=lived)
     assert (judgement.status, judgement.next_attempt) == (status, fields)
     assert Judgement.of(decode_answer(encode_answer(judgement.answer()))) == judgement
 
@@ -164,20 +164,20 @@ def test_what_is_kept_alive_without_a_target_seeks_a_feasible_answer():
             return None
 
     plan = Plan(Endless(kind="endless"), Run(keep_alive=True))
-    found = judge(collected(plan, Champion(20.0, 3, 5, HALF)), 8, ["stall"])
+    found = verify(collected(plan, Champion(20.0, 3, 5, HALF)), 8, ["stall"])
     assert (found.status, found.feasible, found.next_attempt) == ("stalled", True, None)
-    assert judge(collected(plan), 8, ["stall"]).next_attempt == {}
+    assert verify(collected(plan), 8, ["stall"]).next_attempt == {}
 
 
 def test_nothing_feasible():
     plan = plan_of()
     advice = tuple(plan.problem.advice(None, plan.run))
     expected = Judgement("stalled", False, None, None, None, 0.0, advice=advice)
-    assert judge(collected(plan), 200, ["stall"]) == expected
+    assert verify(collected(plan), 200, ["stall"]) == expected
 
 
 def test_a_judgement_travels():
-    judgement = judge(collected(plan_of(), Champion(0.0, 3, 5, FULL)), 8, ["target"])
+    judgement = verify(collected(plan_of(), Champion(0.0, 3, 5, FULL)), 8, ["target"])
     assert Judgement.of(decode_answer(encode_answer(judgement.answer()))) == judgement
 
 
@@ -195,7 +195,7 @@ class Measured(OneMax):
 @pytest.mark.parametrize(("least", "told"), [(0.031, 0.031), ("wide", None)])
 def test_a_judgement_tells_of_the_clearance_that_the_check_measured(least, told):
     plan = Plan(Measured(kind="measured", least=least), Run())
-    judgement = judge(collected(plan, Champion(0.0, 3, 5, FULL)), 8, ["target"])
+    judgement = verify(collected(plan, Champion(0.0, 3, 5, FULL)), 8, ["target"])
     assert judgement.clearance == {"least": told, "where": {"link": 2}, "required": 0.02, "unit": "m"}
     assert Judgement.of(decode_answer(encode_answer(judgement.answer()))) == judgement
 
@@ -203,7 +203,7 @@ def test_a_judgement_tells_of_the_clearance_that_the_check_measured(least, told)
 @pytest.mark.parametrize("least", ["much", "nowhere"])
 def test_a_clearance_that_cannot_be_told_is_a_failure(least):
     plan = Plan(Measured(kind="measured", least=least), Run())
-    judgement = judge(collected(plan, Champion(0.0, 3, 5, FULL)), 8, ["target"])
+    judgement = verify(collected(plan, Champion(0.0, 3, 5, FULL)), 8, ["target"])
     assert judgement.status == "failed"
     assert "check must return a supernode.Clearance of a number and plain JSON values" in judgement.message
 
@@ -232,13 +232,13 @@ class Checked(OneMax):
 )
 def test_a_check_that_disagrees_fails_the_run_and_says_why(verdict, said):
     plan = Plan(Checked(kind="checked", verdict=verdict), Run())
-    judgement = judge(collected(plan, Champion(0.0, 3, 5, FULL)), 8, ["target"])
+    judgement = verify(collected(plan, Champion(0.0, 3, 5, FULL)), 8, ["target"])
     assert (judgement.status, judgement.message, judgement.feasible) == ("failed", said, False)
 
 
 def test_what_is_not_claimed_to_be_solved_may_be_infeasible():
     plan = Plan(Checked(kind="checked", verdict="wall"), Run(target=-1.0))
-    judgement = judge(collected(plan, Champion(0.0, 3, 5, FULL)), 8, ["stall"])
+    judgement = verify(collected(plan, Champion(0.0, 3, 5, FULL)), 8, ["stall"])
     assert (judgement.status, judgement.feasible, judgement.message) == ("stalled", False, "it hits a wall")
 
 
@@ -253,15 +253,15 @@ class Counting(OneMax):
 
 def test_what_cells_report_goes_into_the_solution():
     plan = Plan(Counting(kind="counting"), Run())
-    told = judge(collected(plan, Champion(0.0, 3, 5, FULL)), 8, ["target"], states={2: b"\x03", 5: b"\x04"})
+    told = verify(collected(plan, Champion(0.0, 3, 5, FULL)), 8, ["target"], states={2: b"\x03", 5: b"\x04"})
     assert told.status == "solved"
     assert told.best.solution == {"integers": [1] * 40, "told": 7, "finder": 5}
-    assert judge(collected(plan, Champion(0.0, 3, 5, FULL)), 8, ["target"]).best.solution["told"] == 0
+    assert verify(collected(plan, Champion(0.0, 3, 5, FULL)), 8, ["target"]).best.solution["told"] == 0
 
 
 def test_a_merge_that_breaks_fails_the_run():
     plan = Plan(Counting(kind="counting", trouble=True), Run())
-    judgement = judge(collected(plan, Champion(0.0, 3, 5, FULL)), 8, ["target"], states={2: b"\x03"})
+    judgement = verify(collected(plan, Champion(0.0, 3, 5, FULL)), 8, ["target"], states={2: b"\x03"})
     assert (judgement.status, judgement.feasible) == ("failed", False)
     assert judgement.message == "counting: merge raised RuntimeError: out of ink"
 

@@ -96,7 +96,7 @@ class Judgement:
         return replace(self, oracle=foretold.words)
 
 
-def judge(
+def verify(
     collector: Collector,
     generation: int,
     reasons: Iterable[Reason],
