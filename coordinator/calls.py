@@ -1,7 +1,7 @@
-"""Questions to nodes and to the spy, and the one mail that a conductor waits at: answers, reports, wishes, news.
+"""Questions to nodes and to the spy, and the one queue that a conductor waits at: answers, reports, requests, news.
 
-Answers come by Zenoh's thread and are mail like everything else, so a conductor never waits in two places. While it
-waits for the answers to one question, other mail is put off, but for what ends the waiting.
+Answers come by Zenoh's thread and are queued like everything else, so a conductor never waits in two places. While it
+waits for the answers to one question, other messages are put off, but for what ends the waiting.
 """
 
 import itertools
@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import zenoh
 
 from coordinator.errors import ClusterFailed
-from coordinator.job import Failure, Replaced, Wish
+from coordinator.job import Failure, Replaced, StopRequest
 from problems import BadInput
 from wire import control
 from wire.callbacks import direct
@@ -57,9 +57,9 @@ class Reported(NamedTuple):
 class GivenUpError(Exception):
     """Somebody wants the job to stop while nobody breeds yet, or no longer."""
 
-    def __init__(self, wish: Wish) -> None:
-        super().__init__(wish.reason)
-        self.wish = wish
+    def __init__(self, stop_request: StopRequest) -> None:
+        super().__init__(stop_request.reason)
+        self.stop_request = stop_request
 
 
 class ReplacedError(Exception):
@@ -71,19 +71,19 @@ class ReplacedError(Exception):
 
 
 class Calls:
-    """The questions and the mail of one job.
+    """The questions and the queue of one job.
 
     Args:
         session: through the router.
         seal: of the cluster.
-        mail: the job's.
+        queue: the job's.
         replaces: whether dead processes are replaced, so that it is worth waiting for one.
     """
 
-    def __init__(self, session: zenoh.Session, seal: Seal, mail: "queue.SimpleQueue[object]", replaces: bool) -> None:
+    def __init__(self, session: zenoh.Session, seal: Seal, queue: "queue.SimpleQueue[object]", replaces: bool) -> None:
         self.session = session
         self._seal = seal
-        self.mail = mail
+        self.queue = queue
         self._replaces = replaces
         self._put_off: deque[object] = deque()
         self._questions = itertools.count()
@@ -95,7 +95,7 @@ class Calls:
         Args:
             questions: asked all at once.
             expected: how many are to answer.
-            give_up: whether a wish to stop ends the waiting.
+            give_up: whether a request to stop ends the waiting.
 
         Raises:
             BadInput: as the first refusal says.
@@ -114,23 +114,23 @@ class Calls:
 
     def _ask_once(self, questions: Sequence[tuple[str, Command]], give_up: bool) -> list[Given]:
         number = next(self._questions)
-        mail = self.mail
+        queue = self.queue
 
         def hear(reply: zenoh.Reply) -> None:
             if reply.ok is not None:
-                mail.put(_Answer(number, _decoded(reply.ok.payload.to_bytes())))
+                queue.put(_Answer(number, _decoded(reply.ok.payload.to_bytes())))
 
         if give_up:
             self._raise_wish_put_off()
         for key, command in questions:
             within = _LONG if isinstance(command, Prepare | Finish) else _ANSWER_WITHIN
-            self._get(key, command, direct(hear, lambda: mail.put(_Answer(number, None))), within)
+            self._get(key, command, direct(hear, lambda: queue.put(_Answer(number, None))), within)
         return self._answers(number, len(questions), give_up)
 
     def _raise_wish_put_off(self) -> None:
-        wish = next((each for each in self._put_off if isinstance(each, Wish)), None)
-        if wish is not None:
-            raise GivenUpError(wish)
+        stop_request = next((each for each in self._put_off if isinstance(each, StopRequest)), None)
+        if stop_request is not None:
+            raise GivenUpError(stop_request)
 
     def _answers(self, number: int, open_questions: int, give_up: bool) -> list[Given]:
         answers: list[Given] = []
@@ -138,7 +138,7 @@ class Calls:
             news = self._take(None)
             if isinstance(news, Replaced):
                 raise ReplacedError(news)
-            if isinstance(news, Wish) and give_up:
+            if isinstance(news, StopRequest) and give_up:
                 raise GivenUpError(news)
             if not isinstance(news, _Answer):
                 self._put_off.append(news)
@@ -169,23 +169,23 @@ class Calls:
                 return
             if isinstance(news, Replaced):
                 raise ReplacedError(news)
-            if isinstance(news, Wish) and give_up:
+            if isinstance(news, StopRequest) and give_up:
                 raise GivenUpError(news)
             self._put_off.append(news)
 
     def ask_for_reports(self, key: str, command: control.Begin | control.Halt) -> int:
-        """Let the report of each cell that ``key`` reaches be mail, once it stops; returns the question's number."""
-        question, mail, epoch = next(self._questions), self.mail, command.epoch
+        """Let the report of each cell that ``key`` reaches be queued, once it stops; returns the question's number."""
+        question, queue, epoch = next(self._questions), self.queue, command.epoch
 
         def hear(reply: zenoh.Reply) -> None:
             if reply.ok is None:
                 return
             try:
-                mail.put(Reported(question, epoch, Report.decode(reply.ok.payload.to_bytes())))
+                queue.put(Reported(question, epoch, Report.decode(reply.ok.payload.to_bytes())))
             except Rejected as error:
-                mail.put(Failure(f"a node's report is not readable: {error.reason}"))
+                queue.put(Failure(f"a node's report is not readable: {error.reason}"))
 
-        self._get(key, command, direct(hear, lambda: mail.put(Reported(question, epoch, None))), _REPORT_WITHIN)
+        self._get(key, command, direct(hear, lambda: queue.put(Reported(question, epoch, None))), _REPORT_WITHIN)
         return question
 
     def tell(self, key: str, command: Command) -> None:
@@ -193,7 +193,7 @@ class Calls:
         self._get(key, command, direct(lambda _: None), _TOLD_WITHIN)
 
     def next(self, deadline: float | None = None) -> object:
-        """The next mail; None at the ``deadline``.
+        """The next message; None at the ``deadline``.
 
         Raises:
             ClusterFailed: if the news is that the job cannot go on.
@@ -201,7 +201,7 @@ class Calls:
         return self._put_off.popleft() if self._put_off else self._take(deadline)
 
     def wait(self, seconds: float) -> None:
-        """Let some time go by; mail is put off.
+        """Let some time go by; messages are put off.
 
         Raises:
             ReplacedError: if a process dies meanwhile.
@@ -211,17 +211,17 @@ class Calls:
     def _take(self, deadline: float | None) -> object:
         try:
             left = None if deadline is None else max(0.0, deadline - time.monotonic())
-            mail = self.mail.get(timeout=left)
+            message = self.queue.get(timeout=left)
         except queue.Empty:
             return None
-        if isinstance(mail, Failure):
-            self.closing = mail.closing
-            raise ClusterFailed(mail.message)
-        return mail
+        if isinstance(message, Failure):
+            self.closing = message.closing
+            raise ClusterFailed(message.message)
+        return message
 
-    def put_off(self, mail: object) -> None:
+    def put_off(self, message: object) -> None:
         """Come back to it after what has come meanwhile."""
-        self._put_off.append(mail)
+        self._put_off.append(message)
 
     def _get(self, key: str, command: Command, handler: Any, timeout: float) -> None:
         self.session.get(

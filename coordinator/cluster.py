@@ -10,7 +10,7 @@ import zenoh
 import topologies
 from coordinator.dispatcher import Dispatcher
 from coordinator.errors import ClusterFailed
-from coordinator.job import Job, Order
+from coordinator.job import Job, JobSpec
 from coordinator.launcher import Launcher
 from problems import ProblemFile
 from problems.run import with_topology
@@ -107,8 +107,8 @@ class LocalCluster:
         file = file.with_run(**settings)
         file.refuse_unreachable()
         self._submitted += 1
-        order = Order(self._submitted, file, log, least_improvement=least_improvement)
-        return self._dispatcher.submit(order)
+        spec = JobSpec(self._submitted, file, log, least_improvement=least_improvement)
+        return self._dispatcher.submit(spec)
 
     def cpu_seconds(self) -> float:
         """CPU time that all processes have used so far, this one included."""

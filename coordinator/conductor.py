@@ -1,4 +1,4 @@
-"""The coordinator's part in one job: prepare all, start all, pass wishes on, gather the reports, have them judged.
+"""The coordinator's part in one job: prepare all, start all, pass stop requests on, gather reports, have them verified.
 
 A job lives in a row of epochs. An update, another topology and the replacement of a dead node are one and the same: the
 next epoch is prepared and begun everywhere, the one before is stopped, and each node goes on in the next with the deme
@@ -21,7 +21,7 @@ from coordinator.calls import ASK_AGAIN, Calls, GivenUpError, ReplacedError, Rep
 from coordinator.consulting import Consulting
 from coordinator.epochs import Epoch, Epochs
 from coordinator.errors import ClusterFailed
-from coordinator.job import BegunAnew, Change, JobEntry, Placing, Replaced, Wish
+from coordinator.job import BegunAnew, Change, JobEntry, Placement, Replaced, StopRequest
 from node.plan import retry
 from problems import BadInput, ProblemFile
 from problems.errors import blaming_the_update
@@ -54,7 +54,7 @@ class Dispatch(Protocol):
     def changed(self, job: JobEntry, status: str) -> None:
         """The job is in another state."""
 
-    def placed(self, job: JobEntry, placing: Placing) -> None:
+    def placed(self, job: JobEntry, placement: Placement) -> None:
         """The job is about to begin in this epoch."""
 
     def improved(self, job: JobEntry, better: Improvement) -> None:
@@ -65,7 +65,7 @@ class Dispatch(Protocol):
 
 
 class Conductor:
-    """Conducts one job on ``nodes``; without any, it has only its mail to open, and ends by that.
+    """Conducts one job on ``nodes``; without any, it has only its queue to read, and ends by that.
 
     Args:
         replaces: whether dead processes are replaced.
@@ -82,26 +82,26 @@ class Conductor:
         dispatch: Dispatch,
         *,
         replaces: bool = False,
-        adopted: Placing | None = None,
+        adopted: Placement | None = None,
     ) -> None:
         self.job = job
-        self.number = job.order.number
+        self.number = job.spec.number
         self.keys = keys
         self.nodes = nodes
         self.dispatch = dispatch
-        self.calls = Calls(session, seal, job.mail, replaces)
-        self.epochs = Epochs(job.order.past if adopted is None else adopted.past)
+        self.calls = Calls(session, seal, job.queue, replaces)
+        self.epochs = Epochs(job.spec.past if adopted is None else adopted.past)
         self.versions: dict[str, str] = {}
-        self.best = job.order.best if adopted is None else adopted.best
+        self.best = job.spec.best if adopted is None else adopted.best
         self._improving = threading.Lock()
         self.seconds = 0.0
         self._adopted = adopted
-        self._checked = replaces  # the desk of a cluster that stays up has done so
+        self._checked = replaces  # the request handler of a cluster that stays up has done so
         self._spy_is_new = False
         self._lived_before = 0  # generations, when it last began with new demes: their limit counts from there
-        self._wish: Wish | None = None
+        self._stop_request: StopRequest | None = None
         self._changes: deque[Change] = deque()
-        self._unheard: Wish | None = None  # what the cells have still to be told
+        self._unheard: StopRequest | None = None  # what the cells have still to be told
         self._ask_at: float | None = None  # when to ask for reports again, whatever dies meanwhile
         self._oracle = Consulting()
 
@@ -122,11 +122,11 @@ class Conductor:
             self.improve(judgement.best)
         spent = sum(after - used[name] for name, after in cpu_seconds().items() if name in used)
         clocks = Clocks(self.seconds, seconds_to_ready, spent)
-        order = self.job.order
-        never_begun = order.past, Lived(order.file, number=order.past.epochs)
+        spec = self.job.spec
+        never_begun = spec.past, Lived(spec.file, number=spec.past.epochs)
         past, epoch = self.epochs.whole() if self.epochs else never_begun
-        name = order.job or str(self.number)
-        return result_of(name, order.first_run or order.file.run, past, epoch, judgement, self.versions, clocks)
+        name = spec.job or str(self.number)
+        return result_of(name, spec.first_run or spec.file.run, past, epoch, judgement, self.versions, clocks)
 
     def improve(self, better: Improvement) -> None:
         """Pass on an improvement, if it is one. Called by Zenoh's thread too."""
@@ -160,12 +160,12 @@ class Conductor:
         try:
             return self._with_the_oracle(self._run())
         except GivenUpError as error:
-            status, best = STATUS_OF[error.wish.reason], self.best
+            status, best = STATUS_OF[error.stop_request.reason], self.best
             if best is None:
                 return Judgement(status, False, "stopped before there was a result", None)
             return Judgement(status, best.feasible, None, best)
         except ClusterFailed as error:
-            cancelled = self._wish is not None and self._wish.reason == "cancel" and self.calls.closing
+            cancelled = self._stop_request is not None and self._stop_request.reason == "cancel" and self.calls.closing
             return Judgement("cancelled" if cancelled else "failed", False, str(error), self.best)
         except BadInput:
             raise
@@ -180,7 +180,7 @@ class Conductor:
         if not self.nodes:
             raise GivenUpError(self._wish_in_the_queue())
         if self._adopted is None:
-            self._set_out(self.epochs.past.epochs, self.job.order.file)
+            self._set_out(self.epochs.past.epochs, self.job.spec.file)
         else:
             self._take_over(self._adopted)
         began = time.monotonic()
@@ -190,7 +190,7 @@ class Conductor:
                 seeks, waits = judgement.next_attempt is not None, self.epoch.file.run.keep_alive
                 if judgement.status not in _LASTING or not (seeks or waits):
                     return judgement
-                if self._wish is not None:
+                if self._stop_request is not None:
                     return self._ended_as_wished(judgement) if seeks else judgement
                 if seeks:
                     if judgement.has_oracle:
@@ -219,15 +219,15 @@ class Conductor:
             except ReplacedError:
                 fresh = True
 
-    def _wish_in_the_queue(self) -> Wish:
+    def _wish_in_the_queue(self) -> StopRequest:
         """A job that never got nodes was given up."""
-        while not isinstance(mail := self.calls.next(), Wish):
+        while not isinstance(message := self.calls.next(), StopRequest):
             pass
-        return mail
+        return message
 
-    def _take_over(self, placing: Placing) -> None:
+    def _take_over(self, placement: Placement) -> None:
         """Go on with a job that runs already, unless all its nodes have died too."""
-        epoch = Epoch(placing.epoch, placing.file, Wiring(placing.wiring, placing.nodes), why=placing.why)
+        epoch = Epoch(placement.epoch, placement.file, Wiring(placement.wiring, placement.nodes), why=placement.why)
         self.epochs.take_over(epoch)
         self.best = self._answer_for(epoch)
         epoch.dead = set(range(epoch.cells)) - self._who_is_there(epoch)
@@ -256,7 +256,7 @@ class Conductor:
         """Nobody is left who knows anything of the job: it begins again, in the world as it is by now."""
         self.dispatch.changed(self.job, "queued")
         self._set_out(self.epoch.number + 1, self.epoch.file)
-        self._unheard = self._wish
+        self._unheard = self._stop_request
 
     def _prepare(self, epoch: Epoch, demes: dict[int, bytes] | None = None, *, with_the_spy: bool = False) -> None:
         """Every node gets ready; with the ``demes`` of cells that have none of their own, each is told by itself."""
@@ -303,9 +303,9 @@ class Conductor:
         with self._improving:
             before, self.best = self.best, self._answer_for(epoch)
             self.epochs.add(epoch)
-        placing = Placing(epoch.number, epoch.file, self.nodes, epoch.wiring.number, epoch.why, self.epochs.past)
+        placement = Placement(epoch.number, epoch.file, self.nodes, epoch.wiring.number, epoch.why, self.epochs.past)
         self.dispatch.changed(self.job, epoch.state)
-        self.dispatch.placed(self.job, placing)  # both are written now: whoever takes over goes on from here
+        self.dispatch.placed(self.job, placement)  # both are written now: whoever takes over goes on from here
         self.job.log.start(self.number, epoch.number, epoch.file.run)
         if self.best is not None and self.best is not before:  # nodes have not begun, so there is none but this one
             self._tell(self.best)
@@ -318,13 +318,13 @@ class Conductor:
 
     # While it runs ----------------------------------------------------------------------------------------------------
     def _live(self) -> Judgement:
-        """Until the latest epoch has stopped, passing on wishes, changes and the deadline; what came of it."""
+        """Until the latest epoch has stopped, passing on stop requests, changes and the deadline; what came of it."""
         while True:
             try:
                 error = self._gather()
                 return self._finish(error)
             except ReplacedError as replaced:
-                self._mourn(replaced.node)
+                self._mark_dead(replaced.node)
                 self._replace_the_dead()
 
     def _gather(self) -> str | None:
@@ -332,17 +332,17 @@ class Conductor:
         while self.epochs.unsettled:
             if self.epochs.settled:
                 self._do_what_was_put_off()
-            mail = self.calls.next(_sooner(self._ask_at, self._oracle.look_at))
-            if mail is None:
+            message = self.calls.next(_sooner(self._ask_at, self._oracle.look_at))
+            if message is None:
                 self._look_at_the_clock()
-            elif isinstance(mail, Reported):
-                if mail.report is None:  # a question ends early when the router dies
-                    is_latest = any(mail.question == epoch.asked for epoch in self.epochs.unsettled)
+            elif isinstance(message, Reported):
+                if message.report is None:  # a question ends early when the router dies
+                    is_latest = any(message.question == epoch.asked for epoch in self.epochs.unsettled)
                     self._ask_at = time.monotonic() + ASK_AGAIN if is_latest else self._ask_at
-                elif (error := self._note(mail.epoch, mail.report)) is not None:
+                elif (error := self._note(message.epoch, message.report)) is not None:
                     return error
             else:
-                self._attend_to(mail)
+                self._attend_to(message)
         return None
 
     def _look_at_the_clock(self) -> None:
@@ -351,8 +351,8 @@ class Conductor:
             self._ask_at = None
             self._ask_again()
         self._oracle.look()
-        if self._oracle.is_hopeless and self._wish is None:
-            self._attend_to(Wish("infeasible"))
+        if self._oracle.is_hopeless and self._stop_request is None:
+            self._attend_to(StopRequest("infeasible"))
 
     def _with_the_oracle(self, judgement: Judgement) -> Judgement:
         """The judgement of a run that has stalled for good, or ended as hopeless, with what the oracle says of it.
@@ -364,7 +364,7 @@ class Conductor:
         self._oracle.ask()
         with contextlib.suppress(ClusterFailed):
             while (look_at := self._oracle.look_at) is not None:
-                if isinstance(self.calls.next(look_at), Wish):
+                if isinstance(self.calls.next(look_at), StopRequest):
                     break
                 self._oracle.look()
         foretold = self._oracle.foretold
@@ -379,7 +379,7 @@ class Conductor:
             self._ask_for_reports(epoch)
             if epoch is not self.epoch:
                 self._stop_everywhere(epoch.number, "update")
-        self._unheard = self._wish
+        self._unheard = self._stop_request
 
     def _do_what_was_put_off(self) -> None:
         """While cells were on their way to the latest epoch none could be told to leave it."""
@@ -399,14 +399,14 @@ class Conductor:
                 self._stop_everywhere(number, report.proposals[0].reason)
         return report.error
 
-    def _attend_to(self, mail: object) -> None:
-        if isinstance(mail, Wish):
-            self._wish = self._wish or mail
-            self._unheard = mail
-        elif isinstance(mail, Replaced):
-            raise ReplacedError(mail)
-        elif isinstance(mail, Change):
-            self._changes.append(mail)
+    def _attend_to(self, message: object) -> None:
+        if isinstance(message, StopRequest):
+            self._stop_request = self._stop_request or message
+            self._unheard = message
+        elif isinstance(message, Replaced):
+            raise ReplacedError(message)
+        elif isinstance(message, Change):
+            self._changes.append(message)
 
     def _stop(self, number: int, reason: Reason) -> None:
         """Propose a stop in that epoch: to the root, with which all others stop, or in async mode to all at once.
@@ -459,8 +459,8 @@ class Conductor:
     def _begin_another(self, change: Change) -> None:
         before = self.epoch
         try:
-            if self._wish is not None:
-                raise ClusterFailed(f"job {self.job.order.job} is being stopped")
+            if self._stop_request is not None:
+                raise ClusterFailed(f"job {self.job.spec.job} is being stopped")
             file = before.file.changed(change.fields, change.run)
             if file.sha256 == before.file.sha256 and file.run == before.file.run:
                 change.answer.put(before.number)  # as when a client repeats what was carried out already
@@ -516,26 +516,26 @@ class Conductor:
         self.dispatch.changed(self.job, "waiting")
         number = self.epoch.number
         while self.epoch.number == number:
-            mail = self._changes.popleft() if self._changes else self.calls.next()
+            message = self._changes.popleft() if self._changes else self.calls.next()
             try:
-                if isinstance(mail, Wish):
-                    self._wish = mail
+                if isinstance(message, StopRequest):
+                    self._stop_request = message
                     return False
-                if isinstance(mail, Change):
-                    self._change(mail)
-                elif isinstance(mail, Replaced):
-                    raise ReplacedError(mail)
+                if isinstance(message, Change):
+                    self._change(message)
+                elif isinstance(message, Replaced):
+                    raise ReplacedError(message)
             except ReplacedError as replaced:
-                self._mourn(replaced.node)
+                self._mark_dead(replaced.node)
                 self._replace_the_dead()
         return True
 
     def _ended_as_wished(self, judgement: Judgement) -> Judgement:
         """A job that would have gone on, or stayed, ends as it was told to, with the answer that it had."""
-        assert self._wish is not None
-        return replace(judgement, status=STATUS_OF[self._wish.reason], next_attempt=None)
+        assert self._stop_request is not None
+        return replace(judgement, status=STATUS_OF[self._stop_request.reason], next_attempt=None)
 
-    def _mourn(self, node: int | None) -> None:
+    def _mark_dead(self, node: int | None) -> None:
         """Another process lives in the place of a dead node, or of the spy.
 
         When all cells have told of their ends, a dead one is missed only if the job lives on.
@@ -555,7 +555,7 @@ class Conductor:
                     self._show_to_the_spy(self.epoch)
                 self._spy_is_new = False
             except ReplacedError as another:
-                self._mourn(another.node)
+                self._mark_dead(another.node)
 
     def _go_on_without_the_dead(self) -> None:
         """All others halt; in a new epoch a new node begins with the deme of a neighbour, and they with theirs.
@@ -581,18 +581,18 @@ class Conductor:
                 if now >= again:
                     self._halt()
                     again = until
-                mail = self.calls.next(again)
-                if isinstance(mail, Replaced):
-                    raise ReplacedError(mail)
-                if not isinstance(mail, Reported):
-                    aside.append(mail)
-                elif mail.report is None:
+                message = self.calls.next(again)
+                if isinstance(message, Replaced):
+                    raise ReplacedError(message)
+                if not isinstance(message, Reported):
+                    aside.append(message)
+                elif message.report is None:
                     again = min(again, time.monotonic() + ASK_AGAIN)
-                elif (error := self._note(mail.epoch, mail.report)) is not None:
+                elif (error := self._note(message.epoch, message.report)) is not None:
                     raise ClusterFailed(error)
         finally:
-            for mail in aside:
-                self.calls.put_off(mail)
+            for message in aside:
+                self.calls.put_off(message)
 
     def _halt(self) -> None:
         """The cells, wherever they are; one that has not begun with the latest epoch, since it did not hear, does."""
@@ -602,16 +602,20 @@ class Conductor:
 
     def _begin_with_new_nodes(self, before: Epoch) -> None:
         topology = topologies.parse(before.file.run.topology)
-        heirs = {cell: _heir(topology.neighbours(cell), before) for cell in sorted(before.dead)}
+        donors = {cell: _deme_donor(topology.neighbours(cell), before) for cell in sorted(before.dead)}
         reached = {str(cell): report.generation for cell, report in sorted(before.reports.items())}
-        why = {"do": "replace", "demes_of": {str(cell): heir for cell, heir in heirs.items()}, "generations": reached}
+        why = {
+            "do": "replace",
+            "demes_of": {str(cell): donor for cell, donor in donors.items()},
+            "generations": reached,
+        }
         wiring = self.dispatch.wire(self.nodes, topology.spec, fresh=True)
         since = self._lived(before, halted=True)
         epoch = Epoch(before.number + 1, before.file, wiring, since, why=why)
-        self._prepare(epoch, {cell: before.reports[heir].deme for cell, heir in heirs.items()})
+        self._prepare(epoch, {cell: before.reports[donor].deme for cell, donor in donors.items()})
         self._show_to_the_spy(epoch)
         self._begin(epoch)
-        self._unheard = self._wish
+        self._unheard = self._stop_request
 
     def _lived(self, latest: Epoch, halted: bool) -> int:
         """Generations to the end of the latest epoch, since it last began with nothing."""
@@ -629,7 +633,7 @@ def _sooner(*times: float | None) -> float | None:
     return min((each for each in times if each is not None), default=None)
 
 
-def _heir(slots: tuple[int, ...], epoch: Epoch) -> int:
+def _deme_donor(slots: tuple[int, ...], epoch: Epoch) -> int:
     """The first neighbour that lives; if none does, the first cell that does."""
     return next(cell for cell in (*slots, *sorted(epoch.reports)) if cell in epoch.reports)
 

@@ -16,9 +16,9 @@ import topologies
 from coordinator.alarms import Alarms
 from coordinator.conductor import Conductor
 from coordinator.errors import ClusterFailed
-from coordinator.homes import Homes
 from coordinator.hooks import Hooks
-from coordinator.job import Failure, JobEntry, Order, Placing, Replaced, Wish
+from coordinator.job import Failure, JobEntry, JobSpec, Placement, Replaced, StopRequest
+from coordinator.node_hosts import NodeHosts
 from coordinator.scheduler import Placed, Scheduler
 from spy.improvement_records import ImprovementRecord
 from spy.result import Result
@@ -40,7 +40,7 @@ class _NoHooks:
     def changed(self, number: int, status: str, nodes: tuple[int, ...]) -> None:
         """See `Hooks`."""
 
-    def placed(self, number: int, placing: Placing) -> None:
+    def placed(self, number: int, placement: Placement) -> None:
         """See `Hooks`."""
 
     def improved(self, number: int, improvement: Improvement) -> None:
@@ -104,7 +104,7 @@ class Dispatcher:
         self.jobs: dict[int, JobEntry] = {}  # those that have not ended
         self._lock = threading.RLock()
         self._failure: str | None = None
-        self._homes = Homes()
+        self._node_hosts = NodeHosts()
         self._wirings: dict[int, tuple[str, Wiring]] = {}  # by node
         nodes = () if expected is not None else tuple(range(topologies.parse(topology).cells))
         self._scheduler = Scheduler(expected or len(nodes), max_queue, joining=expected is not None)
@@ -123,7 +123,7 @@ class Dispatcher:
         ]
 
     # Orders -----------------------------------------------------------------------------------------------------------
-    def submit(self, order: Order, *, accepted_before: bool = False) -> JobEntry:
+    def submit(self, spec: JobSpec, *, accepted_before: bool = False) -> JobEntry:
         """Put a job into the queue; it runs when there are enough free nodes.
 
         One that was ``accepted_before`` by a coordinator that died starts over: no node may still be at it.
@@ -134,39 +134,39 @@ class Dispatcher:
             ClusterFailed: if the cluster has failed, or is closed.
             BadInput: if the job's log cannot be written.
         """
-        job = JobEntry(order, self._told, self.cancel)
-        topology = topologies.parse(order.file.run.topology)
+        job = JobEntry(spec, self._told, self.cancel)
+        topology = topologies.parse(spec.file.run.topology)
         if accepted_before:
             key = self.keys.every_control
-            payload = self._seal.close(key, control.encode(Drop(order.number)))
+            payload = self._seal.close(key, control.encode(Drop(spec.number)))
             self.session.get(key, direct(lambda _: None), payload=payload, timeout=5.0)
         with self._lock:
             if self._failure is not None:
                 raise ClusterFailed(self._failure)
-            priority = order.priority
-            self._scheduler.add(order.number, topology.cells, topology.spec, priority, accepted_before=accepted_before)
-            self.jobs[order.number] = job
-        self.hooks.changed(order.number, "queued", ())
-        self._set_deadline(order)
+            priority = spec.priority
+            self._scheduler.add(spec.number, topology.cells, topology.spec, priority, accepted_before=accepted_before)
+            self.jobs[spec.number] = job
+        self.hooks.changed(spec.number, "queued", ())
+        self._set_deadline(spec)
         self._start()
         return job
 
-    def adopt(self, order: Order, placing: Placing) -> JobEntry:
+    def adopt(self, spec: JobSpec, placement: Placement) -> JobEntry:
         """Take over a job that runs already, from a coordinator that died."""
-        job = JobEntry(order, self._told)
+        job = JobEntry(spec, self._told)
         with self._lock:
-            topology = placing.file.run.topology
-            self._scheduler.occupy(order.number, placing.nodes, topology)
-            self._note(topology, self._homes.wiring(placing.wiring, placing.nodes))
-            self.jobs[order.number] = job
-        self._set_deadline(order)
-        self._conduct(job, placing.nodes, placing)
+            topology = placement.file.run.topology
+            self._scheduler.occupy(spec.number, placement.nodes, topology)
+            self._note(topology, self._node_hosts.wiring(placement.wiring, placement.nodes))
+            self.jobs[spec.number] = job
+        self._set_deadline(spec)
+        self._conduct(job, placement.nodes, placement)
         return job
 
-    def _set_deadline(self, order: Order) -> None:
-        seconds = order.file.run.seconds
+    def _set_deadline(self, spec: JobSpec) -> None:
+        seconds = spec.file.run.seconds
         if seconds is not None:
-            self._deadlines.set(order.number, order.submitted + seconds)
+            self._deadlines.set(spec.number, spec.submitted + seconds)
 
     def _be_late(self, number: int) -> None:
         """A job's time is over: its answer is what is known now, wherever it is; its nodes stop when they can."""
@@ -176,7 +176,7 @@ class Dispatcher:
                 return
             waiting = self._scheduler.remove(number)
             self.hooks.changed(number, "deadline", self._scheduler.nodes_of(number) or ())
-        job.mail.put(Wish("deadline"))
+        job.queue.put(StopRequest("deadline"))
         if waiting:
             self._conduct(job, ())
 
@@ -186,7 +186,7 @@ class Dispatcher:
             job = self.jobs.get(number)
             waiting = self._scheduler.remove(number)
         if job is not None:
-            job.mail.put(Wish("cancel"))
+            job.queue.put(StopRequest("cancel"))
             if waiting:
                 self._conduct(job, ())
 
@@ -212,7 +212,7 @@ class Dispatcher:
     def job_on(self, node: int) -> str | None:
         """The job that a node is at."""
         job, _ = self.place_of(node)
-        return None if job is None else job.order.job
+        return None if job is None else job.spec.job
 
     def place_of(self, node: int) -> tuple[JobEntry | None, int | None]:
         """The job that a node is at, and its cell there."""
@@ -229,8 +229,8 @@ class Dispatcher:
             self._failure = self._failure or message
             jobs = list(self.jobs.values())
             for job in jobs:
-                job.mail.put(Failure(self._failure, closing))
-            waiting = [job for job in jobs if self._scheduler.remove(job.order.number)]
+                job.queue.put(Failure(self._failure, closing))
+            waiting = [job for job in jobs if self._scheduler.remove(job.spec.number)]
         for job in waiting:
             self._conduct(job, ())
 
@@ -241,9 +241,9 @@ class Dispatcher:
                 self._scheduler.replaced(node)
                 self._wirings.pop(node, None)
             for job in self.jobs.values():
-                nodes = self._scheduler.nodes_of(job.order.number)
+                nodes = self._scheduler.nodes_of(job.spec.number)
                 if nodes is not None and (node is None or node in nodes):
-                    job.mail.put(Replaced(node))
+                    job.queue.put(Replaced(node))
 
     def joined(self, node: int) -> None:
         """There is another node. Harmless if it is there already."""
@@ -254,11 +254,11 @@ class Dispatcher:
     def left(self, nodes: Iterable[int], why: str) -> None:
         """Nodes are gone that nothing replaces: the jobs that live on one of them fail."""
         with self._lock:
-            self._homes.leave(nodes)
+            self._node_hosts.leave(nodes)
             for node in nodes:
                 self._wirings.pop(node, None)
             for number in self._scheduler.leave(nodes):
-                self.jobs[number].mail.put(Failure(why))
+                self.jobs[number].queue.put(Failure(why))
 
     def wait(self) -> None:
         """Until every job has ended."""
@@ -287,7 +287,7 @@ class Dispatcher:
         with contextlib.suppress(Rejected):
             record = LogRecord.decode(sample.payload.to_bytes())
             for job in list(self.jobs.values()):
-                if record.job in (None, job.order.number):
+                if record.job in (None, job.spec.number):
                     job.log.record(record)
             self.hooks.logged(record)
 
@@ -305,7 +305,7 @@ class Dispatcher:
             for spec, wiring in [each for each in known if each is not None]:
                 if len(known) == 1 and not fresh and spec == topology and wiring.nodes == nodes:
                     return wiring
-            wiring = self._homes.wiring(next(self._numbers), nodes)
+            wiring = self._node_hosts.wiring(next(self._numbers), nodes)
             self._note(topology, wiring)
             return wiring
 
@@ -314,23 +314,23 @@ class Dispatcher:
 
     def changed(self, job: JobEntry, status: str) -> None:
         """The job is in another state."""
-        number = job.order.number
+        number = job.spec.number
         self.hooks.changed(number, status, self._scheduler.nodes_of(number) or ())
 
-    def placed(self, job: JobEntry, placing: Placing) -> None:
+    def placed(self, job: JobEntry, placement: Placement) -> None:
         """The job is about to begin in an epoch."""
-        if placing.epoch > 0:
+        if placement.epoch > 0:
             with self._lock:
-                self._scheduler.rewired(job.order.number, placing.file.run.topology)
-        self.hooks.placed(job.order.number, placing)
+                self._scheduler.rewired(job.spec.number, placement.file.run.topology)
+        self.hooks.placed(job.spec.number, placement)
 
     def improved(self, job: JobEntry, better: Improvement) -> None:
         """There is a better answer."""
-        self.hooks.improved(job.order.number, better)
+        self.hooks.improved(job.spec.number, better)
 
     def lived(self, job: JobEntry, epoch: int, records: Sequence[ImprovementRecord]) -> None:
         """An epoch of the job has ended, in which there were these improvements."""
-        self.hooks.lived(job.order.number, epoch, records)
+        self.hooks.lived(job.spec.number, epoch, records)
 
     # Who runs ---------------------------------------------------------------------------------------------------------
     def _start(self) -> None:
@@ -340,26 +340,26 @@ class Dispatcher:
         for number, nodes in placed:
             self._conduct(self.jobs[number], nodes)
 
-    def _conduct(self, job: JobEntry, nodes: tuple[int, ...], adopted: Placing | None = None) -> None:
-        """On a thread of its own; a job without nodes has only its mail to open, and ends by that."""
+    def _conduct(self, job: JobEntry, nodes: tuple[int, ...], adopted: Placement | None = None) -> None:
+        """On a thread of its own; a job without nodes has only its queue to read, and ends by that."""
         thread = threading.Thread(
-            target=self._run, args=(job, nodes, adopted), name=f"conductor {job.order.number}", daemon=True
+            target=self._run, args=(job, nodes, adopted), name=f"conductor {job.spec.number}", daemon=True
         )
         with self._lock:
-            self._threads[job.order.number] = thread
+            self._threads[job.spec.number] = thread
             thread.start()
 
-    def _run(self, job: JobEntry, nodes: tuple[int, ...], adopted: Placing | None) -> None:
+    def _run(self, job: JobEntry, nodes: tuple[int, ...], adopted: Placement | None) -> None:
         outcome: Result | Exception
         try:
             conductor = Conductor(
                 job, self.session, self._seal, self.keys, nodes, self, replaces=self.replaces, adopted=adopted
             )
-            self._conductors[job.order.number] = conductor
+            self._conductors[job.spec.number] = conductor
             outcome = conductor.conduct(self.seconds_to_ready, self.cpu_seconds)
         except Exception as error:  # a mistake in the problem, or else; whoever waits must hear of it
             outcome = error
-        number = job.order.number
+        number = job.spec.number
         self._deadlines.forget(number)
         with self._lock:
             self._scheduler.free(number)

@@ -5,7 +5,7 @@ from typing import Any, Protocol
 
 import zenoh
 
-from coordinator.job import JobEntry, Order, Placing
+from coordinator.job import JobEntry, JobSpec, Placement
 from spy.improvement_records import ImprovementRecord
 from spy.result import Result
 from wire.keys import Keys
@@ -18,7 +18,7 @@ class Hooks(Protocol):
     def changed(self, number: int, status: str, nodes: tuple[int, ...]) -> None:
         """A job's state, or the nodes that it lives on, in the order of its cells."""
 
-    def placed(self, number: int, placing: Placing) -> None:
+    def placed(self, number: int, placement: Placement) -> None:
         """A job is about to begin in an epoch; when this returns it is known to whoever takes over."""
 
     def improved(self, number: int, improvement: Improvement) -> None:
@@ -45,11 +45,11 @@ class Dispatcher(Protocol):
         """How the nodes were wired when they were launched: that of jobs that ask for none."""
         ...
 
-    def submit(self, order: Order, *, accepted_before: bool = False) -> JobEntry:
+    def submit(self, spec: JobSpec, *, accepted_before: bool = False) -> JobEntry:
         """Queue a job; one that was ``accepted_before`` is never too many, and no node may still be at it."""
         ...
 
-    def adopt(self, order: Order, placing: Placing) -> JobEntry:
+    def adopt(self, spec: JobSpec, placement: Placement) -> JobEntry:
         """A job that runs already."""
         ...
 

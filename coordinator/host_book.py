@@ -105,12 +105,12 @@ class HostBook:
     def _work(self) -> None:
         """One thing after the other, for ever."""
         while True:
-            mail = self._next()
-            if isinstance(mail, zenoh.Query):
-                with mail:
-                    mail.reply(self._keys.nodes, jobs.encode_answer(self._answer(mail)))
-            elif isinstance(mail, _Seen):
-                self._notice(mail)
+            message = self._next()
+            if isinstance(message, zenoh.Query):
+                with message:
+                    message.reply(self._keys.nodes, jobs.encode_answer(self._answer(message)))
+            elif isinstance(message, _Seen):
+                self._notice(message)
             self._give_up_those_away()
 
     def _next(self) -> zenoh.Query | _Seen | None:

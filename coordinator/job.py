@@ -24,7 +24,7 @@ _MOST_RECORDS = 1 << 16  # improvements of one job, which may be kept alive for 
 
 # Mail: what a conductor is to know, beside answers and reports -------------------------------------------------------
 @dataclass(frozen=True)
-class Wish:
+class StopRequest:
     """Somebody wants the job to stop, or its oracle has found that there is no way."""
 
     reason: Literal["cancel", "deadline", "infeasible"]
@@ -62,7 +62,7 @@ class Change:
 
 # ----------------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
-class Order:
+class JobSpec:
     """What was submitted.
 
     Attributes:
@@ -89,7 +89,7 @@ class Order:
 
 
 @dataclass(frozen=True)
-class Placing:
+class Placement:
     """Where a job lives in its latest epoch: what a coordinator must know to take over from a dead one.
 
     Attributes:
@@ -121,9 +121,9 @@ Event = Improvement | Statistics | BegunAnew
 class Job:
     """A job of a cluster."""
 
-    def __init__(self, order: Order) -> None:
-        self.order = order
-        self.mail: queue.SimpleQueue[object] = queue.SimpleQueue()
+    def __init__(self, spec: JobSpec) -> None:
+        self.spec = spec
+        self.queue: queue.SimpleQueue[object] = queue.SimpleQueue()
         self._history: deque[ImprovementRecord] = deque(maxlen=_MOST_RECORDS)
         self._news: queue.SimpleQueue[Event | None] = queue.SimpleQueue()
         self._ended = threading.Event()
@@ -159,7 +159,7 @@ class Job:
             BadInput: if the problem turns out to be wrong where its module is imported.
         """
         if not self._ended.wait(timeout):
-            raise TimeoutError(f"job {self.order.number} has not ended within {timeout} s")
+            raise TimeoutError(f"job {self.spec.number} has not ended within {timeout} s")
         if self._error is not None:
             raise self._error
         assert self._result is not None
@@ -174,7 +174,7 @@ class Job:
 
     def cancel(self) -> None:
         """Ask all cells to stop; the result is the best so far, with status "cancelled"."""
-        self.mail.put(Wish("cancel"))
+        self.queue.put(StopRequest("cancel"))
 
     def update(self, **fields: Any) -> int:
         """Change the world while the job runs: each of the problem's fields that is given replaces the old one.
@@ -192,13 +192,13 @@ class Job:
         return self._change(Change({}, {"topology": topology}))
 
     def _change(self, change: Change) -> int:
-        self.mail.put(change)
+        self.queue.put(change)
         while True:
             try:
                 answer = change.answer.get(timeout=_LOOK_AGAIN)
             except queue.Empty:
                 if self._ended.is_set():
-                    raise ClusterFailed(f"job {self.order.job} has ended") from None
+                    raise ClusterFailed(f"job {self.spec.job} has ended") from None
                 continue
             if isinstance(answer, Exception):
                 raise answer
@@ -219,9 +219,9 @@ class JobEntry(Job):
         BadInput: if the run log cannot be written.
     """
 
-    def __init__(self, order: Order, told: bool = True, cancel: Callable[[int], None] | None = None) -> None:
-        super().__init__(order)
-        self.log = RunLog(order.log, order.least_improvement)
+    def __init__(self, spec: JobSpec, told: bool = True, cancel: Callable[[int], None] | None = None) -> None:
+        super().__init__(spec)
+        self.log = RunLog(spec.log, spec.least_improvement)
         self._told = told
         self._cancel = cancel
 
@@ -230,7 +230,7 @@ class JobEntry(Job):
         if self._cancel is None:
             super().cancel()
         else:
-            self._cancel(self.order.number)
+            self._cancel(self.spec.number)
 
     def note(self, topology: Topology, records: Sequence[ImprovementRecord]) -> None:
         """An epoch has ended, in which there were these improvements."""

@@ -6,12 +6,12 @@ from typing import Any
 
 import zenoh
 
-from coordinator.homes import PORTS
 from coordinator.hooks import Hooks
 from coordinator.host_book import LEFT_AFTER, HostBook
+from coordinator.node_hosts import PORTS
 from coordinator.roster import Roster
 from coordinator.service import Options, run
-from coordinator.staff import Staff
+from coordinator.service_dispatcher import ServiceDispatcher
 from node.node_config import NodeConfig
 from wire.hosts import Host
 from wire.keys import Keys
@@ -20,11 +20,11 @@ from wire.seal import Seal
 
 def preside(config: NodeConfig, options: Options, max_queue: int | None) -> None:
     """Be the coordinator until a client, or SIGTERM, ends it; ``options.nodes`` are expected at least."""
-    staff = partial(JoinedStaff, seal=Seal(config.secret), max_queue=max_queue)
-    run(config, replace(options, joined=True), staff)
+    make_dispatcher = partial(JoinedDispatcher, seal=Seal(config.secret), max_queue=max_queue)
+    run(config, replace(options, joined=True), make_dispatcher)
 
 
-class JoinedStaff(Staff):
+class JoinedDispatcher(ServiceDispatcher):
     """Its nodes come and go by hosts; a host forks anew those of its nodes that die."""
 
     def __init__(
@@ -42,7 +42,7 @@ class JoinedStaff(Staff):
 
     def _came(self, host: Host) -> None:
         with self._lock:
-            self._homes.move_in(host, self._first_port)
+            self._node_hosts.move_in(host, self._first_port)
 
     def _leave(self, host: Host) -> None:
         numbers = ", ".join(map(str, host.nodes))

@@ -13,7 +13,7 @@ from coordinator.hooks import Hooks
 from coordinator.record_book import Keep
 from coordinator.roster import Roster
 from coordinator.service import Options, run
-from coordinator.staff import Staff
+from coordinator.service_dispatcher import ServiceDispatcher
 from node.node_config import NodeConfig
 from wire.keys import Keys
 from wire.seal import Seal
@@ -27,12 +27,14 @@ def coordinate(config: NodeConfig, told: Mapping[str, Any], first: bool) -> None
     url = told["database"] or url_in(Path(told["state"]))
     cells = topologies.parse(config.topology).cells
     seal = Seal(config.secret)
-    staff = partial(LaunchedStaff, seal=seal, topology=config.topology, wired=first, max_queue=told["max_queue"])
+    make_dispatcher = partial(
+        LaunchedDispatcher, seal=seal, topology=config.topology, wired=first, max_queue=told["max_queue"]
+    )
     keep = Keep(told["keep_days"], told["keep_records"])
-    run(config, Options(cells, url, keep, told["log_json"]), staff)
+    run(config, Options(cells, url, keep, told["log_json"]), make_dispatcher)
 
 
-class LaunchedStaff(Staff):
+class LaunchedDispatcher(ServiceDispatcher):
     """All of its nodes are there from the first."""
 
     def __init__(

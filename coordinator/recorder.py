@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 from coordinator.database import StoreFailed
-from coordinator.job import Placing
+from coordinator.job import Placement
 from coordinator.log_lines import LogLines
 from coordinator.record_book import RecordBook
 from coordinator.states import ENDS, WrongTransition
@@ -71,7 +71,7 @@ class _Ended:
 @dataclass(frozen=True)
 class _Placed:
     number: int
-    placing: Placing
+    placement: Placement
     written: threading.Event
 
 
@@ -114,14 +114,14 @@ class Recorder:
         self._known: dict[int, Summary] = {}  # what is published of jobs that have not ended
         self._late: set[int] = set()  # jobs whose deadline was told
         self._closing = threading.Event()
-        self._pen = threading.Lock()
+        self._write_lock = threading.Lock()
         self._thread = threading.Thread(target=self._work, name="recorder", daemon=True)
         self._thread.start()
 
     @contextlib.contextmanager
     def paused(self) -> Iterator[None]:
         """Nothing is written or published meanwhile, so that a job's first news can come before what follows."""
-        with self._pen:
+        with self._write_lock:
             yield
 
     def changed(self, number: int, status: str, nodes: tuple[int, ...]) -> None:
@@ -133,13 +133,13 @@ class Recorder:
             self._publish(dataclasses.replace(state_of(job, at), status=status))
         self._events.put(_Changed(number, status, nodes, at))
 
-    def placed(self, number: int, placing: Placing) -> None:
+    def placed(self, number: int, placement: Placement) -> None:
         """A job is about to begin in an epoch: return once that is written, or the database is away for long."""
         job = self._known.get(number)
-        if job is not None and placing.why.get("do") == "update":
+        if job is not None and placement.why.get("do") == "update":
             self._known[number] = dataclasses.replace(job, fitness=None)
         written = threading.Event()
-        self._events.put(_Placed(number, placing, written))
+        self._events.put(_Placed(number, placement, written))
         written.wait(_PATIENCE)
 
     def improved(self, number: int, improvement: Improvement) -> None:
@@ -218,7 +218,7 @@ class Recorder:
             self._settle([_Ended(event.number, error)])
 
     def _commit(self, events: list[_Event]) -> None:
-        with self._pen:
+        with self._write_lock:
             with self._store.transaction():
                 for event in events:
                     self._write_record(event)
@@ -262,8 +262,8 @@ class Recorder:
             match event:
                 case _Changed(number, status, nodes, at):
                     return self._write_change(number, status, nodes, at)
-                case _Placed(number, placing, _):
-                    self._store.note_placing(number, placing)
+                case _Placed(number, placement, _):
+                    self._store.note_placing(number, placement)
                 case _Improved(number, improvement, _):
                     best = plain(dataclasses.asdict(improvement))
                     self._store.note_best(number, best["fitness"], best)

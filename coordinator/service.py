@@ -18,12 +18,12 @@ import zenoh
 
 from coordinator.checking import Checker
 from coordinator.database import StoreFailed
-from coordinator.desk import Desk
 from coordinator.hooks import MakeDispatcher
 from coordinator.lanes import Lanes
 from coordinator.log_lines import LogLines
 from coordinator.record_book import Keep, RecordBook
 from coordinator.recorder import Recorder
+from coordinator.request_handler import RequestHandler
 from coordinator.store import Store
 from coordinator.waiting_room import Queue, WaitingRoom
 from node.node_config import NodeConfig
@@ -75,7 +75,7 @@ def run(config: NodeConfig, options: Options, make_dispatcher: MakeDispatcher) -
 
 
 class Service:
-    """The desk with its telephone.
+    """The request handler with its telephone.
 
     Raises:
         StoreFailed: if the database cannot be used.
@@ -103,7 +103,7 @@ class Service:
         self._recorder = Recorder(self._store, book, lines, self._publish, self._forget)
         self._dispatcher = make_dispatcher(session, keys, options.nodes, self._recorder)
         checker = Checker(modules.allowed, modules.folder)
-        self._desk = Desk(
+        self._request_handler = RequestHandler(
             keys.cluster,
             self._store,
             book,
@@ -116,7 +116,7 @@ class Service:
 
     def serve(self) -> None:
         """Go on with the jobs of the last coordinator, then answer requests until `stop`."""
-        self._desk.restore()
+        self._request_handler.restore()
         queryable = self._session.declare_queryable(self._keys.jobs, direct(self._mail.put))
         token = self._session.liveliness().declare_token(self._keys.coordinator)
         worker = threading.Thread(target=self._work, name="requests", daemon=True)
@@ -185,7 +185,7 @@ class Service:
         _reply(query, self._keys.jobs, Refused(f"{type(error).__name__}: {error}", "failure"))
 
     def _answer(self, query: zenoh.Query, request: Request) -> None:
-        answer = self._desk.answer(request)
+        answer = self._request_handler.answer(request)
         _reply(query, self._keys.jobs, answer)
         if isinstance(request, Down) and isinstance(answer, Done):
             self.stop()
@@ -195,7 +195,7 @@ class Service:
             self._states.put(state.encode())
 
     def _forget(self, number: int) -> None:
-        self._desk.forget(number)
+        self._request_handler.forget(number)
 
 
 def _queues(request: Submit | Update | Rewire) -> tuple[Queue, ...]:

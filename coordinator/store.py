@@ -17,7 +17,7 @@ from sqlalchemy import Select, and_, delete, func, literal, or_, select, update
 from sqlalchemy.orm import Session, undefer
 
 from coordinator.database import Database, StoreFailed
-from coordinator.job import Placing
+from coordinator.job import Placement
 from coordinator.states import ENDS, LIVING, State, WrongTransition, follow, state_of
 from coordinator.tables import (
     Base,
@@ -274,26 +274,26 @@ class Store:
             row.nodes_json = json.dumps(nodes)
             return _summary(row)
 
-    def note_placing(self, number: int, placing: Placing) -> None:
+    def note_placing(self, number: int, placement: Placement) -> None:
         """A job is about to begin in an epoch, on these nodes. After an update it has no answer yet."""
         with self.writing() as session:
             row = _get(session, number)
-            row.nodes_json = json.dumps(placing.nodes)
-            row.wiring = placing.wiring
-            row.epoch = placing.epoch
-            row.topology = placing.file.run.topology
-            row.past_json = placing.past.to_json()
-            if placing.epoch > 0:
-                row.changed_file = placing.file.to_json()
-                if placing.why.get("do") == "update":
+            row.nodes_json = json.dumps(placement.nodes)
+            row.wiring = placement.wiring
+            row.epoch = placement.epoch
+            row.topology = placement.file.run.topology
+            row.past_json = placement.past.to_json()
+            if placement.epoch > 0:
+                row.changed_file = placement.file.to_json()
+                if placement.why.get("do") == "update":
                     row.best_json = row.fitness = None
-                change = json.dumps(dict(placing.why))
-                session.add(EpochRow(number=number, epoch=placing.epoch, at=time.time(), change_json=change))
+                change = json.dumps(dict(placement.why))
+                session.add(EpochRow(number=number, epoch=placement.epoch, at=time.time(), change_json=change))
                 session.flush()
-                _note_ends(session, number, placing.past)
-                if placing.epoch % _TIDY_EVERY == 0:
+                _note_ends(session, number, placement.past)
+                if placement.epoch % _TIDY_EVERY == 0:
                     _forget_states(session, number)
-                    _put_together(session, number, placing.past)
+                    _put_together(session, number, placement.past)
 
     def forget_before(self, at: float) -> None:
         """Forget jobs that ended before then, Unix time, and all that was written of them."""

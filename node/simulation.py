@@ -43,7 +43,7 @@ def never() -> Reason | None:
     return None
 
 
-class StopWish:
+class StopRequest:
     """Whether somebody outside wants a run to stop: its deadline has passed, or it was cancelled.
 
     Attributes:

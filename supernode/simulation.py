@@ -18,7 +18,7 @@ from coordinator.consulting import Consulting
 from genetics import Fitness, Genomes
 from node.fingerprint import fingerprint
 from node.replay import Epoch, epochs_of
-from node.simulation import Outside, Snapshot, StopWish, ignore, never
+from node.simulation import Outside, Snapshot, StopRequest, ignore, never
 from problems import BadInput, EvaluationFailed, Problem, ProblemFile, load, registry
 from problems.made import MadeProblem
 from spy.collector import Collector
@@ -74,10 +74,10 @@ def simulate(problem: ProblemFile | Problem | str | Path, *, callback: Callback 
     file.refuse_unreachable()
     if callback is not None and file.run.mode != "lockstep":
         raise BadInput(f"callback: expected mode lockstep, which has common generations, found {file.run.mode}")
-    wish = StopWish(file.run.seconds)
-    told = None if callback is None else _Told(callback, wish)
-    simulation = Simulation(epochs_of(file), None, told, wish.reason, ignore if told is None else told.see)
-    wish.began = time.monotonic()
+    request = StopRequest(file.run.seconds)
+    told = None if callback is None else _Told(callback, request)
+    simulation = Simulation(epochs_of(file), None, told, request.reason, ignore if told is None else told.see)
+    request.began = time.monotonic()
     return simulation.run()
 
 
@@ -100,8 +100,8 @@ class Listener:
 class _Told(Listener):
     """Calls a callback."""
 
-    def __init__(self, callback: Callback, wish: StopWish) -> None:
-        self._callback, self._wish = callback, wish
+    def __init__(self, callback: Callback, request: StopRequest) -> None:
+        self._callback, self._wish = callback, request
         self._best: Improvement | None = None
         self._since = self._attempt = 0
 

@@ -13,7 +13,7 @@ from coordinator.scaling.experiment import Case
 from coordinator.scaling.journal import Record
 from node import Plan, simulate
 from node.fingerprint import fingerprint
-from node.simulation import StopWish
+from node.simulation import StopRequest
 from problems import ProblemFile
 from spy.collector import Collector
 from spy.improvement_records import ImprovementRecord, records_of
@@ -72,7 +72,7 @@ def run_in_process(file: ProblemFile, case: Case) -> Record:
         if better is not None:
             told.append(better)
 
-    reports = simulate(plan, watch=lambda _, champion: hear(champion), outside=StopWish(file.run.seconds).reason)
+    reports = simulate(plan, watch=lambda _, champion: hear(champion), outside=StopRequest(file.run.seconds).reason)
     cpu = max(time.process_time() - used, _LEAST_CPU)
     seconds = time.monotonic() - began
     hear(best_known(reports, file.run.spy))

@@ -13,7 +13,7 @@ from supernode.commands.run_options import add_run_options, chosen_file, setting
 
 if TYPE_CHECKING:
     from node.replay import Epoch
-    from node.simulation import StopWish
+    from node.simulation import StopRequest
     from spy.improvement_records import ImprovementRecord
     from spy.run_log import RunLog
     from spy.terminal import Terminal
@@ -47,36 +47,36 @@ def run(options: argparse.Namespace) -> int:
     log = RunLog(options.log, options.least_improvement)
     with (
         Terminal(topologies.parse(file.run.topology), options.quiet, least=options.least_improvement) as terminal,
-        _interruptible(file.run.seconds if recorded is None else None) as wish,
+        _interruptible(file.run.seconds if recorded is None else None) as request,
         contextlib.redirect_stdout(sys.stderr),  # a user's module may print
     ):
         stops = None if recorded is None else recorded.stops
-        simulation = Simulation(epochs, stops, _shown(terminal, log), wish.reason)
-        wish.began = time.monotonic()
+        simulation = Simulation(epochs, stops, _shown(terminal, log), request.reason)
+        request.began = time.monotonic()
         result = simulation.run()
         log.close()
-    code = present(result, simulation.file, options, wish.cancelled)
-    if recorded is None or wish.cancelled or (complaint := recorded.complaint(result)) is None:
+    code = present(result, simulation.file, options, request.cancelled)
+    if recorded is None or request.cancelled or (complaint := recorded.complaint(result)) is None:
         return code
     print(f"error: {complaint}", file=sys.stderr)
     return exits.NOT_REACHED
 
 
 @contextlib.contextmanager
-def _interruptible(seconds: float | None) -> "Iterator[StopWish]":
-    """A wish to stop at a deadline, or at Ctrl-C; another Ctrl-C ends the command at once."""
-    from node.simulation import StopWish
+def _interruptible(seconds: float | None) -> "Iterator[StopRequest]":
+    """A request to stop at a deadline, or at Ctrl-C; another Ctrl-C ends the command at once."""
+    from node.simulation import StopRequest
 
-    wish = StopWish(seconds)
+    request = StopRequest(seconds)
 
     def interrupt(*_: object) -> None:
-        if wish.cancelled:
+        if request.cancelled:
             raise KeyboardInterrupt
-        wish.cancelled = True
+        request.cancelled = True
 
     handler = signal.signal(signal.SIGINT, interrupt)
     try:
-        yield wish
+        yield request
     finally:
         signal.signal(signal.SIGINT, handler)
 

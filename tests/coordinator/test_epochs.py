@@ -7,7 +7,7 @@ import pytest
 from epochs import States, again, best_again, turns_of
 
 import supernode
-from coordinator.job import Order
+from coordinator.job import JobSpec
 from node.replay import replay
 from spy.improvement_records import records_of
 from spy.past import Lived, Past
@@ -115,12 +115,12 @@ def begun_before(file, number):
     past = Past().and_then(Lived(file), {"do": "rewire", "topology": "ring 16"})
     past = past.and_then(Lived(file.with_run(topology="ring 16"), number=1), {"do": "restart"})
     best = Improvement(number, 1, 0.1, 3, 1, 1e-9, True, {"x": [0.0] * 6, "value": 1e-9})
-    return Order(number, file.with_run(topology="ring 16"), past=past, best=best, first_run=file.run)
+    return JobSpec(number, file.with_run(topology="ring 16"), past=past, best=best, first_run=file.run)
 
 
 def test_a_job_that_begins_again_keeps_its_past_and_its_best_answer(cluster, function):
-    order = begun_before(function.with_run(topology="torus 4x4", generations=5, target=-1.0), 10_000)
-    job = cluster._dispatcher.submit(order)
+    spec = begun_before(function.with_run(topology="torus 4x4", generations=5, target=-1.0), 10_000)
+    job = cluster._dispatcher.submit(spec)
     result = job.result(60)
     assert [each["do"] for each in result.directives] == ["rewire", "restart"]
     assert (result.status, result.fitness, result.found_at["epoch"]) == ("exhausted", 1e-9, 2)

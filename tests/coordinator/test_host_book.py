@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from coordinator import host_book
-from coordinator.homes import PORTS, Homes
 from coordinator.host_book import HostBook
+from coordinator.node_hosts import PORTS, NodeHosts
 from wire import jobs, sessions
 from wire.callbacks import direct
 from wire.control import Wiring
@@ -146,8 +146,8 @@ def test_nonsense_is_refused(room, payload):
 
 
 def test_who_does_not_know_the_secret_is_not_let_in(room):
-    session, wish = room.sessions["book"], Host("a1", "a", 2).encode()
-    for answer in (room.ask_raw(session, wish), room.ask_sealed(session, wish, b"another" * 4)):
+    session, stop_request = room.sessions["book"], Host("a1", "a", 2).encode()
+    for answer in (room.ask_raw(session, stop_request), room.ask_sealed(session, stop_request, b"another" * 4)):
         assert answer == Refused(
             "this host has another secret than the cluster: give both the same --secret-file", "input"
         )
@@ -180,7 +180,7 @@ def until_let_in(room, id, name, wants):
 
 
 def test_a_wiring_says_where_nodes_live_and_listen():
-    homes = Homes()
+    homes = NodeHosts()
     assert homes.wiring(7, (0, 1)) == Wiring(7, (0, 1))
     homes.move_in(Host("a", "a", 2, "tcp/10.0.0.1:7000", (0, 1)))
     homes.move_in(Host("b", "b", 2, "", (2, 3)))

@@ -11,7 +11,7 @@ from stub_dispatcher import result
 import supernode
 from coordinator import recorder as module
 from coordinator.database import StoreFailed, sqlite_url
-from coordinator.job import Order
+from coordinator.job import JobSpec
 from coordinator.log_lines import LogLines
 from coordinator.record_book import Keep, RecordBook
 from coordinator.recorder import Recorder
@@ -150,7 +150,7 @@ def test_an_end_whose_result_cannot_be_written_is_an_end_all_the_same(bench, mon
 
     monkeypatch.setattr(bench.store, "end", refuse_results)
     bench.recorder.changed(1, "preparing", ())
-    bench.recorder.ended(1, result(Order(1, supernode.load(EXAMPLE)), "solved"))
+    bench.recorder.ended(1, result(JobSpec(1, supernode.load(EXAMPLE)), "solved"))
     assert bench.settled()[-1] == ("a", "failed")
     assert "too large" in bench.store.show("a").message
 

@@ -17,7 +17,7 @@ import pytest
 
 from coordinator import database
 from coordinator.database import StoreFailed, sqlite_url
-from coordinator.job import Placing
+from coordinator.job import Placement
 from coordinator.states import WrongTransition
 from coordinator.store import IdTaken, Store, Submission, UnknownJob
 from problems import ProblemFile
@@ -192,7 +192,7 @@ def test_the_epochs_of_a_job_that_has_ended_have_a_size_too(store):
     file = ProblemFile("a.toml", {"kind": "arm-ik"}, Run(topology="ring 4"), Path("/"))
     for epoch in (1, 2, 3):
         update = {"do": "update", "fields": {"goal": "x" * 10_000}}
-        store.note_placing(1, Placing(epoch, file, (0, 1, 2, 3), 7, update))
+        store.note_placing(1, Placement(epoch, file, (0, 1, 2, 3), 7, update))
     store.end(1, "solved", None)
     assert 30_000 < store.bytes_ended < 40_000
 
@@ -209,13 +209,13 @@ def test_epochs_are_numbered_and_the_file_is_that_of_the_latest(store, reopened)
     added(store, job="a")
     live(store, 1, "preparing", "running")
     file = ProblemFile("a.toml", {"kind": "arm-ik"}, Run(topology="ring 4"), Path("/"))
-    store.note_placing(1, Placing(0, file, (0, 1, 2, 3), 7))
+    store.note_placing(1, Placement(0, file, (0, 1, 2, 3), 7))
     assert (store.epochs(1), store.past(1)) == ([], (Past(), {}))
     update, rewire = {"do": "update", "fields": {"goal": [1, 2]}}, {"do": "rewire", "topology": "complete 4"}
-    store.note_placing(1, Placing(1, file, (0, 1, 2, 3), 7, update))
+    store.note_placing(1, Placement(1, file, (0, 1, 2, 3), 7, update))
     rewired = file.with_run(topology="complete 4")
     past = Past(1, generations=9, history="abc").led_on({"epoch": 1, "generation": 9, **update})
-    store.note_placing(1, Placing(2, rewired, (4, 5, 6, 7), 8, rewire, past))
+    store.note_placing(1, Placement(2, rewired, (4, 5, 6, 7), 8, rewire, past))
     again = reopened(store)
     assert again.past(1) == (past, rewire)
     shown, epochs = again.show("a"), again.epochs(1)
@@ -230,7 +230,7 @@ def test_of_many_epochs_the_latest_are_told(store, monkeypatch):
     live(store, 1, "preparing", "running")
     file = ProblemFile("a.toml", {"kind": "arm-ik"}, Run(topology="ring 4"), Path("/"))
     for epoch in range(1, 8):
-        store.note_placing(1, Placing(epoch, file, (0, 1, 2, 3), 7, {"do": "update", "fields": {"goal": "x" * 100}}))
+        store.note_placing(1, Placement(epoch, file, (0, 1, 2, 3), 7, {"do": "update", "fields": {"goal": "x" * 100}}))
     assert [each["epoch"] for each in store.epochs(1)] == [1, 2, 3, 4, 5, 6, 7]
     monkeypatch.setattr("coordinator.store._MOST_TOLD", 300)
     assert [each["epoch"] for each in store.epochs(1)] == [6, 7]
@@ -249,7 +249,7 @@ def test_a_job_that_lives_for_days_does_not_fill_the_store(store, monkeypatch):
     for epoch in range(1, 101):
         why = {"do": "update", "fields": {"goal": "x" * 100, "epoch": epoch}}
         past = past.and_then(Lived(file, number=epoch - 1), why)
-        store.note_placing(1, Placing(epoch, file, (0, 1, 2, 3), 7, why, past))
+        store.note_placing(1, Placement(epoch, file, (0, 1, 2, 3), 7, why, past))
         live(store, 1, "waiting", "running")
     rows = store.epochs(1)
     assert len(rows) < 40
@@ -272,7 +272,7 @@ def test_the_states_of_a_job_are_kept_but_for_those_in_the_middle(store, monkeyp
     monkeypatch.setattr("coordinator.store._LATEST_STATES", 3)
     monkeypatch.setattr("coordinator.store._TIDY_EVERY", 1)
     file = ProblemFile("a.toml", {"kind": "arm-ik"}, Run(topology="ring 4"), Path("/"))
-    store.note_placing(1, Placing(1, file, (0, 1, 2, 3), 7, {"do": "update", "fields": {}}))
+    store.note_placing(1, Placement(1, file, (0, 1, 2, 3), 7, {"do": "update", "fields": {}}))
     monkeypatch.setattr("coordinator.store._LATEST_STATES", 1000)
     assert [state for state, _ in store.transitions(1)] == ["submitted", "queued", "running", "waiting", "running"]
     assert len(store.transitions(2)) == 4
@@ -283,9 +283,9 @@ def test_what_was_an_answer_before_an_update_is_none_after_it(store):
     live(store, 1, "preparing", "running")
     file = ProblemFile("a.toml", {"kind": "arm-ik"}, Run(topology="ring 4"), Path("/"))
     store.note_best(1, 0.5, BEST)
-    store.note_placing(1, Placing(1, file, (0, 1, 2, 3), 7, {"do": "rewire", "topology": "complete 4"}))
+    store.note_placing(1, Placement(1, file, (0, 1, 2, 3), 7, {"do": "rewire", "topology": "complete 4"}))
     assert (store.answer("a").best, store.answer("a").fitness) == (BEST, 0.5)
-    store.note_placing(1, Placing(2, file, (0, 1, 2, 3), 7, {"do": "update", "fields": {}}))
+    store.note_placing(1, Placement(2, file, (0, 1, 2, 3), 7, {"do": "update", "fields": {}}))
     assert (store.answer("a").best, store.answer("a").fitness) == (None, None)
 
 

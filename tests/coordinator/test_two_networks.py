@@ -15,7 +15,7 @@ from epochs import again
 
 import supernode
 from coordinator.dispatcher import Dispatcher
-from coordinator.job import Order
+from coordinator.job import JobSpec
 from wire import sessions
 from wire.callbacks import direct
 from wire.keys import Keys
@@ -104,7 +104,7 @@ def test_cells_on_two_networks_hear_each_other_through_the_router_until_they_can
     dispatcher = Dispatcher(session, keys, Seal(bytes(32)), SPEC)
 
     def run(number, file):
-        return dispatcher.submit(Order(number, file)).result(timeout=60)
+        return dispatcher.submit(JobSpec(number, file)).result(timeout=60)
 
     loose = run(1, file.with_run(mode="async", generations=4000))  # so long that all run most of the time at once
     assert (loose.status, loose.generations) == ("exhausted", 4000)

@@ -20,7 +20,7 @@ class States:
             self.told.append((number, status))
             self._changed.notify_all()
 
-    def placed(self, number, placing):
+    def placed(self, number, placement):
         pass
 
     def improved(self, number, improvement):
@@ -34,17 +34,17 @@ class States:
 
     def wait(self, job, status, times=1, timeout=60):
         """Until a job has come into a state so many times."""
-        state = (job.order.number, status)
+        state = (job.spec.number, status)
         with self._changed:
             assert self._changed.wait_for(lambda: self.told.count(state) >= times, timeout), (state, self.told)
 
     def of(self, job):
         with self._changed:
-            return [status for number, status in self.told if number == job.order.number]
+            return [status for number, status in self.told if number == job.spec.number]
 
     def order_of(self, status, jobs):
         """The places in ``jobs`` in the order in which they came into a state."""
-        numbers = [job.order.number for job in jobs]
+        numbers = [job.spec.number for job in jobs]
         with self._changed:
             return [numbers.index(number) for number, each in self.told if each == status and number in numbers]
 

@@ -33,12 +33,12 @@ def plan_of(size=40, **run):
 class Bus:
     """Steps cells in random order and lets each take a random part of its mail, to the end."""
 
-    def __init__(self, plan, random, wish=None, drop=0.0, at_once=(1, 2, 100)):
+    def __init__(self, plan, random, request=None, drop=0.0, at_once=(1, 2, 100)):
         self.cells = [Cell(plan, number, job=1) for number in range(plan.topology.cells)]
         self.news = [[] for _ in self.cells]
         self.events = [[Start()] for _ in self.cells]
         self.random = random
-        self.wish = wish  # (at which generation of the root, reason)
+        self.request = request  # (at which generation of the root, reason)
         self.drop = drop
         self.at_once = at_once  # generations in a step, if nothing is to be said between them
         self.reports = {}
@@ -47,10 +47,10 @@ class Bus:
         while len(self.reports) < len(self.cells):
             cell = self.random.choice(self.cells)
             news, events = self.some_of(self.news[cell.cell]), self.some_of(self.events[cell.cell])
-            if self.wish and cell.cell == 0 and cell.rows.generation >= self.wish[0]:
-                events.append(Propose(self.wish[1]))
-                self.wish = None
-            most = 1 if self.wish else self.random.choice(self.at_once)
+            if self.request and cell.cell == 0 and cell.rows.generation >= self.request[0]:
+                events.append(Propose(self.request[1]))
+                self.request = None
+            most = 1 if self.request else self.random.choice(self.at_once)
             for action in cell.step(news, events, most):
                 self.carry_out(cell, action)
         return [self.reports[number] for number in range(len(self.cells))]

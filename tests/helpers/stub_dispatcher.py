@@ -6,7 +6,7 @@ import time
 from dataclasses import replace
 
 import topologies
-from coordinator.job import Placing
+from coordinator.job import Placement
 from coordinator.scheduler import Scheduler
 from problems import BadInput
 from spy.result import Result
@@ -29,24 +29,24 @@ class StubDispatcher:
 
     topology = "torus 4x4"
 
-    def submit(self, order, *, accepted_before=False):
+    def submit(self, spec, *, accepted_before=False):
         with self._lock:
-            self.asked.append(("submit", order.number))
-            run = order.file.run
+            self.asked.append(("submit", spec.number))
+            run = spec.file.run
             topology = topologies.parse(run.topology)
-            self.scheduler.add(order.number, topology.cells, topology.spec, order.priority)
-            self.orders[order.number] = order
+            self.scheduler.add(spec.number, topology.cells, topology.spec, spec.priority)
+            self.orders[spec.number] = spec
             self._start()
 
-    def adopt(self, order, placing):
+    def adopt(self, spec, placement):
         with self._lock:
-            self.asked.append(("adopt", order.number, placing.nodes, placing.epoch))
-            self.orders[order.number] = order
-            self.placings[order.number] = placing
+            self.asked.append(("adopt", spec.number, placement.nodes, placement.epoch))
+            self.orders[spec.number] = spec
+            self.placings[spec.number] = placement
             if self._lost:
                 raise BadInput("they know nothing of it")
-            self.scheduler.occupy(order.number, placing.nodes, placing.file.run.topology)
-            self._time(order)
+            self.scheduler.occupy(spec.number, placement.nodes, placement.file.run.topology)
+            self._time(spec)
 
     def cancel(self, number):
         with self._lock:
@@ -66,9 +66,9 @@ class StubDispatcher:
         self._place(number, replace(now, epoch=now.epoch + 1, file=now.file.changed(fields, run), why=why))
         return now.epoch + 1
 
-    def _place(self, number, placing):
-        self.placings[number] = placing
-        self.hooks.placed(number, placing)
+    def _place(self, number, placement):
+        self.placings[number] = placement
+        self.hooks.placed(number, placement)
 
     def nodes(self):
         return [{"node": node} for node in range(self.scheduler.nodes)]
@@ -82,33 +82,33 @@ class StubDispatcher:
 
     def end(self, number, status="solved"):
         with self._lock:
-            order = self.orders.pop(number, None)
-            if order is None:
+            spec = self.orders.pop(number, None)
+            if spec is None:
                 return
             self.scheduler.remove(number)
             self.scheduler.free(number)
-            self.hooks.ended(number, result(order, status))
+            self.hooks.ended(number, result(spec, status))
             self._start()
 
     def _start(self):
         for number, nodes in self.scheduler.start():
             self.hooks.changed(number, "preparing", nodes)
-            self.placings[number] = Placing(0, self.orders[number].file, nodes, 1)
+            self.placings[number] = Placement(0, self.orders[number].file, nodes, 1)
             self.hooks.changed(number, "running", nodes)
             self.hooks.improved(number, Improvement(number, 0, 0.1, 3, 1, 0.5, True, {"x": [float("inf")]}))
             self._time(self.orders[number])
 
-    def _time(self, order):
+    def _time(self, spec):
         if not self._manual:
-            timer = threading.Timer(order.file.run.target or 0.0, self.end, [order.number])
+            timer = threading.Timer(spec.file.run.target or 0.0, self.end, [spec.number])
             timer.daemon = True
-            self._timers[order.number] = timer
+            self._timers[spec.number] = timer
             timer.start()
 
 
-def result(order, status):
+def result(spec, status):
     """What came of a job of the stub's."""
     values = dict.fromkeys([field.name for field in dataclasses.fields(Result)])
-    seconds = time.monotonic() - order.submitted
-    given = {"job": str(order.number), "status": status, "fitness": 0.25, "seconds": seconds, "demes": []}
+    seconds = time.monotonic() - spec.submitted
+    given = {"job": str(spec.number), "status": status, "fitness": 0.25, "seconds": seconds, "demes": []}
     return Result(**values | given)

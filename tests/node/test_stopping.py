@@ -23,8 +23,8 @@ def test_every_cell_stops_after_the_same_generation(shape, end):
     for seed in range(12):
         settings = {"topology": shape, "deme": 1 + seed % 3, "interval": 1 + seed % 4, "seed": seed} | ENDS[end]
         plan = plan_of(size=12, mutation=0.1, **settings)
-        wish = (seed, end) if end in ("deadline", "cancel") else None
-        reports = Bus(plan, random.Random(seed), wish).run()
+        request = (seed, end) if end in ("deadline", "cancel") else None
+        reports = Bus(plan, random.Random(seed), request).run()
         stop = {report.generation for report in reports}
         assert len(stop) == 1, f"{shape}, {end}, seed {seed}: cells stopped after {sorted(stop)}"
         reasons = {each.reason for report in reports for each in report.proposals if each.stop_at in stop}

@@ -75,11 +75,11 @@ def test_the_log_tells_of_each_attempt(supernode, problem, tmp_path):
 
 
 def test_ctrl_c_ends_the_attempt_that_runs(supernode, problem, monkeypatch):
-    """Between two attempts the wish is known still."""
-    from node.simulation import StopWish
+    """Between two attempts the request is known still."""
+    from node.simulation import StopRequest
 
     wishes = iter([None] * 60)
-    monkeypatch.setattr(StopWish, "reason", lambda _: next(wishes, "cancel"))
+    monkeypatch.setattr(StopRequest, "reason", lambda _: next(wishes, "cancel"))
     _, out, _ = supernode("simulate", problem, "--json", "--quiet")
     result = json.loads(out)
     assert (result["status"], [each["do"] for each in result["directives"]]) == ("cancelled", ["retry", "stop"])

@@ -14,7 +14,7 @@ from wire.news import LogRecord
 from wire.seal import Seal
 
 
-class Staff(Dispatcher):
+class ServiceDispatcher(Dispatcher):
     """Runs the jobs of nodes that others have launched.
 
     Args:
@@ -84,7 +84,7 @@ class Staff(Dispatcher):
     def _log(self, level: str, text: str, node: int | None = None) -> None:
         """Tell it; what is about a node is about the job there too."""
         job, cell = (None, None) if node is None else self.place_of(node)
-        number = None if job is None else job.order.number
+        number = None if job is None else job.spec.number
         self.hooks.logged(LogRecord(level, "coordinator", text, time.time(), node, cell, number))
 
     def _cpu_seconds(self) -> dict[str, float]:

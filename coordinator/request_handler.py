@@ -12,7 +12,7 @@ from coordinator.checking import Checker, is_own
 from coordinator.database import StoreFailed
 from coordinator.errors import ClusterFailed
 from coordinator.hooks import Dispatcher
-from coordinator.job import Order, Placing
+from coordinator.job import JobSpec, Placement
 from coordinator.record_book import RecordBook
 from coordinator.recorder import Recorder, state_of, warning
 from coordinator.scheduler import QueueFull
@@ -46,7 +46,7 @@ from wire.news import Improvement
 _FAILURES = (ClusterFailed, QueueFull, StoreFailed)  # not the client's fault
 
 
-class Desk:
+class RequestHandler:
     """Answers requests, on any thread; the changes of one job's world must come one after another.
 
     Args:
@@ -155,17 +155,17 @@ class Desk:
 
     def _hand_over_new(self, job: Summary, file: ProblemFile) -> None:
         try:
-            self._hand_over(job, _order(job, file))
+            self._hand_over(job, _spec(job, file))
         except Exception:
             self._store.withdraw(job.number)
             raise
         for status in ("submitted", "queued"):
             self._publish(dataclasses.replace(state_of(job, job.submitted), status=status))
 
-    def _hand_over(self, job: Summary, order: Order, accepted_before: bool = False) -> None:
+    def _hand_over(self, job: Summary, spec: JobSpec, accepted_before: bool = False) -> None:
         self._handed_over.add(job.number)
         try:
-            self._dispatcher.submit(order, accepted_before=accepted_before)
+            self._dispatcher.submit(spec, accepted_before=accepted_before)
         except BaseException:
             self._handed_over.discard(job.number)
             raise
@@ -176,8 +176,8 @@ class Desk:
         try:
             first, file = self._checker.read(job.file), self._checker.read(job.file_now)
             lived = self._past_of(job, file)
-            order = dataclasses.replace(_order(job, file), past=lived, best=_best_of(job), first_run=first.run)
-            self._hand_over(job, order, accepted_before=True)
+            spec = dataclasses.replace(_spec(job, file), past=lived, best=_best_of(job), first_run=first.run)
+            self._hand_over(job, spec, accepted_before=True)
         except Exception as error:
             self._recorder.ended(job.number, error)
 
@@ -194,8 +194,8 @@ class Desk:
         try:
             first, file = self._checker.read(job.file), self._checker.read(job.file_now)
             past, why = self._store.past(job.number)
-            placing = Placing(job.epoch, file, job.nodes, job.wiring, why, past, _best_of(job))
-            self._dispatcher.adopt(_order(job, first), placing)
+            placement = Placement(job.epoch, file, job.nodes, job.wiring, why, past, _best_of(job))
+            self._dispatcher.adopt(_spec(job, first), placement)
         except Exception as error:
             self._recorder.logged(
                 warning(f"the job cannot go on from where it was: {type(error).__name__}: {error}", job.number)
@@ -265,10 +265,10 @@ def digest_of(file: ProblemFile) -> str:
     return digest([file.fields, settings])
 
 
-def _order(job: Summary, file: ProblemFile) -> Order:
+def _spec(job: Summary, file: ProblemFile) -> JobSpec:
     """The job for the dispatcher, whose clock does not know of Unix time: its ``seconds`` run from acceptance."""
     submitted = time.monotonic() - max(0.0, time.time() - job.submitted)
-    return Order(job.number, file, None, job.job, job.priority, submitted)
+    return JobSpec(job.number, file, None, job.job, job.priority, submitted)
 
 
 def _best_of(job: Stored) -> Improvement | None:

@@ -10,7 +10,7 @@ PORTS = 4  # that a node listens at in turn: the links of the last wiring are op
 
 
 @dataclass
-class _Home:
+class _NodeHost:
     """Where one node lives, and the port that is next."""
 
     host: str
@@ -18,25 +18,25 @@ class _Home:
     turn: int
 
 
-class Homes:
+class NodeHosts:
     """Empty for a cluster on one host."""
 
     def __init__(self) -> None:
-        self._homes: dict[int, _Home] = {}
+        self._node_hosts: dict[int, _NodeHost] = {}
 
     def move_in(self, host: Host, turn: int = 0) -> None:
         """The nodes of a host live there now; ``turn`` is the first of the ports that they use."""
         for place, node in enumerate(host.nodes):
-            self._homes[node] = _Home(host.id, _endpoint(host.endpoint, place), turn)
+            self._node_hosts[node] = _NodeHost(host.id, _endpoint(host.endpoint, place), turn)
 
     def leave(self, nodes: Iterable[int]) -> None:
         """They live nowhere any more."""
         for node in nodes:
-            self._homes.pop(node, None)
+            self._node_hosts.pop(node, None)
 
     def wiring(self, number: int, nodes: tuple[int, ...]) -> Wiring:
         """A wiring of these nodes, cell by cell."""
-        homes = [self._homes.get(node) for node in nodes]
+        homes = [self._node_hosts.get(node) for node in nodes]
         if not any(homes):
             return Wiring(number, nodes)
         hosts = tuple("" if home is None else home.host for home in homes)
@@ -53,7 +53,7 @@ def _endpoint(first: str, place: int) -> str:
     return f"{address}:{int(port) + PORTS * place}"
 
 
-def _next_endpoint(home: _Home) -> str:
+def _next_endpoint(home: _NodeHost) -> str:
     if not home.endpoint:
         return ""
     home.turn = (home.turn + 1) % PORTS

@@ -1,4 +1,4 @@
-"""What the desk answers, what it keeps, what it hands over, and what it publishes, in which order."""
+"""What the request handler answers, what it keeps, what it hands over, and what it publishes, in which order."""
 
 import io
 import json
@@ -14,10 +14,10 @@ from stub_dispatcher import StubDispatcher
 import supernode
 from coordinator.checking import Checker
 from coordinator.database import StoreFailed, sqlite_url
-from coordinator.desk import Desk
 from coordinator.log_lines import LogLines
 from coordinator.record_book import Keep, RecordBook
 from coordinator.recorder import Recorder
+from coordinator.request_handler import RequestHandler
 from coordinator.store import Store
 from spy.past import Past
 from wire.jobs import Cancel, Done, Down, ListJobs, Refused, Rewire, Show, Status, Submit, Update
@@ -34,7 +34,7 @@ def file(topology="ring 4", example="arm-ik", **run):
 
 
 class Office:
-    """A desk with all that belongs to it."""
+    """A request handler with all that belongs to it."""
 
     def __init__(self, path, make=MANUAL, nodes=16, checker=None):
         self.published = []
@@ -45,20 +45,22 @@ class Office:
         self.recorder = Recorder(self.store, self.book, lines, self.published.append, self.forget)
         self.dispatcher = make(None, None, nodes, self.recorder)
         checker = checker or Checker()
-        self.desk = Desk("c1", self.store, self.book, self.recorder, self.dispatcher, checker, self.published.append)
+        self.request_handler = RequestHandler(
+            "c1", self.store, self.book, self.recorder, self.dispatcher, checker, self.published.append
+        )
 
     def forget(self, number):
-        self.desk.forget(number)
+        self.request_handler.forget(number)
 
     def ask(self, request):
         """The value of the answer."""
-        answer = self.desk.answer(request)
+        answer = self.request_handler.answer(request)
         assert isinstance(answer, Done), answer
         return answer.value
 
     def refusal(self, request, blame="input"):
         """The words of the refusal."""
-        answer = self.desk.answer(request)
+        answer = self.request_handler.answer(request)
         assert isinstance(answer, Refused), answer
         assert answer.blame == blame
         return answer.message
@@ -109,8 +111,8 @@ def test_a_job_from_submit_to_its_result(office):
     shown = office.until("a", "running")
     assert (shown["kind"], shown["cells"], shown["topology"], shown["priority"]) == ("arm-ik", 4, "ring 4", 3)
     assert (shown["nodes"], shown["number"]) == ([0, 1, 2, 3], 1)
-    order = office.dispatcher.orders[1]
-    assert (order.job, order.priority, order.file.kind) == ("a", 3, "arm-ik")
+    spec = office.dispatcher.orders[1]
+    assert (spec.job, spec.priority, spec.file.kind) == ("a", 3, "arm-ik")
     office.dispatcher.end(1)
     shown = office.until("a", "solved")
     assert shown["fitness"] == 0.25
@@ -357,7 +359,7 @@ def test_the_next_coordinator_goes_on(offices):
     office.until("b", "running")
     submitted = office.dispatcher.orders[3].submitted
     office = offices(nodes=8)
-    office.desk.restore()
+    office.request_handler.restore()
     assert office.dispatcher.asked == [
         ("adopt", 1, (0, 1, 2, 3), 0),
         ("adopt", 2, (4, 5, 6, 7), 0),
@@ -378,7 +380,7 @@ def test_a_job_whose_nodes_have_forgotten_it_starts_over(offices):
     office.ask(Submit(file(), "a"))
     office.until("a", "running")
     office = offices(make=partial(StubDispatcher, manual=True, lost=True))
-    office.desk.restore()
+    office.request_handler.restore()
     office.recorder.close()
     states = [state for state, _ in office.ask(Show("a"))["states"]]
     assert states == ["submitted", "queued", "preparing", "running", "queued", "preparing", "running"]
@@ -390,12 +392,12 @@ def test_a_restored_job_is_in_the_epoch_that_it_had_reached(offices):
     office.until("a", "running")
     office.ask(Update("a", '{"obstacles": []}'))
     office = offices()
-    office.desk.restore()
+    office.request_handler.restore()
     assert office.dispatcher.asked == [("adopt", 1, (0, 1, 2, 3), 1)]
-    order, placing = office.dispatcher.orders[1], office.dispatcher.placings[1]
-    assert order.file.fields["obstacles"], "as it was submitted"
-    assert placing.file.fields["obstacles"] == []
-    assert (placing.why["do"], placing.past.epochs) == ("update", 0)
+    spec, placement = office.dispatcher.orders[1], office.dispatcher.placings[1]
+    assert spec.file.fields["obstacles"], "as it was submitted"
+    assert placement.file.fields["obstacles"] == []
+    assert (placement.why["do"], placement.past.epochs) == ("update", 0)
 
 
 def test_a_job_that_begins_again_keeps_its_past_and_its_answer(offices):
@@ -407,12 +409,12 @@ def test_a_job_that_begins_again_keeps_its_past_and_its_answer(offices):
     office.dispatcher.hooks.improved(1, Improvement(1, 1, 0.2, 4, 2, 0.25, True, {"x": [1.0]}))
     office.until("a", "running", lambda shown: shown["best"] is not None)
     office = offices(make=partial(StubDispatcher, manual=True, lost=True))
-    office.desk.restore()
-    order = office.dispatcher.orders[1]
-    assert (order.best.epoch, order.best.fitness, order.past.epochs) == (1, 0.25, 2)
-    assert [each["do"] for each in order.past.directives] == ["update", "restart"]
-    assert order.past.directives[0]["fields"] == {"obstacles": []}
-    assert order.past.history is None
+    office.request_handler.restore()
+    spec = office.dispatcher.orders[1]
+    assert (spec.best.epoch, spec.best.fitness, spec.past.epochs) == (1, 0.25, 2)
+    assert [each["do"] for each in spec.past.directives] == ["update", "restart"]
+    assert spec.past.directives[0]["fields"] == {"obstacles": []}
+    assert spec.past.history is None
     office.recorder.close()
     assert "the job cannot go on from where it was: BadInput: they know nothing of it" in office.said.getvalue()
 
@@ -422,9 +424,9 @@ def test_a_job_that_never_left_its_first_epoch_begins_it_again(offices):
     office.ask(Submit(file(), "a"))
     office.until("a", "running", lambda shown: shown["best"] is not None)
     office = offices(make=partial(StubDispatcher, manual=True, lost=True))
-    office.desk.restore()
-    order = office.dispatcher.orders[1]
-    assert (order.past, order.best.fitness) == (Past(), 0.5)
+    office.request_handler.restore()
+    spec = office.dispatcher.orders[1]
+    assert (spec.past, spec.best.fitness) == (Past(), 0.5)
 
 
 def test_in_brief_all_that_may_be_large_is_left_out(office):
@@ -440,7 +442,7 @@ def test_a_job_that_cannot_run_any_more_ends_as_failed(offices):
     office.ask(Submit(file("torus 4x4"), "a"))
     office.ask(Submit(file("torus 4x4"), "b"))
     office = offices(nodes=4)
-    office.desk.restore()
+    office.request_handler.restore()
     shown = office.until("b", "failed")
     assert shown["message"] == "the job asks for 16 cells (torus 4x4), the cluster has 4 nodes"
 
@@ -448,7 +450,7 @@ def test_a_job_that_cannot_run_any_more_ends_as_failed(offices):
 def test_a_job_that_was_kept_but_never_handed_over_is_so_when_it_is_submitted_again(office):
     office.ask(Submit(file(), "a"))
     office.until("a", "running")
-    office.desk.forget(1)
+    office.request_handler.forget(1)
     office.dispatcher.orders.clear()
     office.dispatcher.scheduler.free(1)
     office.ask(Submit(file(), "a"))
