@@ -35,9 +35,9 @@ import supernode
 from benchmarks.service import up
 from coordinator.launcher import cpu_seconds_of
 from problems.file import parse
-from supernode.dashboard.door import Door
+from supernode.cluster_info import ClusterInfo, read_info
 from supernode.dashboard.keeper import Keeper
-from supernode.whereabouts import Card, read_card
+from supernode.dashboard.listen_address import ListenAddress
 from wire import sessions
 from wire.callbacks import direct
 from wire.keys import Keys
@@ -148,30 +148,30 @@ class _Bench:
         with ExitStack() as stack:
             folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
             self._up = stack.enter_context(up(folder, self._topology, None))
-            self._card = read_card(folder)
+            self._info = read_info(folder)
             self._job = _submitted(folder, self._topology)
-            self._listen(self._card, stack)
+            self._listen(self._info, stack)
             self._stack = stack.pop_all()
         return self
 
     def __exit__(self, *_: object) -> None:
         self._stack.close()
 
-    def _listen(self, card: Card, stack: ExitStack) -> None:
+    def _listen(self, info: ClusterInfo, stack: ExitStack) -> None:
         def hear(sample: Any) -> None:
             self._told.append((time.monotonic(), Statistics.decode(sample.payload.to_bytes()).generation))
 
-        session = sessions.client(card.endpoint)
+        session = sessions.client(info.endpoint)
         stack.callback(session.close)
-        session.declare_subscriber(Keys(card.cluster).spy_stats, direct(hear))
+        session.declare_subscriber(Keys(info.cluster).spy_stats, direct(hear))
 
     # Watching ---------------------------------------------------------------------------------------------------------
     @contextmanager
     def watched(self, how: Watch) -> Iterator[None]:
         """With a dashboard, that is open in some way."""
-        keeper = Keeper(Door("127.0.0.1", 0), single=False)
+        keeper = Keeper(ListenAddress("127.0.0.1", 0), single=False)
         try:
-            keeper.start(self._card.endpoint)
+            keeper.start(self._info.endpoint)
             with how(keeper.address):
                 yield
         finally:

@@ -121,10 +121,10 @@ class _Row:
     """Jobs, one after another, and what is heard of them."""
 
     def __init__(self, client: Client, folder: Path, topology: str) -> None:
-        from supernode.whereabouts import read_card
+        from supernode.cluster_info import read_info
         from wire.keys import Keys
 
-        card = read_card(folder)
+        info = read_info(folder)
         self.running: list[float] = []
         self.answers: list[float] = []
         self.ends: dict[str, int] = {}
@@ -133,9 +133,9 @@ class _Row:
         self._ended: dict[str, float] = {}
         self._heard: dict[str | int, float] = {}
         self._numbers: dict[str, int] = {}
-        self._session = sessions.client(card.endpoint)
-        self._session.declare_subscriber(Keys(card.cluster).state, direct(self._hear_state))
-        self._session.declare_subscriber(Keys(card.cluster).best, direct(self._hear_best))
+        self._session = sessions.client(info.endpoint)
+        self._session.declare_subscriber(Keys(info.cluster).state, direct(self._hear_state))
+        self._session.declare_subscriber(Keys(info.cluster).best, direct(self._hear_best))
 
     def submit(self, first: int, last: int) -> None:
         for number in range(first, last):

@@ -1,4 +1,4 @@
-"""A problem of one's own: pack a rucksack as full as possible, on sixteen processes.
+"""A problem of one's own: pack a knapsack as full as possible, on sixteen processes.
 
 A problem is a subclass of `supernode.Problem`: its fields are those of the problem file, `coding` says how an
 individual is coded, and `evaluate` gives the fitness of a batch (lower is better, infinity is infeasible). Run this
@@ -14,7 +14,7 @@ import numpy as np
 import supernode
 
 
-class Rucksack(supernode.Problem):
+class Knapsack(supernode.Problem):
     """Which things to take, so that as little capacity as possible is left over."""
 
     weights: list[float]

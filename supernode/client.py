@@ -28,9 +28,9 @@ from coordinator.states import ENDS
 from problems import ProblemFile, load
 from problems.errors import UPDATE_OF, BadInput
 from problems.file import filled_in, load_patch
+from supernode.cluster_info import Place
+from supernode.job_feed import WAITING, JobFeed, improvement_in
 from supernode.link import PATIENCE, Link
-from supernode.trail import WAITING, Trail, improvement_in
-from supernode.whereabouts import Place
 from wire import jobs as wire
 from wire.keys import Keys
 from wire.news import Improvement
@@ -68,7 +68,7 @@ class AsyncClient:
     def __init__(self, link: Link) -> None:
         self._link = link
         self._loop = asyncio.get_running_loop()
-        self._trails: weakref.WeakValueDictionary[str, Trail] = weakref.WeakValueDictionary()
+        self._feeds: weakref.WeakValueDictionary[str, JobFeed] = weakref.WeakValueDictionary()
         self._closed = False
         self._results: asyncio.Task[Any] | None = None
         link.listen(link.keys.best, self._hear_best)
@@ -104,9 +104,9 @@ class AsyncClient:
         asked = loaded.with_run(**run)
         asked.refuse_unreachable()
         text = asked.to_json()
-        trail = self._trail(secrets.token_hex(4) if id is None else id)  # it listens from now on
-        await self.ask(wire.Submit(text, trail.job, priority))
-        return AsyncClientJob(self, trail)
+        feed = self._feed(secrets.token_hex(4) if id is None else id)  # it listens from now on
+        await self.ask(wire.Submit(text, feed.job, priority))
+        return AsyncClientJob(self, feed)
 
     async def jobs(self, limit: int | None = None) -> list[dict[str, Any]]:
         """What there is to know of each job in a few words, the newest last."""
@@ -119,9 +119,9 @@ class AsyncClient:
         Raises:
             BadInput: if there is no such job.
         """
-        trail = self._trail(id)
-        await self.look(trail)
-        return AsyncClientJob(self, trail)
+        feed = self._feed(id)
+        await self.look(feed)
+        return AsyncClientJob(self, feed)
 
     async def records(self, kind: str, job: str, after: int = 0) -> dict[str, Any]:
         """What happened in a job, a page of it.
@@ -175,10 +175,10 @@ class AsyncClient:
         if self._closed:
             return
         self._closed = True
-        for trail in list(self._trails.values()):
-            if trail.looking is not None:
-                trail.looking.cancel()
-            trail.wake()
+        for feed in list(self._feeds.values()):
+            if feed.looking is not None:
+                feed.looking.cancel()
+            feed.wake()
         await self._link.close()
 
     async def ask(self, request: wire.Request, patience: float = PATIENCE) -> Any:
@@ -196,17 +196,17 @@ class AsyncClient:
             raise ClusterFailed("the client is closed")
         return await self._link.ask(request, patience)
 
-    async def look(self, trail: Trail, *, brief: bool = False) -> dict[str, Any]:
+    async def look(self, feed: JobFeed, *, brief: bool = False) -> dict[str, Any]:
         """Ask for all there is to know of a job, or in ``brief`` for how it is and its answer."""
-        view: dict[str, Any] = await self.ask(wire.Show(trail.job, brief))
+        view: dict[str, Any] = await self.ask(wire.Show(feed.job, brief))
         try:
             best = None if view["best"] is None else improvement_in(view["best"])
-            trail.hear_view(view | {"best": best}, self._loop.time())
+            feed.hear_view(view | {"best": best}, self._loop.time())
         except (KeyError, TypeError) as error:
             raise ClusterFailed(f"the cluster's answer cannot be read: {type(error).__name__}: {error}") from error
         return view
 
-    async def more(self, trail: Trail) -> None:
+    async def more(self, feed: JobFeed) -> None:
         """Wait until more is known of a job; without news for a second, ask.
 
         Raises:
@@ -214,23 +214,23 @@ class AsyncClient:
         """
         if self._closed:
             raise ClusterFailed("the client is closed")
-        left = trail.look_at - self._loop.time()
-        if left <= 0 and trail.looking is None:
-            trail.error = None
-            trail.looking = asyncio.create_task(self._look(trail))
-        await trail.news(None if trail.looking is not None else left)
-        if trail.error is not None:
-            raise trail.error
+        left = feed.look_at - self._loop.time()
+        if left <= 0 and feed.looking is None:
+            feed.error = None
+            feed.looking = asyncio.create_task(self._look(feed))
+        await feed.news(None if feed.looking is not None else left)
+        if feed.error is not None:
+            raise feed.error
 
-    async def _look(self, trail: Trail) -> None:
+    async def _look(self, feed: JobFeed) -> None:
         """The same as `look`, beside whatever else comes; a failure is left for those who wait."""
         try:
-            await self.look(trail, brief=True)
+            await self.look(feed, brief=True)
         except (ClusterFailed, BadInput) as error:
-            trail.error = error
+            feed.error = error
         finally:
-            trail.looking = None
-            trail.wake()
+            feed.looking = None
+            feed.wake()
 
     def results(self) -> "asyncio.Task[Any]":
         """The module that reads results: importing it takes a second, in which the loop has other things to do."""
@@ -242,36 +242,36 @@ class AsyncClient:
         """The loop's time."""
         return self._loop.time()
 
-    def _trail(self, job: str) -> Trail:
+    def _feed(self, job: str) -> JobFeed:
         """All handles of a job share one."""
         try:
             wire.job_id(job)
         except Rejected as error:
             raise BadInput(error.reason) from None
-        trail = self._trails.get(job)
-        if trail is None:
-            trail = self._trails[job] = Trail(job, self._loop.time())
-        return trail
+        feed = self._feeds.get(job)
+        if feed is None:
+            feed = self._feeds[job] = JobFeed(job, self._loop.time())
+        return feed
 
     def _hear_best(self, payload: bytes) -> None:
         with contextlib.suppress(Rejected):
             better = Improvement.decode(payload)
-            for trail in list(self._trails.values()):
-                trail.hear_best(better, self._loop.time())
+            for feed in list(self._feeds.values()):
+                feed.hear_best(better, self._loop.time())
 
     def _hear_state(self, payload: bytes) -> None:
         with contextlib.suppress(Rejected):
             state = wire.JobState.decode(payload)
-            for trail in list(self._trails.values()):
-                trail.hear_state(state, self._loop.time())
+            for feed in list(self._feeds.values()):
+                feed.hear_state(state, self._loop.time())
 
 
 class AsyncClientJob:
     """A job on a running cluster."""
 
-    def __init__(self, client: AsyncClient, trail: Trail) -> None:
+    def __init__(self, client: AsyncClient, feed: JobFeed) -> None:
         self._client = client
-        self._trail = trail
+        self._feed = feed
         self._epoch = 0  # that the last update made
         self._begun = 0  # how often an epoch had begun before that
         self._patient_until = 0.0  # the loop's time from which on a state is believed to be of that epoch
@@ -279,7 +279,7 @@ class AsyncClientJob:
     @property
     def id(self) -> str:
         """Its id."""
-        return self._trail.job
+        return self._feed.job
 
     async def improvements(self) -> AsyncIterator[Improvement]:
         """Each verified improvement as it comes, those known before first; ends with the job.
@@ -295,9 +295,9 @@ class AsyncClientJob:
 
     async def improvement(self, after: Improvement | None) -> Improvement | None:
         """The first improvement, or the next one, when it has come; None if the job ends before."""
-        trail = self._trail
-        while (better := trail.after(after)) is None and trail.end is None:
-            await self._client.more(trail)
+        feed = self._feed
+        while (better := feed.after(after)) is None and feed.end is None:
+            await self._client.more(feed)
         return better
 
     async def event(self, after: Improvement | None, state: str | None) -> Improvement | str | None:
@@ -305,11 +305,11 @@ class AsyncClientJob:
 
         An end is no such state.
         """
-        trail = self._trail
-        while (better := trail.after(after)) is None and trail.end is None:
-            if trail.status is not None and trail.status != state and trail.status not in ENDS:
-                return trail.status
-            await self._client.more(trail)
+        feed = self._feed
+        while (better := feed.after(after)) is None and feed.end is None:
+            if feed.status is not None and feed.status != state and feed.status not in ENDS:
+                return feed.status
+            await self._client.more(feed)
         return better
 
     async def answer(self, timeout: float | None = None) -> Improvement | None:
@@ -321,8 +321,8 @@ class AsyncClientJob:
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(timeout):
                 while not self._is_answered():
-                    await self._client.more(self._trail)
-        return self._trail.answer(self._epoch)
+                    await self._client.more(self._feed)
+        return self._feed.answer(self._epoch)
 
     async def result(self, timeout: float | None = None) -> "Result":
         """Wait for the end. If the cluster or the problem broke, the result's status is "failed" and it says why.
@@ -349,15 +349,15 @@ class AsyncClientJob:
     async def _over(self, timeout: float | None) -> Mapping[str, Any]:
         try:
             async with asyncio.timeout(timeout):
-                while self._trail.end is None:
-                    await self._client.more(self._trail)
+                while self._feed.end is None:
+                    await self._client.more(self._feed)
         except TimeoutError:
             raise TimeoutError(f"job {self.id} has not ended within {timeout} s") from None
-        return self._trail.end
+        return self._feed.end
 
     async def show(self) -> dict[str, Any]:
         """All that the cluster knows of the job now, in plain values."""
-        return await self._client.look(self._trail)
+        return await self._client.look(self._feed)
 
     async def state(self) -> str:
         """The job's state now, such as "queued" or "solved"."""
@@ -416,7 +416,7 @@ class AsyncClientJob:
         return await self._new_epoch(wire.Rewire(self.id, topology))
 
     async def _new_epoch(self, request: wire.Update | wire.Rewire) -> int:
-        self._begun = self._trail.begun
+        self._begun = self._feed.begun
         told = await self._client.ask(request)
         self._epoch = int(told["epoch"])
         self._patient_until = self._client.now() + _BEGUN_WITHIN
@@ -424,10 +424,10 @@ class AsyncClientJob:
 
     def _is_answered(self) -> bool:
         """Whether the job has ended, or waits in the epoch that the last update made, not still in the one before."""
-        trail = self._trail
-        if trail.status != WAITING:
-            return trail.answered
-        begun = trail.begun > self._begun or trail.best(self._epoch) is not None
+        feed = self._feed
+        if feed.status != WAITING:
+            return feed.answered
+        begun = feed.begun > self._begun or feed.best(self._epoch) is not None
         return self._epoch == 0 or begun or self._client.now() >= self._patient_until
 
 

@@ -13,9 +13,9 @@ from spy.least_improvement import LEAST
 from spy.result import Result
 from spy.run_log import RunLog
 from spy.terminal import Terminal
+from supernode.job_feed import SEARCHING, WAITING
 from supernode.records import pages
 from supernode.results import topology_of
-from supernode.trail import SEARCHING, WAITING
 from wire.news import Improvement, LogRecord, Statistics
 from wire.strict import Rejected
 

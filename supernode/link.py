@@ -16,7 +16,7 @@ import zenoh
 
 from coordinator.errors import ClusterFailed
 from problems.errors import BadInput
-from supernode.whereabouts import Place
+from supernode.cluster_info import Place
 from wire import sessions
 from wire.callbacks import direct
 from wire.jobs import Refused, Request, Status, decode_answer, encode
@@ -45,14 +45,14 @@ class Link:
             ClusterFailed: if none is there, in less than two seconds, or the one that is does not answer.
         """
         until = time.monotonic() + CONNECT_WITHIN
-        card = place.card()
-        endpoint = place.endpoint if card is None else card.endpoint
+        info = place.info()
+        endpoint = place.endpoint if info is None else info.endpoint
         assert endpoint is not None, "a place without a card is an endpoint"
         try:
             session = await asyncio.to_thread(sessions.visitor, endpoint, CONNECT_WITHIN)
         except zenoh.ZError:
             raise ClusterFailed(f"no cluster answers at {endpoint}") from None
-        link = cls(session, place, Keys("*" if card is None else card.cluster))
+        link = cls(session, place, Keys("*" if info is None else info.cluster))
         try:
             link.keys = Keys(await link._find(until))
         except BaseException:
@@ -73,7 +73,7 @@ class Link:
             answers = await self._gather(payload, max(_AGAIN, until - time.monotonic()))
             if answers:
                 return _value(answers[0])
-            self.place.card()
+            self.place.info()
             if time.monotonic() >= until:
                 raise ClusterFailed(f"the cluster at {self.place} does not answer")
             await asyncio.sleep(_AGAIN)

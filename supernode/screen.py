@@ -14,9 +14,9 @@ from rich.text import Text
 
 from coordinator.errors import ClusterFailed
 from problems import BadInput
+from supernode.cluster_info import Place
 from supernode.dashboard.view import View, shape_of
 from supernode.dashboard.watcher import PATIENCE, Watcher
-from supernode.whereabouts import Place
 from wire.jobs import Show
 
 _PERIOD = 0.5  # seconds

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from supernode.client import Client
-    from supernode.whereabouts import Place
+    from supernode.cluster_info import Place
 
 
 def add_cluster_options(parser: argparse.ArgumentParser, what: str = "the answer") -> None:
@@ -50,7 +50,7 @@ def place_of(options: argparse.Namespace) -> "Place":
     Raises:
         BadInput: if ENDPOINT is none.
     """
-    from supernode.whereabouts import Place
+    from supernode.cluster_info import Place
 
     return Place.of_folder(options.state) if options.connect is None else Place.at(options.connect)
 

@@ -62,7 +62,7 @@ def _file(state: str | None) -> str:
         ClusterFailed: if another cluster has it.
     """
     from coordinator.database import url_in
-    from supernode.whereabouts import Place, occupy
+    from supernode.cluster_info import Place, occupy
 
     folder = Place.of_folder(state).folder
     assert folder is not None, "that is what it was made of"

@@ -24,15 +24,15 @@ def run(options: argparse.Namespace) -> int:
     """Ask, and wait until it has gone; on this machine also if it does not answer."""
     from pathlib import Path
 
-    from supernode.whereabouts import is_occupied
+    from supernode.cluster_info import is_occupied
 
     place = place_of(options)
-    card = place.card()
+    info = place.info()
     ends = _ask(options)
-    if card is None:
+    if info is None:
         _see_it_go(options, ends)
     elif ends is not None or is_occupied(Path(place.folder or "")):
-        _see_it_end(card.process, ends is not None, place)
+        _see_it_end(info.process, ends is not None, place)
     rest = "; router, spy and nodes end where they were started" if ends == "coordinator" else ""
     tell(options, {"down": str(place), "ended": ends or "cluster"}, f"down: {place}{rest}")
     return exits.OK

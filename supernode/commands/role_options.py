@@ -54,8 +54,8 @@ def secret_of(options: argparse.Namespace) -> bytes:
     """
     from pathlib import Path
 
+    from supernode.cluster_info import default_folder
     from supernode.secret_file import read_or_make
-    from supernode.whereabouts import default_folder
 
     return read_or_make(Path(options.secret_file) if options.secret_file else default_folder() / "secret")
 
@@ -82,7 +82,7 @@ def endpoint(text: str, name: str) -> str:
     Raises:
         BadInput: if it is none.
     """
-    from supernode.whereabouts import Place
+    from supernode.cluster_info import Place
 
     found = Place.at(text, f"--{name}").endpoint
     assert found is not None, "that is what it was made of"

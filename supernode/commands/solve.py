@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from spy.result import Result
     from spy.terminal import Terminal
     from supernode.client import Client
-    from supernode.dashboard.door import Door
+    from supernode.dashboard.listen_address import ListenAddress
 
 EXAMPLE = "supernode solve examples/mobile-robot.toml --seed 1 --plot office.png"
 
@@ -37,41 +37,41 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Follow the job on stderr, and print its result on stdout."""
-    from supernode.upkeep import wished_door
+    from supernode.supervisor import wanted_address
 
-    file, door = chosen_file(options), wished_door(options)
+    file, listen_address = chosen_file(options), wanted_address(options)
     if options.connect is not None or options.state is not None:
-        return _on_a_running_one(file, options, door)
-    return _on_its_own(file, options) if door is None else _on_a_shown_one(file, options, door)
+        return _on_a_running_one(file, options, listen_address)
+    return _on_its_own(file, options) if listen_address is None else _on_a_shown_one(file, options, listen_address)
 
 
-def _on_a_running_one(file: "ProblemFile", options: argparse.Namespace, door: "Door | None") -> int:
+def _on_a_running_one(file: "ProblemFile", options: argparse.Namespace, listen_address: "ListenAddress | None") -> int:
     """The cluster has a dashboard of its own, or none."""
     from problems import BadInput
     from supernode.present import present
 
-    if door is not None:
+    if listen_address is not None:
         raise BadInput("--dashboard: expected none with --connect or --state: `supernode spy --dashboard` shows those")
     with connected(options) as client:
         result, interrupted = _followed(client, file, options)
     return present(result, file, options, interrupted)
 
 
-def _on_a_shown_one(file: "ProblemFile", options: argparse.Namespace, door: "Door") -> int:
+def _on_a_shown_one(file: "ProblemFile", options: argparse.Namespace, listen_address: "ListenAddress") -> int:
     """Launch a cluster for this job alone with all that a dashboard asks for, and end it."""
     import sys
 
     from coordinator.launcher import ServiceOptions
     from supernode.client import Client
+    from supernode.cluster_info import Place
     from supernode.present import present
-    from supernode.upkeep import Upkeep, Wish, check_library
-    from supernode.whereabouts import Place
+    from supernode.supervisor import LaunchRequest, Supervisor, check_library
 
     check_library("solve --dashboard")
     module, own, _ = file.kind.partition(":")
     service = ServiceOptions(max_queue=0, allow_modules=(module,) if own else (), modules=file.folder)
-    wish = Wish(file.run.topology, service, door, options.force)
-    with Upkeep(wish).up() as up, Client(Place.at(up.endpoint)) as client:
+    request = LaunchRequest(file.run.topology, service, listen_address, options.force)
+    with Supervisor(request).up() as up, Client(Place.at(up.endpoint)) as client:
         if not options.quiet:
             print(f"dashboard of this run: {up.dashboard}", file=sys.stderr)
         result, interrupted = _followed(client, file, options)

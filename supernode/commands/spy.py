@@ -21,8 +21,8 @@ from supernode.commands.role_options import (
 )
 
 if TYPE_CHECKING:
-    from supernode.dashboard.door import Door
-    from supernode.whereabouts import Place
+    from supernode.cluster_info import Place
+    from supernode.dashboard.listen_address import ListenAddress
 
 EXAMPLE = "supernode spy --connect tcp/192.168.1.7:7447"
 
@@ -40,11 +40,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Watch until a signal."""
     prepare_process()
-    from supernode.upkeep import wished_door
+    from supernode.supervisor import wanted_address
 
-    door = wished_door(options)
-    if door is not None:
-        return _show(options, door)
+    listen_address = wanted_address(options)
+    if listen_address is not None:
+        return _show(options, listen_address)
     import secrets
     from pathlib import Path
 
@@ -59,19 +59,19 @@ def run(options: argparse.Namespace) -> int:
     return exits.OK
 
 
-def _show(options: argparse.Namespace, door: "Door") -> int:
+def _show(options: argparse.Namespace, listen_address: "ListenAddress") -> int:
     """Serve the dashboard; a cluster that is away is waited for."""
     from supernode.dashboard.server import NICENESS, serve
 
-    place, sock = _place_of(options), door.listen()
+    place, sock = _place_of(options), listen_address.listen()
     os.nice(NICENESS)
-    print(f"dashboard of {place}: {door.address(sock)}", flush=True)
-    serve(place, door, sock)
+    print(f"dashboard of {place}: {listen_address.address(sock)}", flush=True)
+    serve(place, listen_address, sock)
     return exits.OK
 
 
 def _place_of(options: argparse.Namespace) -> "Place":
-    from supernode.whereabouts import Place
+    from supernode.cluster_info import Place
 
     if options.connect is None:
         return Place.of_folder(options.state)

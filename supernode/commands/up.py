@@ -65,10 +65,10 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _keep_up(options: argparse.Namespace, ready: "Ready", log_to: "Callable[[Path], None]") -> None:
-    from supernode.upkeep import Upkeep, wish_of
-    from supernode.whereabouts import Place
+    from supernode.cluster_info import Place
+    from supernode.supervisor import Supervisor, launch_request_of
 
     folder = Place.of_folder(options.state).folder
     assert folder is not None
     folder = folder.absolute()
-    Upkeep(wish_of(options, folder)).run(folder, ready, lambda: log_to(folder / "up.log"))
+    Supervisor(launch_request_of(options, folder)).run(folder, ready, lambda: log_to(folder / "up.log"))

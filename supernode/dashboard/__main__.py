@@ -9,9 +9,9 @@ import time
 
 import uvicorn
 
-from supernode.dashboard.door import Door
+from supernode.cluster_info import Place
+from supernode.dashboard.listen_address import ListenAddress
 from supernode.dashboard.server import NICENESS, serve
-from supernode.whereabouts import Place
 
 _END_WITHIN = 3.0  # seconds, whatever it is busy with
 
@@ -21,8 +21,8 @@ def main() -> None:
     config = json.loads(sys.stdin.buffer.readline())
     os.nice(NICENESS)
     sock = socket.socket(fileno=config["socket"])
-    place, door = Place.at(config["endpoint"]), Door(**config["door"])
-    serve(place, door, sock, _tie_to_parent, single=config["single"])
+    place, listen_address = Place.at(config["endpoint"]), ListenAddress(**config["listen_address"])
+    serve(place, listen_address, sock, _tie_to_parent, single=config["single"])
 
 
 def _tie_to_parent(server: uvicorn.Server) -> None:

@@ -13,7 +13,7 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.responses import PlainTextResponse, RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from supernode.dashboard.door import Door
+from supernode.dashboard.listen_address import ListenAddress
 
 _COOKIE = "supernode_token"  # and the port as the browser sees it, since cookies are for all ports of a host
 _HARMLESS = ("GET", "HEAD")
@@ -33,12 +33,12 @@ class Guard:
 
     Args:
         app: whom it guards.
-        door: what it takes to come in.
+        listen_address: what it takes to come in.
     """
 
-    def __init__(self, app: ASGIApp, door: Door) -> None:
+    def __init__(self, app: ASGIApp, listen_address: ListenAddress) -> None:
         self.app = app
-        self._door = door
+        self._listen_address = listen_address
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass on what is allowed."""
@@ -59,16 +59,16 @@ class Guard:
 
     def _refusal(self, scope: Scope) -> Response | None:
         headers = Headers(scope=scope)
-        if self._door.token is None and _name_in(headers) not in self._own_names():
+        if self._listen_address.token is None and _name_in(headers) not in self._own_names():
             return PlainTextResponse("this is not a name of the dashboard\n", 421)
         if scope["method"] not in _HARMLESS and not _is_from_here(headers):
             return PlainTextResponse("refused: the request comes from another site\n", 403)
-        if self._door.token is None or scope["path"] == _OPEN:
+        if self._listen_address.token is None or scope["path"] == _OPEN:
             return None
-        return self._without_token(scope, headers, self._door.token)
+        return self._without_token(scope, headers, self._listen_address.token)
 
     def _own_names(self) -> set[str]:
-        return {"localhost", "127.0.0.1", "::1", self._door.host}
+        return {"localhost", "127.0.0.1", "::1", self._listen_address.host}
 
     def _without_token(self, scope: Scope, headers: Headers, token: str) -> Response | None:
         """None if the visitor has the token; one that comes with the address moves into a cookie."""

@@ -14,7 +14,7 @@ import time
 from dataclasses import asdict
 
 from coordinator.threads import ONE_THREAD
-from supernode.dashboard.door import Door
+from supernode.dashboard.listen_address import ListenAddress
 
 _AGAIN = 0.5  # seconds before a process that died has a successor
 _AT_LAST = 60.0  # seconds before that of one that never lives long
@@ -26,19 +26,19 @@ class Keeper:
     """The dashboard of one cluster, from now until `close`.
 
     Args:
-        door: where it listens.
+        listen_address: where it listens.
         single: whether the cluster has one run and ends with it.
 
     Raises:
         BadInput: if it cannot listen there.
     """
 
-    def __init__(self, door: Door, single: bool) -> None:
-        self._door = door
+    def __init__(self, listen_address: ListenAddress, single: bool) -> None:
+        self._listen_address = listen_address
         self._single = single
         self._endpoint = ""
-        self._socket = door.listen()
-        self.address = door.address(self._socket)
+        self._socket = listen_address.listen()
+        self.address = listen_address.address(self._socket)
         self._ending = threading.Event()
         self._process: subprocess.Popen[bytes] | None = None
         self._thread = threading.Thread(target=self._keep, name="dashboard keeper", daemon=True)
@@ -66,7 +66,12 @@ class Keeper:
             pass_fds=[number],
             start_new_session=True,  # Ctrl-C is the caller's business
         )
-        config = {"endpoint": self._endpoint, "door": asdict(self._door), "socket": number, "single": self._single}
+        config = {
+            "endpoint": self._endpoint,
+            "listen_address": asdict(self._listen_address),
+            "socket": number,
+            "single": self._single,
+        }
         assert process.stdin is not None
         with contextlib.suppress(BrokenPipeError):  # it is dead already, and will be replaced
             process.stdin.write(json.dumps(config).encode() + b"\n")  # not among its arguments, which all users see

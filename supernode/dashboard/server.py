@@ -32,16 +32,16 @@ from problems import BadInput, ProblemFile
 from problems.errors import shorten
 from problems.registry import find_built_in, kinds
 from supernode.client import AsyncClientJob
-from supernode.dashboard.door import Door
+from supernode.cluster_info import Place
 from supernode.dashboard.ending import Patient, Server
 from supernode.dashboard.guard import Guard
+from supernode.dashboard.listen_address import ListenAddress
 from supernode.dashboard.metrics import Metrics
 from supernode.dashboard.parsing import Parser
 from supernode.dashboard.scenes import Form, Scenes
 from supernode.dashboard.streams import Streams
 from supernode.dashboard.view import View, shape_of
 from supernode.dashboard.watcher import PATIENCE, Watcher
-from supernode.whereabouts import Place
 from wire import jobs as wire
 
 NICENESS = 5  # of a process that does nothing else: nodes come first
@@ -157,7 +157,7 @@ def application(place: Place, single: bool, broke: Callable[[BaseException], Non
 
 def serve(
     place: Place,
-    door: Door,
+    listen_address: ListenAddress,
     sock: socket.socket,
     end: Callable[[uvicorn.Server], None] | None = None,
     single: bool = False,
@@ -172,7 +172,7 @@ def serve(
         broken.append(error)
         server.should_exit = True
 
-    app = Patient(Guard(application(place, single, give_up), door))
+    app = Patient(Guard(application(place, single, give_up), listen_address))
     config = uvicorn.Config(
         app,
         log_level="error",

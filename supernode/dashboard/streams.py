@@ -1,7 +1,7 @@
 """Live news for browsers: server-sent events, each the whole picture as it is now, or all but the nodes (``nodes=0``).
 
 All browsers share one snapshot, and none has a queue: whoever reads slowly misses some, and whoever does not read at
-all is disconnected by the socket's user timeout (`door`). So memory does not grow, however many look.
+all is disconnected by the socket's user timeout (`listen_address`). So memory does not grow, however many look.
 """
 
 import asyncio

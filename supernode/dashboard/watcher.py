@@ -7,8 +7,8 @@ from collections.abc import Callable
 from coordinator.errors import ClusterFailed
 from problems import BadInput
 from supernode.client import AsyncClient
+from supernode.cluster_info import Place
 from supernode.dashboard.view import View
-from supernode.whereabouts import Place
 from wire import jobs as wire
 from wire.strict import Rejected
 
@@ -75,7 +75,7 @@ class Watcher:
         Raises:
             ClusterFailed: if another cluster is in its place, or nobody has answered for long. A busy one may be slow.
         """
-        loop, card = asyncio.get_running_loop(), self._place.card()
+        loop, info = asyncio.get_running_loop(), self._place.info()
         status_due, given_up = 0.0, loop.time() + _GIVEN_UP_AFTER
         while True:
             self._news.clear()
@@ -89,7 +89,7 @@ class Watcher:
                 self._view.found()
                 given_up = loop.time() + _GIVEN_UP_AFTER
             except ClusterFailed as error:
-                if loop.time() > given_up or self._place.card() != card:
+                if loop.time() > given_up or self._place.info() != info:
                     raise
                 self._view.lost(str(error))
             await asyncio.sleep(_AGAIN)

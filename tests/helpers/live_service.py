@@ -10,7 +10,7 @@ import time
 from pathlib import Path
 
 import supernode
-import supernode.whereabouts
+import supernode.cluster_info
 
 ROOT = Path(__file__).resolve().parents[2]
 PATIENCE = 60.0  # seconds
@@ -69,10 +69,10 @@ class LiveService:
         self.line = self.process.stdout.readline()
         assert self.line.startswith("up: "), self.line
         (self.zygote,) = (each for each in children_of(self.process.pid) if "coordinator.zygote" in command_of(each))
-        self.folder = Path(self.card().endpoint.partition("/")[2]).parent
+        self.folder = Path(self.info().endpoint.partition("/")[2]).parent
 
-    def card(self):
-        return supernode.whereabouts.read_card(self.state)
+    def info(self):
+        return supernode.cluster_info.read_info(self.state)
 
     def connect(self):
         return supernode.connect(self.state)

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import supernode
 from supernode.client import Client
-from supernode.whereabouts import Place
+from supernode.cluster_info import Place
 
 ROOT = Path(__file__).resolve().parents[2]
 PATIENCE = 60.0  # seconds

@@ -11,7 +11,7 @@ import time
 import pytest
 
 import supernode
-from supernode.whereabouts import Card, write_card
+from supernode.cluster_info import ClusterInfo, write_info
 
 
 @pytest.fixture
@@ -240,7 +240,7 @@ def test_a_cluster_that_is_slow_to_answer_is_waited_for(service, monkeypatch):
 def test_a_state_folder_leads_to_its_cluster(service, tmp_path, monkeypatch):
     folder = tmp_path / "supernode"
     folder.mkdir()
-    write_card(folder, Card(service.endpoint, "fake", os.getpid(), "0"))
+    write_info(folder, ClusterInfo(service.endpoint, "fake", os.getpid(), "0"))
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     for place in (None, folder, str(folder)):
         with supernode.connect(place) as client:
@@ -248,7 +248,7 @@ def test_a_state_folder_leads_to_its_cluster(service, tmp_path, monkeypatch):
 
 
 def test_a_cluster_that_is_down_is_not_waited_for(service, tmp_path):
-    write_card(tmp_path, Card(service.endpoint, "fake", os.getpid(), "0"))
+    write_info(tmp_path, ClusterInfo(service.endpoint, "fake", os.getpid(), "0"))
     with supernode.connect(tmp_path) as client:
         client.down()
         (tmp_path / "cluster.json").unlink()
@@ -289,7 +289,7 @@ def test_a_job_that_nobody_holds_is_forgotten(service, client, file):
         assert job.result().status == "solved"
     del job
     gc.collect()
-    assert len(client._client._trails) == 0
+    assert len(client._client._feeds) == 0
 
 
 def test_clients_leave_no_threads_behind(service):

@@ -16,7 +16,7 @@ from coordinator.database import url_in
 from coordinator.store import Store
 from problems import BadInput
 from supernode.__main__ import main
-from supernode.whereabouts import Card, occupy, read_card, remove_card, write_card
+from supernode.cluster_info import ClusterInfo, occupy, read_info, remove_card, write_info
 
 COMMANDS = ("up", "down", "status", "submit", "jobs", "watch", "cancel", "update", "rewire")
 
@@ -235,7 +235,7 @@ def test_where_no_cluster_is_up(supernode, tmp_path, file):
 def test_down_waits_until_the_lifeline_has_ended(supernode, service, tmp_path):
     lifeline = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(60)"])
     threading.Thread(target=lifeline.wait).start()  # or it stays as a zombie
-    write_card(tmp_path, Card(service.endpoint, "fake", lifeline.pid, "0"))
+    write_info(tmp_path, ClusterInfo(service.endpoint, "fake", lifeline.pid, "0"))
     soon(lambda: service.wait_until_asked("down"), lifeline.terminate)
     code, out, _ = supernode("down", "--state", tmp_path, connect=False)
     assert (code, out) == (0, f"down: {tmp_path}\n")
@@ -254,8 +254,8 @@ def test_down_ends_a_lifeline_whose_cluster_is_silent(supernode, service, tmp_pa
     service.stop()
     lifeline = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(60)"])
     threading.Thread(target=lifeline.wait).start()
-    write_card(tmp_path, Card(service.endpoint, "fake", lifeline.pid, "0"))
-    lock = occupy(tmp_path)  # without it the card would be that of a cluster killed long ago
+    write_info(tmp_path, ClusterInfo(service.endpoint, "fake", lifeline.pid, "0"))
+    lock = occupy(tmp_path)  # without it the entry would be that of a cluster killed long ago
     assert supernode("down", "--state", tmp_path, connect=False)[0] == 0
     with pytest.raises(ProcessLookupError):
         os.kill(lifeline.pid, 0)
@@ -311,9 +311,9 @@ def test_the_state_folder_is_private_and_its_card_comes_and_goes(tmp_path):
     folder = tmp_path / "state" / "supernode"
     lock = occupy(folder)
     assert folder.stat().st_mode & 0o777 == 0o700
-    card = Card("tcp/127.0.0.1:1", "c", os.getpid(), "0")
-    write_card(folder, card)
-    assert read_card(folder) == card
+    info = ClusterInfo("tcp/127.0.0.1:1", "c", os.getpid(), "0")
+    write_info(folder, info)
+    assert read_info(folder) == info
     remove_card(folder)
     remove_card(folder)
     assert [path.name for path in folder.iterdir()] == ["up.lock"]
@@ -343,7 +343,7 @@ def test_what_tells_of_jobs_is_private_in_a_folder_that_is_not(tmp_path):
 
 def test_listing_jobs_and_status_load_no_compiled_kernels():
     script = (
-        "import sys, supernode.client, supernode.commands.jobs, supernode.whereabouts\n"
+        "import sys, supernode.client, supernode.commands.jobs, supernode.cluster_info\n"
         "assert 'numba' not in sys.modules\n"
     )
     root = Path(__file__).resolve().parents[2]

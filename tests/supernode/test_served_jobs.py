@@ -93,12 +93,12 @@ class Ear:
     """Hears what is published, and when."""
 
     def __init__(self, service):
-        card = service.card()
+        info = service.info()
         self.states, self.answers, self.statistics = {}, [], []
-        self.session = sessions.client(card.endpoint)
-        self.session.declare_subscriber(Keys(card.cluster).state, direct(self.hear_state))
-        self.session.declare_subscriber(Keys(card.cluster).spy_stats, direct(self.hear_statistics))
-        self.session.declare_subscriber(Keys(card.cluster).best, direct(self.hear_best))
+        self.session = sessions.client(info.endpoint)
+        self.session.declare_subscriber(Keys(info.cluster).state, direct(self.hear_state))
+        self.session.declare_subscriber(Keys(info.cluster).spy_stats, direct(self.hear_statistics))
+        self.session.declare_subscriber(Keys(info.cluster).best, direct(self.hear_best))
 
     def hear_state(self, sample):
         state = JobState.decode(sample.payload.to_bytes())
@@ -132,9 +132,9 @@ def test_two_clients_see_the_same_improvements_in_the_same_order(service, client
 
 
 def test_a_client_that_stops_reading_slows_nobody(service, client):
-    card, blocked = service.card(), threading.Event()
-    stuck = sessions.client(card.endpoint)
-    stuck.declare_subscriber(f"supernode/{card.cluster}/**", direct(lambda _: blocked.wait(60)))
+    info, blocked = service.info(), threading.Event()
+    stuck = sessions.client(info.endpoint)
+    stuck.declare_subscriber(f"supernode/{info.cluster}/**", direct(lambda _: blocked.wait(60)))
     running = client.submit(job(500, 100, dimension=500), id="slow-reader")
     stopped = watcher(service, "slow-reader")
     assert stopped.stdout.readline() == "watches\n"
@@ -251,10 +251,10 @@ def test_a_map_in_a_file_moves_the_world_of_a_job(client, tmp_path):
 
 
 def test_a_client_of_another_version(service):
-    card = service.card()
-    session = sessions.client(card.endpoint)
+    info = service.info()
+    session = sessions.client(info.endpoint)
     payload = msgpack.packb([jobs.VERSION + 1, "status", {}])
-    (reply,) = [reply.ok.payload.to_bytes() for reply in session.get(Keys(card.cluster).jobs, payload=payload)]
+    (reply,) = [reply.ok.payload.to_bytes() for reply in session.get(Keys(info.cluster).jobs, payload=payload)]
     session.close()
     said = f"this cluster speaks version {jobs.VERSION} of the protocol, the request version {jobs.VERSION + 1}"
     assert jobs.decode_answer(reply) == Refused(said)
@@ -350,7 +350,7 @@ def test_where_nobody_reads_every_line_of_every_process_is_json(tmp_path):
             service.kill(name)
         with service.connect() as client:
             client.submit(job(generations=3, topology="torus 1x2")).result(30)
-        cluster = service.card().cluster
+        cluster = service.info().cluster
     lines = [json.loads(line) for line in path.read_text().splitlines()]
     for line in lines:
         assert line["cluster"] == cluster

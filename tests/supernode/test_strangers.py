@@ -64,7 +64,7 @@ def cluster(tmp_path_factory):
 def stranger(cluster):
     service, endpoint = cluster
     with contextlib.closing(sessions.client(endpoint)) as session:
-        yield Stranger(session, Keys(service.card().cluster))
+        yield Stranger(session, Keys(service.info().cluster))
 
 
 def preparation(kind: str, folder: Path, job: int = 10**6) -> Prepare:

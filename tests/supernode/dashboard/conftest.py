@@ -10,20 +10,20 @@ import threading
 import pytest
 from live_service import until
 
-from supernode.dashboard.door import Door
+from supernode.cluster_info import Place
+from supernode.dashboard.listen_address import ListenAddress
 from supernode.dashboard.server import serve
-from supernode.whereabouts import Place
 
 
 class Shown:
     """A dashboard that serves in a thread."""
 
     def __init__(self, endpoint, token=None):
-        door = Door("127.0.0.1", 0, token)
-        self.socket = door.listen()
+        listen_address = ListenAddress("127.0.0.1", 0, token)
+        self.socket = listen_address.listen()
         self.port = self.socket.getsockname()[1]
         servers = queue.SimpleQueue()
-        arguments = (Place.at(endpoint), door, self.socket, servers.put)
+        arguments = (Place.at(endpoint), listen_address, self.socket, servers.put)
         self._thread = threading.Thread(target=serve, args=arguments)
         self._thread.start()
         self._server = servers.get()

@@ -20,7 +20,7 @@ def told(service, show_at):
     with service.connect() as client:
         job = client.submit(supernode.load(EXAMPLE), id="short", topology="torus 2x2", generations=30, target=-1.0)
         result = job.result(60)
-    shown = show_at(service.card().endpoint)
+    shown = show_at(service.info().endpoint)
     return result, shown.json("/api/jobs/short"), shown.json("/api/jobs/short/history")
 
 

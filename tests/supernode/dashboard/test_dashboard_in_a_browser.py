@@ -376,7 +376,7 @@ def has_ended(descriptor):
 
 
 def test_an_onlooker_shows_a_running_cluster(cluster):
-    command = [sys.executable, "-m", "supernode", "spy", "--connect", cluster.card().endpoint]
+    command = [sys.executable, "-m", "supernode", "spy", "--connect", cluster.info().endpoint]
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     with subprocess.Popen(
         [*command, "--dashboard", "127.0.0.1:0"], stdout=subprocess.PIPE, env=environment, text=True

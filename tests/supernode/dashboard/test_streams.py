@@ -8,7 +8,7 @@ import socket
 import pytest
 from live_service import until
 
-from supernode.dashboard import door, streams
+from supernode.dashboard import listen_address, streams
 from wire.news import Improvement
 
 ASK = b"GET /events HTTP/1.1\r\nHost: localhost\r\n\r\n"
@@ -77,7 +77,7 @@ def test_there_is_a_most(shown, monkeypatch):
 
 @pytest.fixture
 def _hasty(monkeypatch):
-    monkeypatch.setattr(door, "_STALLED_MS", 1000)
+    monkeypatch.setattr(listen_address, "_STALLED_MS", 1000)
     monkeypatch.setattr(streams, "PERIOD", 0.01)
 
 

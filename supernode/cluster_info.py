@@ -18,8 +18,8 @@ _ENDPOINT = re.compile(r"(tcp|udp|tls|quic|ws|wss|unixsock-stream)/.+", re.DOTAL
 
 
 @dataclass(frozen=True)
-class Card:
-    """A running cluster's calling card.
+class ClusterInfo:
+    """A running cluster's calling entry.
 
     Attributes:
         endpoint: of its router.
@@ -69,13 +69,13 @@ class Place:
             raise BadInput(f"{option}: expected an endpoint such as tcp/127.0.0.1:7447, found {endpoint}")
         return Place(endpoint, None, cluster)
 
-    def card(self) -> Card | None:
-        """The card in the folder; None for a bare endpoint.
+    def info(self) -> ClusterInfo | None:
+        """The entry in the folder; None for a bare endpoint.
 
         Raises:
             ClusterFailed: if no cluster is up in the folder.
         """
-        return None if self.folder is None else read_card(self.folder)
+        return None if self.folder is None else read_info(self.folder)
 
     def __str__(self) -> str:
         return str(self.endpoint or self.folder)
@@ -87,7 +87,7 @@ def default_folder() -> Path:
     return (Path(home) if home.startswith("/") else Path.home() / ".local" / "state") / "supernode"
 
 
-def read_card(folder: Path) -> Card:
+def read_info(folder: Path) -> ClusterInfo:
     """Who is up in ``folder``.
 
     Raises:
@@ -95,19 +95,19 @@ def read_card(folder: Path) -> Card:
     """
     nobody = ClusterFailed(f"no cluster is up in {folder}; start one with `supernode up`")
     try:
-        card = Card(**json.loads((folder / _CARD).read_text(encoding="utf-8")))
-        os.kill(card.process, 0)
+        info = ClusterInfo(**json.loads((folder / _CARD).read_text(encoding="utf-8")))
+        os.kill(info.process, 0)
     except PermissionError:
         raise ClusterFailed(f"{folder}: it is another user's") from None
     except (OSError, ValueError, TypeError):
         raise nobody from None
-    return card
+    return info
 
 
-def write_card(folder: Path, card: Card) -> None:
+def write_info(folder: Path, info: ClusterInfo) -> None:
     """Say who is up in ``folder``; whoever reads finds all of it or nothing."""
     new = folder / f"{_CARD}.new"
-    new.write_text(json.dumps(asdict(card)) + "\n", encoding="utf-8")
+    new.write_text(json.dumps(asdict(info)) + "\n", encoding="utf-8")
     new.replace(folder / _CARD)
 
 
@@ -118,7 +118,7 @@ def remove_card(folder: Path) -> None:
 
 
 def is_occupied(folder: Path) -> bool:
-    """Whether a cluster holds the lock of that folder; a card alone may be that of one that was killed long ago."""
+    """Whether a cluster holds the lock of that folder; a entry alone may be that of one that was killed long ago."""
     try:
         os.close(occupy(folder))
     except ClusterFailed:

@@ -13,11 +13,11 @@ from fake_service import FakeService
 
 import supernode
 from coordinator.launcher import ServiceOptions
-from supernode import upkeep
+from supernode import supervisor
 from supernode.__main__ import main
+from supernode.cluster_info import read_info
 from supernode.detached import detached
-from supernode.upkeep import Upkeep, Wish
-from supernode.whereabouts import read_card
+from supernode.supervisor import LaunchRequest, Supervisor
 
 LISTEN = "tcp/127.0.0.1:0"
 
@@ -44,12 +44,12 @@ class FakeLauncher:
 
 def upkeep_in(folder):
     keep = {"max_queue": 5, "keep_records": 1000, "allow_modules": ("mine",)}
-    return Upkeep(Wish("torus 2x2", ServiceOptions(state=folder, listen=(LISTEN,), **keep)))
+    return Supervisor(LaunchRequest("torus 2x2", ServiceOptions(state=folder, listen=(LISTEN,), **keep)))
 
 
 @pytest.fixture(autouse=True)
 def _played(monkeypatch):
-    monkeypatch.setattr(upkeep, "Launcher", FakeLauncher)
+    monkeypatch.setattr(supervisor, "Launcher", FakeLauncher)
 
 
 def test_it_is_up_until_ctrl_c_and_leaves_no_card(tmp_path):
@@ -59,15 +59,15 @@ def test_it_is_up_until_ctrl_c_and_leaves_no_card(tmp_path):
         seen.append(line)
         with supernode.connect(tmp_path) as client:
             seen.append(client.status()["cluster"])
-        seen.append(read_card(tmp_path))
+        seen.append(read_info(tmp_path))
         with pytest.raises(supernode.ClusterFailed, match=r"is up in .* already"):
             upkeep_in(tmp_path).run(tmp_path, print)
         os.kill(os.getpid(), signal.SIGINT)
 
     upkeep_in(tmp_path).run(tmp_path, look)
-    line, cluster, card = seen
+    line, cluster, info = seen
     assert line == f"up: 0 nodes (torus 2x2) in {tmp_path}, {LISTEN}"
-    assert (card.cluster, card.process) == (cluster, os.getpid())
+    assert (info.cluster, info.process) == (cluster, os.getpid())
     topology, options = FakeLauncher.latest.asked
     assert topology == "torus 2x2"
     assert vars(options) == {

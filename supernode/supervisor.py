@@ -21,23 +21,23 @@ from coordinator.errors import ClusterFailed
 from coordinator.launcher import Launcher, ServiceOptions
 from problems.errors import BadInput
 from supernode.client import Client
-from supernode.whereabouts import Card, Place, occupy, remove_card, write_card
+from supernode.cluster_info import ClusterInfo, Place, occupy, remove_card, write_info
 from wire import sessions
 
 if TYPE_CHECKING:
-    from supernode.dashboard.door import Door
     from supernode.dashboard.keeper import Keeper
+    from supernode.dashboard.listen_address import ListenAddress
 
 _READY_WITHIN = 120.0  # seconds; a thousand nodes on two cores take less than ten
 
 
 @dataclass(frozen=True)
-class Wish:
+class LaunchRequest:
     """What `up` was asked for; see its options, and `coordinator.launcher.ServiceOptions`."""
 
     topology: str
     service: ServiceOptions
-    dashboard: "Door | None" = None
+    dashboard: "ListenAddress | None" = None
     force: bool = False
 
 
@@ -58,7 +58,7 @@ class Up:
     dashboard: str | None
 
 
-def wish_of(options: argparse.Namespace, folder: Path) -> Wish:
+def launch_request_of(options: argparse.Namespace, folder: Path) -> LaunchRequest:
     """The options, checked, for a cluster in that state folder.
 
     Raises:
@@ -80,7 +80,7 @@ def wish_of(options: argparse.Namespace, folder: Path) -> Wish:
         keep_records=keep_records,
         allow_modules=tuple(options.allow_module),
     )
-    return Wish(_topology(options), service, wished_door(options), options.force)
+    return LaunchRequest(_topology(options), service, wanted_address(options), options.force)
 
 
 def check_library(command: str) -> None:
@@ -93,7 +93,7 @@ def check_library(command: str) -> None:
         raise BadInput(f"{command}: expected sqlalchemy to be installed: pip install 'supernode[service]'")
 
 
-def wished_door(options: argparse.Namespace) -> "Door | None":
+def wanted_address(options: argparse.Namespace) -> "ListenAddress | None":
     """Where a dashboard is asked to listen, if one is.
 
     Raises:
@@ -103,7 +103,7 @@ def wished_door(options: argparse.Namespace) -> "Door | None":
         if options.dashboard_token_file is not None:
             raise BadInput("--dashboard-token-file: expected --dashboard too")
         return None
-    from supernode.dashboard.door import door_of
+    from supernode.dashboard.listen_address import door_of
 
     return door_of(options.dashboard, options.dashboard_token_file)
 
@@ -138,11 +138,11 @@ class _AskedToEndError(Exception):
     """Somebody wants the cluster to end."""
 
 
-class Upkeep:
+class Supervisor:
     """One cluster."""
 
-    def __init__(self, wish: Wish) -> None:
-        self._wish = wish
+    def __init__(self, request: LaunchRequest) -> None:
+        self._wish = request
         self._ends: queue.SimpleQueue[str | None] = queue.SimpleQueue()  # why it ends; None if it was asked to
 
     def run(self, folder: Path, say: Callable[[str], None], occupied: Callable[[], None] = lambda: None) -> None:
@@ -164,7 +164,7 @@ class Upkeep:
             with self._ending_by_signals(), suppress(_AskedToEndError):
                 self._try_the_database(folder)
                 with self.up() as up:
-                    write_card(folder, Card(up.endpoint, up.cluster, os.getpid(), version("supernode")))
+                    write_info(folder, ClusterInfo(up.endpoint, up.cluster, os.getpid(), version("supernode")))
                     say(self._line(folder, up))
                     self._wait_for_the_end()
         finally:
@@ -181,8 +181,8 @@ class Upkeep:
         """
         cluster = secrets.token_hex(4)
         with self._dashboard() as dashboard:
-            wish = self._wish
-            launcher = Launcher(cluster, wish.topology, self._ends.put, service=wish.service, force=wish.force)
+            request = self._wish
+            launcher = Launcher(cluster, request.topology, self._ends.put, service=request.service, force=request.force)
             try:
                 if not launcher.started.wait(_READY_WITHIN):
                     raise ClusterFailed(f"not ready within {_READY_WITHIN:.0f} s")

@@ -19,7 +19,7 @@ _STALLED_MS = 30_000  # what a browser has not taken by then, it does not read
 
 
 @dataclass(frozen=True)
-class Door:
+class ListenAddress:
     """An address to listen at.
 
     Attributes:
@@ -66,8 +66,8 @@ class Door:
         return f"http://{host}:{sock.getsockname()[1]}/"
 
 
-def door_of(address: str, token_file: str | None) -> Door:
-    """The door that the options ask for.
+def door_of(address: str, token_file: str | None) -> ListenAddress:
+    """The address that the options ask for.
 
     Raises:
         BadInput: if the address or the token is wrong, one is needed and missing, or a library is.
@@ -79,10 +79,12 @@ def door_of(address: str, token_file: str | None) -> Door:
     if found is None or int(found["port"]) > 65_535:
         raise BadInput(f"--dashboard: expected an address such as 127.0.0.1:8080, found {address}")
     token = None if token_file is None else _token(Path(token_file))
-    door = Door(found["six"] or found["four"], int(found["port"]), token)
-    if token is None and not door.is_local:
-        raise BadInput(f"--dashboard-token-file: needed, since {door.host} is not this machine's loopback address")
-    return door
+    listen_address = ListenAddress(found["six"] or found["four"], int(found["port"]), token)
+    if token is None and not listen_address.is_local:
+        raise BadInput(
+            f"--dashboard-token-file: needed, since {listen_address.host} is not this machine's loopback address"
+        )
+    return listen_address
 
 
 def _token(path: Path) -> str:

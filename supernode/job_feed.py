@@ -33,7 +33,7 @@ MOST_KEPT = 1000
 _RESULT_AFTER = 0.1  # seconds: nodes stop only after a deadline, and then there is a result
 
 
-class Trail:
+class JobFeed:
     """One job's news so far.
 
     Attributes:

@@ -5,7 +5,7 @@ import socket
 import pytest
 
 from problems import BadInput
-from supernode.dashboard.door import Door, door_of
+from supernode.dashboard.listen_address import ListenAddress, door_of
 
 TOKEN = "s3cret-s3cret-s3cret"
 
@@ -16,8 +16,8 @@ def write_token(path, text):
 
 
 def test_loopback_needs_no_token(tmp_path):
-    assert door_of("127.0.0.1:8080", None) == Door("127.0.0.1", 8080)
-    assert door_of("[::1]:0", None) == Door("::1", 0)
+    assert door_of("127.0.0.1:8080", None) == ListenAddress("127.0.0.1", 8080)
+    assert door_of("[::1]:0", None) == ListenAddress("::1", 0)
     assert door_of("localhost:80", None).is_local
 
 
@@ -27,7 +27,7 @@ def test_any_other_address_needs_one(tmp_path):
     with pytest.raises(BadInput, match="--dashboard-token-file: needed"):
         door_of("example.org:8080", None)
     write_token(tmp_path / "token", TOKEN + "\n")
-    assert door_of("0.0.0.0:8080", str(tmp_path / "token")) == Door("0.0.0.0", 8080, TOKEN)
+    assert door_of("0.0.0.0:8080", str(tmp_path / "token")) == ListenAddress("0.0.0.0", 8080, TOKEN)
 
 
 @pytest.mark.parametrize("address", ["8080", "127.0.0.1", "127.0.0.1:http", "127.0.0.1:65536", "a b:1", "::1:80"])
@@ -58,4 +58,4 @@ def test_an_address_that_is_taken_is_an_error():
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         with pytest.raises(BadInput, match="cannot listen"):
-            Door("127.0.0.1", taken.getsockname()[1]).listen()
+            ListenAddress("127.0.0.1", taken.getsockname()[1]).listen()
