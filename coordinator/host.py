@@ -172,8 +172,8 @@ def _numbers(session: zenoh.Session, keys: Keys, seal: Seal, host: Host) -> tupl
     watcher = session.liveliness().declare_subscriber(keys.coordinator, direct(see), history=True)
     while True:
         there.wait()
-        wish = seal.close(keys.nodes, host.encode())
-        for reply in session.get(keys.nodes, payload=wish, timeout=_ANSWER_WITHIN):
+        request = seal.close(keys.nodes, host.encode())
+        for reply in session.get(keys.nodes, payload=request, timeout=_ANSWER_WITHIN):
             if reply.ok is not None:
                 watcher.undeclare()  # type: ignore[no-untyped-call]
                 return _read(reply.ok.payload.to_bytes())

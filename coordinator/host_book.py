@@ -144,7 +144,7 @@ class HostBook:
         except Rejected as error:
             if error.reason == NOT_OURS:
                 return Refused("this host has another secret than the cluster: give both the same --secret-file")
-            return Refused(f"the wish to join cannot be read: {error.reason}")
+            return Refused(f"the request to join cannot be read: {error.reason}")
         known = self._hosts.get(asking.id)
         if known is not None:
             return Done(list(known.nodes))

@@ -36,13 +36,13 @@ class NodeHosts:
 
     def wiring(self, number: int, nodes: tuple[int, ...]) -> Wiring:
         """A wiring of these nodes, cell by cell."""
-        homes = [self._node_hosts.get(node) for node in nodes]
-        if not any(homes):
+        places = [self._node_hosts.get(node) for node in nodes]
+        if not any(places):
             return Wiring(number, nodes)
-        hosts = tuple("" if home is None else home.host for home in homes)
+        hosts = tuple("" if each is None else each.host for each in places)
         if len(set(hosts)) == 1:  # each has links within the host only
             return Wiring(number, nodes, hosts)
-        return Wiring(number, nodes, hosts, tuple("" if home is None else _next_endpoint(home) for home in homes))
+        return Wiring(number, nodes, hosts, tuple("" if each is None else _next_endpoint(each) for each in places))
 
 
 def _endpoint(first: str, place: int) -> str:
@@ -53,9 +53,9 @@ def _endpoint(first: str, place: int) -> str:
     return f"{address}:{int(port) + PORTS * place}"
 
 
-def _next_endpoint(home: _NodeHost) -> str:
-    if not home.endpoint:
+def _next_endpoint(host: _NodeHost) -> str:
+    if not host.endpoint:
         return ""
-    home.turn = (home.turn + 1) % PORTS
-    address, _, port = home.endpoint.rpartition(":")
-    return f"{address}:{int(port) + home.turn}"
+    host.turn = (host.turn + 1) % PORTS
+    address, _, port = host.endpoint.rpartition(":")
+    return f"{address}:{int(port) + host.turn}"

@@ -36,7 +36,7 @@ class Epoch:
         why: the directive that led to it; empty for the first.
         left_at: after which generation each cell leaves it; None for the last epoch.
         last: the generation after which it is stopped from outside, if it is.
-        heirs: cells that lose their demes at its end, each with the one whose deme it gets.
+        donors: cells that lose their demes at its end, each with the one whose deme it gets.
     """
 
     number: int
@@ -45,7 +45,7 @@ class Epoch:
     why: Mapping[str, Any]
     left_at: Mapping[int, int] | None = None
     last: int | None = None
-    heirs: Mapping[int, int] = field(default_factory=dict)
+    donors: Mapping[int, int] = field(default_factory=dict)
 
     @property
     def is_fresh(self) -> bool:
@@ -128,9 +128,9 @@ def epochs_of(file: ProblemFile, directives: Sequence[Mapping[str, Any]] = ()) -
     since, why = 0, dict[str, Any]()
     for number, turn in enumerate(turns):
         cells = topologies.parse(file.run.topology).cells
-        left_at, heirs = _left_at(turn, cells), _heirs(turn, cells)
+        left_at, donors = _left_at(turn, cells), _donors(turn, cells)
         last = max(left_at.values())
-        epochs.append(Epoch(number, file, since, why, left_at, last, heirs))
+        epochs.append(Epoch(number, file, since, why, left_at, last, donors))
         file = _after(turn, file, cells)
         since, why = since + last, dict(turn)
     return [*epochs, Epoch(len(epochs), file, since, why, last=stop)]
@@ -173,7 +173,7 @@ class _Leaving:
         if epoch.last is not None and generation < epoch.last:
             found = f"epoch {epoch.number} ends after generation {generation} already"
             raise BadInput(f"directives: expected cells to leave after generation {epoch.last}, but {found}")
-        self._kept |= {cell: self._kept[heir] for cell, heir in epoch.heirs.items()}
+        self._kept |= {cell: self._kept[donor] for cell, donor in epoch.donors.items()}
         return np.stack([self._kept[cell] for cell in sorted(self._kept)])
 
 
@@ -225,15 +225,15 @@ def _left_at(turn: Mapping[str, Any], cells: int) -> dict[int, int]:
     return left_at
 
 
-def _heirs(turn: Mapping[str, Any], cells: int) -> dict[int, int]:
+def _donors(turn: Mapping[str, Any], cells: int) -> dict[int, int]:
     """Whose deme each new node has."""
     if turn["do"] != "replace":
         return {}
-    heirs = dict(_by_cell(turn, "demes_of", cells))
+    donors = dict(_by_cell(turn, "demes_of", cells))
     living = dict(_by_cell(turn, "generations", cells)).keys()
-    if not living >= set(heirs.values()) or living & heirs.keys():
-        raise BadInput(f"directives: demes_of: expected dead cells, each with a living one, found {shorten(heirs)}")
-    return heirs
+    if not living >= set(donors.values()) or living & donors.keys():
+        raise BadInput(f"directives: demes_of: expected dead cells, each with a living one, found {shorten(donors)}")
+    return donors
 
 
 def _by_cell(turn: Mapping[str, Any], name: str, cells: int) -> Iterator[tuple[int, int]]:

@@ -32,7 +32,7 @@ class TurnTaking:
     def take_over(self, assignment: Assignment) -> None:
         """Before a step: have the token, if one is handed on there; but with events, such as to halt, wait for none."""
         if assignment.hands_on and self._core_token is None and not assignment.events:
-            assert assignment.core is not None, "who hands a baton on keeps to a core"
+            assert assignment.core is not None, "a node that hands the token on keeps to a core"
             core_token = self._core_tokens.get(assignment.core)
             if core_token is not None:
                 core_token.take()

@@ -41,7 +41,7 @@ class Screen:
         self._ended = threading.Event()
         self._thread = threading.Thread(target=lambda: asyncio.run(self._watch()), name="screen", daemon=True)
         self.snapshot: dict[str, Any] = View().snapshot()
-        self._homes: Sequence[int] = ()  # the job's nodes, in the order of its cells
+        self._cell_nodes: Sequence[int] = ()  # the job's nodes, in the order of its cells
 
     def __enter__(self) -> Self:
         self._thread.start()
@@ -52,7 +52,7 @@ class Screen:
         self._thread.join()
 
     def __rich__(self) -> RenderableType:
-        return drawn(self.snapshot, self._job, self._homes)
+        return drawn(self.snapshot, self._job, self._cell_nodes)
 
     async def _watch(self) -> None:
         view = View()
@@ -72,16 +72,16 @@ class Screen:
     async def _look(self, watcher: Watcher, job: str) -> None:
         """Where the job lives: a dead node does not tell its cell."""
         with contextlib.suppress(ClusterFailed, BadInput):  # as it was known before
-            self._homes = (await watcher.client.ask(Show(job), PATIENCE))["nodes"]
+            self._cell_nodes = (await watcher.client.ask(Show(job), PATIENCE))["nodes"]
 
 
-def drawn(snapshot: Mapping[str, Any], job: str | None, homes: Sequence[int] = ()) -> RenderableType:
+def drawn(snapshot: Mapping[str, Any], job: str | None, cell_nodes: Sequence[int] = ()) -> RenderableType:
     """The cluster, or one of its jobs, as `supernode.dashboard.view.View.snapshot` knows it.
 
     Args:
         snapshot: of the cluster.
         job: the id of the only one to show.
-        homes: its nodes, in the order of its cells, as far as they are known.
+        cell_nodes: its nodes, in the order of its cells, as far as they are known.
     """
     if not snapshot["answers"]:
         return Text(snapshot["trouble"] or "waiting for the cluster", style="italic")
@@ -91,7 +91,7 @@ def drawn(snapshot: Mapping[str, Any], job: str | None, homes: Sequence[int] = (
     else:
         found = next((each for each in snapshot["jobs"] if each["job"] == job), None)
         if found is not None:
-            parts += [_of_job(snapshot, found), _torus(snapshot, found, homes)]
+            parts += [_of_job(snapshot, found), _torus(snapshot, found, cell_nodes)]
     lines = (f"{each['level']}: {each['text']}" for each in snapshot["lines"][-_LINES:])
     return Group(*parts, Text("\n".join(lines), style="dim"))
 
@@ -124,13 +124,13 @@ def _jobs(snapshot: Mapping[str, Any]) -> RenderableType:
     return table
 
 
-def _torus(snapshot: Mapping[str, Any], job: Mapping[str, Any] | None = None, homes: Sequence[int] = ()) -> Text:
+def _torus(snapshot: Mapping[str, Any], job: Mapping[str, Any] | None = None, cell_nodes: Sequence[int] = ()) -> Text:
     """A character for two cells, one above the other: the better its best individual, the lighter."""
     nodes = snapshot["nodes"]
     dead = _dead(nodes)
     places = _bests(nodes, dead, None if job is None else job["number"])
-    if job is not None:  # it may have found another node since `homes` were known
-        dead = {cell for cell, node in enumerate(homes) if node in dead and cell not in places}
+    if job is not None:  # it may have found another node since `cell_nodes` were known
+        dead = {cell for cell, node in enumerate(cell_nodes) if node in dead and cell not in places}
     rows, columns = (snapshot["rows"], snapshot["columns"]) if job is None else shape_of(job["topology"])
     colours = _colours(places)
     text = Text()

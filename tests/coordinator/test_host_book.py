@@ -142,7 +142,7 @@ def test_nonsense_is_refused(room, payload):
     session = room.sessions["book"]
     answer = room.ask_sealed(session, payload)
     assert isinstance(answer, Refused)
-    assert answer.message.startswith("the wish to join cannot be read: ")
+    assert answer.message.startswith("the request to join cannot be read: ")
 
 
 def test_who_does_not_know_the_secret_is_not_let_in(room):
@@ -180,12 +180,12 @@ def until_let_in(room, id, name, wants):
 
 
 def test_a_wiring_says_where_nodes_live_and_listen():
-    homes = NodeHosts()
-    assert homes.wiring(7, (0, 1)) == Wiring(7, (0, 1))
-    homes.move_in(Host("a", "a", 2, "tcp/10.0.0.1:7000", (0, 1)))
-    homes.move_in(Host("b", "b", 2, "", (2, 3)))
-    assert homes.wiring(8, (1, 0)) == Wiring(8, (1, 0), ("a", "a")), "they need no network"
-    wirings = [homes.wiring(9 + turn, (0, 1, 2)) for turn in range(PORTS + 1)]
+    node_hosts = NodeHosts()
+    assert node_hosts.wiring(7, (0, 1)) == Wiring(7, (0, 1))
+    node_hosts.move_in(Host("a", "a", 2, "tcp/10.0.0.1:7000", (0, 1)))
+    node_hosts.move_in(Host("b", "b", 2, "", (2, 3)))
+    assert node_hosts.wiring(8, (1, 0)) == Wiring(8, (1, 0), ("a", "a")), "they need no network"
+    wirings = [node_hosts.wiring(9 + turn, (0, 1, 2)) for turn in range(PORTS + 1)]
     assert {wiring.hosts for wiring in wirings} == {("a", "a", "b")}
     assert wirings[0].endpoints == ("tcp/10.0.0.1:7001", "tcp/10.0.0.1:7005", "")
     assert wirings[1].endpoints == ("tcp/10.0.0.1:7002", "tcp/10.0.0.1:7006", "")

@@ -110,13 +110,13 @@ def test_a_higher_priority_that_fits_passes_a_full_queue():
 # The nodes ------------------------------------------------------------------------------------------------------------
 def test_the_same_topology_gets_the_same_nodes_though_others_come_between():
     scheduler = Scheduler(8)
-    homes = {topology: set() for topology in ("torus 2x2", "ring 3", "ring 1")}
+    nodes_of = {topology: set() for topology in ("torus 2x2", "ring 3", "ring 1")}
     for number in range(30):
-        topology = list(homes)[number % 3]
+        topology = list(nodes_of)[number % 3]
         ((_, nodes),) = run(scheduler, number, topology)
-        homes[topology].add(nodes)
+        nodes_of[topology].add(nodes)
         scheduler.free(number)
-    assert homes == {"torus 2x2": {(0, 1, 2, 3)}, "ring 3": {(4, 5, 6)}, "ring 1": {(7,)}}
+    assert nodes_of == {"torus 2x2": {(0, 1, 2, 3)}, "ring 3": {(4, 5, 6)}, "ring 1": {(7,)}}
 
 
 @given(st.lists(st.tuples(st.sampled_from(TOPOLOGIES), st.integers(0, 3)), max_size=40))

@@ -29,11 +29,11 @@ from pathlib import Path
 ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # none outlives the test
 import node.links
 from coordinator.zygote import import_all
-from node.node_config import Berth
+from node.node_config import NodeConfig
 from problems.modules import AnyModules
 role, folder, node_number, router = json.loads(sys.argv[1])
 node.links._DIRECT_WITHIN = 0.5
-configuration = Berth("apart", node_number, "torus 2x2", Path(folder), router, bytes(32), AnyModules())
+configuration = NodeConfig("apart", node_number, "torus 2x2", Path(folder), router, bytes(32), AnyModules())
 if role == "router":
     from coordinator.router import route
     route([router], 1)

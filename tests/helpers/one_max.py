@@ -31,7 +31,7 @@ def plan_of(size=40, **run):
 
 
 class Bus:
-    """Steps cells in random order and lets each take a random part of its mail, to the end."""
+    """Steps cells in random order and lets each take a random part of its messages, to the end."""
 
     def __init__(self, plan, random, request=None, drop=0.0, at_once=(1, 2, 100)):
         self.cells = [Cell(plan, number, job=1) for number in range(plan.topology.cells)]
@@ -55,11 +55,11 @@ class Bus:
                 self.carry_out(cell, action)
         return [self.reports[number] for number in range(len(self.cells))]
 
-    def some_of(self, mail):
+    def some_of(self, messages):
         """The first few, which are taken out."""
-        count = self.random.randint(0, len(mail))
-        taken = mail[:count]
-        del mail[:count]
+        count = self.random.randint(0, len(messages))
+        taken = messages[:count]
+        del messages[:count]
         return taken
 
     def carry_out(self, cell, action):

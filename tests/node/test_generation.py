@@ -55,9 +55,9 @@ def choices(name, shape):
             yield {"topology": shape, "deme": deme, "recipe": "paper", "mutation": "one-bit", "generations": 30}
 
 
-def reports_of(plan, mail=1, **bus):
+def reports_of(plan, order=1, **bus):
     """What cells on a bus report."""
-    return Bus(plan, random.Random(mail), WISH if plan.run.seconds else None, **bus).run()
+    return Bus(plan, random.Random(order), WISH if plan.run.seconds else None, **bus).run()
 
 
 def simulated(plan):
@@ -71,7 +71,7 @@ def test_it_reports_what_it_would_without(shape, name):
     for settings in choices(name, shape):
         compiled, slow = plan_of(name, **settings), plan_of(name, Slow, **settings)
         assert compiled.problem.fitness_kernel is not None
-        assert reports_of(compiled) == reports_of(slow, mail=2), settings
+        assert reports_of(compiled) == reports_of(slow, order=2), settings
 
 
 def test_generations_whose_number_takes_more_than_a_byte_are_noted_alike():
@@ -105,7 +105,7 @@ def test_every_kind_of_end_occurs_with_every_problem():
 def test_in_async_mode_too(shape, name):
     for settings in choices(name, shape):
         compiled, slow = (plan_of(name, problem, mode="async", **settings) for problem in (Function, Slow))
-        same = {"at_once": (1,)}  # and the same mail in the same order
+        same = {"at_once": (1,)}  # and the same messages in the same order
         assert reports_of(compiled, **same) == reports_of(slow, **same)
         assert simulated(compiled) == simulated(slow)
 
@@ -146,7 +146,7 @@ def test_whatever_the_rule_of_an_island_it_lives_the_same_with_and_without(compi
         fast = ruled(compiled, its_recipe, fields, **settings)
         assert fast.problem.fitness_kernel is not None
         reports = reports_of(fast)
-        assert reports == reports_of(ruled(slow, its_recipe, fields, **settings), mail=2) == simulated(fast)
+        assert reports == reports_of(ruled(slow, its_recipe, fields, **settings), order=2) == simulated(fast)
         assert {report.evaluations for report in reports} == {deme + 25 * fast.evaluations_per_generation}
 
 

@@ -78,8 +78,8 @@ def test_ctrl_c_ends_the_attempt_that_runs(supernode, problem, monkeypatch):
     """Between two attempts the request is known still."""
     from node.simulation import StopRequest
 
-    wishes = iter([None] * 60)
-    monkeypatch.setattr(StopRequest, "reason", lambda _: next(wishes, "cancel"))
+    requests = iter([None] * 60)
+    monkeypatch.setattr(StopRequest, "reason", lambda _: next(requests, "cancel"))
     _, out, _ = supernode("simulate", problem, "--json", "--quiet")
     result = json.loads(out)
     assert (result["status"], [each["do"] for each in result["directives"]]) == ("cancelled", ["retry", "stop"])

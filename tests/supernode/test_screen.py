@@ -47,7 +47,7 @@ def seen(job=None, answers=True, killed=None):
     else:
         view.lost("no cluster answers at tcp/nowhere")
     console = Console(width=100, record=True, file=open(os.devnull, "w"), force_terminal=True, color_system="truecolor")  # noqa: SIM115, PTH123
-    console.print(drawn(view.snapshot(), job, homes=[3, 2, 1, 0]))
+    console.print(drawn(view.snapshot(), job, cell_nodes=[3, 2, 1, 0]))
     return console.export_text(clear=False), console.export_text(styles=True)
 
 
