@@ -13,7 +13,6 @@ folder. On standard output it tells, one JSON object a line, which processes the
 """
 
 import contextlib
-import ctypes
 import fcntl
 import gc
 import json
@@ -29,26 +28,18 @@ from typing import TYPE_CHECKING, Any
 
 from coordinator.errors import ClusterFailed
 from coordinator.folders import make_folder
+from lowlevel import capabilities, linux
 
 if TYPE_CHECKING:
     from node.core_token import CoreTokens
     from node.node_config import NodeConfig
     from problems.modules import Modules
 
-_PR_SET_PDEATHSIG = 1
-_PR_SET_NAME = 15  # at most 15 bytes of it
 _DOWN = 100  # the exit status of a coordinator that was told to end the cluster
 _LATELY = 60.0  # seconds
 _MOST_DEATHS = 20  # more than each process once: something is wrong that no new process mends
 _WAKING = {signal.SIGCHLD, signal.SIGIO}
-_LIBC = ctypes.CDLL(None)
-# What each child calls before it is one: looked up once, and in no other terms than the C library's.
-_prctl, _sigmask = _LIBC.prctl, _LIBC.pthread_sigmask
-_SIGKILL, _SIG_UNBLOCK = int(signal.SIGKILL), int(signal.SIG_UNBLOCK)
-_WAKING_SET = ctypes.create_string_buffer(128)  # a sigset_t, which is no longer than that
-_LIBC.sigemptyset(_WAKING_SET)
-_LIBC.sigaddset(_WAKING_SET, int(signal.SIGCHLD))
-_LIBC.sigaddset(_WAKING_SET, int(signal.SIGIO))
+_MOVED_FROM = 256  # nodes: with fewer, moving memory to files takes longer than the forks that it makes quicker
 
 
 def main() -> None:
@@ -190,18 +181,29 @@ class Zygote:
         import node.core_token
         import node.process
         import spy.process
-        from coordinator import fork_memory
         from wire import sessions
 
         sessions.log_nothing()  # here, since in each child it would touch forty pages
         self._core_tokens = node.core_token.for_all_cores(nodes)
+        self._report_ordinary_paths()
         self._spy_watch, self._node_live = spy.process.watch, node.process.live
         gc.enable()
         gc.freeze()
-        fork_memory.forget_lookups()
-        fork_memory.fill_holes()
-        fork_memory.join_mappings()
-        fork_memory.move_to_files()
+        if capabilities().fork_memory:
+            from lowlevel import fork_memory
+
+            fork_memory.forget_lookups()
+            fork_memory.fill_holes()
+            fork_memory.join_mappings()
+            if nodes >= _MOVED_FROM:
+                fork_memory.move_to_files()
+
+    def _report_ordinary_paths(self) -> None:
+        """Say in one line which low-level parts are not used here, and why."""
+        reasons = capabilities().reasons
+        if reasons:
+            parts = "; ".join(f"{part}: {reason}" for part, reason in reasons.items())
+            self._log("info", f"ordinary paths are taken: {parts}", self.name)
 
     def _fork_router(self) -> str | None:
         """The router first: when it listens, the others need not try twice. Why it does not, if so."""
@@ -339,13 +341,11 @@ class Zygote:
 
 def _be_a_child(parent: int, name: str, nothing: int) -> None:
     """Die with the zygote, take signals as any process does, leave its pipes alone, and be known by name to `ps`."""
-    _prctl(_PR_SET_NAME, f"sn {name}".encode())
-    _prctl(_PR_SET_PDEATHSIG, _SIGKILL)
-    if os.getppid() != parent:
-        os._exit(1)
+    linux.name_process(f"sn {name}")
+    linux.end_with_parent(parent)
     if os.getsid(0) == parent and not name.startswith("node "):  # the zygote leads the session of a crowd
         os.setsid()
-    _sigmask(_SIG_UNBLOCK, _WAKING_SET, None)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, _WAKING)
     os.dup2(nothing, 0)
     os.dup2(nothing, 1)
     os.close(nothing)

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from genetics import operators
 from genetics.arrays import Cells, Genomes
-from genetics.compiled import kernel, subroutine
 from genetics.operators import MATING, STRAYING, Table
 from genetics.randomness import CROSS, INITIAL, MUTATE, STRAY, below, draw, unit
+from lowlevel import pointers
+from lowlevel.compiled import kernel, subroutine
 
 
 @subroutine
@@ -157,8 +157,8 @@ def recombine(
 @kernel(MATING)
 def variation(couples: Genomes, offspring: Genomes, seed: np.uint64, cell: int, generation: int, table: Table) -> None:
     """`recombine` for one row; its table: length and uniform, then rate."""
-    choices = operators.integers(table, 0)[0]
-    rate = operators.reals(table, 1)[0, 0]
+    choices = pointers.integers(table, 0)[0]
+    rate = pointers.reals(table, 1)[0, 0]
     recombine_row(couples, offspring, seed, cell, generation, choices[0], choices[1] != 0, rate)
 
 
@@ -174,7 +174,7 @@ def mutate_one(individuals: Genomes, seed: np.uint64, cells: Cells, generation: 
 @kernel(STRAYING)
 def mutate_one_bit(individuals: Genomes, seed: np.uint64, cell: int, generation: int, table: Table) -> int:
     """`mutate_one` for one row; its table: length."""
-    changed: int = _stray(individuals, seed, cell, generation, operators.integers(table, 0)[0, 0])
+    changed: int = _stray(individuals, seed, cell, generation, pointers.integers(table, 0)[0, 0])
     return changed
 
 

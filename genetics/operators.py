@@ -8,12 +8,11 @@ from math import prod
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import carray, types  # type: ignore[attr-defined]
-from numba.extending import intrinsic
+from numba import types
 from numpy.typing import NDArray
 
-from genetics.arrays import Cells, Fitness, Genomes, writable
-from genetics.compiled import kernel, subroutine
+from genetics.arrays import Fitness, Genomes, writable
+from lowlevel import capabilities
 
 Table = NDArray[np.int64]  # (arrays, 3): address, rows, columns
 
@@ -35,7 +34,7 @@ class Operator(NamedTuple):
 
     Attributes:
         function: the kernel, for Python to call.
-        address: where its code is.
+        address: where its code is; 0 where kernels must not be called by their addresses (`lowlevel.capabilities`).
         table: its own arrays, for `reals` and `integers`.
         kept: those arrays, which must live as long as the operator.
     """
@@ -50,9 +49,7 @@ class Operator(NamedTuple):
         """A kernel, with numbers and arrays of at most two dimensions: integers and booleans, or float64."""
         kept = tuple(np.require(np.atleast_2d(_plain(each)), requirements=["C", "W"]) for each in own)
         table = pointers(*kept)
-        (compiled,) = function.overloads.values()
-        address = compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name)
-        return Operator(function, address, table, kept)
+        return Operator(function, _address_of(function), table, kept)
 
     def fitness(self, genomes: Genomes) -> Fitness:
         """Call a function of signature FITNESS: (n, genome_bytes) to (n,)."""
@@ -76,135 +73,9 @@ def _plain(value: Any) -> NDArray[Any]:
     return array.astype(np.float64 if array.dtype.kind == "f" else np.int64)
 
 
-def _pointer(element: Any) -> Any:
-    kind: Any = types.CPointer
-    kind = kind(element)
+def _address_of(function: Any) -> int:
+    if not capabilities().numba_calls:
+        return 0
+    from lowlevel.numba_calls import address_of
 
-    @intrinsic
-    def pointer(context: Any, address: Any) -> Any:
-
-        def generate(target: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-            return builder.inttoptr(arguments[0], target.get_value_type(kind))
-
-        return kind(types.int64), generate
-
-    return pointer
-
-
-_pointer_to_real = _pointer(types.float64)
-_pointer_to_integer = _pointer(types.int64)
-_pointer_to_octet = _pointer(types.uint8)
-
-
-@subroutine
-def reals(table: Any, place: Any) -> Any:
-    """The float64 array at a place of the table, shape (rows, columns); a number is (1, 1), a vector (1, n)."""
-    return carray(_pointer_to_real(table[place, 0]), (table[place, 1], table[place, 2]))
-
-
-@subroutine
-def integers(table: Any, place: Any) -> Any:
-    """The int64 array at a place of the table, likewise."""
-    return carray(_pointer_to_integer(table[place, 0]), (table[place, 1], table[place, 2]))
-
-
-@subroutine
-def octets(table: Any, place: Any) -> Any:
-    """The uint8 array at a place of the table, likewise."""
-    return carray(_pointer_to_octet(table[place, 0]), (table[place, 1], table[place, 2]))
-
-
-@subroutine
-def integers_at(address: Any, rows: Any, columns: Any) -> Any:
-    """The int64 array at an address, such as a table."""
-    return carray(_pointer_to_integer(address), (rows, columns))
-
-
-@subroutine
-def octets_at(address: Any, size: Any) -> Any:
-    """So many bytes at an address."""
-    return carray(_pointer_to_octet(address), (size,))
-
-
-@subroutine
-def octets_of(payload: Any) -> Any:
-    """The bytes of a payload, which must outlive the array: counting who uses it would take half of reading it."""
-    counted = np.frombuffer(payload, np.uint8)
-    return carray(_pointer_to_octet(counted.ctypes.data), counted.shape)
-
-
-@subroutine
-def blocks(table: Any, place: Any, rows: Any) -> Any:
-    """The uint8 array at a place of the table, so many rows together: shape (blocks, rows, columns)."""
-    return carray(_pointer_to_octet(table[place, 0]), (table[place, 1] // rows, rows, table[place, 2]))
-
-
-_intrinsic: Any = intrinsic  # what it makes is called with one argument fewer, which its type does not say
-
-
-def _call(target: Any, builder: Any, arguments: Any, signature: Any) -> Any:
-    """Call the function at the first of the ``arguments`` with the others, as compiled code calls its own."""
-    convention = target.call_conv
-    kind = convention.get_function_type(signature.return_type, signature.args)
-    function = builder.inttoptr(arguments[0], kind.as_pointer())
-    _, result = convention.call_function(builder, function, signature.return_type, signature.args, arguments[1:])
-    return target.get_dummy_value() if signature.return_type == types.none else result
-
-
-@_intrinsic  # type: ignore[untyped-decorator]
-def call_fitness(context: Any, address: Any, genomes: Any, fitness: Any, table: Any) -> Any:
-    """Call a function of signature FITNESS."""
-    return types.void(types.int64, *FITNESS.args), lambda target, builder, _, arguments: _call(
-        target, builder, arguments, FITNESS
-    )
-
-
-@_intrinsic  # type: ignore[untyped-decorator]
-def call_mating(
-    context: Any, address: Any, couples: Any, offspring: Any, seed: Any, cell: Any, generation: Any, table: Any
-) -> Any:
-    """Call a function of signature MATING."""
-    return types.void(types.int64, *MATING.args), lambda target, builder, _, arguments: _call(
-        target, builder, arguments, MATING
-    )
-
-
-@_intrinsic  # type: ignore[untyped-decorator]
-def call_straying(
-    context: Any, address: Any, individuals: Any, seed: Any, cell: Any, generation: Any, table: Any
-) -> Any:
-    """Call a function of signature STRAYING."""
-    return types.int64(types.int64, *STRAYING.args), lambda target, builder, _, arguments: _call(
-        target, builder, arguments, STRAYING
-    )
-
-
-@_intrinsic  # type: ignore[untyped-decorator]
-def call_founding(context: Any, address: Any, deme: Any, seed: Any, cell: Any, generation: Any, table: Any) -> Any:
-    """Call a function of signature FOUNDING."""
-    return types.void(types.int64, *FOUNDING.args), lambda target, builder, _, arguments: _call(
-        target, builder, arguments, FOUNDING
-    )
-
-
-# For many rows at once ------------------------------------------------------------------------------------------------
-@kernel("void(int64, uint8[:,:,::1], uint64, int64[::1], int64, int64[:,::1])")
-def found_rows(address: int, demes: Genomes, seed: np.uint64, cells: Cells, generation: int, table: Table) -> None:
-    """First demes (rows, deme, genome_bytes), each by a function of signature FOUNDING."""
-    for row in range(cells.size):
-        call_founding(address, demes[row], seed, cells[row], generation, table)
-
-
-@kernel("void(int64, uint8[:,:,:,::1], uint8[:,:,::1], uint64, int64[::1], int64, int64[:,::1])")
-def mate_rows(
-    address: int,
-    couples: Genomes,
-    offspring: Genomes,
-    seed: np.uint64,
-    cells: Cells,
-    generation: int,
-    table: Table,
-) -> None:
-    """Couples (rows, n, 2, bytes) to offspring (rows, 2 * n, bytes), by a function of signature MATING."""
-    for row in range(cells.size):
-        call_mating(address, couples[row], offspring[row], seed, cells[row], generation, table)
+    return address_of(function)

@@ -5,10 +5,11 @@ from typing import Any
 import numpy as np
 
 from genetics.arrays import Genomes
-from genetics.compiled import kernel, subroutine
-from genetics.operators import FOUNDING, MATING, Table, integers, reals
+from genetics.operators import FOUNDING, MATING, Table
 from genetics.randomness import CROSS, INITIAL, MUTATE, below, draw, unit
 from genetics.sequence_kernels import numbers_of
+from lowlevel.compiled import kernel, subroutine
+from lowlevel.pointers import integers, reals
 
 _HALF = np.uint64(32)
 _MOST_EDGES = 4  # of an item: two in either parent

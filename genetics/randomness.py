@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from genetics.compiled import inlined, subroutine
+from lowlevel.compiled import inlined, subroutine
 
 # What a draw is for. Two purposes never share a counter.
 INITIAL = 0

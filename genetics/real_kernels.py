@@ -6,9 +6,10 @@ from typing import Any
 import numpy as np
 
 from genetics.arrays import Cells, Fitness, Genomes
-from genetics.compiled import inlined, kernel
-from genetics.operators import MATING, Table, integers, reals
+from genetics.operators import MATING, Table
 from genetics.randomness import CROSS, INITIAL, MUTATE, draw, normal, unit, words
+from lowlevel.compiled import inlined, kernel
+from lowlevel.pointers import integers, reals
 
 BLEND = 0.5  # how far beyond its parents an offspring may lie, as a share of their distance (BLX-alpha)
 WIDEST_STEP = 0.3  # of the range

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from genetics.arrays import Cells, Fitness, Genomes
-from genetics.compiled import kernel, subroutine
 from genetics.randomness import TIE, below, draw
+from lowlevel.compiled import kernel, subroutine
 
 _ADMITTED, _OFFSPRING, _CHAMPION, _LAST, _LEAVING = range(5)
 """Which tie a draw breaks, as its index."""

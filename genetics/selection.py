@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from genetics.arrays import Cells, Fitness, Genomes
-from genetics.compiled import kernel, subroutine
 from genetics.randomness import SELECT, below, draw, unit
+from lowlevel.compiled import kernel, subroutine
 
 _HALF = np.uint64(32)
 

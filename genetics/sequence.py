@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from genetics.arrays import Cells, Genomes
 from genetics.coding import Alphabet, Keys
 from genetics.recipe import ONE_BIT, Recipe
+from lowlevel import capabilities
 
 if TYPE_CHECKING:
     from genetics.operators import Operator
@@ -73,23 +74,31 @@ class Sequence(ABC):
 
     def random(self, keys: Keys, deme: int) -> Genomes:
         """First demes, as `initialise` makes them."""
-        from genetics.operators import found_rows
-
         demes = np.zeros((len(keys.cells), deme, self.genome_bytes), np.uint8)
         operator = self.initialise()
-        found_rows(operator.address, demes, keys.seed, keys.cells, keys.generation, operator.table)
+        if capabilities().numba_calls:
+            from genetics.calls_by_address import found_rows
+
+            found_rows(operator.address, demes, keys.seed, keys.cells, keys.generation, operator.table)
+        else:
+            for row, cell in enumerate(keys.cells):
+                operator.function(demes[row], keys.seed, cell, keys.generation, operator.table)
         return demes
 
     def recombine(self, couples: Genomes, recipe: Recipe, keys: Keys) -> Genomes:
         """What `variation` makes of them."""
-        from genetics.operators import mate_rows
-
         rows, count, _, size = couples.shape
         offspring = np.zeros((rows, 2 * count, size), np.uint8)
         if recipe not in self._variations:
             self._variations[recipe] = self.variation(recipe)
         operator = self._variations[recipe]
-        mate_rows(operator.address, couples, offspring, keys.seed, keys.cells, keys.generation, operator.table)
+        if capabilities().numba_calls:
+            from genetics.calls_by_address import mate_rows
+
+            mate_rows(operator.address, couples, offspring, keys.seed, keys.cells, keys.generation, operator.table)
+        else:
+            for row, cell in enumerate(keys.cells):
+                operator.function(couples[row], offspring[row], keys.seed, cell, keys.generation, operator.table)
         return offspring
 
     def mutate_one(self, individuals: Genomes, keys: Keys) -> Cells:

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from genetics.arrays import Cells, Genomes
-from genetics.compiled import kernel, subroutine
+from lowlevel.compiled import kernel, subroutine
 
 LEAST, MOST = 0, 1
 """Places in the limits: the fewest and the most items; then the least and the greatest of each gene of an item; and

@@ -15,12 +15,13 @@ States:
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Literal, NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 
 from genetics import Genomes
-from node.generation import REACHED, REFUSED, STALLED, STOPS, UNSOUND, Generations
+from lowlevel import capabilities
+from node.flags import REACHED, REFUSED, STALLED, STOPS, UNSOUND
 from node.history import History
 from node.inbox import Inbox
 from node.kernels import OWN, TOLD
@@ -33,6 +34,9 @@ from topologies import ROOT
 from wire.exchange import Champion
 from wire.exchange_kernels import EPOCH, JOB, NEVER, SENT
 from wire.report import Birth, Reason, Report, Staleness
+
+if TYPE_CHECKING:
+    from node.generation import Generations
 
 State = Literal["prepared", "running", "stopped", "failed"]
 
@@ -251,7 +255,9 @@ class Cell:
             self.state = "running"
             rows, plan = self.rows, self.plan
             rows.begin(None if deme is None else deme[None])
-            if rows.problems[0].fitness_kernel is not None:
+            if rows.problems[0].fitness_kernel is not None and capabilities().numba_calls:
+                from node.generation import Generations
+
                 self.generations = Generations(
                     plan, rows, self.inbox, self._history, self._tells_champion, self._outbox
                 )
@@ -283,7 +289,7 @@ class Cell:
                 rows.advance(None)
             self._generation_done(actions)
 
-    def _went_on(self, generations: Generations, news: Sequence[Message], actions: list[Action]) -> None:
+    def _went_on(self, generations: "Generations", news: Sequence[Message], actions: list[Action]) -> None:
         """The same was done as by `hear` and `_advance`, compiled, and more than once if there was nothing to say."""
         _, flags, size, wrong = generations.done()
         self._history.went_on()

@@ -5,20 +5,15 @@ hold little for anyone, and some breed often while others wait. Blocks of the to
 evenly, and most neighbours are on the same core.
 """
 
-import ctypes
 import os
-import platform
-import struct
 import time
 
+from lowlevel import linux
 from wire.control import Wiring
 
-_PR_SET_TIMERSLACK = 29  # nanoseconds by which a nap may be longer than asked for, else 50,000
 _CROWD = 8  # nodes on each core, at least: then a core has nothing to do only when all of them wait
 LONG = 20e-3
 """Seconds: for nodes that wait for nobody and whose generations take long: after others' turns no cache is warm."""
-_SCHED_SETATTR = {"x86_64": 314, "aarch64": 274}  # Linux's number of the system call; the C library has no name for it
-_LIBC = ctypes.CDLL(None)
 
 CORES = sorted(os.sched_getaffinity(0))
 """Those that nodes may use: asked once, before any of them keeps to one."""
@@ -42,7 +37,7 @@ def share_cores(nodes: int) -> bool:
 def take_turns() -> None:
     """Let this thread, and those that it starts, not interrupt each other: fewer switches between nodes."""
     os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
-    _LIBC.prctl(_PR_SET_TIMERSLACK, ctypes.c_ulong(1))
+    linux.wake_up_promptly()
 
 
 def stand_back() -> None:
@@ -53,15 +48,3 @@ def stand_back() -> None:
     any thread that does not yield, for minutes (the kernel's own workers stood still for two).
     """
     time.sleep(1e-9)
-
-
-def take_turns_of(seconds: float) -> None:
-    """Ask for turns of that length for the main thread, from 0.1 to 100 ms; 0: as long as the kernel likes.
-
-    Before Linux 6.12 they are always as long as the kernel likes.
-    """
-    if (number := _SCHED_SETATTR.get(platform.machine())) is not None:
-        # struct sched_attr: size, policy, flags, niceness, priority, and the length of a turn in nanoseconds.
-        main, nice = os.getpid(), os.getpriority(os.PRIO_PROCESS, 0)
-        attributes = struct.pack("=IIQiIQQQ", 48, os.SCHED_BATCH, 0, nice, 0, round(seconds * 1e9), 0, 0)
-        _LIBC.syscall(ctypes.c_long(number), main, attributes, 0)

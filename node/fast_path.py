@@ -13,23 +13,8 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numba import types
 
-from genetics.compiled import c_function, subroutine
-from genetics.operators import integers_at
-from node.assignment import MANY_UNREAD, Assignment
-from node.generation import (
-    PLACES,
-    breed_on,
-    inbox_of,
-    lacks,
-    may_be_superseded,
-    nothing_bred,
-    only_a_message,
-    take_back,
-)
-from node.inbox import hear_one
-from wire.compiled_callbacks import (
+from lowlevel.c_api import (
     CALLBACK,
     PAYLOAD_NAME,
     BuiltIn,
@@ -53,13 +38,26 @@ from wire.compiled_callbacks import (
     run_again,
     tuple_item,
 )
+from lowlevel.clocks import monotonic_nanoseconds
+from lowlevel.compiled import c_function, subroutine
+from lowlevel.pointers import integers_at
+from node.assignment import MANY_UNREAD, Assignment
+from node.generation import (
+    PLACES,
+    breed_on,
+    inbox_of,
+    lacks,
+    may_be_superseded,
+    nothing_bred,
+    only_a_message,
+    take_back,
+)
+from node.inbox import hear_one
 
 # What the path knows. The first is the address of the cell's table; 0: it is closed. The last are objects.
 _TABLE, _LEFT, _MOST, _OVER_AT, _SECONDS, _NANOSECONDS = range(6)
 _NEWS, _ACQUIRE, _RELEASE, _LINKS, _GO_ON, _PAYLOAD, _PUBLISH, _NONE, _TRUE = range(6, 15)
 _PLACES = 15
-_MONOTONIC = 1  # the clock
-_clock_gettime: Any = types.ExternalFunction("clock_gettime", types.int32(types.int32, types.intp))
 _PUBLISH_NAME = sys.intern("publish")
 _own = struct.Struct("<2q")  # of each function: the path's address and the sender's cell
 
@@ -137,8 +135,7 @@ def _take_news(path: Any, table: Any) -> Any:
 @subroutine
 def _is_over(path: Any) -> Any:
     """Whether the turn is."""
-    _clock_gettime(_MONOTONIC, path[_SECONDS:].ctypes.data)
-    return path[_SECONDS] * 1_000_000_000 + path[_NANOSECONDS] >= path[_OVER_AT]
+    return monotonic_nanoseconds(path[_SECONDS : _NANOSECONDS + 1]) >= path[_OVER_AT]
 
 
 @c_function(CALLBACK)

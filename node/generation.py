@@ -14,22 +14,15 @@ from typing import Any
 import numpy as np
 from numba import types
 
-from genetics.compiled import entry, kernel, subroutine
-from genetics.operators import (
-    TABLE,
-    Table,
-    blocks,
-    call_fitness,
-    call_mating,
-    call_straying,
-    integers,
-    octets,
-    pointers,
-    reals,
-)
+from genetics.calls_by_address import call_fitness, call_mating, call_straying
+from genetics.operators import TABLE, Table, pointers
 from genetics.recipe import ONE_BIT
 from genetics.replacement import admit_to, leave_families, renew, take_place
 from genetics.selection import first_unsound, pair, pair_with
+from lowlevel.compiled import kernel, subroutine
+from lowlevel.numba_calls import entry
+from lowlevel.pointers import blocks, integers, octets, reals
+from node.flags import REACHED, REFUSED, STALLED, STOPS, UNSOUND
 from node.history import History
 from node.inbox import LACKING, NEXT, Inbox, hear, packed, turn
 from node.kernels import OWN, TOLD, is_noted, merge_champion, note_staleness, prepare_message
@@ -38,10 +31,6 @@ from node.plan import Plan
 from node.rows import Rows
 from wire.exchange_kernels import BIRTHPLACE, BORN, PAYLOAD, SENT, STOP_AT, write_message
 from wire.report import MOST_BIRTHS, Birth
-
-REACHED, STALLED, STOPS, REFUSED, UNSOUND = 1, 2, 4, 8, 16
-"""What a cell has to say beside its message: it proposes to stop for the target or for a stall; it stops now; it has
-refused a message; an offspring's fitness is none."""
 
 # Places in the table.
 _HEADER, _GENOMES, _FITNESS, _WHENCES, _LATEST, _COUNTS, _USED, _STALENESS = range(8)

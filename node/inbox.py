@@ -15,8 +15,9 @@ import numpy as np
 from numba import types
 
 from genetics import Cells
-from genetics.compiled import kernel, subroutine
-from genetics.operators import TABLE, Table, integers, octets, octets_of, pointers, reals
+from genetics.operators import TABLE, Table, pointers
+from lowlevel.compiled import kernel, subroutine
+from lowlevel.pointers import integers, octets, octets_of, reals
 from node.kernels import OWN, TOLD, note_staleness
 from node.plan import Plan
 from wire.exchange import Messages

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from genetics import Cells, Fitness, Genomes
-from genetics.compiled import kernel, subroutine
 from genetics.randomness import DELAY, draw, unit
+from lowlevel.compiled import kernel, subroutine
 from wire.exchange_kernels import BIRTHPLACE, BORN, EVALUATIONS, GENERATION, SENT, STOP_AT, Header
 from wire.report import MOST_BIRTHS
 

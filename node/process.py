@@ -15,10 +15,12 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from typing import TYPE_CHECKING
 
 import zenoh
 
 import topologies
+from lowlevel import capabilities, linux
 from node import cpu_affinity
 from node.assignment import MANY_UNREAD, Assignment, Coming
 from node.cell import (
@@ -35,10 +37,10 @@ from node.cell import (
     Waited,
 )
 from node.cell import Halt as Halted
-from node.fast_path import FastPath
 from node.fingerprint import fingerprint
 from node.links import Hear, Links, Task
 from node.node_config import NodeConfig
+from node.ordinary_path import OrdinaryPath
 from node.plan import Plan
 from node.turn_taking import TurnTaking
 from problems import BadInput
@@ -51,10 +53,23 @@ from wire.report import Report
 from wire.seal import Seal
 from wire.strict import Rejected
 
-_FAST_PATH = FastPath()  # before nodes are forked: to make one in each touches forty pages there
+if TYPE_CHECKING:
+    from node.fast_path import FastPath
+
 PATIENCE = 1.0  # seconds without a generation, at least, after which a lockstep node asks for what is missing
 _WORTH_TELLING = 8  # generations: by then a node that waits for its turn on a core has bred in two of them
 _MOST_UNREAD = 1000  # messages, though some neighbour has sent nothing
+
+
+def _fast_path() -> "FastPath | OrdinaryPath":
+    if not capabilities().c_api:
+        return OrdinaryPath()
+    from node.fast_path import FastPath
+
+    return FastPath()
+
+
+_FAST_PATH = _fast_path()  # before nodes are forked: to make one in each touches forty pages there
 
 
 def live(config: NodeConfig) -> None:
@@ -229,7 +244,7 @@ class NodeProcess:
         """Let both threads stay on a core, or go wherever the kernel likes, and the main one take turns of so long."""
         if seconds != self._turns:
             self._turns = seconds
-            cpu_affinity.take_turns_of(seconds)
+            linux.ask_for_turns(seconds)
         if core != self._core:
             self._core = core
             with contextlib.suppress(OSError):  # somebody has taken that core away from this process

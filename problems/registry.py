@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 from types import ModuleType
 
+from lowlevel import capabilities
 from problems.errors import BadInput, did_you_mean
 from problems.problem import Problem
 
@@ -97,7 +98,10 @@ def _module(name: str, folder: Path | None) -> ModuleType:
 def kernels() -> tuple[str, ...]:
     """The modules that compile something, those first that others use."""
     shared = ("bit_kernels", "real_kernels", "selection", "replacement", "sequence_kernels", "permutation_kernels")
-    return (*(f"genetics.{name}" for name in shared), *_in_packages("kernels"), *_in_packages("coding_kernels"))
+    names = [*(f"genetics.{name}" for name in shared), *_in_packages("kernels"), *_in_packages("coding_kernels")]
+    if capabilities().numba_calls:
+        names += ["genetics.calls_by_address", *_in_packages("costly_kernels")]
+    return tuple(names)
 
 
 def _in_packages(module: str) -> list[str]:

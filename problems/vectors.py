@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from genetics.compiled import subroutine
+from lowlevel.compiled import subroutine
 
 
 @subroutine

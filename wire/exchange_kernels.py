@@ -11,8 +11,8 @@ from numba import types
 from numpy.typing import NDArray
 
 from genetics.arrays import Cells, Fitness, Genomes
-from genetics.compiled import kernel, subroutine
 from genetics.sequence_kernels import is_sound_sequence
+from lowlevel.compiled import kernel, subroutine
 
 Header = NDArray[np.int64]  # (..., HEADER)
 

@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 
 from genetics.arrays import Fitness, Genomes
 from genetics.bit_kernels import integers_of, recombine_row
-from genetics.compiled import kernel, subroutine
-from genetics.operators import FITNESS, MATING, Table, integers, reals
+from genetics.operators import FITNESS, MATING, Table
+from lowlevel.compiled import kernel, subroutine
+from lowlevel.pointers import integers, reals
 from problems.arm_path.ranges import FULL_TURN, MOST_RANGES, Arm, Obstacles, Room, legal_ranges, stays
 
 Floats = NDArray[np.float64]

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from genetics.compiled import subroutine
+from lowlevel.compiled import subroutine
 from problems.arm_ik.kernels import clearance, gap_squared, hits_polygon, place
 from problems.plane import CONTACT
 

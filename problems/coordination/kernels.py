@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 
 from genetics.arrays import Fitness, Genomes
 from genetics.bit_kernels import integers_of
-from genetics.compiled import kernel, subroutine
-from genetics.operators import FITNESS, FOUNDING, MATING, Table, integers, reals
+from genetics.operators import FITNESS, FOUNDING, MATING, Table
 from genetics.randomness import CROSS, INITIAL, MUTATE, below, draw, unit
 from genetics.sequence_kernels import clear_after, numbers_of
+from lowlevel.compiled import kernel, subroutine
+from lowlevel.pointers import integers, reals
 
 Points = NDArray[np.int64]  # (n, 2)
 

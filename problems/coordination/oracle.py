@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from genetics.compiled import kernel
+from lowlevel.compiled import kernel
 from problems.coordination.diagram import Mask
 from problems.errors import BadInput
 from problems.problem import Answer

@@ -12,8 +12,10 @@ from numba import types
 
 from genetics.arrays import Fitness, Genomes
 from genetics.bit_kernels import integers_of
-from genetics.compiled import inlined, kernel, subroutine
-from genetics.operators import FITNESS, Table, call_fitness, integers, reals
+from genetics.operators import FITNESS, Table
+from lowlevel.clocks import thread_nanoseconds
+from lowlevel.compiled import inlined, kernel, subroutine
+from lowlevel.pointers import integers, reals
 
 
 @subroutine
@@ -165,25 +167,10 @@ def partition(genomes: Genomes, fitness: Fitness, table: Table) -> None:
         fitness[row] = total
 
 
-_clock_gettime: Any = types.ExternalFunction("clock_gettime", types.int32(types.int32, types.uintp))
-_THREAD_CPU_CLOCK = 3
-
-
-@subroutine
-def _thread_nanoseconds(time: Any) -> Any:
-    """Processor time that this thread has used; ``time`` is room for seconds and nanoseconds."""
-    _clock_gettime(_THREAD_CPU_CLOCK, time.ctypes.data)
-    return time[0] * 1_000_000_000 + time[1]
-
-
-@kernel(FITNESS, may_be_long=True)
-def costly(genomes: Genomes, fitness: Fitness, table: Table) -> None:
-    """Another function after as much processor time as asked for.
-
-    Its table: the other's address, and nanoseconds for each genome; then the other's table.
-    """
+@kernel(types.void(types.int64), may_be_long=True)
+def spend(nanoseconds: int) -> None:
+    """Use up as much processor time of this thread."""
     time = np.zeros(2, np.int64)
-    until = _thread_nanoseconds(time) + integers(table, 0)[0, 1] * fitness.size
-    while _thread_nanoseconds(time) < until:
+    until = thread_nanoseconds(time) + nanoseconds
+    while thread_nanoseconds(time) < until:
         pass
-    call_fitness(integers(table, 0)[0, 0], genomes, fitness, integers(table, 1))

@@ -11,6 +11,7 @@ from pydantic import model_validator
 
 from genetics.arrays import Fitness, Genomes, writable
 from genetics.recipe import Recipe
+from lowlevel import capabilities
 from problems.function import checker
 from problems.function.graph import Graph
 from problems.problem import Answer, CodedProblem, Populations, RecipeName, Solution, Verdict, quantity
@@ -157,23 +158,32 @@ seed = 1
 
     def evaluate(self, genomes: Genomes) -> Fitness:
         """The function's values, after as much processor time as asked for."""
-        return self._costly.fitness(genomes)
+        if self.cost_us > 0:
+            from problems.function.kernels import spend
+
+            spend(self._cost_ns * len(genomes))
+        return self._compiled.fitness(genomes)
 
     @property
     def fitness_kernel(self) -> Operator:
-        """What `evaluate` calls."""
+        """The same as `evaluate`, for compiled generations."""
         return self._costly
+
+    @property
+    def _cost_ns(self) -> int:
+        return round(1000 * self.cost_us)
 
     @cached_property
     def _costly(self) -> Operator:
-        """The compiled function, made to cost time if it is to."""
+        """The compiled function, made to cost processor time if it is to, where kernels may call each other."""
         from genetics.operators import Operator
-        from problems.function import kernels
 
         function = self._compiled
-        if self.cost_us == 0:
+        if self.cost_us == 0 or not capabilities().numba_calls:
             return function
-        costly = Operator.of(kernels.costly, [function.address, round(1000 * self.cost_us)], function.table)
+        from problems.function import costly_kernels
+
+        costly = Operator.of(costly_kernels.costly, [function.address, self._cost_ns], function.table)
         return costly._replace(kept=(*costly.kept, *function.kept))
 
     @cached_property

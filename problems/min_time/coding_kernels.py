@@ -12,12 +12,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from genetics import operators
 from genetics.arrays import Genomes
-from genetics.compiled import kernel, subroutine
 from genetics.operators import FOUNDING, MATING, Table
 from genetics.randomness import CROSS, INITIAL, MUTATE, below, draw, normal, unit
 from genetics.sequence_kernels import clear_after, numbers_of
+from lowlevel import pointers
+from lowlevel.compiled import kernel, subroutine
 from problems.min_time.coding import LEVELS
 
 MOST_COPIES = 2
@@ -51,7 +51,7 @@ class Dice(NamedTuple):
 
 @subroutine
 def _shape_of(table: Any) -> Any:
-    layout, sizes = operators.integers(table, 0)[0], operators.integers(table, 1)
+    layout, sizes = pointers.integers(table, 0)[0], pointers.integers(table, 1)
     return Shape(layout[0], layout[0] + 1, layout[1], layout[2], sizes[0], sizes[1])
 
 
@@ -303,7 +303,7 @@ def _copies_before(offspring: Any, child: Any) -> Any:
 def variation(couples: Genomes, offspring: Genomes, seed: np.uint64, cell: int, generation: int, table: Table) -> None:
     """Cross and mutate; extra copies of the same trajectory give way to new ones (§IV)."""
     shape, dice = _shape_of(table), Dice(seed, cell, generation)
-    refining, rates = operators.integers(table, 0)[0, 3] != 0, operators.reals(table, 2)[0]
+    refining, rates = pointers.integers(table, 0)[0, 3] != 0, pointers.reals(table, 2)[0]
     for couple in range(couples.shape[0]):
         one, other = numbers_of(couples[couple, 0]), numbers_of(couples[couple, 1])
         first, second = numbers_of(offspring[2 * couple]), numbers_of(offspring[2 * couple + 1])

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from genetics.compiled import subroutine
+from lowlevel.compiled import subroutine
 from problems.vectors import cross, dot
 
 # Columns of a joint's row: where its frame is in the frame before it, about which axis it turns, and what it carries.

@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from genetics.arrays import Fitness, Genomes
-from genetics.compiled import kernel, subroutine
-from genetics.operators import FITNESS, Table, integers, reals
+from genetics.operators import FITNESS, Table
 from genetics.sequence_kernels import numbers_of
+from lowlevel.compiled import kernel, subroutine
+from lowlevel.pointers import integers, reals
 from problems.min_time.coding import LEVELS
 from problems.min_time.dynamics import chain_of
 from problems.min_time.scaling import (

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from genetics.compiled import kernel, subroutine
 from genetics.operators import Table
+from lowlevel.compiled import kernel, subroutine
 from problems.min_time.kernels import task_of
 from problems.min_time.scaling import (
     add_phantoms,

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from genetics.compiled import inlined, subroutine
+from lowlevel.compiled import inlined, subroutine
 from problems.min_time.dynamics import scaled_chain, scaled_two_links
 
 POINTS_OF_STRETCH, POINTS = 8, 128

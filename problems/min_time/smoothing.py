@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from genetics.compiled import subroutine
+from lowlevel.compiled import subroutine
 from problems.min_time.scaling import exceeded_at, step_time
 
 _WINDOWS = 7

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from genetics.compiled import kernel, subroutine
+from lowlevel.compiled import kernel, subroutine
 from problems.mobile_robot.contact import Floor, can_turn, drive, full_turn_less, robot_of, shorter_angle
 
 Floats = NDArray[np.float64]

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from genetics.compiled import subroutine
+from lowlevel.compiled import subroutine
 from problems.plane import CONTACT
 
 _NEVER = (np.inf, np.inf)

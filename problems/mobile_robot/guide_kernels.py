@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from genetics.compiled import kernel, subroutine
+from lowlevel.compiled import kernel, subroutine
 from problems.mobile_robot.guide import PRICES, Guide
 
 Floats = NDArray[np.float64]

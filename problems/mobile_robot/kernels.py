@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from genetics.arrays import Fitness, Genomes
 from genetics.bit_kernels import integers_of
-from genetics.compiled import kernel, subroutine
-from genetics.operators import FITNESS, Table, integers, reals
+from genetics.operators import FITNESS, Table
+from lowlevel.compiled import kernel, subroutine
+from lowlevel.pointers import integers, reals
 from problems.mobile_robot.approach_kernels import LONGEST, follow_approach
 from problems.mobile_robot.contact import Floor, drive, robot_of, shorter_angle, turn_to
 from problems.mobile_robot.guide_kernels import Field, distance_at

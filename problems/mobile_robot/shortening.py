@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from genetics.compiled import subroutine
+from lowlevel.compiled import subroutine
 from problems.mobile_robot.contact import can_turn, drive, full_turn_less, shorter_angle, turn_to
 
 _ROUNDS = 12

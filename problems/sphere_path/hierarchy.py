@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from genetics.arrays import Cells
-from genetics.compiled import kernel, subroutine
+from lowlevel.compiled import kernel, subroutine
 
 Floats = NDArray[np.float64]
 

@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 
 from genetics.arrays import Cells, Fitness, Genomes
 from genetics.bit_kernels import integers_of
-from genetics.compiled import kernel, subroutine
-from genetics.operators import FITNESS, Table, integers, reals
+from genetics.operators import FITNESS, Table
+from lowlevel.compiled import kernel, subroutine
+from lowlevel.pointers import integers, reals
 from problems.sphere_path.hierarchy import TOGETHER
 
 Floats = NDArray[np.float64]

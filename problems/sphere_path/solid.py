@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from genetics.compiled import kernel, subroutine
+from lowlevel.compiled import kernel, subroutine
 from problems.sphere_path.cells import Clearance
 from problems.sphere_path.pose import rotations
 from problems.sphere_path.vehicle import Vehicle

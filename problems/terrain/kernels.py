@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from genetics.arrays import Fitness, Genomes
-from genetics.compiled import kernel, subroutine
-from genetics.operators import FITNESS, FOUNDING, MATING, Table, integers, reals
+from genetics.operators import FITNESS, FOUNDING, MATING, Table
 from genetics.randomness import CROSS, INITIAL, MUTATE, below, draw, unit
 from genetics.sequence_kernels import clear_after, numbers_of
+from lowlevel.compiled import kernel, subroutine
+from lowlevel.pointers import integers, reals
 from problems.terrain.search import (
     find_best,
     line_steps,

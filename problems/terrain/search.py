@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from genetics.compiled import subroutine
 from genetics.sequence_kernels import clear_after
+from lowlevel.compiled import subroutine
 from problems.terrain.walking import D_COLUMN, D_ROW, GOAL, START, is_clear, is_passable, length_of, turn_of
 
 HAIR = 1e-7  # what a turn costs: of paths as good the straighter is found

@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from genetics.compiled import subroutine
-from genetics.operators import integers, reals
+from lowlevel.compiled import subroutine
+from lowlevel.pointers import integers, reals
 
 D_ROW = np.array([0, -1, -1, -1, 0, 1, 1, 1])
 D_COLUMN = np.array([1, 1, 0, -1, -1, -1, 0, 1])

@@ -9,7 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from genetics import operators
-from genetics.operators import FITNESS, Operator, call_fitness, integers, octets, pointers, reals
+from genetics.calls_by_address import call_fitness
+from genetics.operators import FITNESS, Operator, pointers
+from lowlevel.pointers import integers, octets, reals
 
 # These are not kept on disk, as kernels are.
 

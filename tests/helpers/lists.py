@@ -5,9 +5,10 @@ import numpy as np
 from hypothesis import strategies as st
 
 from genetics import Sequence
-from genetics.operators import FITNESS, FOUNDING, MATING, Operator, integers, reals
+from genetics.operators import FITNESS, FOUNDING, MATING, Operator
 from genetics.randomness import CROSS, INITIAL, MUTATE, below, draw, unit
 from genetics.sequence_kernels import clear_after, numbers_of
+from lowlevel.pointers import integers, reals
 from problems import Problem
 
 GENES = ((0, 9), (7, 1000))

@@ -12,7 +12,8 @@ from one_max import Bus, OneMax
 from tours import Visiting, VisitingSlowly
 
 from genetics import Recipe
-from genetics.operators import FITNESS, Operator, integers
+from genetics.operators import FITNESS, Operator
+from lowlevel.pointers import integers
 from node import Plan, simulate
 from node.cell import Cell, Publish, Start
 from problems import Run

@@ -83,7 +83,7 @@ def states(arm, count=20):
 
 def compiled_torques(problem, q, qd, qdd):
     """By the compiled a, b and c, through a straight curve of one stretch around each state."""
-    from genetics.compiled import kernel
+    from lowlevel.compiled import kernel
     from problems.min_time import dynamics
 
     @kernel("float64[:,::1](float64[:,::1], float64[::1], float64[:,::1], float64[:,::1], float64[:,::1])")

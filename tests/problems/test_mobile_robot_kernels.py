@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import shapely
 
-from genetics.compiled import kernel
+from lowlevel.compiled import kernel
 from problems.mobile_robot.arrays import floor_arrays, robot_arrays
 from problems.mobile_robot.contact import Floor, Robot, can_turn, drive
 from problems.plane import CONTACT, Box, Circle, Polygon

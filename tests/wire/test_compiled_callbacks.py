@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numba
 import pytest
 
-from wire.compiled_callbacks import (
+from lowlevel.c_api import (
     CALLBACK,
     PAYLOAD_NAME,
     BuiltIn,

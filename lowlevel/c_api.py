@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numba import types
 
-from genetics.compiled import subroutine
-from genetics.operators import octets_at
+from lowlevel.compiled import subroutine
+from lowlevel.pointers import octets_at
 
 OBJECT = types.intp
 """An object's address; 0 where an exception is set."""
@@ -116,7 +116,7 @@ class BuiltIn:
 
     Args:
         name: of the functions.
-        code: a `genetics.compiled.c_function` of signature CALLBACK.
+        code: a `lowlevel.compiled.c_function` of signature CALLBACK.
     """
 
     def __init__(self, name: str, code: Any) -> None:

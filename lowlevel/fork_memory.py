@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from numba import types
 
-from genetics.compiled import kernel
-from genetics.operators import octets_at
+from lowlevel.compiled import kernel
+from lowlevel.pointers import octets_at
 
 _HOLES = (*(1 << power for power in range(16, 10, -1)), *range(1024, 0, -16))  # bytes; the largest first
 # Python's allocator gives out pieces of pools, each for one size (Objects/obmalloc.c, since Python 3.10). In bytes:

@@ -12,14 +12,14 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 LEAVES = """\
-from genetics.compiled import kernel
+from lowlevel.compiled import kernel
 
 @kernel("float64(float64)")
 def half(number):
     return number / 2
 """
 CALLS_IT = """\
-from genetics.compiled import kernel
+from lowlevel.compiled import kernel
 from leaves import half
 
 @kernel("float64(float64)")

@@ -11,7 +11,7 @@ ONE_THREAD = os.environ | {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
 
 PUT_SMALL_THINGS = """
 import ctypes
-from coordinator import fork_memory
+from lowlevel import fork_memory
 
 libc = ctypes.CDLL(None)
 libc.malloc.restype = ctypes.c_void_p
@@ -41,7 +41,7 @@ def test_what_comes_after_the_holes_are_filled_lies_side_by_side():
 
 
 PUT_SMALL_OBJECTS = """
-from coordinator import fork_memory
+from lowlevel import fork_memory
 
 sizes = range(40, 500, 20)
 objects = [bytes(size) for size in sizes for _ in range(2000)]
@@ -62,7 +62,7 @@ def test_pools_of_small_objects_have_no_holes_either():
 def test_a_child_that_looks_attributes_up_does_not_write_to_the_names_of_others():
     script = """
 import os, resource, sys
-from coordinator import fork_memory
+from lowlevel import fork_memory
 
 class Wide:
     pass
@@ -106,7 +106,7 @@ def test_nothing_that_is_in_memory_changes():
     script = """
 import ctypes, hashlib
 import numpy as np
-from coordinator import fork_memory
+from lowlevel import fork_memory
 kept = [bytes([each % 256]) * (each % 5000) for each in range(20_000)]
 numbers = np.arange(1_000_000)
 before = hashlib.sha256(b"".join(kept)).digest()
@@ -127,7 +127,7 @@ print(same, numbers.sum(), decimal.Decimal(1) / 8)
 def test_a_piece_of_memory_may_grow_afterwards():
     script = """
 import ctypes
-from coordinator import fork_memory
+from lowlevel import fork_memory
 
 libc = ctypes.CDLL(None)
 libc.malloc.restype = libc.realloc.restype = ctypes.c_void_p
@@ -145,7 +145,7 @@ IN_FILES = """
 import json, os, re, threading
 from pathlib import Path
 import problems.registry
-from coordinator import fork_memory
+from lowlevel import fork_memory
 
 problems.registry.warm_up()
 
@@ -194,7 +194,7 @@ def test_compiled_code_and_its_constants_are_one_mapping_and_run_as_before():
     script = """
 import json, pathlib
 import numba
-from coordinator import fork_memory
+from lowlevel import fork_memory
 from node import Plan, simulate
 from problems.file import parse
 from problems.registry import warm_up

@@ -8,7 +8,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 PROGRAM = """\
 import numba
-from genetics.compiled import kernel
+from lowlevel.compiled import kernel
 
 @kernel("int64(int64)")
 def first(number):
@@ -34,7 +34,7 @@ def test_an_edit_changes_the_digest_of_what_imports_the_file_and_of_nothing_else
     user, stranger = tmp_path / "user.py", tmp_path / "stranger.py"
     user.write_text("from shapes import (  # a comment, with a comma\n    SIDES,\n)\n")
     stranger.write_text("def later():\n    import shapes\n")
-    script = "import sys; from pathlib import Path; from genetics.kernel_cache import digest_of as d\n"
+    script = "import sys; from pathlib import Path; from lowlevel.kernel_cache import digest_of as d\n"
     script += "print(*(d(Path(name)) for name in sys.argv[1:]))"
 
     def digests():

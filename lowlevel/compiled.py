@@ -1,4 +1,4 @@
-"""How hot loops are compiled: when their module is imported, once, and kept on disk (`genetics.kernel_cache`).
+"""How hot loops are compiled: when their module is imported, once, and kept on disk (`lowlevel.kernel_cache`).
 
 Kernels carry explicit signatures, so that importing a module compiles it (or loads it from the cache) and a process
 forked afterwards never compiles.
@@ -14,8 +14,8 @@ os.environ.setdefault("NUMBA_DISABLE_INTEL_SVML", "1")
 
 import numba
 
-from genetics.kernel_cache import ModuleLocator, keep_kernels_of
-from genetics.quick_loading import load_quickly
+from lowlevel.capabilities import capabilities
+from lowlevel.kernel_cache import ModuleLocator, keep_kernels_of
 
 if getattr(numba.config, "USING_SVML", False):  # somebody imported it before this project
     raise ImportError("numba uses Intel SVML, whose bits differ: set NUMBA_DISABLE_INTEL_SVML=1 before it is imported")
@@ -35,7 +35,10 @@ def _use_our_cache() -> None:
 
 
 _use_our_cache()
-load_quickly()
+if capabilities().numba_loader:
+    from lowlevel.numba_loader import load_quickly
+
+    load_quickly()
 
 
 def kernel(signature: Any, may_be_long: bool = False) -> Callable[[Function], Function]:
@@ -53,13 +56,6 @@ def kernel(signature: Any, may_be_long: bool = False) -> Callable[[Function], Fu
         return compiled
 
     return compile_now
-
-
-def entry(function: Any) -> Callable[..., Any]:
-    """The code of a kernel, without numba's look at the arguments: they must be of its signature's types exactly."""
-    (compiled,) = function.overloads.values()
-    code: Callable[..., Any] = compiled.entry_point
-    return code
 
 
 def c_function(signature: Any) -> Callable[[Function], Any]:

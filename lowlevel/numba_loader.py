@@ -60,7 +60,7 @@ def _symbols(machine_code: bytes) -> set[str]:
 
 
 def load_quickly() -> None:
-    """Must come before the first kernel is loaded."""
+    """Take numba's two shortcuts; must come before the first kernel is loaded."""
     JITCPUCodegen._library_class = Library
     _leave_blas_for_later()
 
