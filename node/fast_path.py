@@ -4,6 +4,17 @@ It takes the ordinary way's place (`node.process`, which opens it and closes it)
 for a while. In lockstep a generation is then one exchange, of messages that are sound, and breeding that takes little
 time; it is carried out where the last neighbour's message comes in. In async mode messages are put where they are
 taken from before the next generation, and a node with the token breeds on to the end of its turn.
+
+Who may touch a cell's table, and when:
+
+- A thread that holds the assignment's `turn` and has closed the path: nobody else does then.
+- In lockstep Zenoh's network thread, without the turn, to write a message into the inbox: only while the path is open,
+  and only if it has held the interpreter's lock since it saw that. Whatever may let other threads run (reading a
+  payload, an allocation that collects garbage) comes before that look. To breed it takes the turn.
+- In async mode the main thread alone, which holds the turn; the network thread only appends to the news.
+
+`go_on`, to which `_carry_on` holds a reference, keeps the assignment, and so the table, alive while a message is
+published.
 """
 
 import struct
@@ -55,9 +66,9 @@ from node.generation import (
 from node.inbox import hear_one
 
 # What the path knows. The first is the address of the cell's table; 0: it is closed. The last are objects.
-_TABLE, _LEFT, _MOST, _OVER_AT, _SECONDS, _NANOSECONDS = range(6)
-_NEWS, _ACQUIRE, _RELEASE, _LINKS, _GO_ON, _PAYLOAD, _PUBLISH, _NONE, _TRUE = range(6, 15)
-_PLACES = 15
+_TABLE, _OPENINGS, _LEFT, _MOST, _OVER_AT, _SECONDS, _NANOSECONDS = range(7)
+_NEWS, _ACQUIRE, _RELEASE, _LINKS, _GO_ON, _PAYLOAD, _PUBLISH, _NONE, _TRUE = range(7, 16)
+_PLACES = 16
 _PUBLISH_NAME = sys.intern("publish")
 _own = struct.Struct("<2q")  # of each function: the path's address and the sender's cell
 
@@ -104,12 +115,10 @@ def _carry_on(path: Any, table: Any) -> Any:
 
 
 @subroutine
-def _put_among_news(path: Any, sender: Any, payload: Any) -> Any:
+def _put_among_news(path: Any, message: Any) -> Any:
     """Another thread may be at the inbox; when there are many it is time to see whether it is."""
-    message = pair(sender, payload)
     append(path[_NEWS], message)
     decref(message)
-    decref(payload)
     if length(path[_NEWS]) < MANY_UNREAD:
         return new_ref(path[_NONE])
     go_on = new_ref(path[_GO_ON])
@@ -165,19 +174,24 @@ def _hear(own: int, sample: int) -> Any:
     path, otherwise = integers_at(its[0], 1, _PLACES)[0], tuple_item(own, 1)
     if path[_TABLE] == 0:
         return call(otherwise, sample)
-    table = integers_at(path[_TABLE], PLACES, 3)
+    openings, is_async = path[_OPENINGS], path[_NEWS] != 0
     payload = payload_of(sample, path[_PAYLOAD])
     if payload == 0:
         return payload
-    if path[_NEWS] != 0:
-        return _put_among_news(path, tuple_item(own, 2), payload)
-    heard = hear_one(inbox_of(table), content(payload), its[1]) > 0
+    message = pair(tuple_item(own, 2), payload) if is_async else new_ref(payload)
     decref(payload)
+    # To read the payload runs Zenoh's code, and to make a pair may collect garbage: other threads may have run.
+    if path[_TABLE] == 0 or path[_OPENINGS] != openings:
+        decref(message)
+        return call(otherwise, sample)
+    if is_async:
+        return _put_among_news(path, message)
+    table = integers_at(path[_TABLE], PLACES, 3)
+    heard = hear_one(inbox_of(table), content(message), its[1]) > 0
+    decref(message)
     if not heard:
         return call(otherwise, sample)
-    if lacks(table):
-        return new_ref(path[_NONE])
-    return _carry_on(path, table)
+    return new_ref(path[_NONE]) if lacks(table) else _carry_on(path, table)
 
 
 _HEAR = BuiltIn("hear", _hear)
@@ -237,6 +251,7 @@ class FastPath:
             self._for, self._objects = assignment, objects
         # Until the history is to be digested: then Python looks at the clock too.
         self._path[0, _LEFT], self._path[0, _MOST] = assignment.cell.room - 1, assignment.most
+        self._path[0, _OPENINGS] += 1
         self._path[0, _TABLE] = generations.table.ctypes.data
 
     def end_turn(self, over_at: float) -> bool:

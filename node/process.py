@@ -61,7 +61,8 @@ _WORTH_TELLING = 8  # generations: by then a node that waits for its turn on a c
 _MOST_UNREAD = 1000  # messages, though some neighbour has sent nothing
 
 
-def _fast_path() -> "FastPath | OrdinaryPath":
+def fast_path() -> "FastPath | OrdinaryPath":
+    """Make the fast path of a node, or what stands in for it where it must not be used."""
     if not capabilities().c_api:
         return OrdinaryPath()
     from node.fast_path import FastPath
@@ -69,7 +70,7 @@ def _fast_path() -> "FastPath | OrdinaryPath":
     return FastPath()
 
 
-_FAST_PATH = _fast_path()  # before nodes are forked: to make one in each touches forty pages there
+_FAST_PATH = fast_path()  # before nodes are forked: to make one in each touches forty pages there
 
 
 def live(config: NodeConfig) -> None:

@@ -7,8 +7,7 @@ from types import SimpleNamespace
 from node import Cell
 from node.assignment import Assignment
 from node.cell import Start
-from node.fast_path import FastPath
-from node.process import NodeProcess
+from node.process import NodeProcess, fast_path
 from node.turn_taking import TurnTaking
 from wire.control import Wiring
 
@@ -40,7 +39,7 @@ class LoneNode(NodeProcess):
             None,
             queue.SimpleQueue(),
             TurnTaking({}),
-            FastPath(),
+            fast_path(),
         )
         self._core, self._turns, self._stats_due = None, 0.0, math.inf
         self.assignment = kind(Cell(plan, cell, job=1), links)

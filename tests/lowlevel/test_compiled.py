@@ -50,7 +50,7 @@ def test_an_edit_changes_the_digest_of_what_imports_the_file_and_of_nothing_else
 
 
 def test_a_kernels_digest_covers_the_subroutines_that_it_calls():
-    from genetics import kernel_cache
+    from lowlevel import kernel_cache
 
     found, waiting = set(), [ROOT / "problems" / "mobile_robot" / "kernels.py"]
     while waiting:

@@ -1,5 +1,6 @@
 """The fast path: the same lives as by the ordinary way, whatever comes between, and nothing swallowed."""
 
+import gc
 import random
 import sys
 import threading
@@ -10,6 +11,7 @@ import pytest
 from functions import DEMES, PROBLEMS, plan_of
 from lone_node import LoneNode
 
+from lowlevel import capabilities
 from node import Cell, Plan, simulate
 from node.assignment import MANY_UNREAD, Coming
 from node.cell import Ask, Complain, Start, Waited
@@ -19,7 +21,10 @@ from problems import Run
 from problems.function import Function
 from wire.report import Report
 
+pytestmark = pytest.mark.skipif(not capabilities().c_api, reason="the fast path must not be used here")
+
 SHAPES = ["torus 1x2", "torus 2x3", "torus 4x4"]
+TIMES = 5000
 ENDS = [{"generations": 150}, {"target": -1.0, "stall": 70}, {}]  # the last: the problem's own target
 
 
@@ -366,3 +371,71 @@ def test_no_object_is_kept_or_given_back_twice(pair):
     assert all(abs(more - less) < 500 for less, more in zip(before, after, strict=True))
     alone = sys.getrefcount(bytes(100))
     assert {sys.getrefcount(payloads[number]) for number in range(len(payloads))} == {alone + 1}
+
+
+class PassesTheLock:
+    """A payload during whose reading other threads run: one of them closes the path."""
+
+    def __init__(self, payload, meanwhile):
+        self.payload, self.meanwhile = payload, meanwhile
+
+    def __bytes__(self):
+        self.meanwhile()
+        return self.payload
+
+    def to_bytes(self):
+        return self.payload
+
+
+@pytest.mark.parametrize("mode", ["lockstep", "async"])
+def test_a_path_that_is_closed_while_a_payload_is_read_takes_no_message(mode):
+    """Thousands of times, by another thread: each message must go the ordinary way, and none be lost or taken twice."""
+    plan = plan_of("onemax", topology="torus 2x3", mode=mode, target=-1.0, generations=100_000)
+    node = LoneNode(plan, 0, inline=mode == "lockstep")
+    node._open_fast_path(node.assignment)
+    sender = node.assignment.cell.neighbours[0]
+    payload = Torus(plan, 1).nodes[sender].published[0]
+    ordinary, asked, closed = [], threading.Semaphore(0), threading.Semaphore(0)
+    handler = node._fast_path.make_handler(sender, ordinary.append)
+
+    def close():
+        for _ in range(TIMES):
+            asked.acquire()
+            node._fast_path.close(node.assignment)
+            closed.release()
+
+    def meanwhile():
+        asked.release()
+        closed.acquire()
+
+    closer = threading.Thread(target=close)
+    closer.start()
+    received = node.assignment.cell.inbox.kept
+    for _ in range(TIMES):
+        node._fast_path.open(node.assignment, node._go_on)
+        assert node._fast_path.is_open(node.assignment)
+        handler(SimpleNamespace(payload=PassesTheLock(payload, meanwhile)))
+    closer.join()
+    assert len(ordinary) == TIMES
+    assert node.assignment.news == []
+    assert node.assignment.cell.inbox.kept == received
+
+
+@pytest.mark.parametrize("mode", ["lockstep", "async"])
+def test_an_assignment_that_is_forgotten_while_a_payload_is_read_is_not_touched(mode):
+    """Its memory may be another's by then."""
+    plan = plan_of("onemax", topology="torus 2x3", mode=mode, target=-1.0, generations=100_000)
+    payload = Torus(plan, 1).nodes[1].published[0]
+    ordinary = []
+    for _ in range(20):
+        node = LoneNode(plan, 0, inline=mode == "lockstep")
+        handler = node._fast_path.make_handler(1, ordinary.append)
+        node._open_fast_path(node.assignment)
+
+        def forget(node=node):
+            node._fast_path.forget(node.assignment)
+            node.assignment = None
+            gc.collect()
+
+        handler(SimpleNamespace(payload=PassesTheLock(payload, forget)))
+    assert len(ordinary) == 20
