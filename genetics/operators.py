@@ -1,7 +1,10 @@
 """Compiled functions that other compiled code calls by address: a coding's variation, a problem's fitness.
 
-So one kernel can carry a whole generation out, whatever the coding and the problem are, and without a step into Python
-between them. What a function needs beside its arguments (a world, bounds, lengths) is a table of pointers to arrays.
+So one kernel can run a whole generation for any coding and any problem, without returning to Python in between. An
+address also keeps the kernel that calls it independent of the problem: it is compiled and cached once for all kinds.
+
+All functions of a kind have the same signature. What else a function needs (a world, bounds, lengths) it finds in its
+table of pointers to arrays. Neither types nor bounds of these are checked: a table must fit its function.
 """
 
 from math import prod
@@ -18,26 +21,28 @@ from genetics.compiled import kernel, subroutine
 Table = NDArray[np.int64]  # (arrays, 3): address, rows, columns
 
 TABLE = types.int64[:, ::1]
-"""A table's type, for signatures."""
+"""The type of a table, for signatures."""
 FITNESS = types.void(types.uint8[:, ::1], types.float64[::1], TABLE)
-"""Genomes (n, genome_bytes), their fitness (n,) to be filled, and the table."""
+"""Evaluate: genomes (n, genome_bytes), their fitness (n,) to be filled, and the table."""
 MATING = types.void(types.uint8[:, :, ::1], types.uint8[:, ::1], types.uint64, types.int64, types.int64, TABLE)
-"""Couples (n, 2, genome_bytes), two offspring of each (2 * n, genome_bytes) to be filled, seed, cell, generation, and
-the table."""
+"""Cross and mutate: couples (n, 2, genome_bytes), two offspring of each (2 * n, genome_bytes) to be filled, seed, cell,
+generation, and the table."""
 FOUNDING = types.void(types.uint8[:, ::1], types.uint64, types.int64, types.int64, TABLE)
-"""A first deme (n, genome_bytes) to be filled, zeros before, seed, cell, generation, and the table."""
+"""Make a first deme: the deme (n, genome_bytes), all zeros, to be filled, seed, cell, generation, and the table."""
 STRAYING = types.int64(types.uint8[:, ::1], types.uint64, types.int64, types.int64, TABLE)
-"""Individuals (n, genome_bytes) one of which is changed, seed, cell, generation, and the table; returns which."""
+"""Change one individual, by the one-bit rule: individuals (n, genome_bytes), seed, cell, generation, and the table.
+Returns the index of the changed individual."""
 
 
 class Operator(NamedTuple):
-    """A compiled function of one of the signatures above.
+    """A compiled function of one of the signatures above, with its table.
 
     Attributes:
-        function: the kernel, for Python to call.
-        address: where its code is.
-        table: its own arrays, for `reals` and `integers`.
-        kept: those arrays, which must live as long as the operator.
+        function: the kernel, which Python can call.
+        address: the address of its machine code, which compiled code can call. It is valid in this process and in those
+            forked from it.
+        table: pointers to the arrays that belong to it, to be read with `reals`, `integers` and `octets`.
+        kept: these arrays. A table holds no references, so the operator must outlive every use of its address.
     """
 
     function: Any
@@ -47,7 +52,13 @@ class Operator(NamedTuple):
 
     @staticmethod
     def of(function: Any, *own: Any) -> "Operator":
-        """A kernel, with numbers and arrays of at most two dimensions: integers and booleans, or float64."""
+        """Return the operator of a kernel.
+
+        Args:
+            function: the kernel, with exactly one signature.
+            own: the entries of its table, in order: numbers or arrays of at most two dimensions. Integers and booleans
+                become int64, floats float64.
+        """
         kept = tuple(np.require(np.atleast_2d(_plain(each)), requirements=["C", "W"]) for each in own)
         table = pointers(*kept)
         (compiled,) = function.overloads.values()
@@ -55,14 +66,14 @@ class Operator(NamedTuple):
         return Operator(function, address, table, kept)
 
     def fitness(self, genomes: Genomes) -> Fitness:
-        """Call a function of signature FITNESS: (n, genome_bytes) to (n,)."""
+        """Evaluate genomes with a function of signature FITNESS: (n, genome_bytes) to (n,)."""
         values = np.empty(len(genomes))
         self.function(writable(genomes), values, self.table)
         return values
 
 
 def pointers(*arrays: NDArray[Any]) -> Table:
-    """A table of arrays that lie in one piece, of any number of dimensions: it remembers all but the last as rows.
+    """Return a table of C-contiguous arrays. Of more than two dimensions, all but the last are merged into rows.
 
     The arrays must outlive the table.
     """
@@ -77,6 +88,7 @@ def _plain(value: Any) -> NDArray[Any]:
 
 
 def _pointer(element: Any) -> Any:
+    """Return an intrinsic that turns an address, an int64, into a pointer to ``element``: numba has no such cast."""
     kind: Any = types.CPointer
     kind = kind(element)
 
@@ -98,52 +110,59 @@ _pointer_to_octet = _pointer(types.uint8)
 
 @subroutine
 def reals(table: Any, place: Any) -> Any:
-    """The float64 array at a place of the table, shape (rows, columns); a number is (1, 1), a vector (1, n)."""
+    """Return the float64 array at a place of the table, shape (rows, columns): a number (1, 1), a vector (1, n)."""
     return carray(_pointer_to_real(table[place, 0]), (table[place, 1], table[place, 2]))
 
 
 @subroutine
 def integers(table: Any, place: Any) -> Any:
-    """The int64 array at a place of the table, likewise."""
+    """Return the int64 array at a place of the table, of a shape as in `reals`."""
     return carray(_pointer_to_integer(table[place, 0]), (table[place, 1], table[place, 2]))
 
 
 @subroutine
 def octets(table: Any, place: Any) -> Any:
-    """The uint8 array at a place of the table, likewise."""
+    """Return the uint8 array at a place of the table, of a shape as in `reals`."""
     return carray(_pointer_to_octet(table[place, 0]), (table[place, 1], table[place, 2]))
 
 
 @subroutine
 def integers_at(address: Any, rows: Any, columns: Any) -> Any:
-    """The int64 array at an address, such as a table."""
+    """Return the int64 array at an address; a table itself can be one."""
     return carray(_pointer_to_integer(address), (rows, columns))
 
 
 @subroutine
 def octets_at(address: Any, size: Any) -> Any:
-    """So many bytes at an address."""
+    """Return ``size`` bytes at an address as a uint8 array."""
     return carray(_pointer_to_octet(address), (size,))
 
 
 @subroutine
 def octets_of(payload: Any) -> Any:
-    """The bytes of a payload, which must outlive the array: counting who uses it would take half of reading it."""
+    """Return the content of a ``bytes`` object as a uint8 array without a reference: the object must outlive it.
+
+    Counting references, as numba does for an array from `np.frombuffer`, would take half of the time of reading.
+    """
     counted = np.frombuffer(payload, np.uint8)
     return carray(_pointer_to_octet(counted.ctypes.data), counted.shape)
 
 
 @subroutine
 def blocks(table: Any, place: Any, rows: Any) -> Any:
-    """The uint8 array at a place of the table, so many rows together: shape (blocks, rows, columns)."""
+    """Return the uint8 array at a place of the table as blocks of ``rows`` rows: shape (blocks, rows, columns)."""
     return carray(_pointer_to_octet(table[place, 0]), (table[place, 1] // rows, rows, table[place, 2]))
 
 
-_intrinsic: Any = intrinsic  # what it makes is called with one argument fewer, which its type does not say
+_intrinsic: Any = intrinsic  # callers omit the first argument (the context), which the type of `intrinsic` does not say
 
 
 def _call(target: Any, builder: Any, arguments: Any, signature: Any) -> Any:
-    """Call the function at the first of the ``arguments`` with the others, as compiled code calls its own."""
+    """Generate a call of the function at the address ``arguments[0]`` with the other arguments.
+
+    It follows numba's own calling convention, so the callee is an ordinary kernel. A C function would take arrays as
+    bare pointers. The callee's status is dropped, so an exception in it would be lost: such functions must not raise.
+    """
     convention = target.call_conv
     kind = convention.get_function_type(signature.return_type, signature.args)
     function = builder.inttoptr(arguments[0], kind.as_pointer())
@@ -190,7 +209,7 @@ def call_founding(context: Any, address: Any, deme: Any, seed: Any, cell: Any, g
 # For many rows at once ------------------------------------------------------------------------------------------------
 @kernel("void(int64, uint8[:,:,::1], uint64, int64[::1], int64, int64[:,::1])")
 def found_rows(address: int, demes: Genomes, seed: np.uint64, cells: Cells, generation: int, table: Table) -> None:
-    """First demes (rows, deme, genome_bytes), each by a function of signature FOUNDING."""
+    """Fill first demes (rows, deme, genome_bytes), each by the function of signature FOUNDING at ``address``."""
     for row in range(cells.size):
         call_founding(address, demes[row], seed, cells[row], generation, table)
 
@@ -205,6 +224,6 @@ def mate_rows(
     generation: int,
     table: Table,
 ) -> None:
-    """Couples (rows, n, 2, bytes) to offspring (rows, 2 * n, bytes), by a function of signature MATING."""
+    """Fill offspring (rows, 2 * n, bytes) of couples (rows, n, 2, bytes) by the function of signature MATING."""
     for row in range(cells.size):
         call_mating(address, couples[row], offspring[row], seed, cells[row], generation, table)
