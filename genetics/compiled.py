@@ -20,7 +20,7 @@ from genetics.kernel_cache import ModuleLocator, keep_kernels_of
 from genetics.quick_loading import load_quickly
 
 if getattr(numba.config, "USING_SVML", False):  # another module imported numba before this project did
-    raise ImportError("numba uses Intel SVML, whose bits differ: set NUMBA_DISABLE_INTEL_SVML=1 before it is imported")
+    raise ImportError("numba uses Intel SVML, whose results differ: set NUMBA_DISABLE_INTEL_SVML=1 and start again")
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 

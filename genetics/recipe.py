@@ -41,7 +41,7 @@ class Recipe:
 
     def __post_init__(self) -> None:
         if self.renewal is not None and not 0 < self.renewal <= 1:
-            raise ValueError(f"expected a renewal above 0, at most 1, found {self.renewal}")
+            raise ValueError(f"expected a renewal above 0 and at most 1, found {self.renewal}")
 
     def couples(self, deme: int) -> int:
         """Return the number of couples of an island in a generation. Each has two offspring."""

@@ -79,7 +79,7 @@ class Sequence(ABC):
             expected = " or ".join(map(repr, self.crossovers))
             raise ValueError(f"these individuals cross by {expected}, found {recipe.crossover!r}")
         if recipe.mutation == ONE_BIT:
-            raise ValueError("these individuals are no bit strings: 'mutation' is a probability, found 'one-bit'")
+            raise ValueError("these individuals are not bit strings: 'mutation' is a probability, found 'one-bit'")
 
     def random(self, keys: Keys, deme: int) -> Genomes:
         """Return first demes, made by the operator of `initialise`; see `Coding.random`."""

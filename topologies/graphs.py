@@ -174,8 +174,8 @@ class _Random(_Graph):
     def __post_init__(self) -> None:
         if not (3 < self.size <= MOST_RANDOM and 2 <= self.degree <= min(MOST_DEGREE, self.size - 1)):
             raise ValueError(
-                f"expected 4 to {MOST_RANDOM} cells of a degree of 2 to {MOST_DEGREE} and less than the cells, "
-                f"found {self.size} of degree {self.degree}"
+                f"expected 4 to {MOST_RANDOM} cells and a degree from 2 to {MOST_DEGREE}, "
+                f"less than the number of cells, found {self.size} cells of degree {self.degree}"
             )
         self._check()
 
@@ -280,7 +280,7 @@ class SmallWorld(_Random):
         _check_seed(self.seed)
         if self.degree < 4 or self.degree % 2 or not 0.0 <= self.probability <= 1.0:
             found = f"{self.degree} and {self.probability:g}"
-            raise ValueError(f"expected an even degree of 4 or more, and a probability, found {found}")
+            raise ValueError(f"expected an even degree of 4 or more and a probability from 0 to 1, found {found}")
 
     @property
     def spec(self) -> str:

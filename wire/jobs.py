@@ -221,7 +221,7 @@ def decode(payload: bytes) -> Request:
     try:
         message = unpack(payload, _MOST_REQUEST_BYTES, _MOST_ARGUMENTS, _MOST_ARGUMENTS)
     except Rejected as error:
-        raise Rejected(f"expected a request [version, name, arguments] in msgpack, found it {error.reason}") from error
+        raise Rejected(f"expected a request [version, name, arguments] in msgpack, but it is {error.reason}") from error
     _check_version(message)
     match message:
         case [_, str(name), dict(arguments)]:
@@ -275,7 +275,7 @@ def _check_version(message: list[Any]) -> None:
     if type(version) is not int:
         raise Rejected("expected a request [version, name, arguments], found no version")
     if version != VERSION:
-        raise Rejected(f"this cluster speaks version {VERSION} of the protocol, the request version {version}")
+        raise Rejected(f"expected a request of protocol version {VERSION}, which this cluster speaks, found {version}")
 
 
 def _request(name: str, arguments: dict[str, Any]) -> Request:

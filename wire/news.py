@@ -239,7 +239,7 @@ class LogRecord(NamedTuple):
         if level not in LEVELS:
             raise Rejected("no such level")
         if not 0.0 <= fitness(at) < _LATEST:
-            raise Rejected("no time of ours")
+            raise Rejected("no such time")
         places = (None if each is None else count(each) for each in about)
         return LogRecord(level, of(str, process), of(str, text), fitness(at), *places)
 
