@@ -41,10 +41,10 @@ def is_sound_sequence(genome: Any, limits: Any) -> Any:
             if numbers[place] != 0:
                 return False
         else:
-            gene = 2 + 2 * ((place - 1) % width)
+            gene = 2 + 2 * ((place - 1) % width)  # the place of the gene's least value in the limits
             if not limits[gene] <= numbers[place] <= limits[gene + 1]:
                 return False
-    return limits[-1] == 0 or _are_distinct(numbers, count, width, limits[3])
+    return limits[-1] == 0 or _are_distinct(numbers, count, width, limits[3])  # the greatest first gene
 
 
 @kernel("boolean(uint8[::1], int64[::1])")

@@ -1,13 +1,18 @@
 """Commands to nodes and to the spy, and their answers.
 
-A command travels as a query, and its answer as the reply. A command for all nodes of a job is asked with the key
-expression of all nodes of the cluster; nodes that are not at that job drop the query without an answer. Otherwise a
-process answers with `Done`, with `Refused`, the spy's verdict with `Judged`, or, after `Begin` and `Halt`, a node with
-its `wire.report.Report` once its cell has stopped.
+A command travels as a query, sealed (`wire.seal`), and its answer as the reply. The answers are:
 
-A job runs as a sequence of epochs, numbered from 0. The first has the problem and the topology as submitted, and each
-later one what an update or another change made of them. An epoch begins and stops by itself and passes its demes on to
-the next one.
+- `Done` or `Refused`, at once;
+- `Judged`, the spy's answer to `Finish`;
+- a node's `wire.report.Report`, after `Begin` and `Halt`, once its cell has stopped;
+- an exchange message, after `Missed`.
+
+A command for all nodes of a job is one query to all nodes of the cluster. Nodes that are not at that job drop the query
+without an answer, so the sender must know how many answers to expect.
+
+A job runs as a sequence of epochs, numbered from 0. The first has the problem and the topology as submitted, each later
+one what an update or another change made of them. Every epoch has its own beginning and its own stop. Its demes go on
+in the next epoch.
 """
 
 import dataclasses
@@ -341,4 +346,5 @@ _COMMANDS: dict[str, tuple[Callable[..., Command], tuple[Callable[[Any], Any], .
     Missed.name: (Missed, (count, count, count)),
     Finish.name: (Finish, (count, count, _champion, count, _reasons, _maybe_text, _states, count)),
 }
-"""The class of each command, and the readers of its fields in the order of their definition."""
+"""The class of each command, and the readers of its fields in the order of their definition: fields travel by position,
+without names."""
