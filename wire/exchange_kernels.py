@@ -25,8 +25,8 @@ from genetics.sequence_kernels import is_sound_sequence
 Header = NDArray[np.int64]  # (..., HEADER)
 
 # Columns of a header: the numbers of the job and of the epoch that the fitness values belong to, the sender's
-# generation, the earliest stop that it knows (a generation), how many messages it has published for this job (this one
-# included), how many fitness calls it has made, and the champion's generation and cell of birth.
+# generation, the earliest stop that it knows (a generation), how many messages it has published in this epoch (this one
+# included), how many fitness calls it has made in it, and the champion's generation and cell of birth.
 # The order matters: JOB to STOP_AT and SENT to EVALUATIONS stand side by side in a message and are read as ranges.
 JOB, EPOCH, GENERATION, STOP_AT, SENT, EVALUATIONS, BORN, BIRTHPLACE = range(8)
 HEADER = 8

@@ -49,7 +49,7 @@ class Submit:
 
 @dataclass(frozen=True)
 class ListJobs:
-    """List the newest ``limit`` jobs, the newest last; None: as many as an answer may hold."""
+    """List the newest ``limit`` jobs, the newest last; None: `MOST_LISTED`."""
 
     name: ClassVar[str] = "list"
     limit: int | None = None
