@@ -1,6 +1,7 @@
-"""Codings, crossover, mutation, selection and replacement: pure, compiled, without any input or output.
+"""Codings, crossover, mutation, selection and replacement: compiled pure functions, without input or output.
 
-Importing this package loads no compiled code: codings import their kernels when they first use them.
+Importing this package loads no compiled code. Codings import their kernels at first use, so that commands which never
+breed (``--help``, a client) start quickly.
 """
 
 from genetics.arrays import Cells, Fitness, Genomes

@@ -1,4 +1,4 @@
-"""The array types of the whole program, named once."""
+"""The names of the array types that the whole program uses."""
 
 from collections.abc import Callable
 
@@ -12,5 +12,5 @@ Evaluate = Callable[[Genomes], Fitness]  # (n, genome_bytes) to (n,)
 
 
 def writable(genomes: Genomes) -> Genomes:
-    """``genomes`` as compiled signatures want them: in one piece and not read-only; a copy only if they are not."""
+    """Return ``genomes`` in the form that compiled signatures require: contiguous and writable. Copy only if needed."""
     return genomes if genomes.flags.carray else np.require(genomes, np.uint8, ["C", "W"])

@@ -44,21 +44,25 @@ class BitString:
 
     @cached_property
     def genome_bytes(self) -> int:
-        """The bits, rounded up to whole bytes; bits beyond the length are 0."""
+        """The size of a genome: the bits, rounded up to whole bytes. Bits beyond the length are 0."""
         return (self.length + 7) // 8
 
     def check(self, recipe: Recipe) -> None:
-        """Refuse a recipe that is not for bit strings."""
+        """Refuse a recipe whose crossover is not for bit strings.
+
+        Raises:
+            ValueError: if it is not.
+        """
         if recipe.crossover not in ("one-point", "uniform"):
             raise ValueError(f"bit strings cross by 'one-point' or 'uniform', found {recipe.crossover!r}")
 
     def random(self, keys: Keys, deme: int) -> Genomes:
-        """Uniformly random bits."""
+        """Return demes of uniformly random bits, shape (rows, deme, genome_bytes)."""
         drawn: Genomes = self._kernels.random(keys.seed, keys.cells, deme, self.length)
         return drawn
 
     def recombine(self, couples: Genomes, recipe: Recipe, keys: Keys) -> Genomes:
-        """One-point (§3.1 step 4) or uniform crossover, then bit mutation."""
+        """Cross couples by one-point (§3.1 step 4) or uniform crossover, then mutate bits; see `Coding.recombine`."""
         offspring: Genomes = self._kernels.recombine(
             couples,
             keys.seed,
@@ -71,14 +75,14 @@ class BitString:
         return offspring
 
     def variation(self, recipe: Recipe) -> "Operator":
-        """`recombine` for one row, compiled."""
+        """Return `recombine` for one row as a compiled operator."""
         from genetics.operators import Operator
 
         rate = 0.0 if recipe.mutation == ONE_BIT else float(recipe.mutation)
         return Operator.of(self._kernels.variation, [self.length, recipe.crossover == "uniform"], rate)
 
     def mutate_one_bit(self) -> "Operator":
-        """`mutate_one` for one row, compiled."""
+        """Return `mutate_one` for one row as a compiled operator."""
         from genetics.operators import Operator
 
         return Operator.of(self._kernels.mutate_one_bit, self.length)
@@ -90,28 +94,28 @@ class BitString:
 
     @cached_property
     def alphabet(self) -> Alphabet:
-        """No bit is set beyond the length."""
+        """All genomes in which no bit beyond the length is set."""
         mask = np.full(self.genome_bytes, 0xFF, np.uint8)
         mask[-1] = (0xFF << (8 * self.genome_bytes - self.length)) & 0xFF
         return Alphabet.of_bits(mask)
 
     @cached_property
     def _kernels(self) -> Any:
-        """Looked up once: it is asked for in every generation."""
+        """The kernels' module. It is imported at first use and cached, since every generation asks for it."""
         from genetics import bit_kernels
 
         return bit_kernels
 
     def integers(self, genomes: Genomes) -> NDArray[np.int64]:
-        """The coded integers: (n, genome_bytes) to (n, parameters)."""
+        """Return the integers that genomes code: (n, genome_bytes) to (n, parameters)."""
         values: Cells = self._kernels.integers(writable(genomes), self.parameters, self.bits, self.gray)
         return values
 
     def encode(self, integers: NDArray[np.int64]) -> Genomes:
-        """The inverse of `integers`: (n, parameters) to (n, genome_bytes).
+        """Return genomes that code integers, the inverse of `integers`: (n, parameters) to (n, genome_bytes).
 
         Raises:
-            ValueError: if a value does not fit.
+            ValueError: if a value needs more bits, or is negative.
         """
         values = np.asarray(integers, dtype=np.int64)
         if values.min(initial=0) < 0 or values.max(initial=0) >= 1 << self.bits:

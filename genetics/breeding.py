@@ -1,8 +1,11 @@
-"""The one breeding rule, for a deme of one and for an island, over any number of rows of cells.
+"""The breeding rule, for a deme of one and for an island, over any number of rows of cells.
 
-A node calls it with the single row of its own cell, the simulator with all rows at once; every draw is keyed by the
-row's cell, so both get the same bits. Many rows are bred in blocks: what a generation needs for a while, offspring and
-whatever an evaluation makes of them, then fits into the processor's cache, and into memory for a million cells.
+A node calls it with the single row of its own cell, the simulator with all rows at once. Every draw is keyed by the
+row's cell, so both get the same bits. (A node whose problem has a compiled fitness runs the same rules in
+`node.generation` instead, compiled as a whole.)
+
+Many rows are bred in blocks. The temporary arrays of a generation, the offspring and what an evaluation makes of them,
+then fit into the processor's cache, and for a million cells into memory.
 """
 
 from collections.abc import Iterator, Sequence
@@ -15,9 +18,9 @@ from genetics.coding import Coding, Immigrants, Keys
 from genetics.recipe import ONE_BIT, Recipe
 
 Evaluators = Evaluate | Sequence[Evaluate]
-"""Who evaluates: one for all rows together, or one for each row, as a node does it by itself."""
+"""One function that evaluates all rows together, or one for each row, as a node evaluates its own."""
 
-_TOGETHER = 1 << 13  # individuals of a block
+_TOGETHER = 1 << 13  # individuals in a block
 
 
 def breed(
@@ -29,21 +32,22 @@ def breed(
     evaluate: Evaluators,
     keys: Keys,
 ) -> None:
-    """Take ``immigrants`` in and breed the next generation, in place.
+    """Admit ``immigrants`` and breed the next generation, in place.
 
     Args:
         genomes: the demes, shape (rows, deme, genome_bytes).
-        fitness: theirs, shape (rows, deme).
-        immigrants: an island may get None, in a generation without exchange.
+        fitness: the demes' fitness, shape (rows, deme).
+        immigrants: for an island None in a generation without exchange; a deme of one always needs some.
         coding: makes offspring of couples.
         recipe: the choices of the rule.
-        evaluate: the problem's fitness of a batch; one for each row if in other batches individuals could come out
-            different in a bit, or if evaluating leaves a state.
-        keys: what the random draws are keyed by.
+        evaluate: evaluates a batch of genomes. There must be one for each row if the result may depend on the other
+            individuals of a batch, if only in the last bit, or if evaluating leaves a state.
+        keys: the coordinates of the random draws.
     """
     alone = genomes.shape[1] == 1
     assert immigrants is not None or not alone, "an individual alone has nobody to breed with"
     if immigrants is not None and not alone:
+        # Not block by block: `admit` recognises a slot that names the row itself by the row's index among all.
         replacement.admit(genomes, fitness, *immigrants, *_drawn_by(keys))
     for block in _blocks(genomes):
         part, evaluators = (genomes[block], fitness[block]), _evaluators_of(evaluate, block)
@@ -57,12 +61,12 @@ def breed(
 
 
 def evaluate_all(genomes: Genomes, evaluate: Evaluators) -> Fitness:
-    """The fitness of whole demes, (rows, deme, genome_bytes) to (rows, deme), evaluated as `breed` does it."""
+    """Return the fitness of whole demes, (rows, deme, genome_bytes) to (rows, deme), in the same blocks as `breed`."""
     return np.concatenate([_evaluate(_evaluators_of(evaluate, block), genomes[block]) for block in _blocks(genomes)])
 
 
 def _blocks(genomes: Genomes) -> Iterator[slice]:
-    """The rows of demes, so many at a time."""
+    """Divide the rows into blocks of about `_TOGETHER` individuals, at least one row each."""
     rows, deme, _ = genomes.shape
     each = max(1, _TOGETHER // deme)
     return (slice(first, first + each) for first in range(0, rows, each))
@@ -81,7 +85,7 @@ def _breed_individual(
     evaluate: Evaluators,
     keys: Keys,
 ) -> None:
-    """The fine-grained step (Ahuactzin et al. 1992, §6): the local individual with each of its neighbours."""
+    """Breed demes of one: the fine-grained step (Ahuactzin et al. 1992, §6), the individual with each neighbour's."""
     couples = selection.couples_with(genomes, immigrants.genomes, immigrants.source_row, immigrants.each)
     offspring = coding.recombine(couples, recipe, keys)
     if recipe.mutation == ONE_BIT:
@@ -99,7 +103,7 @@ def _breed_island(
     evaluate: Evaluators,
     keys: Keys,
 ) -> None:
-    """A sequential recipe, such as that of §3.1 steps 3 to 5, at constant size."""
+    """Breed islands by a sequential recipe at constant size, such as that of §3.1 steps 3 to 5."""
     couples = selection.pairs(
         fitness,
         keys.seed,
@@ -124,12 +128,12 @@ def _breed_island(
 
 
 def _drawn_by(keys: Keys) -> tuple[np.uint64, Cells, int]:
-    """The keys in the order in which kernels take them."""
+    """Return the keys in the order in which kernels take them."""
     return keys.seed, keys.cells, keys.generation
 
 
 def _evaluate(evaluate: Evaluators, individuals: Genomes) -> Fitness:
-    """Of each row's individuals: (rows, count, genome_bytes) to (rows, count)."""
+    """Evaluate each row's individuals: (rows, count, genome_bytes) to (rows, count)."""
     rows, count, size = individuals.shape
     if callable(evaluate):
         return evaluate(individuals.reshape(rows * count, size)).reshape(rows, count)

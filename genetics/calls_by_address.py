@@ -14,7 +14,7 @@ from genetics.operators import FITNESS, FOUNDING, MATING, STRAYING, Table
 from lowlevel.compiled import kernel
 from lowlevel.numba_calls import call_by_address
 
-_intrinsic: Any = intrinsic  # what it makes is called with one argument fewer, which its type does not say
+_intrinsic: Any = intrinsic  # callers omit the first argument (the context), which the type of `intrinsic` does not say
 
 
 @_intrinsic  # type: ignore[untyped-decorator]
@@ -55,7 +55,7 @@ def call_founding(context: Any, address: Any, deme: Any, seed: Any, cell: Any, g
 
 @kernel("void(int64, uint8[:,:,::1], uint64, int64[::1], int64, int64[:,::1])")
 def found_rows(address: int, demes: Genomes, seed: np.uint64, cells: Cells, generation: int, table: Table) -> None:
-    """First demes (rows, deme, genome_bytes), each by a function of signature FOUNDING."""
+    """Fill first demes (rows, deme, genome_bytes), each by the function of signature FOUNDING at ``address``."""
     for row in range(cells.size):
         call_founding(address, demes[row], seed, cells[row], generation, table)
 
@@ -70,6 +70,6 @@ def mate_rows(
     generation: int,
     table: Table,
 ) -> None:
-    """Couples (rows, n, 2, bytes) to offspring (rows, 2 * n, bytes), by a function of signature MATING."""
+    """Fill offspring (rows, 2 * n, bytes) of couples (rows, n, 2, bytes) by the function of signature MATING."""
     for row in range(cells.size):
         call_mating(address, couples[row], offspring[row], seed, cells[row], generation, table)

@@ -1,4 +1,4 @@
-"""What breeding asks of a coding, whatever a genome means."""
+"""The interface between breeding and a coding: what breeding needs to know of genomes, whatever they mean."""
 
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 class Keys(NamedTuple):
-    """What random draws are keyed by: the rows' cells, the run's seed and the generation that is being bred."""
+    """The coordinates of random draws: the rows' cells, the run's seed, and the generation that is being bred."""
 
     cells: Cells
     seed: np.uint64
@@ -20,13 +20,16 @@ class Keys(NamedTuple):
 
 
 class Alphabet(NamedTuple):
-    """What genomes of a coding are made of, so that compiled code can tell those that come over the wire from rubbish.
+    """The set of genomes that a coding can make, described by arrays.
+
+    Compiled code checks by it every genome that arrives in a message. Arrays, rather than a method of the coding,
+    since that code runs where no Python runs.
 
     Attributes:
         mask: the bits that may be set, shape (genome_bytes,).
-        low: where genomes are float64 numbers the least of each, shape (genes,); else empty.
-        high: and the greatest.
-        items: where genomes are sequences, the limits of `genetics.sequence`; else empty.
+        low: for genomes of float64 numbers, the least value of each gene, shape (genes,); else empty.
+        high: the greatest value of each gene, likewise.
+        items: for sequences, the limits that `genetics.sequence_kernels` defines; else empty.
     """
 
     mask: Genomes
@@ -36,21 +39,24 @@ class Alphabet(NamedTuple):
 
     @staticmethod
     def of_bits(mask: Genomes) -> "Alphabet":
-        """Of genomes that are not numbers."""
+        """Return the alphabet of bit strings: any genome without bits outside ``mask``."""
         return Alphabet(mask, np.empty(0), np.empty(0), np.empty(0, np.int64))
 
     @staticmethod
     def of_reals(low: Fitness, high: Fitness) -> "Alphabet":
-        """Of genomes that are float64 numbers."""
+        """Return the alphabet of float64 genes within bounds."""
         return Alphabet(np.full(8 * low.size, 0xFF, np.uint8), low, high, np.empty(0, np.int64))
 
     @staticmethod
     def of_items(genome_bytes: int, items: Cells) -> "Alphabet":
-        """Of genomes that are sequences."""
+        """Return the alphabet of sequences within the limits ``items``."""
         return Alphabet(np.full(genome_bytes, 0xFF, np.uint8), np.empty(0), np.empty(0), items)
 
     def admits(self, genome: Genomes) -> bool:
-        """Whether the coding could have made ``genome``, of any size."""
+        """Return whether the coding could have made ``genome``, which may have any size.
+
+        `wire.exchange_kernels` has the same rule, compiled.
+        """
         if genome.size != self.mask.size or np.any(genome & ~self.mask):
             return False
         if self.items.size:
@@ -62,13 +68,13 @@ class Alphabet(NamedTuple):
 
 
 class Immigrants(NamedTuple):
-    """Who comes to each row: of each sender that its slots name, the first ``each`` emigrants.
+    """The immigrants of each row: for each of its slots, the first ``each`` emigrants of the sender in that slot.
 
     Attributes:
-        genomes: of all senders, shape (senders, at least each, genome_bytes).
-        fitness: theirs.
-        source_row: the senders, shape (rows, slots), in the order of the neighbours.
-        each: how many of each sender.
+        genomes: the emigrants of all senders, best first, shape (senders, at least each, genome_bytes).
+        fitness: the emigrants' fitness, shape (senders, at least each).
+        source_row: the sender in each slot, an index into ``genomes``, shape (rows, slots).
+        each: the number of immigrants from each slot.
     """
 
     genomes: Genomes
@@ -78,28 +84,29 @@ class Immigrants(NamedTuple):
 
 
 class Coding(Protocol):
-    """How individuals are coded into bytes, and how coded individuals are made and mixed.
+    """How individuals are coded into bytes, and how coded individuals are made, crossed and mutated.
 
-    All genomes of a job have room for the longest; a shorter one ends in zeros, which do not travel.
+    All genomes of a job have the size of the longest, so that demes are arrays. A shorter one ends in zeros, which
+    messages leave out. Unused bits and places are zero, so that equal individuals have equal bytes.
 
-    ``rows`` below is the number of cells handled at once: 1 in a node, all of them in the simulator.
+    ``rows`` below is the number of cells handled at once: 1 in a node, all cells in the simulator.
     """
 
     @property
     def genome_bytes(self) -> int:
-        """The room for one genome: the size of the longest."""
+        """The size of a genome in bytes, that of the longest."""
         ...
 
     def check(self, recipe: Recipe) -> None:
-        """Refuse a recipe that is not for this coding.
+        """Refuse a recipe that does not fit this coding.
 
         Raises:
-            ValueError: says what was expected and what was found.
+            ValueError: if the coding has no such crossover or mutation.
         """
         ...
 
     def random(self, keys: Keys, deme: int) -> Genomes:
-        """First demes, shape (rows, deme, genome_bytes)."""
+        """Return first demes, shape (rows, deme, genome_bytes)."""
         ...
 
     def recombine(self, couples: Genomes, recipe: Recipe, keys: Keys) -> Genomes:
@@ -110,21 +117,24 @@ class Coding(Protocol):
         ...
 
     def variation(self, recipe: Recipe) -> "Operator":
-        """`recombine` for one row, as an operator of signature MATING."""
+        """Return `recombine` for one row as a compiled operator of signature MATING. Both must give the same bits."""
         ...
 
     def mutate_one(self, individuals: Genomes, keys: Keys) -> Cells:
-        """Change one gene of one individual of each row, in place; ``individuals`` is (rows, n, genome_bytes).
+        """Flip one bit of one individual of each row, in place; ``individuals`` has shape (rows, n, genome_bytes).
 
         Returns the index of the changed individual in each row, shape (rows,).
+
+        Raises:
+            ValueError: if the coding has no bits to flip.
         """
         ...
 
     def mutate_one_bit(self) -> "Operator":
-        """`mutate_one` for one row, as an operator of signature STRAYING."""
+        """Return `mutate_one` for one row as a compiled operator of signature STRAYING."""
         ...
 
     @property
     def alphabet(self) -> Alphabet:
-        """What genomes are made of."""
+        """The genomes that this coding can make."""
         ...

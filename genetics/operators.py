@@ -1,7 +1,10 @@
 """Compiled functions that other compiled code calls by address: a coding's variation, a problem's fitness.
 
-So one kernel can carry a whole generation out, whatever the coding and the problem are, and without a step into Python
-between them. What a function needs beside its arguments (a world, bounds, lengths) is a table of pointers to arrays.
+So one kernel can run a whole generation for any coding and any problem, without returning to Python in between. An
+address also keeps the kernel that calls it independent of the problem: it is compiled and cached once for all kinds.
+
+All functions of a kind have the same signature. What else a function needs (a world, bounds, lengths) it finds in its
+table of pointers to arrays. Neither types nor bounds of these are checked: a table must fit its function.
 """
 
 from math import prod
@@ -17,26 +20,28 @@ from lowlevel import capabilities
 Table = NDArray[np.int64]  # (arrays, 3): address, rows, columns
 
 TABLE = types.int64[:, ::1]
-"""A table's type, for signatures."""
+"""The type of a table, for signatures."""
 FITNESS = types.void(types.uint8[:, ::1], types.float64[::1], TABLE)
-"""Genomes (n, genome_bytes), their fitness (n,) to be filled, and the table."""
+"""Evaluate: genomes (n, genome_bytes), their fitness (n,) to be filled, and the table."""
 MATING = types.void(types.uint8[:, :, ::1], types.uint8[:, ::1], types.uint64, types.int64, types.int64, TABLE)
-"""Couples (n, 2, genome_bytes), two offspring of each (2 * n, genome_bytes) to be filled, seed, cell, generation, and
-the table."""
+"""Cross and mutate: couples (n, 2, genome_bytes), two offspring of each (2 * n, genome_bytes) to be filled, seed, cell,
+generation, and the table."""
 FOUNDING = types.void(types.uint8[:, ::1], types.uint64, types.int64, types.int64, TABLE)
-"""A first deme (n, genome_bytes) to be filled, zeros before, seed, cell, generation, and the table."""
+"""Make a first deme: the deme (n, genome_bytes), all zeros, to be filled, seed, cell, generation, and the table."""
 STRAYING = types.int64(types.uint8[:, ::1], types.uint64, types.int64, types.int64, TABLE)
-"""Individuals (n, genome_bytes) one of which is changed, seed, cell, generation, and the table; returns which."""
+"""Change one individual, by the one-bit rule: individuals (n, genome_bytes), seed, cell, generation, and the table.
+Returns the index of the changed individual."""
 
 
 class Operator(NamedTuple):
-    """A compiled function of one of the signatures above.
+    """A compiled function of one of the signatures above, with its table.
 
     Attributes:
-        function: the kernel, for Python to call.
-        address: where its code is; 0 where kernels must not be called by their addresses (`lowlevel.capabilities`).
-        table: its own arrays, for `reals` and `integers`.
-        kept: those arrays, which must live as long as the operator.
+        function: the kernel, which Python can call.
+        address: the address of its machine code, which compiled code can call. It is valid in this process and in those
+            forked from it; 0 where kernels must not be called by their addresses (`lowlevel.capabilities`).
+        table: pointers to the arrays that belong to it, to be read with `reals`, `integers` and `octets`.
+        kept: these arrays. A table holds no references, so the operator must outlive every use of its address.
     """
 
     function: Any
@@ -46,20 +51,26 @@ class Operator(NamedTuple):
 
     @staticmethod
     def of(function: Any, *own: Any) -> "Operator":
-        """A kernel, with numbers and arrays of at most two dimensions: integers and booleans, or float64."""
+        """Return the operator of a kernel.
+
+        Args:
+            function: the kernel, with exactly one signature.
+            own: the entries of its table, in order: numbers or arrays of at most two dimensions. Integers and booleans
+                become int64, floats float64.
+        """
         kept = tuple(np.require(np.atleast_2d(_plain(each)), requirements=["C", "W"]) for each in own)
         table = pointers(*kept)
         return Operator(function, _address_of(function), table, kept)
 
     def fitness(self, genomes: Genomes) -> Fitness:
-        """Call a function of signature FITNESS: (n, genome_bytes) to (n,)."""
+        """Evaluate genomes with a function of signature FITNESS: (n, genome_bytes) to (n,)."""
         values = np.empty(len(genomes))
         self.function(writable(genomes), values, self.table)
         return values
 
 
 def pointers(*arrays: NDArray[Any]) -> Table:
-    """A table of arrays that lie in one piece, of any number of dimensions: it remembers all but the last as rows.
+    """Return a table of C-contiguous arrays. Of more than two dimensions, all but the last are merged into rows.
 
     The arrays must outlive the table.
     """

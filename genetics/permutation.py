@@ -1,4 +1,4 @@
-"""Permutations: in which order things come, such as the cities of a tour."""
+"""Permutations: the order of things, such as the cities of a tour."""
 
 from typing import TYPE_CHECKING, ClassVar
 
@@ -14,18 +14,20 @@ if TYPE_CHECKING:
 
 
 class Permutation(Sequence):
-    """Orders of ``size`` items, numbered from 0, each of which comes once.
+    """Orders of ``size`` items, numbered from 0, each of which occurs once.
 
     Crossover is ``"order"`` (OX, Davis 1985) or ``"edge"`` (edge recombination, Whitley, Starkweather and Fuquay 1989).
-    A recipe's ``mutation`` is the probability that an offspring is changed, once: a stretch is reversed (inversion), or
-    two items change places (swap).
+    A recipe's ``mutation`` is the probability that an offspring is changed, once: either a stretch of it is reversed
+    (inversion), or two items change places (swap).
+
+    A permutation is stored as a sequence of exactly ``size`` items of one gene each, all distinct.
 
     Args:
         size: the number of items.
         inversions: the share of mutations that are inversions; the others are swaps.
 
     Raises:
-        ValueError: if there is no item, or more than 65,535, or if ``inversions`` is no share.
+        ValueError: if there is no item, or more than 65,535, or if ``inversions`` is not between 0 and 1.
     """
 
     crossovers: ClassVar[tuple[str, ...]] = ("order", "edge")
@@ -40,14 +42,14 @@ class Permutation(Sequence):
         self.size, self.inversions = size, inversions
 
     def initialise(self) -> "Operator":
-        """All orders with equal probability."""
+        """Return the operator that makes first demes: all orders with equal probability."""
         from genetics.operators import Operator
         from genetics.permutation_kernels import initialise
 
         return Operator.of(initialise, self.size)
 
     def variation(self, recipe: Recipe) -> "Operator":
-        """Order or edge crossover, then mutation."""
+        """Return the operator that crosses by order or by edges, and then mutates."""
         from genetics.operators import Operator
         from genetics.permutation_kernels import variation
 
@@ -55,6 +57,6 @@ class Permutation(Sequence):
         return Operator.of(variation, recipe.crossover == "edge", [float(recipe.mutation), float(self.inversions)])
 
     def orders(self, genomes: Genomes) -> NDArray[np.int64]:
-        """The coded orders: (n, genome_bytes) to (n, size)."""
+        """Return the orders that genomes code: (n, genome_bytes) to (n, size)."""
         numbers = np.ascontiguousarray(genomes).view(np.uint16)
-        return numbers[:, 1:].astype(np.int64)
+        return numbers[:, 1:].astype(np.int64)  # the first number is the size

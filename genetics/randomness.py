@@ -1,8 +1,11 @@
 """Counter-based randomness: every draw is a pure function of (seed, cell, generation, purpose, index, number).
 
-There is no stored state, so a cell draws the same numbers whether it lives in a process of its own or beside a million
-others, and a run can be replayed from any generation. The generator is Philox4x32-10 (Salmon, Moraes, Dror, Shaw,
-"Parallel random numbers: as easy as 1, 2, 3", 2011), whose 128-bit counter holds the coordinates of the draw.
+There is no stored state. So a cell draws the same numbers in a process of its own as beside a million others in the
+simulator, and a run can be replayed from any generation. A sequential generator for each cell would need its state to
+be sent, kept and restored wherever a cell moves.
+
+The generator is Philox4x32-10 (Salmon, Moraes, Dror, Shaw, "Parallel random numbers: as easy as 1, 2, 3", 2011), whose
+128-bit counter holds the coordinates of the draw.
 """
 
 from typing import Any
@@ -11,15 +14,16 @@ import numpy as np
 
 from lowlevel.compiled import inlined, subroutine
 
-# What a draw is for. Two purposes never share a counter.
-INITIAL = 0
-SELECT = 1
+# The purposes of draws. Two purposes never share a counter. The numbers are part of every run that is to be replayed:
+# changing one changes all results.
+INITIAL = 0  # first demes
+SELECT = 1  # parents
 CROSS = 2
 MUTATE = 3
-STRAY = 4
-DELAY = 5
-TIE = 6
-_PURPOSES = 8
+STRAY = 4  # the one-bit mutation
+DELAY = 5  # the simulator's model of asynchronous nodes
+TIE = 6  # which of several equally fit individuals
+_PURPOSES = 8  # a power of two above the last one: cell and purpose share a counter word
 
 _LOW = np.uint64(0xFFFFFFFF)
 _HALF = np.uint64(32)
@@ -32,7 +36,7 @@ _TO_UNIT = 2.0**-53
 
 @inlined
 def philox(c0: Any, c1: Any, c2: Any, c3: Any, k0: Any, k1: Any) -> Any:
-    """Ten rounds of Philox4x32 on four counter words and two key words, each a uint64 below 2**32."""
+    """Return ten rounds of Philox4x32 on four counter words and two key words, each a uint64 below 2**32."""
     for _ in range(10):
         product_0 = _MULTIPLIER_0 * c0
         product_1 = _MULTIPLIER_1 * c2
@@ -47,15 +51,17 @@ def philox(c0: Any, c1: Any, c2: Any, c3: Any, k0: Any, k1: Any) -> Any:
 
 @inlined
 def draw(seed: Any, cell: Any, generation: Any, purpose: Any, index: Any, number: Any) -> Any:
-    """64 random bits.
+    """Return 64 random bits, a uint64.
+
+    The caller must not use the same coordinates twice for different things.
 
     Args:
-        seed: uint64, the Philox key.
-        cell: at most 2**20 of them.
-        generation: int below 2**32.
+        seed: the Philox key, a uint64.
+        cell: the cell, below 2**20.
+        generation: the generation; only its low 32 bits count.
         purpose: one of the constants of this module.
-        index: which couple or individual of the cell, below 2**32.
-        number: the running number of the draw for that individual, below 2**32.
+        index: the couple or individual of the cell, below 2**32.
+        number: the running number of the draw for that couple or individual, below 2**32.
     """
     high, low, _, _ = philox(
         np.uint64(number),
@@ -70,9 +76,10 @@ def draw(seed: Any, cell: Any, generation: Any, purpose: Any, index: Any, number
 
 @inlined
 def words(into: Any, seed: Any, cell: Any, generation: Any, purpose: Any, index: Any, first: Any) -> Any:
-    """All 128 bits of the draws from number ``first`` on, many times quicker than one by one if there are 16 or more.
+    """Fill ``into`` with all 128 bits of the draws from number ``first`` on.
 
-    ``into``, uint32 of shape (4, draws), gets the four words of each draw in a column.
+    ``into`` is uint32 of shape (4, draws); each column gets the four words of one draw. LLVM vectorises this loop, so
+    16 draws or more are many times faster than calls of `draw`, which also uses only half of the bits.
     """
     for place in range(into.shape[1]):
         into[0, place], into[1, place], into[2, place], into[3, place] = philox(
@@ -87,17 +94,20 @@ def words(into: Any, seed: Any, cell: Any, generation: Any, purpose: Any, index:
 
 @inlined
 def unit(bits: Any) -> Any:
-    """From 64 random bits, a float in [0, 1)."""
+    """Turn 64 random bits into a float in [0, 1), a multiple of 2**-53. It uses the high 53 bits."""
     return np.float64(bits >> np.uint64(11)) * _TO_UNIT
 
 
 @inlined
 def below(bits: Any, limit: Any) -> Any:
-    """From 64 random bits, an integer in [0, limit) for a limit below 2**31."""
+    """Turn 64 random bits into an integer in [0, limit), for a limit below 2**31. It uses the high 32 bits only.
+
+    By multiplication instead of a remainder; no value's probability is off by more than 2**-32.
+    """
     return np.int64(((bits >> _HALF) * np.uint64(limit)) >> _HALF)
 
 
 @subroutine
 def normal(first: Any, second: Any) -> Any:
-    """From twice 64 random bits, a standard normal number (Box and Muller)."""
+    """Turn twice 64 random bits into a standard normal number (Box and Muller)."""
     return np.sqrt(-2.0 * np.log(1.0 - unit(first))) * np.cos(2.0 * np.pi * unit(second))

@@ -1,4 +1,8 @@
-"""The compiled loops of real-valued genomes, over rows of cells."""
+"""The compiled loops of real-valued genomes, over rows of cells.
+
+Everything here is inlined into its kernel so that LLVM can vectorise the loops. For the same reason draws come in
+batches.
+"""
 
 import math
 from typing import Any
@@ -11,9 +15,9 @@ from genetics.randomness import CROSS, INITIAL, MUTATE, draw, normal, unit, word
 from lowlevel.compiled import inlined, kernel
 from lowlevel.pointers import integers, reals
 
-BLEND = 0.5  # how far beyond its parents an offspring may lie, as a share of their distance (BLX-alpha)
-WIDEST_STEP = 0.3  # of the range
-DECADES = 4.0  # mutation steps are spread over this many powers of ten, so that coarse and fine search go on at once
+BLEND = 0.5  # how far beyond its parents an offspring may lie, as a share of their distance (alpha of BLX-alpha)
+WIDEST_STEP = 0.3  # the largest scale of a mutation step, as a share of the range
+DECADES = 4.0  # the scale is log-uniform over this many powers of ten: coarse and fine search go on at the same time
 
 _TO_FINEST = -DECADES * math.log(10.0)
 _BATCH = 16  # draws made together: two registers of today's widest processors
@@ -22,7 +26,7 @@ _HALF = np.uint64(32)
 
 @kernel("float64[:,:,::1](uint64, int64[::1], int64, int64, float64, float64)")
 def random(seed: np.uint64, cells: Cells, deme: int, dimension: int, low: float, high: float) -> Fitness:
-    """Uniform demes, shape (rows, deme, dimension)."""
+    """Return uniformly random demes, shape (rows, deme, dimension)."""
     genes = np.empty((cells.size, deme, dimension))
     for row in range(cells.size):
         for individual in range(deme):
@@ -34,7 +38,11 @@ def random(seed: np.uint64, cells: Cells, deme: int, dimension: int, low: float,
 
 @inlined
 def _draw_shares(genes: Any, seed: Any, cell: Any, generation: Any) -> Any:
-    """Fill all genes of a row's offspring with uniform numbers in (0, 1), four from each draw."""
+    """Fill all genes of a row's offspring with uniform numbers in (0, 1), four from each draw.
+
+    The numbers are stored where the offspring will be: crossover then reads each one and overwrites it with the gene,
+    so no further array is needed.
+    """
     drawn = np.empty((4, _BATCH), np.uint32)
     bits = drawn.reshape(4 * _BATCH)
     for start in range(0, genes.size, bits.size):
@@ -46,7 +54,7 @@ def _draw_shares(genes: Any, seed: Any, cell: Any, generation: Any) -> Any:
 
 @inlined
 def _cross(first: Any, second: Any, one: Any, other: Any, uniform: Any) -> Any:
-    """Turn the shares that two offspring hold into genes of a couple."""
+    """Turn the random shares that two offspring hold into genes, by crossing a couple."""
     if uniform:
         for gene in range(one.size):
             swapped, own, its = one[gene] < 0.5, first[gene], second[gene]
@@ -61,18 +69,19 @@ def _cross(first: Any, second: Any, one: Any, other: Any, uniform: Any) -> Any:
 
 @inlined
 def _mutate(genes: Any, seed: Any, cell: Any, generation: Any, widest: Any, rate: Any) -> Any:
-    """Change each gene of a row's offspring with probability ``rate``, jumping from change to change by geometric gaps.
+    """Change each gene of a row's offspring with probability ``rate``.
 
-    The offspring follow each other without a break, so there is but one gap that leads nowhere.
+    The loop draws the gap to the next change, which is geometrically distributed, instead of one number for each gene.
+    All offspring of a row are one sequence of genes here, so only one gap, the last, is drawn in vain.
     """
     gaps, steps = np.empty((4, _BATCH), np.uint32), np.empty((4, _BATCH), np.uint32)
-    scale = 1.0 / np.log1p(-rate) if rate < 1.0 else -0.0
+    scale = 1.0 / np.log1p(-rate) if rate < 1.0 else -0.0  # with a rate of 1 all gaps are 0
     last: Any = -1
     for first in range(0, genes.size + 1, _BATCH):
         words(gaps, seed, cell, generation, MUTATE, 0, first)
         words(steps, seed, cell, generation, MUTATE, 1, first)
         for change in range(_BATCH):
-            # Of 64 bits, so that tiny rates are exact too.
+            # A gap takes 64 bits, since with 32 tiny rates would not be exact. A step needs no more than 32.
             gap = np.log1p(-unit(np.uint64(gaps[0, change]) << _HALF | np.uint64(gaps[1, change]))) * scale
             if gap >= genes.size - last - 1:  # compared as floats: a tiny rate gives gaps beyond any integer
                 return
@@ -84,7 +93,7 @@ def _mutate(genes: Any, seed: Any, cell: Any, generation: Any, widest: Any, rate
 
 @inlined
 def _finish(offspring: Any, seed: Any, cell: Any, generation: Any, low: Any, high: Any, rate: Any) -> Any:
-    """Mutate a row's offspring and put what is out of bounds on them."""
+    """Mutate a row's offspring and clip their genes to the bounds."""
     genes = offspring.reshape(offspring.size)
     if rate > 0.0:
         _mutate(genes, seed, cell, generation, WIDEST_STEP * (high - low), rate)
@@ -104,7 +113,7 @@ def _recombine(
     uniform: Any,
     rate: Any,
 ) -> Any:
-    """`recombine` for one row."""
+    """Fill one row's offspring, see `recombine`."""
     _draw_shares(offspring.reshape(offspring.size), seed, cell, generation)
     for couple in range(couples.shape[0]):
         _cross(couples[couple, 0], couples[couple, 1], offspring[2 * couple], offspring[2 * couple + 1], uniform)
@@ -122,7 +131,7 @@ def recombine(
     uniform: bool,
     rate: float,
 ) -> Fitness:
-    """Two mutated offspring for each couple: (rows, couples, 2, dimension) to (rows, 2 * couples, dimension)."""
+    """Return two mutated offspring for each couple: (rows, couples, 2, dimension) to (rows, 2 * couples, dimension)."""
     rows, count, _, dimension = couples.shape
     offspring = np.empty((rows, 2 * count, dimension))
     for row in range(rows):
@@ -132,7 +141,7 @@ def recombine(
 
 @kernel(MATING)
 def variation(couples: Genomes, offspring: Genomes, seed: np.uint64, cell: int, generation: int, table: Table) -> None:
-    """`recombine` for one row; its table: uniform; then low, high, rate."""
+    """Fill one row's offspring, see `recombine`. The table has two entries: uniform; low, high and rate."""
     uniform, numbers = integers(table, 0)[0, 0] != 0, reals(table, 1)[0]
     parents, children = couples.view(np.float64), offspring.view(np.float64)
     _recombine(parents, children, seed, cell, generation, numbers[0], numbers[1], uniform, numbers[2])

@@ -36,23 +36,27 @@ class RealVector:
 
     @cached_property
     def genome_bytes(self) -> int:
-        """Eight bytes for each gene."""
+        """The size of a genome: eight bytes for each gene."""
         return 8 * self.dimension
 
     def check(self, recipe: Recipe) -> None:
-        """Refuse a recipe that is not for real vectors."""
+        """Refuse a recipe whose crossover or mutation is not for real vectors.
+
+        Raises:
+            ValueError: if one of them is not.
+        """
         if recipe.crossover not in ("blend", "uniform"):
             raise ValueError(f"real vectors cross by 'blend' or 'uniform', found {recipe.crossover!r}")
         if recipe.mutation == ONE_BIT:
             raise ValueError("real vectors have no bits: 'mutation' is a probability, found 'one-bit'")
 
     def random(self, keys: Keys, deme: int) -> Genomes:
-        """Uniform within the bounds."""
+        """Return demes of genes uniform within the bounds, shape (rows, deme, genome_bytes)."""
         genes: Fitness = self._kernels.random(keys.seed, keys.cells, deme, self.dimension, self.low, self.high)
         return genes.view(np.uint8)
 
     def recombine(self, couples: Genomes, recipe: Recipe, keys: Keys) -> Genomes:
-        """Blend (BLX-0.5) or uniform crossover, then Gaussian mutation."""
+        """Cross couples by blend (BLX-0.5) or uniform crossover, then mutate genes; see `Coding.recombine`."""
         assert recipe.mutation != ONE_BIT, "refused by check"
         offspring: Fitness = self._kernels.recombine(
             couples.view(np.float64),
@@ -67,7 +71,7 @@ class RealVector:
         return offspring.view(np.uint8)
 
     def variation(self, recipe: Recipe) -> "Operator":
-        """`recombine` for one row, compiled."""
+        """Return `recombine` for one row as a compiled operator."""
         from genetics.operators import Operator
 
         assert recipe.mutation != ONE_BIT, "refused by check"
@@ -75,25 +79,25 @@ class RealVector:
         return Operator.of(self._kernels.variation, recipe.crossover == "uniform", numbers)
 
     def mutate_one(self, individuals: Genomes, keys: Keys) -> Cells:
-        """Not for real vectors: `check` has refused the recipe that asks for it."""
+        """Raise ValueError: real vectors have no bits. `check` refuses recipes that ask for this."""
         raise ValueError("real vectors have no bits to flip")
 
     def mutate_one_bit(self) -> "Operator":
-        """Likewise."""
+        """Raise ValueError, like `mutate_one`."""
         raise ValueError("real vectors have no bits to flip")
 
     @cached_property
     def alphabet(self) -> Alphabet:
-        """Numbers within the bounds."""
+        """All vectors of numbers within the bounds."""
         return Alphabet.of_reals(np.full(self.dimension, float(self.low)), np.full(self.dimension, float(self.high)))
 
     @cached_property
     def _kernels(self) -> Any:
-        """Looked up once: it is asked for in every generation."""
+        """The kernels' module. It is imported at first use and cached, since every generation asks for it."""
         from genetics import real_kernels
 
         return real_kernels
 
     def genes(self, genomes: Genomes) -> NDArray[np.float64]:
-        """The coded numbers: (n, genome_bytes) to (n, dimension)."""
+        """Return the numbers that genomes code: (n, genome_bytes) to (n, dimension)."""
         return np.ascontiguousarray(genomes).view(np.float64)

@@ -1,9 +1,11 @@
-"""Admission and replacement, who leaves a deme and who stays: the same for every coding.
+"""Admission of immigrants and replacement by offspring, the same for every coding.
 
-A place in a deme's array gives no advantage. Otherwise a deme stands still where all are equally fit. So a draw of
-purpose TIE says which of several worst leaves and which of several best stays, and an offspring as good as its parents
-replaces them. An immigrant must be better than the one that it replaces: on a plateau islands would otherwise fill each
-other with copies.
+The place of an individual in its deme's array must not matter. Otherwise a deme whose individuals are all equally fit
+would stop changing. So draws of purpose TIE decide which of several worst individuals leaves and which of several best
+ones stays, and an offspring as good as its parents replaces them.
+
+An immigrant, however, must be better than the individual that it replaces. Immigrants are copies, so on a plateau of
+the fitness islands would otherwise fill each other with copies (measured in docs/cell.md, "Ties").
 """
 
 from typing import Any
@@ -15,12 +17,15 @@ from genetics.randomness import TIE, below, draw
 from lowlevel.compiled import kernel, subroutine
 
 _ADMITTED, _OFFSPRING, _CHAMPION, _LAST, _LEAVING = range(5)
-"""Which tie a draw breaks, as its index."""
+"""The index of a TIE draw: which of the rules it belongs to, so that no two rules share a draw."""
 
 
 @subroutine
 def _drawn(fitness: Any, value: Any, first: Any, seed: Any, cell: Any, generation: Any, tie: Any, number: Any) -> Any:
-    """One of the individuals whose fitness is ``value``, of which ``first`` is the first; each with equal chances."""
+    """Return one of the individuals whose fitness is ``value``, each with equal probability; ``first`` is the first.
+
+    Draws have coordinates, so drawing nothing in the frequent case without a tie shifts no other draw.
+    """
     count = 0
     for individual in range(first, fitness.size):
         count += fitness[individual] == value
@@ -37,14 +42,14 @@ def _drawn(fitness: Any, value: Any, first: Any, seed: Any, cell: Any, generatio
 
 @subroutine
 def _best(fitness: Any, seed: Any, cell: Any, generation: Any, tie: Any) -> Any:
-    """The best individual, a drawn one of several."""
+    """Return the best individual; of several, a drawn one."""
     best = np.argmin(fitness)
     return _drawn(fitness, fitness[best], best, seed, cell, generation, tie, 0)
 
 
 @subroutine
 def _worst(fitness: Any, seed: Any, cell: Any, generation: Any, tie: Any, number: Any) -> Any:
-    """The worst individual, a drawn one of several."""
+    """Return the worst individual; of several, a drawn one."""
     worst = np.argmax(fitness)
     return _drawn(fitness, fitness[worst], worst, seed, cell, generation, tie, number)
 
@@ -62,7 +67,7 @@ def admit_to(
     cell: Any,
     generation: Any,
 ) -> Any:
-    """`admit` for one row, which ``itself`` names among the senders and ``cell`` to the draws."""
+    """Admit immigrants to one row, see `admit`. ``itself`` is the row's index as a sender, ``cell`` keys the draws."""
     for slot in range(source_row.size):
         sender = source_row[slot]
         if sender == itself:
@@ -90,10 +95,21 @@ def admit(
     cells: Cells,
     generation: int,
 ) -> None:
-    """Each immigrant in turn replaces the worst of its row if it is better; of several worst a drawn one goes.
+    """Let each immigrant in turn replace the worst individual of its row, if it is better than that.
 
-    ``source_row``, (rows, slots), says whose emigrants come, the first ``count`` of each. A slot that names its own row
-    brings none: an island must not be flooded with its own best.
+    Of several worst individuals a drawn one leaves. A slot that names the row itself, as on small tori, brings no
+    immigrant: an island must not be flooded with copies of its own best.
+
+    Args:
+        genomes: the demes, shape (rows, deme, genome_bytes), changed in place.
+        fitness: the demes' fitness, shape (rows, deme), changed in place.
+        emigrants: the emigrants of all senders, shape (senders, at least count, genome_bytes).
+        emigrant_fitness: the emigrants' fitness, shape (senders, at least count).
+        source_row: the sender in each slot, shape (rows, slots). Sender r is row r's own cell.
+        count: the number of immigrants from each slot.
+        seed: the run's seed, for the draws.
+        cells: the rows' cells, for the draws, shape (rows,).
+        generation: the generation that is being bred, for the draws.
     """
     for row in range(fitness.shape[0]):
         into, its_fitness = genomes[row], fitness[row]
@@ -113,7 +129,7 @@ def take_place(
     cell: Any,
     generation: Any,
 ) -> Any:
-    """`replace_local` for one row."""
+    """Replace the individual of one row, see `replace_local`."""
     child = _best(offspring_fitness, seed, cell, generation, _OFFSPRING)
     if not (elitist and fitness[0] < offspring_fitness[child]):
         genomes[0] = offspring[child]
@@ -131,9 +147,10 @@ def replace_local(
     cells: Cells,
     generation: int,
 ) -> None:
-    """The best offspring takes the place of the single local individual (§6), unless that is better and elitist.
+    """Let the best offspring replace the single individual of each row (Ahuactzin et al. 1992, §6).
 
-    Of several best a drawn one does: the first would always be a child of the same neighbour.
+    With ``elitist`` the individual stays if it is better. Of several best offspring a drawn one replaces it: the first
+    would always be a child of the same neighbour.
     """
     for row in range(fitness.shape[0]):
         its = offspring_fitness[row]
@@ -144,7 +161,7 @@ def replace_local(
 def _bring_back(
     genomes: Any, fitness: Any, champion: Any, champion_fitness: Any, seed: Any, cell: Any, generation: Any
 ) -> Any:
-    """Give the best of the old deme the worst place, if none in the new deme is as good."""
+    """Let the best individual of the old deme replace the worst of the new one, if none in the new one is as good."""
     if champion_fitness < np.min(fitness):
         worst = _worst(fitness, seed, cell, generation, _LAST, 0)
         genomes[worst] = champion
@@ -163,7 +180,8 @@ def leave_families(
     cell: Any,
     generation: Any,
 ) -> Any:
-    """`replace_families` for one row."""
+    """Replace one row's deme by families, see `replace_families`."""
+    # Copies: an individual may be a parent in several couples, and its place is overwritten by one of the first.
     old_genomes, old_fitness = genomes.copy(), fitness.copy()
     for couple in range(fitness.size):
         parent, child = couples[couple, 0], 2 * couple
@@ -197,11 +215,12 @@ def replace_families(
     cells: Cells,
     generation: int,
 ) -> None:
-    """Each couple leaves the best of itself and its two offspring (§3.1 step 4, which says nothing of ties).
+    """Let each couple leave the best of itself and its two offspring (Ahuactzin et al. 1992, §3.1 step 4).
 
-    An offspring as good as the better parent replaces it. Of two equal parents, and of two equal offspring, the first
-    stays: both were drawn alike, so that is no advantage of either. With ``elitist`` the best of the old deme takes the
-    worst new place if nobody as good was left.
+    Couple j fills place j of the new deme, so there must be as many couples as individuals. The paper says nothing of
+    ties. Here an offspring as good as the better parent replaces it. Of two equal parents, and of two equal offspring,
+    the first one is taken: both were drawn in the same way, so neither has an advantage by it. With ``elitist`` the
+    best individual of the old deme replaces the worst of the new one if none as good was left.
     """
     for row in range(fitness.shape[0]):
         into, its_fitness, its_couples, cell = genomes[row], fitness[row], couples[row], cells[row]
@@ -211,12 +230,16 @@ def replace_families(
 
 @subroutine
 def _draw_leaving(order: Any, fitness: Any, stay: Any, seed: Any, cell: Any, generation: Any) -> Any:
-    """Shuffle those as fit as the best that must leave, so that the last ``order.size - stay`` are a drawn sample."""
+    """Shuffle the ties at the border, so that those that leave, from place ``stay`` of ``order`` on, are a fair sample.
+
+    The tied individuals are those as fit as the best of the leaving ones. Only the leaving places are filled by the
+    shuffle (Fisher and Yates), from the last one down.
+    """
     value = fitness[order[stay]]
     first, last = stay, stay
     while first > 0 and fitness[order[first - 1]] == value:
         first -= 1
-    if first == stay:
+    if first == stay:  # no tie across the border: it is clear who leaves
         return
     while last < order.size - 1 and fitness[order[last + 1]] == value:
         last += 1
@@ -236,10 +259,11 @@ def renew(
     cell: Any,
     generation: Any,
 ) -> Any:
-    """`replace_worst` for one row."""
+    """Replace the worst individuals of one row, see `replace_worst`."""
     order = np.argsort(fitness, kind="mergesort")
     stay = fitness.size - offspring_fitness.size
     _draw_leaving(order, fitness, stay, seed, cell, generation)
+    # If any individual stays, a best one does, and `_bring_back` changes nothing: then it need not be drawn.
     best = order[0] if stay > 0 else _best(fitness, seed, cell, generation, _CHAMPION)
     champion, champion_fitness = genomes[best].copy(), fitness[best]
     for child in range(offspring_fitness.size):
@@ -260,9 +284,10 @@ def replace_worst(
     cells: Cells,
     generation: int,
 ) -> None:
-    """Offspring take the places of the worst, a drawn sample of equal ones, whatever they are worth themselves.
+    """Let offspring replace as many of the worst individuals of each row, even if the offspring are less fit.
 
-    With ``elitist`` the best of the old deme takes the worst place if offspring took all and none is as good.
+    Of equally fit individuals at the border a drawn sample leaves. With ``elitist`` the best individual of the old deme
+    replaces the worst of the new one if all were replaced and none of the offspring is as good.
     """
     for row in range(fitness.shape[0]):
         its = offspring_fitness[row]

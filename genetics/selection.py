@@ -1,7 +1,10 @@
-"""Selection of parents: the same for every coding.
+"""Selection of parents, the same for every coding.
 
-A place in a deme's array gives no advantage: individuals of equal fitness mate with equal probability, as if each had
-the mean rank of all that are as fit.
+The place of an individual in its deme's array must not matter. So individuals of equal fitness are selected with equal
+probability, as if each had the mean of their ranks.
+
+Here and in the other modules a rule often exists twice: as a subroutine for one row, which other compiled code calls
+(`pair`), and as a kernel for many rows, which Python calls (`pairs`).
 """
 
 from typing import Any
@@ -17,7 +20,7 @@ _HALF = np.uint64(32)
 
 @subroutine
 def pair_with(own: Any, emigrants: Any, source_row: Any, count: Any, couples: Any) -> Any:
-    """`couples_with` for one row."""
+    """Fill ``couples``, shape (slots * count, 2, genome_bytes): `couples_with` for one row."""
     for couple in range(couples.shape[0]):
         couples[couple, 0] = own
         couples[couple, 1] = emigrants[source_row[couple // count], couple % count]
@@ -25,9 +28,16 @@ def pair_with(own: Any, emigrants: Any, source_row: Any, count: Any, couples: An
 
 @kernel("uint8[:,:,:,::1](uint8[:,:,::1], uint8[:,:,::1], int64[:,::1], int64)")
 def couples_with(genomes: Genomes, emigrants: Genomes, source_row: Cells, count: int) -> Genomes:
-    """Each row's single individual with each immigrant in turn (§6); see `genetics.replacement.admit` for those.
+    """Couple each row's single individual with each of its immigrants (Ahuactzin et al. 1992, §6).
 
-    Returns shape (rows, slots * count, 2, genome_bytes).
+    Args:
+        genomes: the demes, shape (rows, 1, genome_bytes).
+        emigrants: the emigrants of all senders, shape (senders, at least count, genome_bytes).
+        source_row: the sender in each slot, shape (rows, slots).
+        count: the number of immigrants from each slot.
+
+    Returns:
+        The couples, shape (rows, slots * count, 2, genome_bytes).
     """
     rows, slots = source_row.shape
     couples = np.empty((rows, slots * count, 2, genomes.shape[2]), np.uint8)
@@ -38,24 +48,24 @@ def couples_with(genomes: Genomes, emigrants: Genomes, source_row: Cells, count:
 
 @subroutine
 def first_unsound(fitness: Any) -> Any:
-    """The first index at which a fitness is none (NaN or -inf), or -1."""
+    """Return the first index of a value that is not a valid fitness (NaN or -inf), or -1."""
     for index in range(fitness.size):
-        if not fitness[index] > -np.inf:
+        if not fitness[index] > -np.inf:  # NaN compares false
             return index
     return -1
 
 
 @kernel("int64(float64[::1])")
 def unsound(fitness: Fitness) -> int:
-    """`first_unsound` for Python."""
+    """Call `first_unsound` from Python."""
     index: int = first_unsound(fitness)
     return index
 
 
 @subroutine
 def _ranking(fitness: Any) -> Any:
-    """The individuals from the best to the worst, and of each place the first and last place of equal fitness."""
-    order = np.argsort(fitness, kind="mergesort")
+    """Return the individuals from best to worst, and for each place the first and last place of equal fitness."""
+    order = np.argsort(fitness, kind="mergesort")  # stable, so the order is the same on every machine
     count = order.size
     first, last = np.empty(count, np.int64), np.empty(count, np.int64)
     for place in range(count):
@@ -69,7 +79,10 @@ def _ranking(fitness: Any) -> Any:
 
 @subroutine
 def _one_as_fit(order: Any, first: Any, last: Any, place: Any, bits: Any) -> Any:
-    """One of the individuals as fit as that at a ``place``, by the low half of the bits, which drew no place."""
+    """Return one of the individuals as fit as the one at ``place``, each with equal probability.
+
+    The low half of ``bits`` chooses: the place itself was drawn from the high half, so the two are independent.
+    """
     equals = last[place] - first[place] + 1
     if equals == 1:
         return order[place]
@@ -78,23 +91,24 @@ def _one_as_fit(order: Any, first: Any, last: Any, place: Any, bits: Any) -> Any
 
 @subroutine
 def _place_by_rank(count: Any, bits: Any) -> Any:
-    """A place with probability proportional to its rank: n for the first of n, 1 for the last."""
+    """Return a place with a probability proportional to its weight: n for the first of n places, 1 for the last."""
     ticket = below(bits, count * (count + 1) // 2)
-    # The place of weight w holds the tickets from w(w - 1)/2 to w(w + 1)/2 - 1; floats tell them apart exactly.
+    # The place of weight w holds the tickets from w(w - 1)/2 to w(w + 1)/2 - 1. Float64 is accurate enough to tell the
+    # limits apart for every ticket that `below` can return.
     return count - np.int64((1.0 + np.sqrt(1.0 + 8.0 * ticket)) / 2.0)
 
 
 @subroutine
 def _place_at_most(first: Any, last: Any, bits: Any, chosen: Any, most: Any) -> Any:
-    """A place by mean rank among those chosen less than ``most`` times; -1 if nobody is left."""
+    """Return a place by mean rank among those chosen fewer than ``most`` times, and count it; -1 if there is none."""
     count = first.size
     tickets = 0
     for place in range(count):
         if chosen[place] < most:
-            tickets += 2 * count - first[place] - last[place]  # twice its mean rank
+            tickets += 2 * count - first[place] - last[place]  # twice the mean weight, to stay with integers
     if tickets == 0:
         return -1
-    ticket = np.int64(unit(bits) * tickets)  # more than 2**32 of them for the largest deme, too many for `below`
+    ticket = np.int64(unit(bits) * tickets)  # for the largest demes there are more than 2**32, too many for `below`
     for place in range(count):
         if chosen[place] < most:
             ticket -= 2 * count - first[place] - last[place]
@@ -108,7 +122,7 @@ def _place_at_most(first: Any, last: Any, bits: Any, chosen: Any, most: Any) -> 
 def pair(
     fitness: Any, seed: Any, cell: Any, generation: Any, better_half: Any, most_selections: Any, couples: Any
 ) -> Any:
-    """`pairs` for one row."""
+    """Fill ``couples``, shape (count, 2), with indices into the deme: `pairs` for one row."""
     order, first, last = _ranking(fitness)
     count = order.size
     bits = np.empty(couples.size, np.uint64)
@@ -137,11 +151,14 @@ def pairs(
     better_half: bool,
     most_selections: int,
 ) -> Cells:
-    """``count`` couples of each row, by rank (Ahuactzin et al. 1992, §3.1 steps 3 and 4), or among the better half.
+    """Select ``count`` couples of each row, by rank (Ahuactzin et al. 1992, §3.1 steps 3, 4) or from the better half.
 
-    Each of several equally fit is chosen with the probability of their mean rank. By rank nobody is chosen more than
-    ``most_selections`` times, if that is positive and there are others. Returns indices into each row's deme, shape
-    (rows, count, 2).
+    Equally fit individuals are selected with the probability of their mean rank. If ``most_selections`` is positive, no
+    individual is selected by rank more often than that, as long as there are others. The parents of a couple are drawn
+    independently and may be the same individual.
+
+    Returns:
+        Indices into each row's deme, shape (rows, count, 2).
     """
     rows = fitness.shape[0]
     couples = np.empty((rows, count, 2), np.int64)

@@ -1,8 +1,9 @@
-"""Genomes of variable length: sequences of items, each of a few whole numbers.
+"""Genomes of variable length: sequences of items, each of which is a few whole numbers (its genes).
 
-A genome is an array of uint16 numbers: how many items there are, their genes one item after another, and zeros up to
-the room for the longest. So demes stay arrays, and what is mixed, kept and sent is mixed, kept and sent like any other
-genome. What the items mean, and how they are made and crossed, a planner says in compiled functions.
+A genome is an array of uint16 numbers: the number of items, the genes of one item after another, and zeros up to the
+size of the longest genome. So demes stay arrays, and sequences are stored, compared and sent like any other genome.
+
+A planner defines what the items mean. It makes and crosses sequences with compiled functions of its own.
 """
 
 from abc import ABC, abstractmethod
@@ -27,16 +28,21 @@ MOST_GENE = 0xFFFF
 
 
 class Sequence(ABC):
-    """Sequences of ``least`` to ``most`` items whose genes are each within ``genes``, pairs of the least and greatest.
+    """Base class of codings of variable length; a `genetics.coding.Coding`.
+
+    Args:
+        least: the fewest items of a sequence.
+        most: the most items of a sequence.
+        genes: for each gene of an item, its least and greatest value.
 
     Raises:
-        ValueError: if that is not in order, or does not fit into 16 bits.
+        ValueError: if the limits are not in order, or do not fit into 16 bits.
     """
 
     crossovers: ClassVar[tuple[str, ...]]
     """The names of crossovers that a recipe may ask for."""
     distinct: ClassVar[bool] = False
-    """Whether the first genes of all items differ."""
+    """Whether no two items of a sequence may have the same first gene."""
 
     def __init__(self, least: int, most: int, genes: Iterable[tuple[int, int]]) -> None:
         self.least, self.most, self.genes = least, most, tuple(genes)
@@ -53,27 +59,31 @@ class Sequence(ABC):
 
     @property
     def genome_bytes(self) -> int:
-        """Two for the number of items, and for each gene of the most items."""
+        """The size of a genome: two bytes for the number of items, and two for each gene of the most items."""
         return 2 * (1 + self.most * self.width)
 
     @abstractmethod
     def initialise(self) -> "Operator":
-        """How first demes are made, as an operator of signature FOUNDING."""
+        """Return an operator of signature FOUNDING, which makes first demes."""
 
     @abstractmethod
     def variation(self, recipe: Recipe) -> "Operator":
-        """How couples are crossed and mutated, as an operator of signature MATING."""
+        """Return an operator of signature MATING, which crosses and mutates couples."""
 
     def check(self, recipe: Recipe) -> None:
-        """Refuse a recipe that is not for these sequences."""
+        """Refuse a recipe whose crossover or mutation is not for these sequences.
+
+        Raises:
+            ValueError: if one of them is not.
+        """
         if recipe.crossover not in self.crossovers:
             expected = " or ".join(map(repr, self.crossovers))
             raise ValueError(f"these individuals cross by {expected}, found {recipe.crossover!r}")
         if recipe.mutation == ONE_BIT:
-            raise ValueError("these individuals are no bit strings: 'mutation' is a probability, found 'one-bit'")
+            raise ValueError("these individuals are not bit strings: 'mutation' is a probability, found 'one-bit'")
 
     def random(self, keys: Keys, deme: int) -> Genomes:
-        """First demes, as `initialise` makes them."""
+        """Return first demes, made by the operator of `initialise`; see `Coding.random`."""
         demes = np.zeros((len(keys.cells), deme, self.genome_bytes), np.uint8)
         operator = self.initialise()
         if capabilities().numba_calls:
@@ -86,10 +96,10 @@ class Sequence(ABC):
         return demes
 
     def recombine(self, couples: Genomes, recipe: Recipe, keys: Keys) -> Genomes:
-        """What `variation` makes of them."""
+        """Return the offspring of couples, made by the operator of `variation`; see `Coding.recombine`."""
         rows, count, _, size = couples.shape
         offspring = np.zeros((rows, 2 * count, size), np.uint8)
-        if recipe not in self._variations:
+        if recipe not in self._variations:  # built once: this runs in every generation
             self._variations[recipe] = self.variation(recipe)
         operator = self._variations[recipe]
         if capabilities().numba_calls:
@@ -102,29 +112,29 @@ class Sequence(ABC):
         return offspring
 
     def mutate_one(self, individuals: Genomes, keys: Keys) -> Cells:
-        """Not for sequences: `check` has refused the recipe that asks for it."""
+        """Raise ValueError: sequences have no bits. `check` refuses recipes that ask for this."""
         raise ValueError("these individuals have no bits to flip")
 
     def mutate_one_bit(self) -> "Operator":
-        """Likewise."""
+        """Raise ValueError, like `mutate_one`."""
         raise ValueError("these individuals have no bits to flip")
 
     @cached_property
     def alphabet(self) -> Alphabet:
-        """The number of items and all genes are within their limits, distinct where they must be, and zeros follow."""
+        """All sequences within the limits, with distinct first genes if required, and zeros after the last item."""
         limits = [self.least, self.most, *(bound for gene in self.genes for bound in gene), self.distinct]
         return Alphabet.of_items(self.genome_bytes, np.array(limits, np.int64))
 
     def items(self, genome: Genomes) -> Items:
-        """The items that a genome, shape (genome_bytes,), holds: (items, genes of an item)."""
+        """Return the items of a genome, shape (genome_bytes,), as an array of shape (items, genes of an item)."""
         numbers = np.ascontiguousarray(genome).view(np.uint16).astype(np.int64)
         return numbers[1 : 1 + numbers[0] * self.width].reshape(-1, self.width)
 
     def encode(self, items: Items) -> Genomes:
-        """The inverse of `items`.
+        """Return the genome of a sequence of items, the inverse of `items`.
 
         Raises:
-            ValueError: if these are no items of such a sequence.
+            ValueError: if the number of items or a gene is out of its limits, or first genes repeat but must not.
         """
         items = np.asarray(items, np.int64).reshape(-1, self.width)
         numbers = np.zeros(self.genome_bytes // 2, np.int64)

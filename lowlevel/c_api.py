@@ -1,9 +1,15 @@
-"""Callbacks in compiled code: what Zenoh calls is a Python object, but here a built-in function, with no Python behind.
+"""Callbacks in compiled code: built-in functions that Zenoh calls like any Python object, without interpreted code.
 
-What an interpreted function does with a message, a few dozen names looked up, costs more than breeding, and with
-hundreds of processes on a core, whose memory is cold, more than Zenoh. So compiled code asks CPython's own C API what
-is in a sample, and calls other objects by it (https://docs.python.org/3/c-api/). In compiled code an object is its
-address, and who runs it holds the interpreter's lock.
+An interpreted callback costs more than breeding: it performs a few dozen attribute look-ups per message. With hundreds
+of processes on a core, whose memory is cold, it costs more than Zenoh itself. So compiled code takes a sample apart,
+and calls other objects, through CPython's C API (https://docs.python.org/3/c-api/).
+
+The rules are those of an extension module in C:
+
+- An object is its address, an integer. Reference counts are kept by hand.
+- The thread that runs this code holds the interpreter's lock (GIL), but for the stretch between `let_others_run` and
+  `run_again`.
+- A function that fails returns 0 with a Python exception set. The caller returns 0 too, or clears the exception.
 """
 
 import ctypes
@@ -18,16 +24,21 @@ from lowlevel.compiled import subroutine
 from lowlevel.pointers import octets_at
 
 OBJECT = types.intp
-"""An object's address; 0 where an exception is set."""
+"""An object's address; as a result 0 if an exception is set."""
 CALLBACK = OBJECT(OBJECT, OBJECT)
-"""Of a function's own object and a sample to what it returns, a new reference."""
+"""The C signature of a built-in function (PyCFunction): its own object and the sample in, a new reference out."""
 
 
 def _api(name: str, result: Any, *arguments: Any) -> Any:
+    """Declare a function of the C API by name.
+
+    The linker resolves the name when a process loads the code. An address, as a ctypes pointer holds it, would be valid
+    in one process only, so numba would refuse to cache the code.
+    """
     return types.ExternalFunction(name, result(*arguments))
 
 
-# From the C API; objects that they return are new references, unless it says "borrowed".
+# The returned objects are new references, which the caller must release (`decref`) or return, unless marked "borrowed".
 call: Any = _api("PyObject_CallOneArg", OBJECT, OBJECT, OBJECT)
 call_without: Any = _api("PyObject_CallNoArgs", OBJECT, OBJECT)
 attribute: Any = _api("PyObject_GetAttr", OBJECT, OBJECT, OBJECT)
@@ -41,7 +52,7 @@ decref: Any = _api("Py_DecRef", types.void, OBJECT)
 forget_exception: Any = _api("PyErr_Clear", types.void)
 let_others_run: Any = _api("PyEval_SaveThread", types.intp)
 run_again: Any = _api("PyEval_RestoreThread", types.void, types.intp)
-"""With what `let_others_run` returned: between the two no object may be touched."""
+"""Take the lock back, with what `let_others_run` returned. Between the two calls no Python object may be touched."""
 _set_slice: Any = _api("PyList_SetSlice", types.int32, OBJECT, types.intp, types.intp, OBJECT)
 _new_tuple: Any = _api("PyTuple_New", OBJECT, types.intp)
 _set_tuple_item: Any = _api("PyTuple_SetItem", types.int32, OBJECT, types.intp, OBJECT)  # takes the reference
@@ -53,20 +64,23 @@ _content: Any = _api("PyBytes_AsString", types.intp, OBJECT)
 
 @subroutine
 def new_ref(its: Any) -> Any:
-    """An object once more, to be returned."""
+    """Return the object with one more reference, to be returned or stored where a reference is taken."""
     incref(its)
     return its
 
 
 @subroutine
 def content(its: Any) -> Any:
-    """What is in a bytes object, as an array that must not outlive it."""
+    """Return the content of a bytes object as a uint8 array. Not a copy: the object must outlive the array."""
     return octets_at(_content(its), _size(its))
 
 
 @subroutine
 def payload_of(sample: Any, name: Any) -> Any:
-    """A sample's payload, a new bytes object; ``name`` is that of the attribute, `PAYLOAD_NAME`."""
+    """Return a sample's payload as a new bytes object, or 0 with an exception set.
+
+    ``name`` is the address of `PAYLOAD_NAME`: compiled code has no Python constants, so the caller provides it.
+    """
     payload = attribute(sample, name)
     if payload == 0:
         return payload
@@ -77,13 +91,13 @@ def payload_of(sample: Any, name: Any) -> Any:
 
 @subroutine
 def message_of(octets: Any) -> Any:
-    """A new bytes object."""
+    """Copy a uint8 array into a new bytes object."""
     return _new_bytes(octets.ctypes.data, octets.size)
 
 
 @subroutine
 def pair(first: Any, second: Any) -> Any:
-    """A new tuple of two objects."""
+    """Return a new tuple of two objects, with references of its own to both."""
     its = _new_tuple(2)
     _set_tuple_item(its, 0, new_ref(first))
     _set_tuple_item(its, 1, new_ref(second))
@@ -92,42 +106,43 @@ def pair(first: Any, second: Any) -> Any:
 
 @subroutine
 def remove_first(its: Any, items: Any) -> Any:
-    """So many items of a list."""
+    """Delete the first ``items`` items of a list: a slice assignment without a value."""
     _set_slice(its, 0, items, 0)
 
 
-PAYLOAD_NAME = sys.intern("payload")
+PAYLOAD_NAME = sys.intern("payload")  # attribute names in code are interned, and look-ups compare such by address
 
 
 class _Definition(ctypes.Structure):
-    """CPython's PyMethodDef."""
+    """CPython's PyMethodDef: the description that a built-in function points to for as long as it exists."""
 
     _fields_ = (("name", ctypes.c_char_p), ("code", ctypes.c_void_p), ("flags", ctypes.c_int), ("doc", ctypes.c_char_p))
 
 
-_ONE_ARGUMENT = 0x0008  # METH_O
+_ONE_ARGUMENT = 0x0008  # METH_O: the code is called with the argument itself, not with a tuple
 _new_function = ctypes.pythonapi.PyCFunction_NewEx
 _new_function.restype = ctypes.py_object
 _new_function.argtypes = (ctypes.c_void_p, ctypes.py_object, ctypes.py_object)
 
 
 class BuiltIn:
-    """Makes built-in functions of compiled code.
+    """A factory of built-in functions that share one piece of compiled code. It must outlive its functions.
 
     Args:
-        name: of the functions.
+        name: the functions' ``__name__``.
         code: a `lowlevel.compiled.c_function` of signature CALLBACK.
     """
 
     def __init__(self, name: str, code: Any) -> None:
-        self._definition = _Definition(name.encode(), code.address, _ONE_ARGUMENT, None)  # the functions point to it
+        # The functions hold its address only, which keeps nothing alive. So a factory belongs at the top of a module.
+        self._definition = _Definition(name.encode(), code.address, _ONE_ARGUMENT, None)
 
     def of(self, own: object) -> Callable[[Any], Any]:
-        """A function whose code is given ``own`` with each argument."""
+        """Return a function of one argument whose code also gets ``own``, to which the function holds a reference."""
         function: Callable[[Any], Any] = _new_function(ctypes.addressof(self._definition), own, None)
         return function
 
 
 def addresses(*objects: object) -> Any:
-    """Where objects are, int64; they must be kept."""
-    return np.array([id(each) for each in objects], np.int64)
+    """Return the objects' addresses as int64. They hold no reference: the caller must keep the objects alive."""
+    return np.array([id(each) for each in objects], np.int64)  # CPython's id() is the address

@@ -1,7 +1,8 @@
-"""How hot loops are compiled: when their module is imported, once, and kept on disk (`lowlevel.kernel_cache`).
+"""The decorators by which hot loops are compiled with numba, and the settings of numba for the whole program.
 
-Kernels carry explicit signatures, so that importing a module compiles it (or loads it from the cache) and a process
-forked afterwards never compiles.
+Kernels have explicit signatures. So importing a module compiles its kernels, or loads them from the cache on disk
+(`lowlevel.kernel_cache`), and a process that is forked afterwards never compiles. Numba's default, to compile at the
+first call, would make every node of a cluster compile for itself.
 """
 
 import inspect
@@ -9,7 +10,8 @@ import os
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-# Bits must not depend on whether Intel's vector mathematics happens to be installed; numba asks when it is imported.
+# Results must not depend on whether Intel's vector mathematics (SVML) is installed. Numba reads the variable when it is
+# imported, so it must be set before.
 os.environ.setdefault("NUMBA_DISABLE_INTEL_SVML", "1")
 
 import numba
@@ -17,8 +19,8 @@ import numba
 from lowlevel.capabilities import capabilities
 from lowlevel.kernel_cache import ModuleLocator, keep_kernels_of
 
-if getattr(numba.config, "USING_SVML", False):  # somebody imported it before this project
-    raise ImportError("numba uses Intel SVML, whose bits differ: set NUMBA_DISABLE_INTEL_SVML=1 before it is imported")
+if getattr(numba.config, "USING_SVML", False):  # another module imported numba before this project did
+    raise ImportError("numba uses Intel SVML, whose results differ: set NUMBA_DISABLE_INTEL_SVML=1 and start again")
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -28,10 +30,12 @@ _NUMBAS_LOCATORS = (
 
 
 def _use_our_cache() -> None:
-    """Ask this project's locator first; if it knows nothing of a function, numba's own ones."""
-    numba.config.reload_config()  # type: ignore[no-untyped-call] # else it would later, and forget what follows
+    """Make numba ask this project's locator for cached code first, and then its own locators."""
+    # Numba reloads its configuration when the environment has changed, and would then lose the setting that follows.
+    numba.config.reload_config()  # type: ignore[no-untyped-call]
     locator = f"{ModuleLocator.__module__}.{ModuleLocator.__name__}"
-    setattr(numba.config, "CACHE_LOCATOR_CLASSES", f"{locator},{_NUMBAS_LOCATORS}")  # noqa: B010 - made when imported
+    # By name, since numba creates this attribute only when it is imported.
+    setattr(numba.config, "CACHE_LOCATOR_CLASSES", f"{locator},{_NUMBAS_LOCATORS}")  # noqa: B010
 
 
 _use_our_cache()
@@ -42,11 +46,15 @@ if capabilities().numba_loader:
 
 
 def kernel(signature: Any, may_be_long: bool = False) -> Callable[[Function], Function]:
-    """Compile a function for ``signature`` now, or take it from the cache; no fast-math, so results are exact.
+    """Return a decorator that compiles a function for ``signature`` now, or loads it from the cache.
 
-    A signature is a text such as ``"void(float64[::1], int64)"``, or made of `numba.types` where no text says it. While
-    one that may be long runs, other threads may run Python: a node's network thread would wake up in vain 200 times a
-    second otherwise.
+    Fast-math stays off: it may reorder sums, and results would then depend on the machine.
+
+    Args:
+        signature: a text such as ``"void(float64[::1], int64)"``, or made of `numba.types` where no text can express
+            it.
+        may_be_long: whether the kernel releases the interpreter's lock (GIL) while it runs. Otherwise a node's network
+            thread, which waits for the lock, would wake up in vain 200 times a second. Short kernels keep the lock.
     """
     compiler: Any = numba.njit(signature, cache=True, error_model="numpy", nogil=may_be_long)
 
@@ -59,7 +67,7 @@ def kernel(signature: Any, may_be_long: bool = False) -> Callable[[Function], Fu
 
 
 def c_function(signature: Any) -> Callable[[Function], Any]:
-    """Compile a function that code in C calls by its ``address``."""
+    """Return a decorator that compiles a function for callers in C, which call it by its ``address``."""
     compiler: Any = numba.cfunc(signature, cache=True, error_model="numpy")
 
     def compile_now(function: Function) -> Any:
@@ -70,16 +78,20 @@ def c_function(signature: Any) -> Callable[[Function], Any]:
 
 
 def subroutine(function: Function) -> Function:
-    """A function that only kernels call; it is compiled into them."""
+    """Mark a function that only kernels call. It has no signature and is compiled into each kernel that uses it.
+
+    It is not cached by itself: the cached kernel contains it. `lowlevel.kernel_cache` notices when it changes.
+    """
     compiler: Any = numba.njit(error_model="numpy")
     compiled: Function = compiler(function)
     return compiled
 
 
 def inlined(function: Function) -> Function:
-    """A `subroutine` that takes the place of its calls, because LLVM vectorises no loop with a call in it.
+    """Mark a `subroutine` that is inlined at each call, because LLVM does not vectorise a loop with a call in it.
 
-    Without fast-math a lane computes what one number alone would, so the width of a machine's registers shows nowhere.
+    Vectorised results are still the same on every machine: without fast-math each lane computes exactly what scalar
+    code would, so the width of a machine's registers does not matter.
     """
     compiler: Any = numba.njit(error_model="numpy", forceinline=True)
     compiled: Function = compiler(function)

@@ -1,11 +1,11 @@
-"""Where compiled kernels are kept: in folders named by the contents of what each kernel's module imports.
+"""The cache of compiled kernels: one folder for each module, named by a digest of the module and all that it imports.
 
 Numba notices a change of a kernel's own file, but not of the subroutines in other files that it compiles into the
-kernel: a stale copy would silently break bit-identical replay. A folder for each module, named by a digest of that
-module and of all it imports, cannot be stale, and an edit recompiles only what depends on it. Contents count, not
-times of change, so two checkouts of the same sources share what they compiled.
+kernel. A stale kernel would silently break bit-identical replay. A folder that is named by a digest of the module and
+all its imports cannot be stale, and an edit recompiles only what depends on it. The digest is of contents, not of
+modification times, so two checkouts of the same sources share their kernels.
 
-Rejected: one folder for a digest of all sources, as an edit of any file then recompiled everything.
+Rejected: one folder named by a digest of all sources, since an edit of any file would recompile everything.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 _HOUSE = Path(__file__).resolve().parent.parent
-_KEPT = 16  # folders of one module; the ones longest unused go first
+_KEPT = 16  # folders of one module; those unused for the longest time are deleted first
 _MODULE_IMPORT = re.compile(r"^import +([\w.]+)", re.MULTILINE)
 _NAMES_IMPORT = re.compile(r"^from +([\w.]+) +import +(?:\(([^)]*)\)|(.*))", re.MULTILINE)
 _COMMENT = re.compile(r"#.*")
@@ -28,7 +28,7 @@ _own_files: set[str] = set()
 
 
 def base_folder() -> Path:
-    """The folder of all kept kernels: ``NUMBA_CACHE_DIR`` if it is set, else in the user's cache folder."""
+    """Return the folder of the whole cache: ``NUMBA_CACHE_DIR`` if it is set, else one in the user's cache folder."""
     chosen = os.environ.get("NUMBA_CACHE_DIR")
     if chosen:
         return Path(chosen)
@@ -36,12 +36,15 @@ def base_folder() -> Path:
 
 
 def keep_kernels_of(file: str) -> None:
-    """Let the kernels of this source file be kept as this module says; those of other libraries are numba's own."""
+    """Put the kernels of a source file under the care of this cache. Those of other libraries stay numba's business."""
     _own_files.add(file)
 
 
 class ModuleLocator:
-    """Tells numba where the kernels of one source file are (``NUMBA_CACHE_LOCATOR_CLASSES``)."""
+    """Tells numba where the kernels of one source file are cached: a class for ``NUMBA_CACHE_LOCATOR_CLASSES``.
+
+    Numba calls the methods; their names are those of numba's `_CacheLocator`.
+    """
 
     def __init__(self, folder: Path, line: int) -> None:
         self._folder = folder
@@ -49,36 +52,36 @@ class ModuleLocator:
 
     @classmethod
     def from_function(cls, function: Any, file: str) -> ModuleLocator | None:
-        """The locator for a function of ``file``; None if that is another library's or its folder cannot be written."""
+        """Return the locator for a function of ``file``; None if the file is another library's, or on an error."""
         if file not in _own_files:
             return None
         try:
             return cls(_folder_of(file), function.__code__.co_firstlineno)
         except OSError:
-            return None  # numba falls back to its own choice
+            return None  # the folder cannot be made: numba falls back to its own locators
 
     def get_cache_path(self) -> str:
-        """The folder."""
+        """Return the folder of the file's kernels."""
         return str(self._folder)
 
     def ensure_cache_path(self) -> None:
-        """Nothing to do: `from_function` made the folder."""
+        """Do nothing: `from_function` has made the folder."""
 
     def get_source_stamp(self) -> str:
-        """The folder's name, which says all that a stamp could."""
+        """Return the folder's name. It contains the digest, so the stamp differs if any source differs."""
         return self._folder.name
 
     def get_disambiguator(self) -> str:
-        """The line of the function, as several of one name may be in a file."""
+        """Return the first line of the function, since a file may have several functions of one name."""
         return str(self._line)
 
 
 @functools.cache
 def _folder_of(file: str) -> Path:
-    """The folder of a source file's kernels; it is made, marked as used, and the oldest ones of the module go.
+    """Return the folder of a source file's kernels. Make it if need be, deleting old ones, and mark it as used.
 
     Raises:
-        OSError: if it cannot be made.
+        OSError: if the folder cannot be made.
     """
     path = Path(file).resolve()
     module = ".".join(path.relative_to(_HOUSE).with_suffix("").parts) if path.is_relative_to(_HOUSE) else path.stem
@@ -86,13 +89,13 @@ def _folder_of(file: str) -> Path:
     if not folder.is_dir():
         folder.mkdir(parents=True, exist_ok=True)
         _forget_oldest(folder.parent, module)
-    if os.access(folder, os.W_OK):
+    if os.access(folder, os.W_OK):  # a cache that was installed read-only needs no mark
         os.utime(folder)
     return folder
 
 
 def _forget_oldest(base: Path, module: str) -> None:
-    """Delete all but the latest used folders of a module."""
+    """Delete all but the most recently used folders of a module."""
 
     def last_use(folder: Path) -> float:
         try:
@@ -105,22 +108,27 @@ def _forget_oldest(base: Path, module: str) -> None:
 
 
 def digest_of(path: Path) -> str:
-    """A digest of a source file's contents and of all files of this project, or beside it, that it imports."""
+    """Return a digest of the contents of a source file and of all files that it imports, directly or indirectly.
+
+    Only files of this project, or in the folder of the importing file (a user's own modules), are followed.
+    """
     found = {path}
     waiting = [path]
     while waiting:
         new = set(_imports_of(waiting.pop())) - found
         found |= new
         waiting += new
+    # Sorted by content, not by path, so that it does not matter where a checkout is.
     contents = sorted(hashlib.sha256(each.read_bytes()).digest() for each in found)
     return hashlib.sha256(b"".join(contents)).hexdigest()[:16]
 
 
 @functools.cache
 def _imports_of(path: Path) -> tuple[Path, ...]:
-    """The files that a source file imports when it is itself imported.
+    """Return the files that a source file imports at its top level.
 
-    Imports within functions and for type checkers only are indented, and do not count: no kernel can use them.
+    Imports within functions, and those for type checkers only, are indented and do not match. No kernel can use them:
+    numba resolves a kernel's names in the globals of its module.
     """
     text = path.read_text()
     names = set(_MODULE_IMPORT.findall(text))
@@ -133,7 +141,7 @@ def _imports_of(path: Path) -> tuple[Path, ...]:
 
 
 def _file_of(name: str, root: Path) -> Path | None:
-    """The file of a module below ``root``, or of the one that a name is imported from; None if there is none."""
+    """Return the file of a dotted name below ``root``: the module itself, or the one that defines the name; or None."""
     parts = name.split(".")
     for length in (len(parts), len(parts) - 1):
         stem = root.joinpath(*parts[:length])

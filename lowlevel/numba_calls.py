@@ -11,21 +11,28 @@ from numba import types
 
 
 def address_of(function: Any) -> int:
-    """Return the address of a kernel's code."""
+    """Return the address of a kernel's code; the kernel must have exactly one signature."""
     (compiled,) = function.overloads.values()
     address: int = compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name)
     return address
 
 
 def entry(function: Any) -> Callable[..., Any]:
-    """Return the code of a kernel without numba's check of its arguments: types must match its signature exactly."""
+    """Return the machine code of a kernel as a callable that skips numba's dispatch by argument types.
+
+    The caller must pass arguments of exactly the signature's types: nothing checks them any more.
+    """
     (compiled,) = function.overloads.values()
     code: Callable[..., Any] = compiled.entry_point
     return code
 
 
 def call_by_address(target: Any, builder: Any, arguments: Any, signature: Any) -> Any:
-    """Emit a call of the function at the first of the ``arguments`` with the others, in numba's own convention."""
+    """Generate a call of the function at the address ``arguments[0]`` with the other arguments.
+
+    It follows numba's own calling convention, so the callee is an ordinary kernel. A C function would take arrays as
+    bare pointers. The callee's status is dropped, so an exception in it would be lost: such functions must not raise.
+    """
     convention = target.call_conv
     kind = convention.get_function_type(signature.return_type, signature.args)
     function = builder.inttoptr(arguments[0], kind.as_pointer())

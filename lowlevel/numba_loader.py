@@ -1,8 +1,14 @@
-"""How a process that finds all kernels in the cache is spared what only compiling needs.
+"""Load cached kernels without the work and the memory that only compilation needs.
 
-A cluster starts with such a process, and a thousand others are forked from it: what it has in memory is described anew
-for each of them. Numba has no settings for this, so here are the two places of its own where it is kept from being
-early. Both do later, and only if it is asked for, what numba would have done at once.
+A cluster starts with one process, the zygote, which finds all kernels in the cache and from which a thousand others are
+forked. Each fork copies the description (the page tables) of all memory that the zygote has, so less memory means
+faster forks. Numba has no settings for this. This module therefore replaces two of numba's internals, which do eagerly
+what here is done later, and only if compilation needs it:
+
+- the intermediate code of a cached kernel is parsed (`Library`);
+- SciPy's linear algebra is imported (`_leave_blas_for_later`).
+
+Both depend on numba's version; `tests/genetics/test_quick_loading.py` shows whether they still work.
 """
 
 import importlib
@@ -17,14 +23,14 @@ from numba.core.codegen import JITCodeLibrary, JITCPUCodegen
 _BLAS = "scipy.linalg.cython_blas"
 _ARRAYS = "numba.np.arraymath"
 _SYMBOL = struct.Struct("=IBBHQQ")
-"""Elf64_Sym (elf(5)): where its name begins, type, visibility, section, value, size."""
+"""Elf64_Sym (elf(5)): offset of the name, type, visibility, section, value, size."""
 _DEFINED_ELSEWHERE = 0  # SHN_UNDEF
 
 
 class Library(JITCodeLibrary):
-    """A kernel whose intermediate code is read only when it is compiled into another.
+    """A cached kernel whose intermediate code is parsed only when the kernel is compiled into another one.
 
-    To read that of all kernels takes a third of the time in which they are loaded, and as much memory as all else.
+    Parsing it for all kernels takes a third of the time of loading them, and as much memory as everything else.
     """
 
     _intermediate_code: bytes | None = None
@@ -32,6 +38,7 @@ class Library(JITCodeLibrary):
     @classmethod
     def _unserialize(cls, codegen: Any, state: Any) -> Any:
         name, kind, data = state
+        # What numba's own method does, but for parsing the intermediate code.
         if kind != "object":
             return super()._unserialize(codegen, state)  # type: ignore[no-untyped-call]
         machine_code, intermediate_code = data
@@ -39,7 +46,8 @@ class Library(JITCodeLibrary):
         library.enable_object_caching()
         library._set_compiled_object(machine_code)
         library._finalize_final_module()
-        codegen._engine._defined_symbols |= _symbols(machine_code)  # which numba asks the intermediate code for
+        # Numba takes the names from the parsed intermediate code; the machine code has them too.
+        codegen._engine._defined_symbols |= _symbols(machine_code)
         library._intermediate_code = intermediate_code
         return library
 
@@ -51,7 +59,7 @@ class Library(JITCodeLibrary):
 
 
 def _symbols(machine_code: bytes) -> set[str]:
-    """What an object file defines."""
+    """Return the names of the symbols that an object file (ELF) defines."""
     sections = llvm.ObjectFileRef.from_data(machine_code).sections()
     tables = {each.name(): each.data() for each in sections if each.name() in (b".strtab", b".symtab")}
     names = tables[b".strtab"]
@@ -60,29 +68,31 @@ def _symbols(machine_code: bytes) -> set[str]:
 
 
 def load_quickly() -> None:
-    """Take numba's two shortcuts; must come before the first kernel is loaded."""
+    """Replace numba's loading by the quick one. Call it before the first kernel is loaded."""
     JITCPUCodegen._library_class = Library
     _leave_blas_for_later()
 
 
 def _leave_blas_for_later() -> None:
-    """Numba imports all of SciPy's linear algebra, 130 modules, only to see whether it is there.
+    """Keep numba from importing SciPy's linear algebra, 130 modules, only to find out whether it is installed.
 
-    That it looks for when it compiles what might use it. Compiled code that does use it imports it when it first runs.
+    Afterwards numba looks for it when it compiles code that might use it. Compiled code that uses it imports it when it
+    first runs.
     """
     if _BLAS in sys.modules or _ARRAYS in sys.modules:
-        return
-    sys.modules[_BLAS] = None  # type: ignore[assignment] # importing it fails
+        return  # too late, and no harm: the modules are in memory already
+    sys.modules[_BLAS] = None  # type: ignore[assignment] # makes the import fail
     try:
         arrays: Any = importlib.import_module(_ARRAYS)
     finally:
         del sys.modules[_BLAS]
-    own: dict[str, Any] = arrays._get_inner_prod.__globals__  # the module's, which may have got another name
+    # By way of a function's globals, since in some versions of numba this module only redirects to another one.
+    own: dict[str, Any] = arrays._get_inner_prod.__globals__
     own["_HAVE_BLAS"] = _Asked(own["_check_blas"])
 
 
 class _Asked:
-    """What a function says, each time that it matters."""
+    """A flag that calls a function each time that its truth is tested, instead of having a fixed value."""
 
     def __init__(self, ask: Callable[[], bool]) -> None:
         self._ask = ask

@@ -13,6 +13,7 @@ from lowlevel.compiled import subroutine
 
 
 def _pointer(element: Any) -> Any:
+    """Return an intrinsic that turns an address, an int64, into a pointer to ``element``: numba has no such cast."""
     kind: Any = types.CPointer
     kind = kind(element)
 
@@ -34,42 +35,45 @@ _pointer_to_octet = _pointer(types.uint8)
 
 @subroutine
 def reals(table: Any, place: Any) -> Any:
-    """The float64 array at a place of the table, shape (rows, columns); a number is (1, 1), a vector (1, n)."""
+    """Return the float64 array at a place of the table, shape (rows, columns): a number (1, 1), a vector (1, n)."""
     return carray(_pointer_to_real(table[place, 0]), (table[place, 1], table[place, 2]))
 
 
 @subroutine
 def integers(table: Any, place: Any) -> Any:
-    """The int64 array at a place of the table, likewise."""
+    """Return the int64 array at a place of the table, of a shape as in `reals`."""
     return carray(_pointer_to_integer(table[place, 0]), (table[place, 1], table[place, 2]))
 
 
 @subroutine
 def octets(table: Any, place: Any) -> Any:
-    """The uint8 array at a place of the table, likewise."""
+    """Return the uint8 array at a place of the table, of a shape as in `reals`."""
     return carray(_pointer_to_octet(table[place, 0]), (table[place, 1], table[place, 2]))
 
 
 @subroutine
 def integers_at(address: Any, rows: Any, columns: Any) -> Any:
-    """The int64 array at an address, such as a table."""
+    """Return the int64 array at an address; a table itself can be one."""
     return carray(_pointer_to_integer(address), (rows, columns))
 
 
 @subroutine
 def octets_at(address: Any, size: Any) -> Any:
-    """So many bytes at an address."""
+    """Return ``size`` bytes at an address as a uint8 array."""
     return carray(_pointer_to_octet(address), (size,))
 
 
 @subroutine
 def octets_of(payload: Any) -> Any:
-    """The bytes of a payload, which must outlive the array: counting who uses it would take half of reading it."""
+    """Return the content of a ``bytes`` object as a uint8 array without a reference: the object must outlive it.
+
+    Counting references, as numba does for an array from `np.frombuffer`, would take half of the time of reading.
+    """
     counted = np.frombuffer(payload, np.uint8)
     return carray(_pointer_to_octet(counted.ctypes.data), counted.shape)
 
 
 @subroutine
 def blocks(table: Any, place: Any, rows: Any) -> Any:
-    """The uint8 array at a place of the table, so many rows together: shape (blocks, rows, columns)."""
+    """Return the uint8 array at a place of the table as blocks of ``rows`` rows: shape (blocks, rows, columns)."""
     return carray(_pointer_to_octet(table[place, 0]), (table[place, 1] // rows, rows, table[place, 2]))

@@ -1,4 +1,4 @@
-"""Who neighbours whom: pure graphs, without any input or output."""
+"""Topologies: which cells are neighbours. Pure graphs, without input or output."""
 
 from topologies.grids import Torus, torus_of
 from topologies.parse import parse, torus_spec

@@ -1,6 +1,6 @@
-"""Graphs that are no rectangles: the ring, the hypercube, the complete graph, and random ones built by networkx.
+"""Topologies that are not rectangles: ring, hypercube, complete graph, and random graphs built by networkx.
 
-Every cell has as many slots as the one with the most neighbours; slots that are left over name the cell itself.
+Every cell has as many slots as the cell with the most neighbours. A slot that is left over names the cell itself.
 """
 
 from abc import ABC, abstractmethod
@@ -13,16 +13,16 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 MOST_DEGREE = 255
-"""A node has a link to each neighbour."""
+"""The most neighbours of a cell: a node keeps a link to each of them."""
 MOST_RANDOM = 1 << 14
-"""Cells of a random graph, whose diameter must be searched for."""
+"""The most cells of a random graph: finding its diameter takes time and memory that grow with their square."""
 MOST_SEED = (1 << 32) - 1
-_TRIES = 100
+_TRIES = 100  # of networkx, to draw a small world that is connected
 
 
 @dataclass(frozen=True)
 class _Graph(ABC):
-    """Cells that are numbered, and have no other place."""
+    """A topology whose cells have no coordinates but their numbers."""
 
     @property
     @abstractmethod
@@ -36,16 +36,20 @@ class _Graph(ABC):
 
     @abstractmethod
     def neighbours(self, cell: int) -> tuple[int, ...]:
-        """The neighbours of ``cell``, one for each of its slots."""
+        """Return the neighbours of ``cell``, one for each of its slots."""
 
     def table(self) -> "NDArray[np.int64]":
-        """The neighbours of all cells, shape (cells, slots)."""
+        """Return the neighbours of all cells, shape (cells, slots)."""
         import numpy as np
 
         return np.array([self.neighbours(cell) for cell in range(self.cells)], np.int64)
 
     def place(self, cell: int) -> tuple[int]:
-        """The number of ``cell``."""
+        """Return (``cell``,), the only coordinate.
+
+        Raises:
+            ValueError: if there is no such cell.
+        """
         if not 0 <= cell < self.cells:
             raise ValueError(f"expected a cell of {self.spec}, 0 to {self.cells - 1}, found {cell}")
         return (cell,)
@@ -53,10 +57,10 @@ class _Graph(ABC):
 
 @dataclass(frozen=True)
 class Ring(_Graph):
-    """``size`` cells, each with the one before it and the one after it.
+    """A ring of ``size`` cells, each linked with the one before and the one after.
 
     Raises:
-        ValueError: if there is no cell.
+        ValueError: if there is not at least one cell.
     """
 
     size: int
@@ -67,28 +71,28 @@ class Ring(_Graph):
 
     @property
     def spec(self) -> str:
-        """Such as ``"ring 16"``."""
+        """The text that names this topology, such as ``"ring 16"``."""
         return f"ring {self.size}"
 
     @property
     def cells(self) -> int:
-        """Its size."""
+        """The number of cells."""
         return self.size
 
     @property
     def diameter(self) -> int:
-        """Half way round."""
+        """The greatest distance between two cells: half way round."""
         return self.size // 2
 
     def neighbours(self, cell: int) -> tuple[int, ...]:
-        """The cell before and the cell after."""
+        """Return the cell before and the cell after."""
         self.place(cell)
         return (cell - 1) % self.size, (cell + 1) % self.size
 
 
 @dataclass(frozen=True)
 class Complete(_Graph):
-    """``size`` cells, each a neighbour of all others.
+    """A complete graph of ``size`` cells: each is a neighbour of all others.
 
     Raises:
         ValueError: if there are fewer than 2 cells, or too many links.
@@ -102,31 +106,31 @@ class Complete(_Graph):
 
     @property
     def spec(self) -> str:
-        """Such as ``"complete 16"``."""
+        """The text that names this topology, such as ``"complete 16"``."""
         return f"complete {self.size}"
 
     @property
     def cells(self) -> int:
-        """Its size."""
+        """The number of cells."""
         return self.size
 
     @property
     def diameter(self) -> int:
-        """One link."""
+        """The greatest distance between two cells: one link."""
         return 1
 
     def neighbours(self, cell: int) -> tuple[int, ...]:
-        """All others, by number."""
+        """Return all other cells, in the order of their numbers."""
         self.place(cell)
         return tuple(other for other in range(self.size) if other != cell)
 
 
 @dataclass(frozen=True)
 class Hypercube(_Graph):
-    """2^``dimensions`` cells; the numbers of neighbours differ in one bit.
+    """A hypercube of 2^``dimensions`` cells: the numbers of neighbours differ in exactly one bit.
 
     Raises:
-        ValueError: if there is no dimension.
+        ValueError: if there are not 1 to 20 dimensions.
     """
 
     dimensions: int
@@ -137,31 +141,31 @@ class Hypercube(_Graph):
 
     @property
     def spec(self) -> str:
-        """Such as ``"hypercube 4"``."""
+        """The text that names this topology, such as ``"hypercube 4"``."""
         return f"hypercube {self.dimensions}"
 
     @property
     def cells(self) -> int:
-        """2^dimensions."""
+        """The number of cells: 2^dimensions."""
         return 1 << self.dimensions
 
     @property
     def diameter(self) -> int:
-        """All bits differ."""
+        """The greatest distance between two cells: each link changes one bit, and all may differ."""
         return self.dimensions
 
     def neighbours(self, cell: int) -> tuple[int, ...]:
-        """From the lowest bit to the highest."""
+        """Return the neighbours of ``cell``, from the one that differs in the lowest bit to the highest."""
         self.place(cell)
         return tuple(cell ^ 1 << bit for bit in range(self.dimensions))
 
 
 @dataclass(frozen=True)
 class _Random(_Graph):
-    """A graph that networkx builds from a seed, not before somebody asks who neighbours whom: that may take seconds.
+    """A graph that networkx builds from a seed. It is built when neighbours are first asked for: that may take seconds.
 
     Raises:
-        ValueError: if there is no such graph.
+        ValueError: if no such graph exists.
     """
 
     size: int
@@ -170,33 +174,37 @@ class _Random(_Graph):
     def __post_init__(self) -> None:
         if not (3 < self.size <= MOST_RANDOM and 2 <= self.degree <= min(MOST_DEGREE, self.size - 1)):
             raise ValueError(
-                f"expected 4 to {MOST_RANDOM} cells of a degree of 2 to {MOST_DEGREE} and less than the cells, "
-                f"found {self.size} of degree {self.degree}"
+                f"expected 4 to {MOST_RANDOM} cells and a degree from 2 to {MOST_DEGREE}, "
+                f"less than the number of cells, found {self.size} cells of degree {self.degree}"
             )
         self._check()
 
     def _check(self) -> None:
-        """Refuse whatever else makes no graph.
+        """Check what the subclass requires besides.
 
         Raises:
-            ValueError: says what was expected and what was found.
+            ValueError: if no such graph exists.
         """
 
     @abstractmethod
     def _build(self) -> Any:
-        """The graph, connected."""
+        """Return the networkx graph, which must be connected."""
 
     @property
     def cells(self) -> int:
-        """Its size."""
+        """The number of cells."""
         return self.size
 
     @cached_property
     def diameter(self) -> int:
-        """Links until news of every cell has reached all: row by row bits tell whose news a cell has."""
+        """The greatest distance between two cells, found by spreading news of every cell from all cells at once.
+
+        In each step every cell learns what its neighbours know. The diameter is the number of steps until all know all.
+        """
         import numpy as np
 
         table = self.table()
+        # Bit c of row r: cell r has news of cell c. Packed, the bits of the largest graph take 32 MiB.
         heard = np.packbits(np.eye(self.size, dtype=bool), axis=1)
         every, links = np.packbits(np.ones(self.size, bool)), 0
         while not np.all(heard == every):
@@ -214,7 +222,7 @@ class _Random(_Graph):
         return most
 
     def neighbours(self, cell: int) -> tuple[int, ...]:
-        """By number, then the cell itself as often as it has fewer than others."""
+        """Return the neighbours of ``cell`` by number, then the cell itself for each slot that is left over."""
         self.place(cell)
         others = sorted(self._graph[cell])
         return (*others, *[cell] * (self._slots - len(others)))
@@ -222,24 +230,24 @@ class _Random(_Graph):
 
 @dataclass(frozen=True)
 class RandomRegular(_Random):
-    """``size`` cells of the same degree, linked at random, in one piece."""
+    """A random graph of ``size`` cells that all have the same degree; it is connected."""
 
     seed: int = 1
 
     def _check(self) -> None:
         _check_seed(self.seed)
-        if self.degree < 3:  # a ring has degree 2; at random such graphs are hardly ever in one piece
+        if self.degree < 3:  # random graphs of degree 2 are hardly ever connected; a ring is the one that is
             raise ValueError(f"expected a degree of 3 or more, found {self.degree}")
         if self.size * self.degree % 2:
             raise ValueError(f"expected an even product of cells and degree, found {self.size} and {self.degree}")
 
     @property
     def spec(self) -> str:
-        """Such as ``"random-regular 16 4 seed 1"``."""
+        """The text that names this topology, such as ``"random-regular 16 4 seed 1"``."""
         return f"random-regular {self.size} {self.degree} seed {self.seed}"
 
     def _build(self) -> Any:
-        """The first of the graphs of seed, seed + 1, .. that is in one piece."""
+        """Return the first connected graph among those of seed, seed + 1, …."""
         import networkx
 
         seed = self.seed
@@ -250,7 +258,7 @@ class RandomRegular(_Random):
             seed += 1
 
     def _drawn(self, seed: int) -> Any:
-        """Of many links those are drawn that are missing: networkx would look for the last ones for ever."""
+        """Draw a graph. Of a dense one draw the complement: networkx would search for the last links for ever."""
         import networkx
 
         if 2 * self.degree < self.size:
@@ -260,7 +268,10 @@ class RandomRegular(_Random):
 
 @dataclass(frozen=True)
 class SmallWorld(_Random):
-    """A ring with links to the ``degree`` nearest, each led elsewhere with a ``probability`` (Watts, Strogatz 1998)."""
+    """A small world (Watts and Strogatz 1998): a ring in which each cell is linked to the ``degree`` nearest ones.
+
+    With ``probability`` a link is led to another cell instead.
+    """
 
     probability: float
     seed: int = 1
@@ -269,11 +280,11 @@ class SmallWorld(_Random):
         _check_seed(self.seed)
         if self.degree < 4 or self.degree % 2 or not 0.0 <= self.probability <= 1.0:
             found = f"{self.degree} and {self.probability:g}"
-            raise ValueError(f"expected an even degree of 4 or more, and a probability, found {found}")
+            raise ValueError(f"expected an even degree of 4 or more and a probability from 0 to 1, found {found}")
 
     @property
     def spec(self) -> str:
-        """Such as ``"small-world 16 4 0.1 seed 1"``."""
+        """The text that names this topology, such as ``"small-world 16 4 0.1 seed 1"``."""
         return f"small-world {self.size} {self.degree} {self.probability!r} seed {self.seed}"
 
     def _build(self) -> Any:

@@ -1,6 +1,6 @@
-"""Cells in rows and columns: the torus, with and without diagonal neighbours, and the grid, which has edges.
+"""Topologies of cells in rows and columns: the torus, with or without diagonal neighbours, and the grid with borders.
 
-The torus is the shape of the SuperNode of 1992 (Ahuactzin et al. 1992, §6, figure 7).
+The torus is the topology of the SuperNode of 1992 (Ahuactzin et al. 1992, §6, figure 7).
 """
 
 import math
@@ -29,7 +29,7 @@ class _Rectangle(ABC):
 
     name: ClassVar[str]
     sides: ClassVar[tuple[tuple[int, int], ...]] = (_NORTH, _EAST, _SOUTH, _WEST)
-    """Where the slots' neighbours are: rows down and columns to the right, in the order of the slots."""
+    """The offset of each slot's neighbour, (rows down, columns to the right), in the order of the slots."""
 
     def __post_init__(self) -> None:
         if self.rows < 1 or self.columns < 1:
@@ -37,89 +37,93 @@ class _Rectangle(ABC):
 
     @property
     def spec(self) -> str:
-        """Such as ``"torus 4x4"``."""
+        """The text that names this topology, such as ``"torus 4x4"``."""
         return f"{self.name} {self.rows}x{self.columns}"
 
     @property
     def cells(self) -> int:
-        """Rows × columns."""
+        """The number of cells: rows × columns."""
         return self.rows * self.columns
 
     @abstractmethod
     def beside(self, cell: int, down: int, right: int) -> int:
-        """The cell so many rows down and columns to the right of ``cell``."""
+        """Return the cell ``down`` rows below and ``right`` columns to the right of ``cell``."""
 
     def neighbours(self, cell: int) -> tuple[int, ...]:
-        """The cells beside ``cell``, in the order of the slots."""
+        """Return the neighbours of ``cell``, in the order of the slots."""
         return tuple(self.beside(cell, down, right) for down, right in self.sides)
 
     @abstractmethod
     def table(self) -> "NDArray[np.int64]":
-        """The neighbours of all cells, shape (cells, slots)."""
+        """Return the neighbours of all cells, shape (cells, slots)."""
 
     def place(self, cell: int) -> tuple[int, int]:
-        """(row, column) of ``cell``."""
+        """Return (row, column) of ``cell``.
+
+        Raises:
+            ValueError: if there is no such cell.
+        """
         if not 0 <= cell < self.cells:
             raise ValueError(f"expected a cell of {self.spec}, 0 to {self.cells - 1}, found {cell}")
         return divmod(cell, self.columns)
 
 
 class Torus(_Rectangle):
-    """Four slots in the order north, east, south, west; beyond an edge the opposite one goes on.
+    """A torus with four slots, in the order north, east, south, west. Beyond a border follows the opposite one.
 
-    On small shapes slots repeat a cell, or name the cell itself: on 1 × 1 all four slots are cell 0.
+    On small tori several slots name the same cell, or the cell itself: on 1 × 1 all four slots are cell 0.
     """
 
     name = "torus"
 
     @property
     def diameter(self) -> int:
-        """Half way round in both directions."""
+        """The greatest distance between two cells: half way round in both directions."""
         return self.rows // 2 + self.columns // 2
 
     def beside(self, cell: int, down: int, right: int) -> int:
-        """Round the torus."""
+        """Return the cell at an offset from ``cell``, wrapping around at the borders."""
         row, column = self.place(cell)
         return (row + down) % self.rows * self.columns + (column + right) % self.columns
 
     def table(self) -> "NDArray[np.int64]":
-        """The neighbours of all cells, shape (cells, slots)."""
-        import numpy as np
+        """Return the neighbours of all cells, shape (cells, slots)."""
+        import numpy as np  # not at the top: to name a topology takes no numpy, which is slow to import
 
         grid = np.arange(self.cells).reshape(self.rows, self.columns)
         return np.stack([np.roll(grid, (-down, -right), (0, 1)).ravel() for down, right in self.sides], axis=1)
 
 
 class Moore(Torus):
-    """A torus with eight slots: after the four of the torus north-east, south-east, south-west, north-west."""
+    """A torus with eight slots: the four of `Torus`, then north-east, south-east, south-west, north-west."""
 
     name = "moore"
     sides = (*_Rectangle.sides, *_DIAGONALS)
 
     @property
     def diameter(self) -> int:
-        """Half way round in the longer direction: a diagonal link goes in both."""
+        """The greatest distance between two cells: half way round in the longer direction; diagonals go in both."""
         return max(self.rows // 2, self.columns // 2)
 
 
 class Grid(_Rectangle):
-    """The torus with edges: a slot that would lead over one names the cell itself."""
+    """A rectangle with borders and four slots. A slot that would lead over a border names the cell itself."""
 
     name = "grid"
 
     @property
     def diameter(self) -> int:
-        """From corner to corner."""
+        """The greatest distance between two cells: from corner to opposite corner."""
         return self.rows - 1 + self.columns - 1
 
     def beside(self, cell: int, down: int, right: int) -> int:
-        """Not over the edge."""
+        """Return the cell at an offset from ``cell``, or ``cell`` itself if the offset leads over a border."""
         row, column = self.place(cell)
         inside = 0 <= row + down < self.rows and 0 <= column + right < self.columns
         return cell + down * self.columns + right if inside else cell
 
     def table(self) -> "NDArray[np.int64]":
-        """The neighbours of all cells, shape (cells, 4)."""
+        """Return the neighbours of all cells, shape (cells, 4)."""
         import numpy as np
 
         cells = np.arange(self.cells)
@@ -133,6 +137,6 @@ class Grid(_Rectangle):
 
 
 def torus_of(nodes: int) -> str:
-    """The most square torus of so many nodes: 128 is ``"torus 8x16"``."""
+    """Return the spec of the most nearly square torus of ``nodes`` cells: for 128 it is ``"torus 8x16"``."""
     rows = next(rows for rows in range(math.isqrt(nodes), 0, -1) if nodes % rows == 0)
     return f"torus {rows}x{nodes // rows}"

@@ -1,4 +1,4 @@
-"""From the text that people write to a topology."""
+"""Turns the text by which people name a topology into the topology."""
 
 import re
 from collections.abc import Callable
@@ -9,7 +9,7 @@ from topologies.grids import Grid, Moore, Torus
 from topologies.topology import Topology
 
 MOST_CELLS = 1 << 20
-_KEPT = 8  # random graphs, once they are built, may take a gigabyte each
+_KEPT = 8  # a random graph, once it is built, may take a gigabyte
 EXAMPLES = (
     "torus 4x4",
     "moore 4x4",
@@ -53,10 +53,10 @@ _KINDS: tuple[tuple[str, Callable[[re.Match[str]], Topology]], ...] = (
 
 
 def torus_spec(value: object) -> str:
-    """The spec of a torus of which only rows and columns are given, as the text "RxC" or as a pair.
+    """Return the spec of the torus with the given rows and columns, which are the text "RxC" or a pair of numbers.
 
     Raises:
-        ValueError: if they are none.
+        ValueError: if ``value`` is neither, or there is no such torus.
     """
     match value:
         case str() if re.fullmatch(rf"\s*{_SHAPE}\s*", value):
@@ -70,10 +70,12 @@ def torus_spec(value: object) -> str:
 
 @lru_cache(_KEPT)
 def parse(spec: str) -> Topology:
-    """The topology named by ``spec``, such as ``"torus 8x8"``: see `EXAMPLES`.
+    """Return the topology that ``spec`` names, such as ``"torus 8x8"``; `EXAMPLES` has one of each kind.
+
+    The latest topologies are cached, since building a random graph may take seconds.
 
     Raises:
-        ValueError: says what was expected and what was found.
+        ValueError: if ``spec`` names no topology, or one that is not possible.
     """
     for pattern, make in _KINDS:
         match = re.fullmatch(rf"\s*{pattern}\s*", spec)

@@ -1,4 +1,4 @@
-"""What every topology answers, whatever its shape."""
+"""The interface of all topologies."""
 
 from typing import TYPE_CHECKING, Protocol
 
@@ -7,11 +7,15 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 ROOT = 0
-"""The root cell, at which the spy sits."""
+"""The root cell, whose messages the spy receives."""
 
 
 class Topology(Protocol):
-    """A graph of cells, numbered from 0 (the root) in a fixed order."""
+    """A graph of cells, numbered from 0 (the root) in a fixed order.
+
+    All cells have the same number of slots (neighbour positions), so that the neighbours of all cells are one array. A
+    slot that would be left over names the cell itself. Links are mutual: if a slot of cell a names b, one of b names a.
+    """
 
     @property
     def spec(self) -> str:
@@ -25,17 +29,25 @@ class Topology(Protocol):
 
     @property
     def diameter(self) -> int:
-        """The greatest distance, in links, between two cells."""
+        """The greatest distance, in links, between two cells. It bounds how long news takes to reach all cells."""
         ...
 
     def neighbours(self, cell: int) -> tuple[int, ...]:
-        """The neighbours of ``cell``, one for each of its slots; a small graph may repeat a cell."""
+        """Return the neighbours of ``cell``, one for each of its slots. A small graph may repeat a cell.
+
+        Raises:
+            ValueError: if there is no such cell.
+        """
         ...
 
     def table(self) -> "NDArray[np.int64]":
-        """The neighbours of all cells at once, shape (cells, slots): row after row what `neighbours` says."""
+        """Return the neighbours of all cells at once, shape (cells, slots): row c has the neighbours of cell c."""
         ...
 
     def place(self, cell: int) -> tuple[int, ...]:
-        """The coordinates by which people name ``cell``: (row, column) on a torus."""
+        """Return the coordinates by which people name ``cell``: (row, column) on a torus.
+
+        Raises:
+            ValueError: if there is no such cell.
+        """
         ...

@@ -1,1 +1,1 @@
-"""What travels: key expressions, messages and their limits, Zenoh sessions."""
+"""Everything that travels between processes: key expressions, messages and their limits, and Zenoh sessions."""

@@ -1,4 +1,9 @@
-"""Callbacks on Zenoh's own threads, without a Python thread in between."""
+"""Callbacks that Zenoh calls on the thread that received the message.
+
+By default Zenoh's Python binding hands each message over to another thread, which runs the callback. That change of
+threads would be most of the cost of an exchange, so these handlers avoid it (``indirect=False``). The price: a callback
+must not block, since no further message is received meanwhile, and must not declare anything at its session.
+"""
 
 import ctypes
 import threading
@@ -11,9 +16,13 @@ _thread = threading.local()
 
 
 def direct(function: Callable[[Any], None], end: Callable[[], None] | None = None) -> Any:
-    """A handler that calls ``function`` on the thread that received the message; it must not block.
+    """Return a handler that calls ``function`` on the thread that received the message; ``function`` must not block.
 
-    ``end`` is called once there will be no more messages.
+    Use it for everything but the messages of exchanges (`frequent`).
+
+    Args:
+        function: takes the message: a sample, a query or a reply.
+        end: called once, when no more messages will come; for a query, after its last reply.
     """
 
     def call(message: Any) -> None:
@@ -24,16 +33,21 @@ def direct(function: Callable[[Any], None], end: Callable[[], None] | None = Non
 
 
 def frequent(function: Callable[[Any], None], end: Callable[[], None] | None = None) -> Any:
-    """The same for messages that come thousands of times a second, on a thread that has called `direct` ones before."""
+    """Return a handler for messages that arrive thousands of times a second: `direct` without its check in each call.
+
+    It is only quick on a thread that has called a `direct` handler before, as a node's single network thread has. That
+    call kept the thread's Python state. On another thread this handler works too, but CPython builds a state each time.
+    """
     return zenoh.handlers.Callback(function, end, indirect=False)
 
 
 def _keep_thread_state() -> None:
-    """Keep this thread's Python state for as long as the process lives.
+    """Keep this thread's Python state until the process ends.
 
-    CPython makes a thread state before, and frees it after, each call from a thread that it does not know: 16 kB mapped
-    and unmapped again, a third of what receiving costs.
+    CPython creates a thread state before each call from a thread that it does not know, and frees it afterwards. That
+    maps and unmaps 16 kB, a third of the cost of receiving a message.
     """
+    # The mark is stored in the state itself, so a mark that is found proves that the state was kept.
     if not hasattr(_thread, "kept"):
         _thread.kept = True
-        ctypes.pythonapi.PyGILState_Ensure()  # never released, so it outlives this call
+        ctypes.pythonapi.PyGILState_Ensure()  # deliberately never released: the count of users stays above zero

@@ -1,10 +1,18 @@
 """Commands to nodes and to the spy, and their answers.
 
-Commands to all nodes of a job reach every node of the cluster; those that are not at it do not answer. Every other
-command is answered: with `Done`, with `Refused`, or, for `Begin` and `Halt`, with the node's `Report` when it stops.
+A command travels as a query, sealed (`wire.seal`), and its answer as the reply. The answers are:
 
-A job lives in a row of epochs, numbered from 0: its problem, and who lives where and neighbours whom, in the first one;
-then whatever an update changes. Each epoch has a beginning and a stop of its own, and passes its demes on to the next.
+- `Done` or `Refused`, at once;
+- `Judged`, the spy's answer to `Finish`;
+- a node's `wire.report.Report`, after `Begin` and `Halt`, once its cell has stopped;
+- an exchange message, after `Missed`.
+
+A command for all nodes of a job is one query to all nodes of the cluster. Nodes that are not at that job drop the query
+without an answer, so the sender must know how many answers to expect.
+
+A job runs as a sequence of epochs, numbered from 0. The first has the problem and the topology as submitted, each later
+one what an update or another change made of them. Every epoch has its own beginning and its own stop. Its demes go on
+in the next epoch.
 """
 
 import dataclasses
@@ -21,13 +29,14 @@ from wire.strict import Kind, Rejected, count, fields, of, pack, table, unpack
 
 @dataclass(frozen=True)
 class Wiring:
-    """Who lives on which cell, and by which links.
+    """Which node is at which cell, and how the nodes reach each other.
 
     Attributes:
-        number: nodes that have the links of this number keep them.
-        nodes: the numbers of the nodes, cell by cell.
-        hosts: where they live, cell by cell: those on one host share a folder of Unix sockets. Empty: all on one host.
-        endpoints: where each, cell by cell, listens to nodes on other hosts; "" for one who does not.
+        number: identifies a set of links. A node that already has the links of this number keeps them; another number
+            makes it open new ones.
+        nodes: the number of each cell's node.
+        hosts: the host of each cell's node; nodes of one host share a folder of Unix sockets. Empty: all are on one.
+        endpoints: the endpoint at which each cell's node listens for nodes of other hosts; "" for one that does not.
     """
 
     number: int
@@ -38,15 +47,24 @@ class Wiring:
 
 @dataclass(frozen=True)
 class Prepare:
-    """Get ready for an epoch of a job.
+    """Prepare an epoch of a job: read the problem and open the links.
+
+    The cell of the epoch before, if there is one, keeps breeding meanwhile.
 
     Attributes:
+        job: the job's number.
+        epoch: the epoch's number in the job.
         file: the problem file as JSON; its run settings name the topology.
-        since: generations of the job before this epoch; None: as many as the node has bred, with the deme that it has.
-        deme: to begin with, for a node that has none of its own: each individual whole, one after the other.
-        fresh: whether the cells draw new individuals, and none goes on with a deme; then ``since`` is said.
-        best: for the spy: the best answer to the same problem so far, as an improvement travels; empty without any.
-        cluster_nodes: how many nodes the whole cluster has, at any job or at none: the more, the less often each tells.
+        wiring: the node of each cell, and the links.
+        since: how many generations the job has bred before this epoch. None: as many as the node itself has bred; then
+            the node goes on with its own deme.
+        deme: the individuals to begin with, for a node that has no deme of its own: each at full length, one after the
+            other.
+        best: for the spy, the best answer to the same problem so far, an encoded `wire.news.Improvement`; empty if
+            there is none.
+        cluster_nodes: the number of nodes in the whole cluster, busy or not. The more there are, the less often each
+            sends counters.
+        fresh: whether all cells draw new individuals instead of going on with a deme; then ``since`` is given.
     """
 
     name: ClassVar[str] = "prepare"
@@ -63,7 +81,10 @@ class Prepare:
 
 @dataclass(frozen=True)
 class Begin:
-    """Every node is prepared: go, once the epoch before has stopped. Asked again, it is answered to who asked last."""
+    """Begin the epoch once the previous one has stopped; every node is prepared. The answer is the cell's report.
+
+    It may be repeated, for example by a coordinator that takes over. Then only the latest query gets the report.
+    """
 
     name: ClassVar[str] = "begin"
     job: int
@@ -72,7 +93,7 @@ class Begin:
 
 @dataclass(frozen=True)
 class ProposeStop:
-    """Propose that all cells stop."""
+    """Let a cell propose that all cells stop, after a generation by which every cell knows of it."""
 
     name: ClassVar[str] = "propose stop"
     job: int
@@ -82,7 +103,7 @@ class ProposeStop:
 
 @dataclass(frozen=True)
 class Halt:
-    """Stop at once, wherever you are: a node has died, and the others would wait for it."""
+    """Stop at once, in whatever generation: a node has died, and its neighbours would wait for it for ever."""
 
     name: ClassVar[str] = "halt"
     job: int
@@ -91,7 +112,7 @@ class Halt:
 
 @dataclass(frozen=True)
 class Look:
-    """Are you at this job? Those who are answer with their cells."""
+    """Ask which nodes are at a job. Each of them answers with its cell and its versions of libraries."""
 
     name: ClassVar[str] = "look"
     job: int
@@ -99,7 +120,7 @@ class Look:
 
 @dataclass(frozen=True)
 class Drop:
-    """Forget a job that failed elsewhere, or has ended."""
+    """Forget a job that has ended or has failed elsewhere."""
 
     name: ClassVar[str] = "drop"
     job: int
@@ -107,7 +128,7 @@ class Drop:
 
 @dataclass(frozen=True)
 class Missed:
-    """From a neighbour: your message of this generation has not come; the answer is that message."""
+    """Ask a neighbour for its exchange message of a generation, which has not arrived; the answer is the message."""
 
     name: ClassVar[str] = "missed"
     job: int
@@ -117,15 +138,15 @@ class Missed:
 
 @dataclass(frozen=True)
 class Finish:
-    """To the spy: all nodes have stopped, or one has failed.
+    """To the spy: all nodes have stopped, or one has failed. Verify and judge the epoch; the answer is `Judged`.
 
     Attributes:
-        champion: the best that they know.
-        generation: after which they stopped, the median in async mode.
-        reasons: of the stops proposed for that generation.
+        champion: the best individual that any of the nodes knows of, or None.
+        generation: the generation after which the nodes stopped; in async mode the median.
+        reasons: the reasons of the stops that were proposed for that generation.
         error: why a node failed, or None.
-        states: what cells, by their numbers, have to say of their problems' states.
-        since: generations of the job before this epoch.
+        states: pairs of a cell and what its problem reports about its state.
+        since: how many generations the job had bred before this epoch.
     """
 
     name: ClassVar[str] = "finish"
@@ -144,7 +165,11 @@ Command = Prepare | Begin | ProposeStop | Halt | Look | Drop | Missed | Finish
 
 @dataclass(frozen=True)
 class Done:
-    """The command was carried out; ``note`` is what there is to say of it, as JSON."""
+    """The command was carried out.
+
+    Attributes:
+        note: JSON: for `Prepare` to a node, the versions that its results depend on; for `Look`, these and the cell.
+    """
 
     note: str = "null"
 
@@ -154,8 +179,9 @@ class Refused:
     """The command was not carried out.
 
     Attributes:
-        blame: "input" if the user's input is at fault; "stranger" if it is about a job that this process, being
-            younger, has never heard of; else "failure".
+        message: why, one sentence for people.
+        blame: "input" if the user's input is at fault; "stranger" if the command is about a job that this process does
+            not know, because it started later; else "failure".
     """
 
     message: str
@@ -164,17 +190,21 @@ class Refused:
 
 @dataclass(frozen=True)
 class Judged:
-    """The spy's answer to `Finish`: what the run came to.
+    """The spy's answer to `Finish`: the result of the run.
 
     Attributes:
-        best: the best verified answer, an encoded `wire.news.Improvement`.
+        status: how the run ended, see `spy.result.Result`.
+        feasible: whether the planner's independent check accepts the best answer.
+        message: why the run failed, or what the check found wrong with the best answer; or None.
+        best: the best verified answer, an encoded `wire.news.Improvement`, or None.
         words: the solution in words.
-        target: the fitness that counts as solved.
-        clearance: of the solution: ``"least"``, ``"where"``, ``"required"`` and ``"unit"``, see `spy.result.Result`.
-        next_attempt: if the job is to begin anew, the fields of the problem to change, as JSON.
+        target: the fitness that counts as solved, or None.
+        clearance: the solution's clearance: ``"least"``, ``"where"``, ``"required"`` and ``"unit"``, see
+            `spy.result.Result`.
+        next_attempt: if the job is to begin anew, the fields of the problem that change, as JSON; else None.
         solved_when: what the target means, in words.
-        advice: what to turn, if the run has stalled.
-        has_oracle: whether the problem has an oracle that can tell whether there is a way.
+        advice: if the run has stalled, the settings that may help, one line each.
+        has_oracle: whether the problem has an oracle that can find out whether a solution exists.
     """
 
     status: str
@@ -194,12 +224,13 @@ Answer = Done | Judged | Refused
 
 
 def encode(command: Command) -> bytes:
-    """As msgpack."""
+    """Return a command as msgpack: version, name, and the fields in the order of their definition."""
     values = [_plain(getattr(command, field.name)) for field in dataclasses.fields(command)]
     return pack([VERSION, command.name, *values])
 
 
 def _plain(value: object) -> object:
+    """Return a field's value in the form in which it travels."""
     if isinstance(value, dict):
         return json.dumps(value)
     if not isinstance(value, Wiring):
@@ -209,10 +240,10 @@ def _plain(value: object) -> object:
 
 
 def decode(payload: bytes) -> Command:
-    """The inverse of `encode`.
+    """Return the command in ``payload``, the inverse of `encode`.
 
     Raises:
-        Rejected: whatever is wrong with it.
+        Rejected: if the payload is not a valid command.
     """
     version, name, *values = _at_least_two(unpack(payload))
     if version != VERSION or type(version) is not int:
@@ -224,16 +255,16 @@ def decode(payload: bytes) -> Command:
 
 
 def encode_answer(answer: Answer) -> bytes:
-    """As msgpack."""
+    """Return an answer as msgpack."""
     values = [_plain(getattr(answer, field.name)) for field in dataclasses.fields(answer)]
     return pack([type(answer).__name__.lower(), *values])
 
 
 def decode_answer(payload: bytes) -> Answer:
-    """The inverse of `encode_answer`.
+    """Return the answer in ``payload``, the inverse of `encode_answer`.
 
     Raises:
-        Rejected: whatever is wrong with it.
+        Rejected: if the payload is not a valid answer.
     """
     match unpack(payload):
         case ["done", str(note)]:
@@ -251,6 +282,7 @@ def decode_answer(payload: bytes) -> Answer:
 
 
 def _wiring(value: object) -> Wiring:
+    """Read a wiring: two fields, or four if the nodes are on several hosts."""
     number, nodes, *places = fields(value, 4 if type(value) is list and len(value) > 2 else 2)
     numbers = tuple(count(node) for node in of(list, nodes))
     told = [tuple(of(str, each) for each in of(list, texts)) for texts in places]
@@ -314,4 +346,5 @@ _COMMANDS: dict[str, tuple[Callable[..., Command], tuple[Callable[[Any], Any], .
     Missed.name: (Missed, (count, count, count)),
     Finish.name: (Finish, (count, count, _champion, count, _reasons, _maybe_text, _states, count)),
 }
-"""How each command's fields are read, in order."""
+"""The class of each command, and the readers of its fields in the order of their definition: fields travel by position,
+without names."""

@@ -1,6 +1,8 @@
-"""The message that a node publishes to its neighbours in each exchange (and, at the root, to the spy).
+"""The exchange message: what a node publishes to its neighbours in each exchange (the spy subscribes to the root's).
 
-Cells keep messages as arrays, which compiled code reads, writes, packs and unpacks.
+Cells keep messages as rows of arrays, because compiled code reads, writes, packs and unpacks them without creating a
+Python object for each field (`wire.exchange_kernels` defines the layout and the checks). This module is the Python
+side: the array types, the limits that a receiver enforces, and the words for the reasons to refuse a message.
 """
 
 import math
@@ -25,8 +27,11 @@ __all__ = [
     "Messages",
 ]
 
-_OVERHEAD = 256  # bytes of a message beside its genomes, more than enough
+# Upper bounds, not exact sizes: with every integer at its longest, the fields outside the list of emigrants take less
+# than 100 bytes, and an emigrant takes 15 bytes beside its genome (array, length of the genome, float64).
+_OVERHEAD = 256  # bytes of a message beside its genomes
 _EACH = 24  # bytes of an emigrant beside its genome
+# The compiled code knows only the numbers; the words end up in a node's warnings.
 REASONS = {
     kernels.TOO_LONG: "too long",
     kernels.NOT_MSGPACK: "not msgpack",
@@ -42,12 +47,16 @@ REASONS = {
 
 
 def most_bytes(genome_bytes: int, emigrants: int) -> int:
-    """The longest message that can be right."""
+    """Return an upper bound, in bytes, of a valid message; the one genome beside the emigrants' is the champion's."""
     return _OVERHEAD + genome_bytes + emigrants * (_EACH + genome_bytes)
 
 
 class Champion(NamedTuple):
-    """The best individual that a node has seen or heard of, ordered by (fitness, generation, cell)."""
+    """The best individual that a cell knows of: one that it bred or one that arrived in a message.
+
+    The field order is the order of comparison: (fitness, generation, cell). Generation and cell are those of birth, so
+    the order is total, and all cells agree on the champion whatever the order in which messages arrive.
+    """
 
     fitness: float
     generation: int
@@ -56,10 +65,12 @@ class Champion(NamedTuple):
 
     @staticmethod
     def of(value: object) -> "Champion":
-        """The champion in an unpacked report or command; whether its genome is one is for the receiver to ask.
+        """Return the champion in an unpacked report or command.
+
+        The genome is only checked to be bytes. Whether the job's coding could have made it, the receiver must check.
 
         Raises:
-            Rejected: whatever is wrong with it.
+            Rejected: if ``value`` is not a valid champion.
         """
         its_fitness, generation, cell, genome = fields(value, 4)
         return Champion(fitness(its_fitness), count(generation), count(cell), of(bytes, genome))
@@ -67,13 +78,13 @@ class Champion(NamedTuple):
 
 @dataclass(frozen=True)
 class Limits:
-    """What a receiver accepts for the job it is at.
+    """What a receiver accepts in messages of its present job.
 
     Attributes:
-        genome_bytes: the bytes of a genome.
+        genome_bytes: the size of a genome, in bytes; in a message it may be shorter (see `Messages.encode`).
         emigrants: the exact number of emigrants in a message.
-        cells: the number of cells.
-        alphabet: what the job's genomes are made of.
+        cells: the number of cells; a champion's cell of birth must be below it.
+        alphabet: which genomes the job's coding can make.
     """
 
     genome_bytes: int
@@ -83,17 +94,21 @@ class Limits:
 
     @property
     def most_bytes(self) -> int:
-        """The longest message that can be right."""
+        """An upper bound, in bytes, of a valid message. A longer payload is refused before any of it is read."""
         return most_bytes(self.genome_bytes, self.emigrants)
 
 
 class Messages(NamedTuple):
-    """Messages as arrays; ``n`` of them.
+    """``n`` messages as arrays, one message in each row.
+
+    The shapes depend on the job alone, so a cell allocates all its rows when an epoch begins, and none in an exchange.
 
     Attributes:
-        header: shape (n, HEADER), the columns named in `wire.exchange_kernels`; ``stop_at`` is NEVER if there is none.
-        genomes: (n, emigrants + 1, genome_bytes), the emigrants best first, then the champion.
-        fitness: (n, emigrants + 1), theirs; a champion of +inf stands for none.
+        header: shape (n, HEADER), int64; `wire.exchange_kernels` names the columns. ``stop_at`` is NEVER if no stop is
+            known.
+        genomes: shape (n, emigrants + 1, genome_bytes), uint8: the emigrants, best first, then the champion.
+        fitness: shape (n, emigrants + 1), float64, in the order of ``genomes``. A champion's fitness of +inf means that
+            the message has no champion.
     """
 
     header: Header
@@ -102,7 +117,7 @@ class Messages(NamedTuple):
 
     @staticmethod
     def room(rows: int, genome_bytes: int, emigrants: int) -> "Messages":
-        """Room for that many."""
+        """Allocate ``rows`` empty messages: no champion, all other values zero or +inf."""
         return Messages(
             np.zeros((rows, HEADER), np.int64),
             np.zeros((rows, emigrants + 1, genome_bytes), np.uint8),
@@ -110,20 +125,29 @@ class Messages(NamedTuple):
         )
 
     def copy(self) -> "Messages":
-        """The same, in room of their own."""
+        """Return a copy that shares no memory with these messages."""
         return Messages._make(array.copy() for array in self)
 
     def encode(self, row: int, champion: bool, out: Genomes) -> bytes:
-        """One of them as msgpack, with its champion if wanted; ``out`` is room for the longest that can be right."""
+        """Return one row as msgpack. Zeros at the end of a genome are left out; the receiver restores them.
+
+        Args:
+            row: the message to encode.
+            champion: whether to include the champion; False with ``--spy root``, where champions do not travel.
+            out: working space of at least `Limits.most_bytes` bytes; the compiled writer does not check its size.
+        """
         return out[: kernels.encode(*self, row, champion, out)].tobytes()
 
     def decode(self, row: int, payload: bytes, limits: Limits) -> str | None:
-        """Unpack into one row. Returns None, or the reason why the message is refused (then the row holds anything)."""
+        """Unpack a payload into one row. Return None, or why the message is refused: one of `REASONS`.
+
+        The row of a refused message is partly overwritten, so decode only into a row that nothing reads yet.
+        """
         code = kernels.decode(payload, limits.most_bytes, limits.cells, *limits.alphabet, *self, row)
         return None if code == 0 else REASONS[-code]
 
     def champion(self, row: int) -> Champion | None:
-        """The champion of one of them."""
+        """Return the champion of one row, or None if it has none."""
         its_fitness = float(self.fitness[row, -1])
         if its_fitness == math.inf:
             return None

@@ -1,7 +1,15 @@
-"""The exchange message between msgpack and arrays, compiled: reading one is the innermost loop of a node.
+"""Compiled conversion of the exchange message between msgpack and arrays: the innermost loop of a node.
 
-A message in arrays is a row of `header`, of `genomes` (the emigrants, then the champion) and of `fitness` (theirs).
-What may be in it is checked as it is read; whatever comes, nothing is raised and nothing is read beyond its end.
+A message in arrays is one row of ``header``, of ``genomes`` (the emigrants, then the champion) and of ``fitness`` (in
+the same order). In msgpack it is an array of eight:
+
+    [version, job, epoch, generation, stop_at or nil, [[genome, fitness], ...],
+     nil or [fitness, generation, cell, genome], [sent, evaluations]]
+
+The msgpack library is no alternative on the hot path: it would build a Python object for each value, and the fast path
+(`node.fast_path`) reads messages where no Python code runs. That path is also why no reader raises an exception: an
+exception cannot leave a compiled callback. Every value is checked as it is read. The compiled code has no bounds checks
+of its own, so each reader compares with the payload's length before it touches a byte.
 """
 
 from typing import Any
@@ -17,16 +25,20 @@ from lowlevel.compiled import kernel, subroutine
 Header = NDArray[np.int64]  # (..., HEADER)
 
 # Columns of a header: the numbers of the job and of the epoch that the fitness values belong to, the sender's
-# generation, the least generation of a stop that it knows, how many messages it has published for this job (this one
-# included), how many fitness calls it has made, and when and where the champion was born.
+# generation, the earliest stop that it knows (a generation), how many messages it has published in this epoch (this one
+# included), how many fitness calls it has made in it, and the champion's generation and cell of birth.
+# The order matters: JOB to STOP_AT and SENT to EVALUATIONS stand side by side in a message and are read as ranges.
 JOB, EPOCH, GENERATION, STOP_AT, SENT, EVALUATIONS, BORN, BIRTHPLACE = range(8)
 HEADER = 8
 
 VERSION = 1
 NEVER = 1 << 62
-"""The generation of a stop that nobody has proposed; counts on the wire are less."""
+"""``stop_at`` as long as no stop is proposed, so that the earliest stop is a plain minimum.
 
-# Why a message is refused: `decode` returns minus one of these.
+Counts on the wire are below it. Adding a stop distance to a count does not overflow an int64.
+"""
+
+# Why a message is refused. `decode` returns the negated number: positive results are positions in the payload.
 (
     TOO_LONG,
     NOT_MSGPACK,
@@ -40,8 +52,9 @@ NEVER = 1 << 62
     NO_SUCH_GENOME,
 ) = range(1, 11)
 
+# The first byte of a value in msgpack (https://github.com/msgpack/msgpack/blob/master/spec.md).
 _NIL = 0xC0
-_UNUSED = 0xC1
+_UNUSED = 0xC1  # the one byte that msgpack never uses
 _BIN_8 = 0xC4
 _FLOAT_32 = 0xCA
 _FLOAT_64 = 0xCB
@@ -51,13 +64,16 @@ _INT_64 = 0xD3
 _FIXARRAY = 0x90
 _ARRAY_16 = 0xDC
 _FIELDS = 8
-PAYLOAD = types.Bytes(types.uint8, 1, "C", readonly=True)
+PAYLOAD = types.Bytes(types.uint8, 1, "C", readonly=True)  # a Python bytes object, for signatures
 
 
-# Reading: each subroutine returns what it read and where the next value starts, or minus the reason in its place. -----
+# Reading --------------------------------------------------------------------------------------------------------------
+# Each reader takes the position ``at`` of a value and returns the position of the next one, after the value itself if
+# there is one. A negative position is the negated reason for a refusal; then the value is meaningless. Callers pass a
+# negative position on instead of reading further, so the first reason is the one that is reported.
 @subroutine
 def _raw(payload: Any, at: Any, size: Any) -> Any:
-    """``size`` bytes, big-endian, as a uint64."""
+    """Read ``size`` bytes, big-endian, as a uint64."""
     value = np.uint64(0)
     if at + size > len(payload):
         return value, -NOT_MSGPACK
@@ -68,30 +84,31 @@ def _raw(payload: Any, at: Any, size: Any) -> Any:
 
 @subroutine
 def _tag(payload: Any, at: Any) -> Any:
-    """The byte that says what follows; 0xC1, which never does, stands for the end of the payload too."""
+    """Return the first byte of a value; at the end of the payload 0xC1, so no caller needs a check of its own."""
     return np.int64(payload[at]) if at < len(payload) else np.int64(_UNUSED)
 
 
 @subroutine
 def _other(tag: Any) -> Any:
-    """Why a value of another type than expected is refused."""
+    """Return the refusal of a value that has another type than expected, or of a payload that ends too early."""
     return -NOT_MSGPACK if tag == _UNUSED else -WRONG_TYPE
 
 
 @subroutine
 def _count(payload: Any, at: Any, below: Any) -> Any:
-    """An integer in [0, below)."""
+    """Read an integer in [0, below), in any of msgpack's ten integer formats."""
     tag = _tag(payload, at)
-    if tag < 0x80:
+    if tag < 0x80:  # the value itself
         return (tag, at + 1) if tag < below else (tag, -OUT_OF_BOUNDS)
     if tag >= 0xE0:  # -32 to -1
         return tag, -OUT_OF_BOUNDS
     if not _UINT_8 <= tag <= _INT_64:
         return tag, _other(tag)
-    size = 1 << (tag - _UINT_8) % 4
+    size = 1 << (tag - _UINT_8) % 4  # four unsigned formats of 1, 2, 4 and 8 bytes, then four signed ones
     value, after = _raw(payload, at + 1, size)
     if after < 0:
         return tag, after
+    # Compared as uint64, before the conversion to int64: 2^63 and more would become negative, and so pass.
     negative = tag >= _INT_8 and value >> np.uint64(8 * size - 1) != 0
     if negative or value >= np.uint64(below):
         return tag, -OUT_OF_BOUNDS
@@ -100,7 +117,7 @@ def _count(payload: Any, at: Any, below: Any) -> Any:
 
 @subroutine
 def _length(payload: Any, at: Any) -> Any:
-    """The length of an array."""
+    """Read the length of an array. It only announces elements, perhaps four billion: never allocate by it."""
     tag = _tag(payload, at)
     if tag & 0xF0 == _FIXARRAY:
         return tag & 0x0F, at + 1
@@ -112,7 +129,7 @@ def _length(payload: Any, at: Any) -> Any:
 
 @subroutine
 def _array_of(count: Any, payload: Any, at: Any) -> Any:
-    """Where the first element of an array of ``count`` starts."""
+    """Return the position of the first element of an array, which must have ``count`` elements."""
     length, after = _length(payload, at)
     if after < 0 or length == count:
         return after
@@ -121,7 +138,11 @@ def _array_of(count: Any, payload: Any, at: Any) -> Any:
 
 @subroutine
 def _is_in_alphabet(genome: Any, mask: Any, low: Any, high: Any, items: Any) -> Any:
-    """See `genetics.coding.Alphabet`."""
+    """Return whether the coding could have made the genome: `genetics.coding.Alphabet.admits`, compiled.
+
+    Breeding and evaluation index arrays by what genomes contain, without checks of bounds, so a genome that is refused
+    here could otherwise make them read or write memory that is not theirs.
+    """
     for place in range(genome.size):
         if genome[place] & ~mask[place]:
             return False
@@ -130,14 +151,14 @@ def _is_in_alphabet(genome: Any, mask: Any, low: Any, high: Any, items: Any) -> 
     if low.size:
         genes = genome.view(np.float64)
         for gene in range(low.size):
-            if not low[gene] <= genes[gene] <= high[gene]:
+            if not low[gene] <= genes[gene] <= high[gene]:  # NaN compares false, so it is refused too
                 return False
     return True
 
 
 @subroutine
 def _genome(payload: Any, at: Any, genome: Any, mask: Any, low: Any, high: Any, items: Any) -> Any:
-    """Fill ``genome``, with zeros beyond what came; returns where the next value starts."""
+    """Read bytes into ``genome`` and fill the rest with zeros, which `_put_genome` leaves out; return the position."""
     tag = _tag(payload, at)
     if not _BIN_8 <= tag <= _BIN_8 + 2:
         return _other(tag)
@@ -158,11 +179,11 @@ def _genome(payload: Any, at: Any, genome: Any, mask: Any, low: Any, high: Any, 
 
 @subroutine
 def _fitness(payload: Any, at: Any, fitness: Any, number: Any) -> Any:
-    """Fill ``fitness[number]``; returns where the next value starts."""
+    """Read a float64 or float32 into ``fitness[number]``; return the position. +inf, infeasible, is a valid fitness."""
     tag = _tag(payload, at)
     if tag == _FLOAT_64:
         bits, after = _raw(payload, at + 1, 8)
-        fitness.view(np.uint64)[number] = bits
+        fitness.view(np.uint64)[number] = bits  # every bit of it: lockstep runs are repeated bit for bit
     elif tag == _FLOAT_32:
         bits, after = _raw(payload, at + 1, 4)
         single = np.array([np.uint32(bits)])
@@ -176,7 +197,7 @@ def _fitness(payload: Any, at: Any, fitness: Any, number: Any) -> Any:
 
 @subroutine
 def _counts(payload: Any, at: Any, header: Any, first: Any, past: Any) -> Any:
-    """Fill the header's columns from ``first`` to before ``past``; returns where the next value starts."""
+    """Read the header's columns from ``first`` up to, but not including, ``past``; return the position."""
     for column in range(first, past):
         if at >= 0:
             header[column], at = _count(payload, at, NEVER)
@@ -185,6 +206,7 @@ def _counts(payload: Any, at: Any, header: Any, first: Any, past: Any) -> Any:
 
 @subroutine
 def _emigrants(payload: Any, at: Any, mask: Any, low: Any, high: Any, items: Any, genomes: Any, fitness: Any) -> Any:
+    """Read exactly as many emigrants as the row has room for; return the position."""
     emigrants = fitness.size - 1
     at = _array_of(emigrants, payload, at)
     for number in range(emigrants):
@@ -210,8 +232,10 @@ def _champion(
     genome: Any,
     fitness: Any,
 ) -> Any:
+    """Read the champion, or nil, into the row's last place; return the position."""
     last = fitness.size - 1
     if _tag(payload, at) == _NIL:
+        # The row may hold an older message. With this fitness nothing looks at the genome that is still there.
         fitness[last] = np.inf
         header[BORN] = NEVER
         header[BIRTHPLACE] = 0
@@ -241,12 +265,13 @@ def read_message(
     genomes: Any,
     fitness: Any,
 ) -> Any:
-    """Fill one row's arrays, (HEADER,), (emigrants + 1, genome_bytes), (emigrants + 1,), from an array of bytes.
+    """Read a message, an array of bytes, into one row: (HEADER,), (emigrants + 1, genome_bytes), (emigrants + 1,).
 
-    Returns a positive number, or minus the reason why the message is refused; then the row holds anything. A message
-    without a champion leaves the fitness +inf there, and its genome as it was.
+    Returns a positive number, or the negated reason for which the message is refused. A refused message leaves the row
+    partly overwritten: pass a spare row, as the inbox does. A message without a champion sets the champion's fitness to
+    +inf and leaves its genome as it was.
     """
-    if len(payload) > most_bytes:
+    if len(payload) > most_bytes:  # first: it bounds the time that any payload can take
         return -TOO_LONG
     length, at = _length(payload, 0)
     if at < 0:
@@ -268,7 +293,7 @@ def read_message(
     if at >= 0:
         at = _array_of(2, payload, at)
     at = _counts(payload, at, header, SENT, BORN)
-    if at >= 0 and at != len(payload):
+    if at >= 0 and at != len(payload):  # something follows the message
         return -NOT_MSGPACK
     return at
 
@@ -301,7 +326,7 @@ def decode(
     fitness: Fitness,
     row: int,
 ) -> int:
-    """`read_message` into one row of the arrays; returns 0, or minus the reason why the message is refused."""
+    """Call `read_message` for one row of the arrays; return 0, or the negated reason for which it is refused."""
     bytes_of = np.frombuffer(payload, np.uint8)
     end: int = read_message(
         bytes_of, most_bytes, cells, mask, low, high, items, header[row], genomes[row], fitness[row]
@@ -311,7 +336,10 @@ def decode(
 
 @subroutine
 def only_emigrants(header: Any, genomes: Any, fitness: Any, sender: Any) -> Any:
-    """Under the paper's spy a sender's best emigrant is all that is heard of it: only the spy looks at champions."""
+    """Put the sender's best emigrant in the place of its champion, for ``--spy root``, where no champion is sent.
+
+    The rules that merge champions then need no second case.
+    """
     header[BORN] = header[GENERATION]
     header[BIRTHPLACE] = sender
     genomes[-1] = genomes[0]
@@ -320,15 +348,17 @@ def only_emigrants(header: Any, genomes: Any, fitness: Any, sender: Any) -> Any:
 
 @kernel("void(int64[:,::1], uint8[:,:,::1], float64[:,::1], int64[::1])")
 def hear_emigrants_only(header: Header, genomes: Genomes, fitness: Fitness, senders: Cells) -> None:
-    """`only_emigrants` for one message of each of the ``senders``."""
+    """Call `only_emigrants` for one message of each of the ``senders`` (cells)."""
     for row in range(senders.size):
         only_emigrants(header[row], genomes[row], fitness[row], senders[row])
 
 
 # Writing --------------------------------------------------------------------------------------------------------------
+# Each writer puts a value at position ``at`` of ``out`` and returns the position after it. None checks whether there is
+# room: `wire.exchange.Limits.most_bytes` is enough for every message of a job.
 @subroutine
 def _put(out: Any, at: Any, tag: Any, value: Any, size: Any) -> Any:
-    """A tag and ``size`` bytes of ``value``, big-endian."""
+    """Write a tag and ``size`` bytes of ``value``, big-endian."""
     out[at] = tag
     for place in range(size):
         out[at + 1 + place] = np.uint8((value >> np.uint64(8 * (size - 1 - place))) & np.uint64(0xFF))
@@ -337,7 +367,7 @@ def _put(out: Any, at: Any, tag: Any, value: Any, size: Any) -> Any:
 
 @subroutine
 def _put_count(out: Any, at: Any, count: Any) -> Any:
-    """In the shortest form, as every msgpack library writes it."""
+    """Write an integer in the shortest format, as msgpack libraries do, so that equal messages are equal bytes."""
     value = np.uint64(count)
     if count < 0x80:
         return _put(out, at, count, value, 0)
@@ -349,6 +379,7 @@ def _put_count(out: Any, at: Any, count: Any) -> Any:
 
 @subroutine
 def _put_length(out: Any, at: Any, length: Any) -> Any:
+    """Write the head of an array."""
     if length < 16:
         return _put(out, at, _FIXARRAY + length, np.uint64(0), 0)
     wide = length > 0xFFFF
@@ -362,7 +393,7 @@ def _put_fitness(out: Any, at: Any, fitness: Any, number: Any) -> Any:
 
 @subroutine
 def _put_genome(out: Any, at: Any, genome: Any) -> Any:
-    """Zeros at its end, where a genome of another length may go on, do not travel."""
+    """Write a genome without the zeros at its end: genomes of variable length have room for the longest."""
     length = genome.size
     while length > 0 and genome[length - 1] == 0:
         length -= 1
@@ -377,7 +408,7 @@ def _put_genome(out: Any, at: Any, genome: Any) -> Any:
 
 @subroutine
 def write_message(header: Any, genomes: Any, fitness: Any, champion: Any, out: Any) -> Any:
-    """`encode` for one row."""
+    """Write one row's message into ``out``, with its champion if ``champion``; return the number of bytes."""
     last = fitness.size - 1
     at = _put_length(out, 0, _FIELDS)
     at = _put_count(out, at, VERSION)
@@ -405,6 +436,6 @@ def write_message(header: Any, genomes: Any, fitness: Any, champion: Any, out: A
 
 @kernel("int64(int64[:,::1], uint8[:,:,::1], float64[:,::1], int64, boolean, uint8[::1])")
 def encode(header: Header, genomes: Genomes, fitness: Fitness, row: int, champion: bool, out: Genomes) -> int:
-    """Write one row as a message into ``out``, with its ``champion`` if there is one; returns how many bytes."""
+    """Call `write_message` for one row of the arrays; return the number of bytes."""
     end: int = write_message(header[row], genomes[row], fitness[row], champion, out)
     return end

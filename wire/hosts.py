@@ -1,7 +1,8 @@
-"""How nodes that were not launched with the coordinator join a cluster: host by host, each asking for numbers.
+"""The message by which nodes that the coordinator did not launch join a cluster, host by host.
 
-A host is one start of processes that share a folder of sockets: a container, or a machine. It holds a liveliness token,
-and answers whoever asks with what it is; with the same words it asks to join, and is answered with its nodes' numbers.
+A host is one start of a group of processes that share a folder of sockets: a container, or a machine. It holds a
+liveliness token. The same message serves as the host's request to join, which the coordinator answers with the numbers
+of the host's nodes, and as the host's answer to a coordinator that starts later and asks all hosts what they are.
 """
 
 from dataclasses import dataclass, replace
@@ -20,11 +21,13 @@ class Host:
     """A host of nodes.
 
     Attributes:
-        id: of this start of it; another start has another.
-        name: for people. A host that comes again under its name gets its old numbers, so jobs find their nodes.
-        wants: how many nodes it holds.
-        endpoint: where its first node listens to nodes on other hosts, such as tcp/10.0.0.3:7450; "": nowhere.
-        nodes: their numbers; empty as long as it has none.
+        id: identifies this start of the host; each start has another id.
+        name: the name shown to people. A host that joins again under its name gets its old node numbers back, so that
+            jobs find their nodes.
+        wants: the number of nodes on the host.
+        endpoint: where the host's first node listens for nodes of other hosts, such as tcp/10.0.0.3:7450; "" if it does
+            not.
+        nodes: the numbers of its nodes; empty until the host has joined.
     """
 
     id: str
@@ -34,19 +37,19 @@ class Host:
     nodes: tuple[int, ...] = ()
 
     def with_nodes(self, nodes: tuple[int, ...]) -> Self:
-        """The same, joined."""
+        """Return the host with its nodes' numbers, that is, joined."""
         return replace(self, nodes=nodes)
 
     def encode(self) -> bytes:
-        """As msgpack."""
+        """Return the host as msgpack."""
         return pack([VERSION, self.id, self.name, self.wants, self.endpoint, self.nodes])
 
     @staticmethod
     def decode(payload: bytes) -> "Host":
-        """The inverse of `encode`.
+        """Return the host in ``payload``, the inverse of `encode`.
 
         Raises:
-            Rejected: whatever is wrong with it.
+            Rejected: if the payload is not a valid host, or has another number of nodes than the host wants.
         """
         version, name, *values = fields(unpack(payload, _MOST_BYTES), 6)
         if type(version) is not int or version != VERSION:

@@ -1,7 +1,7 @@
-"""What clients and the coordinator say to each other: requests, their answers, and the changes of jobs' states.
+"""Messages between clients and the coordinator: requests, their answers, and changes of jobs' states.
 
-Unlike what nodes say among themselves this is for programs in any language, so arguments are named, and a program of
-another version is told so instead of being ignored.
+Clients may be programs in any language (docs/protocol.md), unlike nodes. So arguments have names, refusals are
+sentences, and a request of another version is refused with an explanation instead of being dropped.
 """
 
 import dataclasses
@@ -20,7 +20,7 @@ MOST_LISTED = 10_000  # jobs in one answer
 MOST_PRIORITY = 1_000_000  # in either direction
 
 _MOST_REQUEST_BYTES = MOST_FILE_BYTES + 4096
-_MOST_ANSWER_BYTES = 8 * MOST_FILE_BYTES  # a problem file before and after, what changed, and a result
+_MOST_ANSWER_BYTES = 8 * MOST_FILE_BYTES  # room for a problem file before and after, the changes, and a result
 _MOST_ARGUMENTS = 16
 _MOST_NAME = 64
 _MOST_TOPOLOGY = 256
@@ -32,12 +32,13 @@ _Of = TypeVar("_Of")
 
 @dataclass(frozen=True)
 class Submit:
-    """A job to be done.
+    """Submit a job.
 
     Attributes:
         file: the problem file, as `ProblemFile.to_json` writes it.
-        id: of the client's choice, so that a repeated request is the same job; or None.
-        priority: of two jobs in the queue the one of higher priority is done first.
+        id: the job's id, chosen by the client, so that a repeated request does not make a second job. None: the
+            coordinator chooses one.
+        priority: of two queued jobs, the one with the higher priority runs first.
     """
 
     name: ClassVar[str] = "submit"
@@ -48,7 +49,7 @@ class Submit:
 
 @dataclass(frozen=True)
 class ListJobs:
-    """Which jobs there are: the newest ``limit``, newest last."""
+    """List the newest ``limit`` jobs, the newest last; None: `MOST_LISTED`."""
 
     name: ClassVar[str] = "list"
     limit: int | None = None
@@ -56,7 +57,7 @@ class ListJobs:
 
 @dataclass(frozen=True)
 class Show:
-    """All about one job; ``brief``: how it is and its answer, without what may be large beside that."""
+    """Describe one job; ``brief`` leaves out the parts that may be large, such as the problem file."""
 
     name: ClassVar[str] = "show"
     job: str
@@ -65,10 +66,12 @@ class Show:
 
 @dataclass(frozen=True)
 class Records:
-    """What happened in a job: some thousand of its records, after the one of the id ``after``.
+    """Return a page of a job's records, oldest first.
 
     Attributes:
-        kind: "improvements" or "statistics".
+        kind: "improvements", "history" or "statistics".
+        job: the job's id.
+        after: the id of the last record that the client has; the page begins after it.
     """
 
     name: ClassVar[str] = "records"
@@ -79,7 +82,7 @@ class Records:
 
 @dataclass(frozen=True)
 class Logs:
-    """What the processes had to say, of a ``job`` or of a ``node`` only, if one is given; as `Records`."""
+    """Return a page of the processes' log records, as `Records` does; of one ``job`` or ``node`` only, if given."""
 
     name: ClassVar[str] = "logs"
     job: str | None = None
@@ -89,7 +92,7 @@ class Logs:
 
 @dataclass(frozen=True)
 class Cancel:
-    """End a job; its result is the best so far."""
+    """End a job; its result is the best answer so far."""
 
     name: ClassVar[str] = "cancel"
     job: str
@@ -97,7 +100,7 @@ class Cancel:
 
 @dataclass(frozen=True)
 class Update:
-    """The world of a job has moved: each top-level key of ``patch``, a JSON object, replaces the problem's own."""
+    """Change a job's problem: each top-level key of ``patch``, a JSON object, replaces that of the problem."""
 
     name: ClassVar[str] = "update"
     job: str
@@ -106,7 +109,7 @@ class Update:
 
 @dataclass(frozen=True)
 class Rewire:
-    """Another topology for a job that runs."""
+    """Give a job another topology while it runs."""
 
     name: ClassVar[str] = "rewire"
     job: str
@@ -115,7 +118,7 @@ class Rewire:
 
 @dataclass(frozen=True)
 class Status:
-    """How the cluster is."""
+    """Return the state of the cluster."""
 
     name: ClassVar[str] = "status"
 
@@ -136,7 +139,7 @@ _REQUESTS: dict[str, type[Request]] = {
 
 @dataclass(frozen=True)
 class Done:
-    """The answer to a request: plain values, see docs/protocol.md."""
+    """The request was carried out; ``value`` consists of plain values, see docs/protocol.md."""
 
     value: Any
 
@@ -154,14 +157,15 @@ Answer = Done | Refused
 
 @dataclass(frozen=True)
 class JobState:
-    """A job's state has changed.
+    """A change of a job's state, as the coordinator publishes it.
 
     Attributes:
-        job: the id.
-        number: what `wire.news.Improvement` calls the job.
-        fitness: of the best verified answer so far, if there is one.
-        message: why it failed, or what else there is to say.
-        at: Unix time, seconds.
+        job: the job's id.
+        number: the job's number, by which `wire.news.Improvement` names the job.
+        status: the new state.
+        fitness: the fitness of the best verified answer so far, or None.
+        message: why the job failed, or another remark for people, or None.
+        at: the time of the change, Unix time in seconds.
     """
 
     job: str
@@ -172,16 +176,16 @@ class JobState:
     at: float
 
     def encode(self) -> bytes:
-        """As msgpack."""
+        """Return the change as msgpack."""
         message = None if self.message is None else sayable(self.message)
         return pack([VERSION, self.job, self.number, self.status, plain(self.fitness), message, self.at])
 
     @staticmethod
     def decode(payload: bytes) -> "JobState":
-        """The inverse of `encode`.
+        """Return the change in ``payload``, the inverse of `encode`.
 
         Raises:
-            Rejected: whatever is wrong with it.
+            Rejected: if the payload is not a valid change.
         """
         version, job, number, status, fitness, message, at = fields(unpack(payload), 7)
         if type(version) is not int or version != VERSION:
@@ -197,24 +201,27 @@ class JobState:
 
 
 def encode(request: Request) -> bytes:
-    """As msgpack."""
+    """Return a request as msgpack, without the arguments that have their default values.
+
+    So an older coordinator still accepts a request whose new arguments are not used.
+    """
     given = {field.name: getattr(request, field.name) for field in dataclasses.fields(request)}
     defaults = {field.name: field.default for field in dataclasses.fields(request)}
     return pack([VERSION, request.name, {name: value for name, value in given.items() if value != defaults[name]}])
 
 
 def decode(payload: bytes) -> Request:
-    """The inverse of `encode`; arguments that have a default may be missing.
+    """Return the request in ``payload``, the inverse of `encode`. Arguments that have a default may be missing.
 
     Raises:
-        Rejected: whatever is wrong with it, in words for the client.
+        Rejected: if the payload is not a valid request; the reason is a sentence for the client's user.
     """
     if len(payload) > _MOST_REQUEST_BYTES:
         raise Rejected(f"expected a request of at most {_MOST_REQUEST_BYTES} bytes, found {len(payload)}")
     try:
         message = unpack(payload, _MOST_REQUEST_BYTES, _MOST_ARGUMENTS, _MOST_ARGUMENTS)
     except Rejected as error:
-        raise Rejected(f"expected a request [version, name, arguments] in msgpack, found it {error.reason}") from error
+        raise Rejected(f"expected a request [version, name, arguments] in msgpack, but it is {error.reason}") from error
     _check_version(message)
     match message:
         case [_, str(name), dict(arguments)]:
@@ -223,7 +230,7 @@ def decode(payload: bytes) -> Request:
 
 
 def encode_answer(answer: Answer) -> bytes:
-    """As msgpack."""
+    """Return an answer as msgpack."""
     match answer:
         case Done(value):
             return pack(["done", value])
@@ -232,10 +239,10 @@ def encode_answer(answer: Answer) -> bytes:
 
 
 def decode_answer(payload: bytes) -> Answer:
-    """The inverse of `encode_answer`.
+    """Return the answer in ``payload``, the inverse of `encode_answer`.
 
     Raises:
-        Rejected: whatever is wrong with it.
+        Rejected: if the payload is not a valid answer.
     """
     match unpack(payload, _MOST_ANSWER_BYTES, MOST_ELEMENTS, MOST_ELEMENTS):
         case ["done", value]:
@@ -246,10 +253,10 @@ def decode_answer(payload: bytes) -> Answer:
 
 
 def job_id(value: object) -> str:
-    """``value`` if it can be a job's id.
+    """Return ``value`` if it is a valid job id.
 
     Raises:
-        Rejected: if not.
+        Rejected: if it is not.
     """
     if type(value) is not str or not _ID.fullmatch(value):
         found = repr(value if type(value) is not str or len(value) <= _MOST_NAME else f"{value[:_MOST_NAME]}…")
@@ -258,16 +265,17 @@ def job_id(value: object) -> str:
 
 
 def sayable(text: str) -> str:
-    """``text`` without what UTF-8 cannot say (lone surrogates, which JSON allows)."""
+    """Return ``text`` with "?" for each character that UTF-8 cannot encode: lone surrogates, which JSON allows."""
     return text.encode("utf-8", "replace").decode("utf-8")
 
 
 def _check_version(message: list[Any]) -> None:
+    """Refuse another version before the shape of the message is looked at, which may differ from version to version."""
     version = message[0] if message else None
     if type(version) is not int:
         raise Rejected("expected a request [version, name, arguments], found no version")
     if version != VERSION:
-        raise Rejected(f"this cluster speaks version {VERSION} of the protocol, the request version {version}")
+        raise Rejected(f"expected a request of protocol version {VERSION}, which this cluster speaks, found {version}")
 
 
 def _request(name: str, arguments: dict[str, Any]) -> Request:
@@ -280,6 +288,7 @@ def _request(name: str, arguments: dict[str, Any]) -> Request:
     for field in known.values():
         if field.default is dataclasses.MISSING and field.name not in arguments:
             raise Rejected(f"{name}: expected {_listed(known)}, found no {field.name}")
+    # nil in place of an argument whose default is None is the same as leaving the argument out.
     given = {each: value for each, value in arguments.items() if value is not None or known[each].default is not None}
     return kind(**{each: _argument(name, each, value) for each, value in given.items()})
 
@@ -303,7 +312,7 @@ def _text(value: object) -> str:
 
 
 def _patch(value: object) -> str:
-    """The text of a JSON object; what is in it is for the problem to say."""
+    """Return ``value`` if it is the text of a JSON object. Whether the keys are known, only the problem can check."""
     patch = _text(value)
     try:
         table = json.loads(patch)
@@ -352,6 +361,7 @@ def _between(value: object, low: int, high: int) -> int:
 
 
 def _a(kind: type[_Of], value: object, what: str) -> _Of:
+    """Return ``value`` if its type is exactly ``kind``; else raise `Rejected`, with ``what`` was expected."""
     if type(value) is not kind:
         raise Rejected(f"expected {what}, found {_short(value)}")
     return value
@@ -369,5 +379,6 @@ def _listed(names: dict[str, Any]) -> str:
 
 
 def _short(value: object) -> str:
+    """Return ``value`` as it appears in an error: a client may have sent megabytes."""
     text = repr(value)
     return sayable(text if len(text) <= _MOST_NAME else f"{text[: _MOST_NAME - 1]}…")

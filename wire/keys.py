@@ -1,4 +1,7 @@
-"""Every key expression of the wire, in one place. They are per node, never per job: fresh keys for each job leak."""
+"""Every key expression of the wire, in one place.
+
+Keys name nodes and other processes, never jobs: keys that are new with each job would leak in Zenoh.
+"""
 
 from dataclasses import dataclass
 
@@ -7,131 +10,137 @@ PREFIX = "supernode"
 
 @dataclass(frozen=True)
 class Keys:
-    """The key expressions of one cluster."""
+    """The key expressions of one cluster, which is named ``cluster``.
+
+    A method or property without a number names one key; ``any_`` and ``every_`` ones match the keys of all nodes.
+    """
 
     cluster: str
 
     def out(self, node: int) -> str:
-        """Where a node publishes its exchange messages."""
+        """Return the key under which a node publishes its exchange messages."""
         return f"{self.node(node)}/out"
 
     def node(self, node: int) -> str:
-        """The liveliness token of a node."""
+        """Return the key of a node's liveliness token, which means that the node takes commands or is linked."""
         return f"{self._base}/node/{node}"
 
     def life(self, node: int, process: int | str) -> str:
-        """The liveliness token of a node's process: another process on the same node has another token."""
+        """Return the key of the liveliness token of the process that runs a node. A replacement has another token.
+
+        ``process`` is the process id; of a node on a host that has joined, "PID-HOST" (see `home_of`).
+        """
         return f"{self.node(node)}/life/{process}"
 
     @property
     def any_life(self) -> str:
-        """The processes of all nodes."""
+        """Matches the liveliness tokens of all nodes' processes."""
         return f"{self._base}/node/*/life/*"
 
     def spy_life(self, process: int | str) -> str:
-        """The liveliness token of the spy's process."""
+        """Return the key of the liveliness token of the spy's process."""
         return f"{self.spy}/life/{process}"
 
     @property
     def any_spy_life(self) -> str:
-        """Whatever process is the spy."""
+        """Matches the liveliness token of the spy's process, whichever process that is."""
         return f"{self.spy}/life/*"
 
     @staticmethod
     def life_of(key: str) -> tuple[int | None, int]:
-        """The node, None for the spy, and the process that such a token names."""
+        """Return the node (None: the spy) and the process id that a key of `life` or `spy_life` names."""
         *_, whose, _, life = key.split("/")
         return (None if whose == "spy" else int(whose)), int(life.partition("-")[0])
 
     @staticmethod
     def home_of(key: str) -> str:
-        """The host of that process; "" for the coordinator's."""
+        """Return the host of the process that such a key names; "" for a process that the coordinator launched."""
         return key.rpartition("/")[2].partition("-")[2]
 
     def host(self, host: str) -> str:
-        """The liveliness token of a host of nodes that have joined, and where it tells which nodes those are."""
+        """Return the key of a host's liveliness token, under which the host also answers which nodes it has."""
         return f"{self._base}/host/{host}"
 
     @property
     def any_host(self) -> str:
-        """All hosts that have joined."""
+        """Matches the keys of all hosts."""
         return f"{self._base}/host/*"
 
     @property
     def nodes(self) -> str:
-        """Where the coordinator gives numbers to nodes that want to join."""
+        """The key at which a host asks the coordinator for node numbers, to join."""
         return f"{self._base}/nodes"
 
     def routed(self, node: int) -> str:
-        """The liveliness token of a node that hears some neighbours through the router."""
+        """Return the key of the liveliness token of a node that listens to some neighbours through the router."""
         return f"{self.node(node)}/routed"
 
     @property
     def any_node(self) -> str:
-        """The liveliness tokens of all nodes."""
+        """Matches the liveliness tokens of all nodes."""
         return f"{self._base}/node/*"
 
     def control(self, node: int) -> str:
-        """Where a node takes commands and questions."""
+        """Return the key at which a node takes commands, from the coordinator and from neighbours."""
         return f"{self.node(node)}/control"
 
     @property
     def every_control(self) -> str:
-        """All nodes' commands at once."""
+        """Matches the `control` keys of all nodes: one query reaches them all."""
         return f"{self._base}/node/*/control"
 
     def stats(self, node: int) -> str:
-        """Where a node publishes its counters."""
+        """Return the key under which a node publishes its counters."""
         return f"{self.node(node)}/stats"
 
     @property
     def any_stats(self) -> str:
-        """The counters of all nodes."""
+        """Matches the `stats` keys of all nodes."""
         return f"{self._base}/node/*/stats"
 
     @property
     def spy(self) -> str:
-        """The liveliness token of the spy."""
+        """The key of the spy's liveliness token."""
         return f"{self._base}/spy"
 
     @property
     def spy_control(self) -> str:
-        """Where the spy takes commands."""
+        """The key at which the spy takes commands."""
         return f"{self._base}/spy/control"
 
     @property
     def spy_counters(self) -> str:
-        """Where the spy passes on the nodes' counters, those of many at once."""
+        """The key under which the spy passes on the nodes' counters, those of many nodes in one message."""
         return f"{self._base}/spy/counters"
 
     @property
     def spy_stats(self) -> str:
-        """Where the spy publishes statistics of the whole cluster."""
+        """The key under which the spy publishes the statistics of each job."""
         return f"{self._base}/spy/stats"
 
     @property
     def log(self) -> str:
-        """Where any process publishes what people should know."""
+        """The key under which every process publishes its log records."""
         return f"{self._base}/log"
 
     @property
     def best(self) -> str:
-        """Where the spy publishes each verified improvement, decoded."""
+        """The key under which the spy publishes each verified improvement, decoded."""
         return f"{self._base}/best"
 
     @property
     def coordinator(self) -> str:
-        """The liveliness token of a coordinator that takes jobs."""
+        """The key of the liveliness token of a coordinator that takes requests."""
         return f"{self._base}/coordinator"
 
     @property
     def jobs(self) -> str:
-        """Where the coordinator takes jobs, and questions about them."""
+        """The key at which the coordinator takes clients' requests."""
         return f"{self._base}/jobs"
 
     @property
     def state(self) -> str:
-        """Where the coordinator publishes each change of a job's state."""
+        """The key under which the coordinator publishes each change of a job's state."""
         return f"{self._base}/state"
 
     @property

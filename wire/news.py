@@ -1,4 +1,4 @@
-"""What the spy and the nodes tell anyone who listens: verified improvements, and counters."""
+"""What nodes and the spy publish for any subscriber: verified improvements, counters, statistics, and log records."""
 
 import json
 from collections.abc import Iterable, Iterator
@@ -8,29 +8,33 @@ from typing import Any, NamedTuple
 from wire.plain import plain
 from wire.strict import Rejected, count, fields, fitness, of, pack, table, unpack
 
-_LATEST = 1e11  # Unix time, seconds
+_LATEST = 1e11  # Unix time, seconds (the year 5138): a later time is an error, such as milliseconds
 
 MOST_REPORTS_PER_SECOND = 256
-"""Of counters, over a whole cluster: nodes tell no more often, and nobody needs to show them more often."""
+"""The most counters that all nodes of a cluster together send in a second, so that large clusters do not flood the spy.
 
-_AT_ONCE = 1 << 12  # counters in one message
+No display needs more.
+"""
+
+_AT_ONCE = 1 << 12  # nodes' counters in one message; keeps it below the limits of `wire.strict`
 
 LEVELS = ("info", "warning", "error")
-"""Of log records, the less important first."""
+"""The levels of log records, in the order of importance."""
 
 
 @dataclass(frozen=True)
 class Improvement:
-    """A champion that the spy has evaluated itself.
+    """A champion that the spy has evaluated itself, and decoded.
 
     Attributes:
-        epoch: of the job, that it is an answer for.
-        seconds: since that epoch began.
-        generation: of its birth, in that epoch.
-        cell: where it was born.
+        job: the job's number.
+        epoch: the epoch of the job whose problem it answers.
+        seconds: the time since that epoch began.
+        generation: the generation of birth, in that epoch.
+        cell: the cell of birth.
         fitness: lower is better.
         feasible: whether the planner's independent check accepts the solution.
-        solution: decoded, plain JSON values; see the planner's page.
+        solution: plain JSON values; the planner's page describes them.
     """
 
     job: int
@@ -43,21 +47,21 @@ class Improvement:
     solution: dict[str, Any]
 
     def carried_to(self, epoch: int) -> "Improvement":
-        """The same answer in a later epoch of the same problem: there it is known from the beginning."""
+        """Return the same answer for a later epoch of the same problem, in which it is known from the beginning."""
         return self if epoch == self.epoch else replace(self, epoch=epoch, seconds=0.0, generation=0)
 
     def encode(self) -> bytes:
-        """As msgpack, the solution as JSON, which has null for numbers that are not finite."""
+        """Return the improvement as msgpack, with the solution as JSON text: null for numbers that are not finite."""
         solution = json.dumps(plain(self.solution))
         place = (self.job, self.epoch, self.seconds, self.generation, self.cell)
         return pack((*place, self.fitness, self.feasible, solution))
 
     @staticmethod
     def decode(payload: bytes) -> "Improvement":
-        """The inverse of `encode`.
+        """Return the improvement in ``payload``, the inverse of `encode`.
 
         Raises:
-            Rejected: whatever is wrong with it.
+            Rejected: if the payload is not a valid improvement.
         """
         job, epoch, seconds, generation, cell, its_fitness, feasible, solution = fields(unpack(payload), 8)
         return Improvement(
@@ -73,16 +77,26 @@ class Improvement:
 
 
 class Counters(NamedTuple):
-    """One node's counters for the job that it is at, and how its deme is.
+    """One node's counters for its present job, and the state of its deme.
 
     Attributes:
-        best, median, worst: fitness of the individuals on it; infinite for those that are not feasible.
-        champion: fitness of the best individual that it has seen or heard of,
-        age: and generations since that was born.
-        digest: of the best genome on it, so that alike ones can be told from others; 32 bits.
-        exchange_seconds: from one message of its own to the next, on average since it last told: in lockstep that is
-            the wait for the messages of all neighbours and the breeding, in async mode the breeding. At least that, if
-            none has gone out since.
+        node: the node's number.
+        cell: the cell that the node has in the job.
+        job: the job's number.
+        epoch: the job's epoch.
+        generation: the generations bred in the job, those of earlier epochs included.
+        evaluations: fitness calls in this epoch.
+        sent: messages published in this epoch.
+        received: messages received and used.
+        lost: in async mode, messages known not to have arrived.
+        rejected: messages refused as invalid.
+        best, median, worst: fitness of the individuals of the deme; infinite for infeasible ones.
+        champion: fitness of the best individual that the node knows of.
+        age: generations since the champion's birth.
+        digest: a 32-bit digest of the best genome of the deme, by which equal genomes are recognised.
+        exchange_seconds: the average time from one message of the node to its next, since it last sent counters. In
+            lockstep this is the wait for all neighbours' messages and the breeding, in async mode the breeding. If the
+            node has sent no message since, it is the time since then, a lower bound.
     """
 
     node: int
@@ -104,31 +118,31 @@ class Counters(NamedTuple):
     exchange_seconds: float
 
     def encode(self) -> bytes:
-        """As msgpack."""
+        """Return the counters as msgpack."""
         return pack(self)
 
     @staticmethod
     def decode(payload: bytes) -> "Counters":
-        """The inverse of `encode`.
+        """Return the counters in ``payload``, the inverse of `encode`.
 
         Raises:
-            Rejected: whatever is wrong with it.
+            Rejected: if the payload is not valid counters.
         """
         return Counters._of(unpack(payload))
 
     @staticmethod
     def encode_all(counters: "Iterable[Counters]") -> "Iterator[bytes]":
-        """Those of many nodes, in as many messages as it takes."""
+        """Yield messages that together hold the counters of many nodes."""
         those = list(counters)
         for first in range(0, len(those), _AT_ONCE):
             yield pack(those[first : first + _AT_ONCE])
 
     @staticmethod
     def decode_all(payload: bytes) -> "list[Counters]":
-        """The inverse of one message of `encode_all`.
+        """Return the counters in one message of `encode_all`.
 
         Raises:
-            Rejected: whatever is wrong with it.
+            Rejected: if the payload is not valid counters.
         """
         return [Counters._of(each) for each in unpack(payload)]
 
@@ -140,17 +154,20 @@ class Counters(NamedTuple):
 
 
 class Statistics(NamedTuple):
-    """The counters of all nodes of a job, as the spy adds them up: sums over nodes, the root's generation.
+    """The counters of all nodes of a job, put together by the spy: sums over nodes unless noted otherwise.
 
     Attributes:
-        epoch: of the job, that they are of.
-        messages: that were sent,
-        received: and that were received and used.
-        best, worst: fitness of the best and of the worst individual of all.
-        median: of the nodes' medians.
+        job: the job's number.
+        epoch: the job's epoch.
+        generation: the root's generation.
+        messages: messages published.
+        received: messages received and used.
+        nodes_alive: the number of nodes that the spy sees alive.
+        best, worst: fitness of the best and of the worst individual on any node.
+        median: the median of the nodes' medians.
         age: generations since the birth of the root's champion.
-        diversity: how many different genomes the nodes' best ones are, as a share of the nodes: 1 if no two are alike.
-        exchange_seconds: the median of the nodes'; see `Counters`.
+        diversity: the number of different genomes among the nodes' best ones, as a share of the nodes.
+        exchange_seconds: the median of the nodes' values; see `Counters`.
     """
 
     job: int
@@ -171,15 +188,15 @@ class Statistics(NamedTuple):
     exchange_seconds: float
 
     def encode(self) -> bytes:
-        """As msgpack."""
+        """Return the statistics as msgpack."""
         return pack(self)
 
     @staticmethod
     def decode(payload: bytes) -> "Statistics":
-        """The inverse of `encode`.
+        """Return the statistics in ``payload``, the inverse of `encode`.
 
         Raises:
-            Rejected: whatever is wrong with it.
+            Rejected: if the payload is not valid statistics.
         """
         given = fields(unpack(payload), 16)
         of_demes = (fitness(each) for each in given[9:13])
@@ -187,13 +204,15 @@ class Statistics(NamedTuple):
 
 
 class LogRecord(NamedTuple):
-    """What a process wants people to know.
+    """A line of a process's log, for people.
 
     Attributes:
-        level: "info", "warning" or "error".
+        level: one of `LEVELS`.
         process: such as "node 7", "spy" or "coordinator".
+        text: the message.
         at: Unix time, seconds.
-        node, cell, job, generation: what it is about, as far as it is about one; the job by its number.
+        node, cell, job, generation: what the message is about, each None if it is about no particular one; ``job`` is
+            the job's number.
     """
 
     level: str
@@ -206,25 +225,25 @@ class LogRecord(NamedTuple):
     generation: int | None = None
 
     def encode(self) -> bytes:
-        """As msgpack."""
+        """Return the record as msgpack."""
         return pack(self)
 
     @staticmethod
     def decode(payload: bytes) -> "LogRecord":
-        """The inverse of `encode`.
+        """Return the record in ``payload``, the inverse of `encode`.
 
         Raises:
-            Rejected: whatever is wrong with it.
+            Rejected: if the payload is not a valid record.
         """
         level, process, text, at, *about = fields(unpack(payload), 8)
         if level not in LEVELS:
             raise Rejected("no such level")
         if not 0.0 <= fitness(at) < _LATEST:
-            raise Rejected("no time of ours")
+            raise Rejected("no such time")
         places = (None if each is None else count(each) for each in about)
         return LogRecord(level, of(str, process), of(str, text), fitness(at), *places)
 
 
 def period_of_reports(nodes: int) -> float:
-    """Seconds between the counters that each of so many nodes tells."""
+    """Return how many seconds each of ``nodes`` nodes waits between sending counters; at least 1."""
     return max(1.0, nodes / MOST_REPORTS_PER_SECOND)

@@ -1,11 +1,11 @@
-"""What JSON can say: it has no numbers that are not finite."""
+"""Values that JSON can represent: it has neither NaN nor infinities."""
 
 import math
 from typing import Any
 
 
 def plain(value: Any) -> Any:
-    """``value`` with null in place of each number that is not finite, however deep in it, and lists for tuples."""
+    """Return ``value`` with None in place of each number that is not finite, at any depth, and lists for tuples."""
     if isinstance(value, dict):
         return {name: plain(each) for name, each in value.items()}
     if isinstance(value, list | tuple):

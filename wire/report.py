@@ -1,4 +1,4 @@
-"""What a cell says when it has stopped."""
+"""The report that a cell sends when it has stopped, and its parts."""
 
 import dataclasses
 import math
@@ -12,7 +12,13 @@ Reason = Literal["target", "stall", "deadline", "cancel", "update", "infeasible"
 
 
 class Proposal(NamedTuple):
-    """That a cell proposed that all stop after generation ``stop_at``."""
+    """A cell's proposal that all cells stop after generation ``stop_at``.
+
+    Attributes:
+        reason: why.
+        cell: the cell that proposed it.
+        generation: the cell's generation when it did.
+    """
 
     stop_at: int
     reason: Reason
@@ -21,17 +27,19 @@ class Proposal(NamedTuple):
 
 
 MOST_BIRTHS = 1024
-"""In the report of one cell."""
+"""The most births in the report of one cell; `node.kernels.is_noted` lets no cell note more."""
 
 
 class Birth(NamedTuple):
-    """The birth of an individual that was better than all that its cell had seen or heard of.
+    """The birth of an individual that was better than every one that its cell knew of.
 
-    Under the paper's spy, which looks at the root alone, the root tells of those that it learned of, wherever born.
+    With ``--spy root`` (the paper's spy, which sees the root alone) only the root reports births: those of all
+    individuals that it learned of, including individuals of other cells.
 
     Attributes:
-        generation: of it, in this epoch.
-        cell: of it.
+        generation: the generation of birth, in this epoch.
+        cell: the cell of birth.
+        fitness: the individual's fitness, finite.
     """
 
     generation: int
@@ -40,13 +48,13 @@ class Birth(NamedTuple):
 
 
 class Staleness(NamedTuple):
-    """How old the news was that an asynchronous cell bred with.
+    """How old the messages were that an asynchronous cell bred with. All counts are zero in lockstep.
 
     Attributes:
-        immigrants: how many it bred with, slot by slot.
-        behind: the sum of the generations that they were behind the cell's own.
-        furthest: the most that one was behind.
-        again: how many came with a message that had been used before.
+        immigrants: how many messages the cell bred with, counted once for each slot and generation.
+        behind: the sum, over these, of the generations that the message was behind the cell's own generation.
+        furthest: the greatest of these differences.
+        again: how many of the messages the cell had bred with before.
     """
 
     immigrants: int
@@ -57,19 +65,25 @@ class Staleness(NamedTuple):
 
 @dataclass(frozen=True)
 class Report:
-    """What a cell has to say of its life when it stops.
+    """A cell's account of one epoch, sent when the cell stops.
 
     Attributes:
-        generation: after which it stopped.
-        digest: SHA-256 over (generation, deme) of each of its generations.
+        cell: the cell's number.
+        generation: the generation after which the cell stopped.
+        digest: SHA-256 over (generation, deme) of all the cell's generations; equal for equal lockstep runs.
+        evaluations: the number of fitness calls.
+        sent: the number of messages published.
+        received: the number of messages received and used.
+        lost: in async mode, the number of messages known not to have arrived.
+        rejected: the number of messages that were refused as invalid.
         staleness: zeros in lockstep.
-        champion: the best that it has seen or heard of.
-        proposals: the stops that it proposed.
-        births: the improvements that it noted, in the order of its generations, each fitter than the one before; at
-            most `MOST_BIRTHS`.
-        deme: its last individuals, each of them whole, one after the other.
-        state: what its problem has to say of the state that evaluating left, see `problems.problem.Problem.report`.
-        error: why it failed, or None.
+        champion: the best individual that the cell knows of, or None.
+        proposals: the stops that this cell proposed.
+        births: the improvements that the cell noted, in the order of its generations, each fitter than the one before;
+            at most `MOST_BIRTHS`.
+        deme: the cell's last individuals, at full length (with zeros at the end), one after the other.
+        state: what the problem reports about the state that evaluating left, see `problems.problem.Problem.report`.
+        error: why the cell failed, or None.
     """
 
     cell: int
@@ -89,15 +103,15 @@ class Report:
     error: str | None
 
     def encode(self) -> bytes:
-        """As msgpack."""
+        """Return the report as msgpack: an array of the fields in the order of their definition."""
         return pack(tuple(getattr(self, field.name) for field in dataclasses.fields(self)))
 
     @staticmethod
     def decode(payload: bytes) -> "Report":
-        """The inverse of `encode`.
+        """Return the report in ``payload``, the inverse of `encode`.
 
         Raises:
-            Rejected: whatever is wrong with it.
+            Rejected: if the payload is not a valid report.
         """
         cell, generation, digest, *counters, staleness, champion, proposals, births, deme, state, error = fields(
             unpack(payload), 15
@@ -142,7 +156,11 @@ def _birth(value: object) -> Birth:
 
 
 def reason_of(value: object) -> Reason:
-    """``value`` if it is one of the reasons to stop."""
+    """Return ``value`` if it is one of the reasons to stop.
+
+    Raises:
+        Rejected: if it is not.
+    """
     for reason in get_args(Reason):
         if value == reason:
             known: Reason = reason

@@ -1,10 +1,12 @@
-"""Seals on commands: a process obeys only who knows the secret of its cluster.
+"""Seals on commands: a process obeys a command only if its sender knows the cluster's secret.
 
 A seal is a message authentication code (keyed BLAKE2b, RFC 7693) over the key expression that is asked, the sender, a
-number that the sender counts up, and the command. Whoever reaches the router without the secret cannot make up a
-command, change one, address an overheard one to another process, or give it to the same process again. He can still
-read commands, keep them from arriving, answer in the place of a node, and give an overheard command to a process that
-was forked after it (in the place of a dead one). The secret itself is never sent.
+number that the sender counts up, and the command.
+
+An attacker who reaches the router but does not know the secret cannot make up a command, change one, address a recorded
+one to another process, or repeat it to the same process. The attacker can still read commands, keep them from arriving,
+answer in the place of a node, and send a recorded command to a process that was forked later (in the place of a dead
+one). The secret itself is never sent.
 """
 
 import hashlib
@@ -15,41 +17,49 @@ import os
 from wire.strict import Rejected
 
 NOT_OURS = "not of this cluster"
-"""Why a command without the right seal is rejected."""
+"""The reason for which a command without a valid seal is rejected."""
 
 SECRET_BYTES = 32
 _MAC_BYTES = 32
 _SENDER_BYTES = 8
 _NUMBER_BYTES = 8
 _HEAD_BYTES = _MAC_BYTES + _SENDER_BYTES + _NUMBER_BYTES
-_LATE = 1024  # commands: so many may overtake another one of the same sender
+_LATE = 1024  # commands of the same sender that may overtake a command; beyond that, the overtaken one is rejected
 
 
 class Seal:
-    """Seals and opens the commands of one process; to be made after the last fork, since each sender is another.
+    """Seals the commands that one process sends, and opens those that it receives.
+
+    Any thread may call `close`; only one may call `open`.
+
+    Create it after the last fork. Two processes that shared a sender would count the same numbers, and receivers would
+    reject the commands of one of them as repeated.
 
     Args:
-        secret: that of the cluster, `SECRET_BYTES` long.
+        secret: the cluster's secret, `SECRET_BYTES` long.
     """
 
     def __init__(self, secret: bytes) -> None:
         self._secret = secret
         self._sender = os.urandom(_SENDER_BYTES)
         self._numbers = itertools.count()
-        self._heard: dict[bytes, _Heard] = {}  # by sender
+        self._heard: dict[bytes, _Heard] = {}  # by sender; only senders with a valid seal get an entry
 
     def close(self, key: str, payload: bytes) -> bytes:
-        """Return ``payload`` sealed for whoever is asked by the key expression ``key``."""
+        """Return ``payload`` with a seal that is valid for the key expression ``key`` only."""
         signed = self._sender + next(self._numbers).to_bytes(_NUMBER_BYTES, "big") + payload
         return self._mac(key, signed) + signed
 
     def open(self, key: str, sealed: bytes) -> bytes:
-        """Return what `close` was given, with the same secret and key expression.
+        """Return the payload that `close` was given, with the same secret and key expression.
+
+        A command that is opened twice is rejected the second time.
 
         Raises:
             Rejected: "not of this cluster" or "repeated".
         """
         signed = sealed[_MAC_BYTES:]
+        # The seal first: until it is verified, sender and number are claims of a stranger and must not be noted.
         if len(sealed) < _HEAD_BYTES or not hmac.compare_digest(sealed[:_MAC_BYTES], self._mac(key, signed)):
             raise Rejected(NOT_OURS)
         sender = signed[:_SENDER_BYTES]
@@ -59,20 +69,24 @@ class Seal:
         return sealed[_HEAD_BYTES:]
 
     def _mac(self, key: str, signed: bytes) -> bytes:
+        # The zero byte marks where the key expression ends: without it, bytes could move between key and message.
         code = hashlib.blake2b(key.encode() + b"\0", key=self._secret, digest_size=_MAC_BYTES)
         code.update(signed)
         return code.digest()
 
 
 class _Heard:
-    """Which numbers of one sender have been heard: the sliding window of RFC 6479, as one integer."""
+    """The numbers received from one sender: the sliding window of RFC 6479, kept in one integer.
+
+    A window rather than the highest number alone, since queries may overtake each other on their way.
+    """
 
     def __init__(self) -> None:
         self._highest = -1
-        self._bits = 0  # bit i: number `_highest` - i was heard
+        self._bits = 0  # bit i is set if number `_highest` - i was received
 
     def is_new(self, number: int) -> bool:
-        """Note a number; return whether it was not heard before. One that is too old to tell counts as heard."""
+        """Record a number; return whether it is new. A number older than the window counts as received."""
         ahead = number - self._highest
         if ahead > 0:
             self._bits = ((self._bits << min(ahead, _LATE)) | 1) & ((1 << _LATE) - 1)

@@ -1,8 +1,11 @@
 """How Zenoh is configured: threads, links, limits and leases, in one place.
 
-What was measured to matter: without shared memory (its watchdog wakes every process 20 times a second) and with long
-leases an idle node costs next to nothing; nodes do with a single runtime thread; a router must not share one thread
-between receiving and sending, or it can deadlock.
+Measurements led to these choices:
+
+- No shared memory, whose watchdog wakes every process 20 times a second, and long leases: an idle node then costs next
+  to nothing.
+- A node needs only one runtime thread.
+- A router must not receive and send on the same thread, or it can deadlock.
 """
 
 import json
@@ -13,16 +16,17 @@ from typing import Any
 
 import zenoh
 
+# In the syntax of ZENOH_RUNTIME; a runtime with a "handover" has no threads and runs its tasks on the other's.
 NODE_RUNTIME = "(rx:(handover:net),acc:(handover:net),tx:(handover:net),app:(handover:net),net:(worker_threads:1))"
 ROUTER_RUNTIME = "(rx:(worker_threads:1),acc:(handover:net),tx:(handover:net),app:(handover:net))"
 
 MOST_SESSIONS = 10_000
-_SLOW_MS = 60_000
+_SLOW_MS = 60_000  # with hundreds of processes on a core any step of a handshake may take long
 _MOST_MESSAGE_BYTES = 64 << 20  # the longest answer to a client
 _ALWAYS: dict[str, Any] = {
     "scouting/multicast/enabled": False,
     "scouting/gossip/enabled": False,
-    "scouting/delay": 0,  # ms: a router would wait for half a second for what is not looked for
+    "scouting/delay": 0,  # ms; by default a router waits half a second for replies to scouting, which is off here
     "transport/shared_memory/enabled": False,
     "transport/link/tx/lease": _SLOW_MS,
     "transport/link/tx/keep_alive": 2,
@@ -31,7 +35,7 @@ _ALWAYS: dict[str, Any] = {
     "transport/unicast/accept_pending": MOST_SESSIONS,
     "transport/unicast/open_timeout": _SLOW_MS,
     "transport/unicast/accept_timeout": _SLOW_MS,
-    # Neighbours start in any order: keep trying, at once and patiently.
+    # Neighbours start in any order, so opening a session does not fail but keeps trying: often at first, then less so.
     "connect/timeout_ms": _SLOW_MS,
     "connect/exit_on_failure": False,
     "connect/retry": {"period_init_ms": 10, "period_max_ms": 200, "period_increase_factor": 1.5},
@@ -39,20 +43,24 @@ _ALWAYS: dict[str, Any] = {
 
 
 def use_runtime(runtime: str) -> None:
-    """Choose the threads of this process; Zenoh reads this once, at the first session."""
+    """Choose the threads of this process. Call it before the first session: Zenoh reads the choice only then."""
     os.environ["ZENOH_RUNTIME"] = runtime
 
 
 def log_nothing() -> None:
-    """Unless the environment asks for a log (RUST_LOG), let Zenoh skip its spans and events.
+    """Let Zenoh skip its log's spans and events, unless the environment asks for a log (RUST_LOG).
 
-    As long as nobody has said what becomes of them it makes each one up and looks for another log: 2 % of an exchange.
+    Without a configured log Zenoh still creates each of them and searches for a receiver: 2 % of an exchange.
     """
     zenoh.init_log_from_env_or("off")
 
 
 def unix_socket(folder: Path, name: str) -> str:
-    """The endpoint of a Unix socket in ``folder``, which must be private and short (a path has at most 107 bytes)."""
+    """Return the endpoint of a Unix socket in ``folder``.
+
+    The folder must be private: its permissions are what keeps other users out. It must also be short, since the path of
+    a Unix socket has at most 107 bytes.
+    """
     return f"unixsock-stream/{folder}/{name}.sock"
 
 
@@ -62,24 +70,24 @@ def router(listen: Iterable[str]) -> zenoh.Session:
 
 
 def client(endpoint: str) -> zenoh.Session:
-    """Open a session through the router at ``endpoint``."""
+    """Open a session through the router at ``endpoint``. A router that is not running yet is no error."""
     return _open("client", [], [endpoint])
 
 
 def visitor(endpoint: str, within: float) -> zenoh.Session:
-    """The same for somebody who wants to know ``within`` so many seconds if there is no router.
+    """Open a session through the router at ``endpoint``, or fail after ``within`` seconds if no router answers.
 
-    Once open, the session looks for its router for as long as it takes, as all do.
+    Once open, the session reconnects to its router however long that takes, like all sessions.
 
     Raises:
-        zenoh.ZError: if nobody answers there.
+        zenoh.ZError: if no router answers in time.
     """
     hasty = {"connect/timeout_ms": int(within * 1000), "connect/exit_on_failure": True}
     return _open("client", [], [endpoint], hasty)
 
 
 def peer(listen: Iterable[str], links: Iterable[str]) -> zenoh.Session:
-    """Open a session with direct links only; peers never forward for each other."""
+    """Open a session with direct links only. Peers never forward messages, so only linked sessions reach each other."""
     return _open("peer", list(listen), list(links))
 
 

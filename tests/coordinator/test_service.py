@@ -120,10 +120,10 @@ def test_the_wire(cluster):
     assert [state.status for state in cluster.heard] == ["submitted", "queued", "preparing", "running", "solved"]
     assert cluster.raw(jobs.encode(Cancel("b"))) == Refused("there is no job 'b'")
     assert cluster.raw(msgpack.packb([2, "status", {}])) == Refused(
-        "this cluster speaks version 1 of the protocol, the request version 2"
+        "expected a request of protocol version 1, which this cluster speaks, found 2"
     )
     assert cluster.raw(b"\xc1" * 50) == Refused(
-        "expected a request [version, name, arguments] in msgpack, found it not msgpack"
+        "expected a request [version, name, arguments] in msgpack, but it is not msgpack"
     )
     assert isinstance(cluster.raw(b""), Refused)
 

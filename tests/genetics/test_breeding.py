@@ -192,7 +192,7 @@ def test_an_island_has_a_couple_for_every_two_places_that_it_renews(deme, renewa
 
 @pytest.mark.parametrize("renewal", [0.0, -0.5, 1.1, float("nan")])
 def test_what_is_no_share_is_no_renewal(renewal):
-    with pytest.raises(ValueError, match="expected a renewal above 0, at most 1, found"):
+    with pytest.raises(ValueError, match="expected a renewal above 0 and at most 1, found"):
         Recipe(renewal=renewal)
 
 

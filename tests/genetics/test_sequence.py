@@ -87,7 +87,7 @@ def test_recipes_are_those_of_the_coding():
     Lists().check(Recipe("splice", 0.1))
     with pytest.raises(ValueError, match="these individuals cross by 'splice', found 'one-point'"):
         Lists().check(Recipe("one-point", 0.1))
-    with pytest.raises(ValueError, match="no bit strings: 'mutation' is a probability, found 'one-bit'"):
+    with pytest.raises(ValueError, match="not bit strings: 'mutation' is a probability, found 'one-bit'"):
         Lists().check(Recipe("splice", "one-bit"))
     for no_bits in (Lists().mutate_one_bit, lambda: Lists().mutate_one(np.zeros((1, 1, 26), np.uint8), None)):
         with pytest.raises(ValueError, match="no bits to flip"):

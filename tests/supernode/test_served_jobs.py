@@ -256,7 +256,7 @@ def test_a_client_of_another_version(service):
     payload = msgpack.packb([jobs.VERSION + 1, "status", {}])
     (reply,) = [reply.ok.payload.to_bytes() for reply in session.get(Keys(info.cluster).jobs, payload=payload)]
     session.close()
-    said = f"this cluster speaks version {jobs.VERSION} of the protocol, the request version {jobs.VERSION + 1}"
+    said = f"expected a request of protocol version {jobs.VERSION}, which this cluster speaks, found {jobs.VERSION + 1}"
     assert jobs.decode_answer(reply) == Refused(said)
 
 

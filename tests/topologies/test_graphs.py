@@ -109,7 +109,7 @@ def test_the_same_seed_gives_the_same_graph(seed):
         ("grid 0x4", "at least 1 row"),
         ("random-regular 5 3", "even product"),
         ("random-regular 16 2", "3 or more, found 2"),
-        ("random-regular 16 16", "less than the cells"),
+        ("random-regular 16 16", "less than the number of cells"),
         ("random-regular 20000 4", "4 to 16384 cells"),
         ("random-regular 16 4 seed 99999999999", "a seed of at most"),
         ("small-world 16 3 0.1", "an even degree of 4 or more"),

@@ -90,7 +90,7 @@ def test_words_that_utf8_cannot_say_are_said_as_well_as_can_be():
 
 # What is refused ------------------------------------------------------------------------------------------------------
 def test_another_version_is_told_so():
-    expected = "this cluster speaks version 1 of the protocol, the request version 7"
+    expected = "expected a request of protocol version 1, which this cluster speaks, found 7"
     assert refusal(7, "submit", {"file": "[]"}) == expected
     assert refusal(7, {"whatever": "it says"}, 3, 4) == expected
     assert VERSION == 1

@@ -198,7 +198,7 @@ KNOWN_REASONS = {
     "no such answer",
     "no such reason",
     "not JSON",
-    "no time of ours",
+    "no such time",
 }
 
 
