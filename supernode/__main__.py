@@ -1,6 +1,7 @@
-"""The command line: which commands there are, and how each ends.
+"""The command line: parses arguments, runs one command, and turns its errors into exit codes.
 
-Only argparse is imported here; a command imports what it needs when it runs, so that ``--help`` answers at once.
+At the top only argparse and what the standard library has is imported; a command imports what it needs when it runs, so
+that ``--help`` answers at once.
 """
 
 import argparse
@@ -43,7 +44,7 @@ _COMMANDS = {
 
 
 class _Parser(argparse.ArgumentParser):
-    """An argument parser whose complaint is one line."""
+    """An argument parser that reports an error in one line."""
 
     def error(self, message: str) -> NoReturn:
         message = message.removeprefix("argument ") + _suggested_choice(message)
@@ -51,7 +52,7 @@ class _Parser(argparse.ArgumentParser):
 
 
 def _suggested_choice(message: str) -> str:
-    """What was meant, if a command or an option's word is unknown and another is spelled much like it."""
+    """Return a suggestion if an unknown command or word is spelled much like a known one; else an empty text."""
     from problems.errors import did_you_mean
 
     found = re.search(r"invalid choice: '([^']*)' \(choose from (.*)\)", message)
@@ -59,7 +60,7 @@ def _suggested_choice(message: str) -> str:
 
 
 def _refuse_unknown(options: argparse.Namespace, unknown: Sequence[str]) -> None:
-    """Say which options are unknown, and what was meant if another is spelled much like the first."""
+    """Report unknown options, with a suggestion if the first is spelled much like a known one."""
     from problems.errors import did_you_mean
 
     word, known = unknown[0].partition("=")[0], options.parser._option_string_actions
@@ -104,7 +105,8 @@ def _run(options: argparse.Namespace) -> int:
         sys.stdout.flush()
     except KeyboardInterrupt:
         return INTERRUPTED
-    except BrokenPipeError:  # whoever read the output has gone; nobody is left to complain to
+    except BrokenPipeError:  # the reader of the output has gone
+        # Otherwise Python would try to flush stdout at exit, fail again and complain.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return FAILED
     except Exception as error:
@@ -113,7 +115,7 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _tell_what_takes_long(options: argparse.Namespace) -> None:
-    """On stderr, of commands that read a problem file and may say something."""
+    """Report slow steps on stderr, for commands that read a problem file and are not quiet."""
     if {"problem", "source"} & vars(options).keys() and not getattr(options, "quiet", False):
         from problems import progress
 
