@@ -231,10 +231,7 @@ def _page(name: str, single: bool) -> Callable[[Request], Awaitable[Response]]:
 
 @lru_cache(1)
 def _plotly_script() -> bytes:
-    """Return plotly's script, compressed once.
-
-    Compressed for each request, each of its 70 pieces would wait for a turn of a core that is busy with nodes.
-    """
+    """Return plotly's script, compressed once: each of its 70 pieces would wait for a core that nodes keep busy."""
     return gzip.compress((files("plotly") / "package_data" / "plotly.min.js").read_bytes(), _COMPRESSION)
 
 
