@@ -71,6 +71,7 @@ def _refuse_unknown(options: argparse.Namespace, unknown: Sequence[str]) -> None
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code."""
     parser = _parser()
+    # Unknown options are collected, so that the command's own parser can report them with a suggestion.
     options, unknown = parser.parse_known_args(arguments)
     if unknown:
         _refuse_unknown(options, unknown)

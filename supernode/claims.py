@@ -49,6 +49,7 @@ def verified(file: ProblemFile, result: str) -> Judgement:
         with contextlib.redirect_stdout(sys.stderr):  # a user's module may print
             return _verified(_as_it_was_run(file, claim), claim)
     except BadInput as error:
+        # An error of the problem file names that file; any other one is the result's.
         if str(error).startswith(file.name):
             raise
         raise BadInput(f"{result}: {error}") from None
@@ -56,6 +57,7 @@ def verified(file: ProblemFile, result: str) -> Judgement:
 
 def _verified(file: ProblemFile, claim: dict[str, Any]) -> Judgement:
     if claim.get("kind", file.kind) != file.kind and "run" in claim:
+        # The check of this kind could not read the solution of another one.
         kinds = f"of kind {claim['kind']!r}, and {file.name} is of kind {file.kind!r}"
         return Judgement(file.problem(), None, math.inf, [f"the result is of another problem: it is {kinds}"])
     problem, attempt = file.problem(), claim.get("best_attempt")

@@ -114,6 +114,7 @@ class AsyncClient:
             BadInput: if the file, a setting or the id is wrong, or if the cluster refuses the job.
             ClusterFailed: if the cluster does not answer.
         """
+        # In a thread: loading may read large files and import a user's module, which would block the loop.
         loaded = file if isinstance(file, ProblemFile) else await asyncio.to_thread(load, file)
         asked = loaded.with_run(**run)
         asked.refuse_unreachable()
@@ -271,6 +272,7 @@ class AsyncClient:
         """
         if self._closed:
             raise ClusterFailed("the client is closed")
+        # No await between this test and `create_task`: so no two callers can both start a question.
         left = feed.look_at - self._loop.time()
         if left <= 0 and feed.looking is None:
             feed.error = None
@@ -754,8 +756,10 @@ class _LoopThread:
         Called on the loop's own thread it would wait for itself for ever.
         """
         if not self.runs:
+            # A coroutine that is neither awaited nor closed would cause a warning.
             work.close()
             raise ClusterFailed("the client is closed")
+        # Ctrl-C interrupts the caller's wait, not the loop: the coroutine must be cancelled by hand.
         future = asyncio.run_coroutine_threadsafe(work, self._loop)
         try:
             return future.result()

@@ -118,7 +118,7 @@ def write_info(folder: Path, info: ClusterInfo) -> None:
     """Write the entry into ``folder``; readers find all of it or nothing."""
     new = folder / f"{_CARD}.new"
     new.write_text(json.dumps(asdict(info)) + "\n", encoding="utf-8")
-    new.replace(folder / _CARD)
+    new.replace(folder / _CARD)  # atomic, unlike writing the file in place
 
 
 def remove_card(folder: Path) -> None:
@@ -153,6 +153,7 @@ def occupy(folder: Path) -> int:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         if folder.stat().st_mode & stat.S_IWOTH:
             raise BadInput(f"--state: expected a folder that not every user may write into, found {folder}")
+        # O_CLOEXEC: a child that inherited the descriptor would keep the lock when this process has ended.
         descriptor = os.open(folder / _LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
     except OSError as error:
         raise BadInput(f"--state: expected a folder that can be written, found {folder}: {error.strerror}") from None

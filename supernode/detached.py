@@ -26,6 +26,7 @@ def detached(work: Callable[[Ready], None]) -> str:
         _live(work, tell)
     os.close(tell)
     with os.fdopen(heard, encoding="utf-8") as pipe:
+        # Ends when the child has reported and closed the pipe, or has died.
         kind, _, text = pipe.read().partition(" ")
     return _line(kind, text)
 

@@ -46,6 +46,7 @@ def as_mcap(motion: Motion) -> bytes:
     writer = Writer(stream)
     writer.start(profile="", library="supernode")
     channels: dict[str, int] = {}
+    # The sort is stable: what stands still comes before the first row of the same time.
     for message in sorted(_messages(motion), key=lambda message: message.time):
         if message.topic not in channels:
             schema = json.dumps(message.schema).encode()

@@ -59,6 +59,7 @@ def pages(client: "Client", kind: str, job: str) -> Iterator[Page]:
     after, more = 0, True
     while more:
         told = client.logs(job, after=after) if kind == "log" else client.records(kind, job, after)
+        # The first column of a page is the record's id.
         unnamed = 1 if kind == "history" else 0
         yield Page(told["columns"][unnamed:], [row[unnamed:] for row in told["rows"]])
         more = told["more"]

@@ -72,6 +72,7 @@ class Recorded:
         Raises:
             BadInput: if the run cannot have begun with it, or a directive is wrong.
         """
+        # Read the recorded settings as those of a problem file, so that they are validated in the same way.
         values = [self.name, file.fields, self.run, str(file.folder)]
         began = replace(file, run=ProblemFile.from_json(json.dumps(values)).run)
         try:

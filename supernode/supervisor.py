@@ -180,6 +180,7 @@ class Supervisor:
                     say(self._line(folder, up))
                     self._wait_for_the_end()
         finally:
+            # The entry is removed before the lock is released: the next cluster in this folder writes its own.
             remove_card(folder)
             os.close(lock)
 
@@ -245,6 +246,7 @@ class Supervisor:
             except ClusterFailed:
                 if time.monotonic() > until:
                     raise
+            # A cluster that has failed, or was asked to end, will never answer: do not wait for it.
             if not self._ends.empty():
                 self._wait_for_the_end()
 

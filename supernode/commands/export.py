@@ -141,6 +141,7 @@ def _run_motion(options: argparse.Namespace) -> int:
     pace = Pace(options.speed, options.turn_speed, options.acceleration, options.turn_acceleration, options.rate)
     kind_of_file, file = _format(options, _OF_MOTIONS), load(options.source)
     with contextlib.redirect_stdout(sys.stderr):  # a user's module may print
+        # Asked of the class, before the check of the result, which may take long.
         if not _moves(find(file.kind, file.folder)):
             raise _no_motion(file)
         judgement = verified(file, options.result)

@@ -94,7 +94,7 @@ def _records(client: "Client", options: argparse.Namespace) -> Iterator[dict[str
         page = client.logs(options.job, options.node, after)
         for row in page["rows"]:
             yield dict(zip(page["columns"], row, strict=True))
-            after = row[0]
+            after = row[0]  # the record's id
         more = page["more"]
         if not more and options.follow:
             time.sleep(_LOOK_AGAIN)

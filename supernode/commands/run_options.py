@@ -74,7 +74,7 @@ def add_settings(parser: argparse.ArgumentParser) -> None:
         "--no-oracle",
         dest="oracle",
         action="store_false",
-        default=None,
+        default=None,  # not True: only settings that are given win over the file
         help="do not ask an exact method, beside the run, whether there is a solution",
     )
 

@@ -80,7 +80,7 @@ def _live(screen: "Screen") -> None:
     from rich.live import Live
 
     with Live(screen, transient=True):
-        threading.Event().wait()
+        threading.Event().wait()  # until Ctrl-C
 
 
 def _lines(screen: "Screen") -> None:

@@ -20,7 +20,7 @@ def main() -> None:
     """Serve on the socket that was inherited; the first line of standard input is the configuration as JSON."""
     config = json.loads(sys.stdin.buffer.readline())
     os.nice(NICENESS)
-    sock = socket.socket(fileno=config["socket"])
+    sock = socket.socket(fileno=config["socket"])  # inherited, and listening already
     place, listen_address = Place.at(config["endpoint"]), ListenAddress(**config["listen_address"])
     serve(place, listen_address, sock, _tie_to_parent, single=config["single"])
 

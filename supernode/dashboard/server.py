@@ -102,7 +102,7 @@ class Dashboard:
                 raise ClusterFailed("too many questions at once")
             answer = asyncio.create_task(self.watcher.client.ask(request, PATIENCE))
             self._answers[request] = (now, answer)
-        return await asyncio.shield(answer)
+        return await asyncio.shield(answer)  # shared: a viewer that leaves must not cancel it for the others
 
     async def show(self, job: str) -> dict[str, Any]:
         """Return all about a job; one answer serves all viewers until something new is received about the job."""
@@ -114,7 +114,7 @@ class Dashboard:
             self._shown.move_to_end(job)
             while len(self._shown) > _SHOWN:
                 self._shown.popitem(last=False)
-        return await asyncio.shield(known.answer)
+        return await asyncio.shield(known.answer)  # shared as well
 
     async def _show(self, job: str, after: float) -> dict[str, Any]:
         await asyncio.sleep(after)

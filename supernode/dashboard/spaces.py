@@ -111,6 +111,7 @@ def _solid(solid: "Poly3DCollection") -> Trace:
         raise _Unknown
     places, names = np.unique(_significant(faces.reshape(-1, 3)), axis=0, return_inverse=True)
     fans = names.reshape(count, corners)
+    # A face of n corners is a fan of n - 2 triangles around its first corner.
     triangles = np.stack([fans[:, [0, each, each + 1]] for each in range(1, corners - 1)], axis=1).reshape(-1, 3)
     of_faces = [to_hex(color) for color in colors]
     of_faces *= count if len(of_faces) == 1 else 1
@@ -120,7 +121,7 @@ def _solid(solid: "Poly3DCollection") -> Trace:
         **dict(zip("ijk", triangles.T.tolist(), strict=True)),
         "facecolor": [color for color in of_faces for _ in range(corners - 2)],
         "opacity": _opacity(solid.get_alpha()),
-        "lighting": {"ambient": 1.0, "diffuse": 0.0, "specular": 0.0, "fresnel": 0.0},
+        "lighting": {"ambient": 1.0, "diffuse": 0.0, "specular": 0.0, "fresnel": 0.0},  # shaded already
         "hoverinfo": "skip",
         "showlegend": False,
     }
