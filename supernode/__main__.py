@@ -101,7 +101,7 @@ def _parser() -> argparse.ArgumentParser:
 
 def _run(options: argparse.Namespace) -> int:
     try:
-        _tell_what_takes_long(options)
+        _report_slow_steps(options)
         code: int = options.run(options)
         sys.stdout.flush()
     except KeyboardInterrupt:
@@ -111,11 +111,11 @@ def _run(options: argparse.Namespace) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return FAILED
     except Exception as error:
-        return _explain(error)
+        return _report_error(error)
     return code
 
 
-def _tell_what_takes_long(options: argparse.Namespace) -> None:
+def _report_slow_steps(options: argparse.Namespace) -> None:
     """Report slow steps on stderr, for commands that read a problem file and are not quiet."""
     if {"problem", "source"} & vars(options).keys() and not getattr(options, "quiet", False):
         from problems import progress
@@ -123,7 +123,7 @@ def _tell_what_takes_long(options: argparse.Namespace) -> None:
         progress.tell(lambda line: print(line, file=sys.stderr, flush=True))
 
 
-def _explain(error: Exception) -> int:
+def _report_error(error: Exception) -> int:
     from coordinator.errors import ClusterFailed
     from problems.errors import BadInput, EvaluationFailed
 

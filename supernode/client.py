@@ -422,7 +422,7 @@ class AsyncClientJob:
             ClusterFailed: if the cluster has not answered for a while.
         """
         results = self._client.results()  # importing goes on while the job runs
-        view = await self._over(timeout)
+        view = await self._wait_until_over(timeout)
         if view["result"] is None:
             view = await self.show()
         # Shielded: the import is shared by all jobs of the client, so cancelling one waiter must not cancel it.
@@ -438,10 +438,10 @@ class AsyncClientJob:
         Raises:
             TimeoutError: if the job has not ended by then.
         """
-        await self._over(timeout)
+        await self._wait_until_over(timeout)
         return await self.show()
 
-    async def _over(self, timeout: float | None) -> Mapping[str, Any]:
+    async def _wait_until_over(self, timeout: float | None) -> Mapping[str, Any]:
         try:
             async with asyncio.timeout(timeout):
                 while self._feed.end is None:

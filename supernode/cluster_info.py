@@ -12,7 +12,7 @@ from pathlib import Path
 from coordinator.errors import ClusterFailed
 from problems.errors import BadInput
 
-_CARD = "cluster.json"
+_ENTRY = "cluster.json"
 _LOCK = "up.lock"
 _ENDPOINT = re.compile(r"(tcp|udp|tls|quic|ws|wss|unixsock-stream)/.+", re.DOTALL)
 
@@ -105,7 +105,7 @@ def read_info(folder: Path) -> ClusterInfo:
     """
     nobody = ClusterFailed(f"no cluster is up in {folder}; start one with `supernode up`")
     try:
-        info = ClusterInfo(**json.loads((folder / _CARD).read_text(encoding="utf-8")))
+        info = ClusterInfo(**json.loads((folder / _ENTRY).read_text(encoding="utf-8")))
         os.kill(info.process, 0)  # only asks whether the process exists: the entry of a killed cluster stays
     except PermissionError:
         raise ClusterFailed(f"{folder}: the cluster there belongs to another user") from None
@@ -116,15 +116,15 @@ def read_info(folder: Path) -> ClusterInfo:
 
 def write_info(folder: Path, info: ClusterInfo) -> None:
     """Write the entry into ``folder``; readers find all of it or nothing."""
-    new = folder / f"{_CARD}.new"
+    new = folder / f"{_ENTRY}.new"
     new.write_text(json.dumps(asdict(info)) + "\n", encoding="utf-8")
-    new.replace(folder / _CARD)  # atomic, unlike writing the file in place
+    new.replace(folder / _ENTRY)  # atomic, unlike writing the file in place
 
 
 def remove_card(folder: Path) -> None:
     """Remove the entry from ``folder``: no cluster is up there any more."""
     with contextlib.suppress(FileNotFoundError):
-        (folder / _CARD).unlink()
+        (folder / _ENTRY).unlink()
 
 
 def is_occupied(folder: Path) -> bool:

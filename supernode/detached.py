@@ -23,7 +23,7 @@ def detached(work: Callable[[Ready], None]) -> str:
     heard, tell = os.pipe()
     if os.fork() == 0:
         os.close(heard)
-        _live(work, tell)
+        _work_and_exit(work, tell)
     os.close(tell)
     with os.fdopen(heard, encoding="utf-8") as pipe:
         # Ends when the child has reported and closed the pipe, or has died.
@@ -40,7 +40,7 @@ def _line(kind: str, text: str) -> str:
     raise BadInput(text) if kind == "input" else ClusterFailed(text or "the cluster ended before it was ready")
 
 
-def _live(work: Callable[[Ready], None], tell: int) -> None:
+def _work_and_exit(work: Callable[[Ready], None], tell: int) -> None:
     """Do the work in the child and exit; this never returns.
 
     The child leads a session of its own, so that Ctrl-C on the terminal does not reach it.

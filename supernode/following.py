@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from supernode.client import Client, ClientJob
 
-_SAID_OF_STATES = {
+_STATE_NOTES = {
     WAITING: "it is kept alive for an update (`supernode cancel {job}` ends it, Ctrl-C ends the watching)",
     SEARCHING: "it stalled without an answer, and begins anew until it has one (`supernode cancel {job}` ends it)",
 }
@@ -77,15 +77,15 @@ class Follower:
         with Terminal(topology, self._quiet, below=self._below, least=self._least) as terminal:
             for event in self._job.events():
                 if isinstance(event, str):
-                    if event in _SAID_OF_STATES:
-                        terminal.say(f"{event}: {_SAID_OF_STATES[event].format(job=self._job.id)}")
+                    if event in _STATE_NOTES:
+                        terminal.say(f"{event}: {_STATE_NOTES[event].format(job=self._job.id)}")
                     continue
                 if event.epoch != epoch:
-                    epoch = self._tell_of_its_epoch(terminal, event, epoch)
+                    epoch = self._describe_epoch(terminal, event, epoch)
                 terminal.improvement(event)
                 self._log.news(terminal.topology, event)
 
-    def _tell_of_its_epoch(self, terminal: Terminal, better: Improvement, epoch: int) -> int:
+    def _describe_epoch(self, terminal: Terminal, better: Improvement, epoch: int) -> int:
         """Say how the epoch of ``better`` began, and return the number of the last epoch described.
 
         That number stays as it is if the coordinator does not know the new epoch yet; the next improvement tries again.

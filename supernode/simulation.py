@@ -85,7 +85,7 @@ def simulate(problem: ProblemFile | Problem | str | Path, *, callback: Callback 
     if callback is not None and file.run.mode != "lockstep":
         raise BadInput(f"callback: expected mode lockstep, which has common generations, found {file.run.mode}")
     request = StopRequest(file.run.seconds)
-    told = None if callback is None else _Told(callback, request)
+    told = None if callback is None else _CallbackListener(callback, request)
     simulation = Simulation(epochs_of(file), None, told, request.reason, ignore if told is None else told.see)
     request.began = time.monotonic()  # the deadline's time begins here: making the simulation may have compiled code
     return simulation.run()
@@ -107,11 +107,11 @@ class Listener:
         """Called when the last epoch, or an attempt that stalled, has ended after ``generation``."""
 
 
-class _Told(Listener):
+class _CallbackListener(Listener):
     """Passes each generation to the callback of `simulate`."""
 
     def __init__(self, callback: Callback, request: StopRequest) -> None:
-        self._callback, self._wish = callback, request
+        self._callback, self._request = callback, request
         self._best: Improvement | None = None
         self._since = self._attempt = 0
 
@@ -126,7 +126,7 @@ class _Told(Listener):
         """Pass on a generation of the current epoch; a `Snapshot`."""
         number = self._since + generation
         if self._callback(Generation(number, self._attempt, genomes.copy(), fitness.copy(), self._best)):
-            self._wish.cancelled = True
+            self._request.cancelled = True
 
 
 class Simulation:

@@ -152,7 +152,7 @@ class Supervisor:
     """Runs one cluster."""
 
     def __init__(self, request: LaunchRequest) -> None:
-        self._wish = request
+        self._request = request
         # Why the cluster ends; None if it was asked to. Signal handlers and the launcher's thread put, `run` takes.
         # A `Queue` could deadlock when a handler interrupts its own thread; the put of a SimpleQueue is reentrant.
         self._ends: queue.SimpleQueue[str | None] = queue.SimpleQueue()
@@ -194,7 +194,7 @@ class Supervisor:
         """
         cluster = secrets.token_hex(4)
         with self._dashboard() as dashboard:
-            request = self._wish
+            request = self._request
             launcher = Launcher(cluster, request.topology, self._ends.put, service=request.service, force=request.force)
             try:
                 if not launcher.started.wait(_READY_WITHIN):
@@ -210,21 +210,21 @@ class Supervisor:
     @contextmanager
     def _dashboard(self) -> "Iterator[Keeper | None]":
         """Open the dashboard's socket before anything is launched, so that an address that is taken fails at once."""
-        if self._wish.dashboard is None:
+        if self._request.dashboard is None:
             yield None
             return
         from supernode.dashboard.keeper import Keeper
 
-        keeper = Keeper(self._wish.dashboard, single=self._wish.service.state is None)
+        keeper = Keeper(self._request.dashboard, single=self._request.service.state is None)
         try:
             yield keeper
         finally:
             keeper.close()
 
     def _line(self, folder: Path, up: Up) -> str:
-        listens = "".join(f", {each}" for each in self._wish.service.listen)
+        listens = "".join(f", {each}" for each in self._request.service.listen)
         dashboard = "" if up.dashboard is None else f", dashboard {up.dashboard}"
-        return f"up: {up.nodes} nodes ({self._wish.topology}) in {folder}{listens}{dashboard}"
+        return f"up: {up.nodes} nodes ({self._request.topology}) in {folder}{listens}{dashboard}"
 
     def _try_the_database(self, folder: Path) -> None:
         """Open the database once before anything is launched: a wrong URL fails here.
@@ -234,7 +234,7 @@ class Supervisor:
         from coordinator.database import url_in
         from coordinator.store import Store
 
-        Store(self._wish.service.database or url_in(folder)).close()
+        Store(self._request.service.database or url_in(folder)).close()
 
     def _wait_until_ready(self, endpoint: str) -> int:
         """Wait until the coordinator answers, and return how many nodes there are."""

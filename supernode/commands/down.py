@@ -30,9 +30,9 @@ def run(options: argparse.Namespace) -> int:
     info = place.info()
     ends = _ask(options)
     if info is None:
-        _see_it_go(options, ends)
+        _wait_until_away(options, ends)
     elif ends is not None or is_occupied(Path(place.folder or "")):
-        _see_it_end(info.process, ends is not None, place)
+        _wait_for_exit(info.process, ends is not None, place)
     rest = "; router, spy and nodes end where they were started" if ends == "coordinator" else ""
     tell(options, {"down": str(place), "ended": ends or "cluster"}, f"down: {place}{rest}")
     return exits.OK
@@ -52,7 +52,7 @@ def _ask(options: argparse.Namespace) -> str | None:
         return None
 
 
-def _see_it_go(options: argparse.Namespace, ends: str | None) -> None:
+def _wait_until_away(options: argparse.Namespace, ends: str | None) -> None:
     """Wait until the cluster no longer answers at its endpoint."""
     from coordinator.errors import ClusterFailed
 
@@ -81,7 +81,7 @@ def _is_there(options: argparse.Namespace, ends: str | None) -> bool:
     return True
 
 
-def _see_it_end(process: int, answered: bool, place: object) -> None:
+def _wait_for_exit(process: int, answered: bool, place: object) -> None:
     """Wait until the cluster's lifeline process has ended; if the cluster did not answer, end that process.
 
     Raises:

@@ -17,8 +17,8 @@ from coordinator.threads import ONE_THREAD
 from supernode.dashboard.listen_address import ListenAddress
 
 _AGAIN = 0.5  # seconds between two looks at the process, and the shortest pause before it is replaced
-_AT_LAST = 60.0  # seconds, the longest pause before a process that keeps dying is replaced
-_LONG = 30.0  # seconds that a process must have run for the next pause to be short again
+_LONGEST_PAUSE = 60.0  # seconds, the longest pause before a process that keeps dying is replaced
+_LONG_LIFE = 30.0  # seconds that a process must have run for the next pause to be short again
 _END_WITHIN = 5.0  # seconds until a process that does not exit is killed
 
 
@@ -92,7 +92,7 @@ class Keeper:
             if status is None:
                 continue
             _end(self._process)
-            pause = _AGAIN if time.monotonic() - began > _LONG else min(2 * pause, _AT_LAST)
+            pause = _AGAIN if time.monotonic() - began > _LONG_LIFE else min(2 * pause, _LONGEST_PAUSE)
             sys.stderr.write(f"warning: the dashboard died (exit status {status}); another starts in {pause:g} s\n")
             if self._ending.wait(pause):
                 break
