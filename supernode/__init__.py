@@ -1,6 +1,6 @@
 """Supernode: robot motion planning by a genetic algorithm on a torus of real processes.
 
-::
+Start a cluster for one program and submit a job to it::
 
     import supernode
 
@@ -10,17 +10,21 @@
             print(best.fitness, best.feasible, best.solution)
         result = job.result()
 
-The same run in this process, generation by generation::
+Simulate the same run in this process, generation by generation::
 
     result = supernode.simulate("examples/arm-ik.toml", seed=1, callback=lambda generation: print(generation.best))
 
-On a cluster that is up already (``supernode up``)::
+Submit a job to a cluster that is up already (``supernode up``)::
 
     with supernode.connect() as client:
         job = client.submit("examples/arm-ik.toml", seed=1, seconds=5)
 
-A user's own problem is a subclass of `Problem` that codes individuals by a `BitString`, a `RealVector` or a
-`Permutation`.
+With asyncio use `connect_async` and await the same methods.
+
+To plan for a problem of your own, derive a class from `Problem` and choose a coding for its individuals: `BitString`,
+`RealVector` or `Permutation`.
+
+Input that is wrong raises `BadInput`; a cluster that cannot be reached or breaks raises `ClusterFailed`.
 
 Names are imported when they are first used, so that ``supernode --help`` answers at once.
 """

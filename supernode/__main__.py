@@ -1,6 +1,7 @@
-"""The command line: which commands there are, and how each ends.
+"""The command line: parses arguments, runs one command, and turns its errors into exit codes.
 
-Only argparse is imported here; a command imports what it needs when it runs, so that ``--help`` answers at once.
+At the top only argparse and what the standard library has is imported; a command imports what it needs when it runs, so
+that ``--help`` answers at once.
 """
 
 import argparse
@@ -16,34 +17,34 @@ from supernode.exits import BAD_INPUT, FAILED, INTERRUPTED
 
 _COMMANDS = {
     "solve": "solve a problem on a cluster of processes started for it, or on a running one",
-    "simulate": "the same job in this process: bit-identical to a lockstep solve",
+    "simulate": "run the same job in this process: bit-identical to a lockstep solve",
     "check": "verify a result independently of the code that found it",
     "export": "write the motion of a result over time, or the records of a job: CSV, JSON, MCAP, Parquet",
-    "oracle": "the exact optimum of a problem, or a bound, where there is one",
+    "oracle": "compute the exact optimum of a problem, or a bound, where there is a method",
     "up": "start a cluster that stays up and takes jobs",
-    "down": "end it",
-    "status": "what the nodes of a running cluster do",
-    "submit": "hand it a job, and print the job's id",
-    "jobs": "the jobs of a running cluster, or one of them",
-    "watch": "follow a job to its result",
-    "logs": "what its processes had to say",
-    "update": "tell a job that its world has moved",
+    "down": "end a running cluster",
+    "status": "show what each node of a running cluster does",
+    "submit": "submit a job to a running cluster, and print the job's id",
+    "jobs": "list the jobs of a running cluster, or show one of them",
+    "watch": "follow a job to its result, or watch the whole cluster",
+    "logs": "print the log of a running cluster's processes",
+    "update": "change the problem of a running job",
     "rewire": "give a running job another topology",
     "cancel": "end a job",
-    "report": "a page about a job, with figures and all that is needed to repeat it",
+    "report": "write a page about a job, with figures and all that is needed to repeat it",
     "node": "join more nodes to a cluster, from here or from another machine",
-    "router": "the router of a cluster whose processes live in several places",
-    "coordinator": "its coordinator",
-    "spy": "its spy",
-    "scale": "measure how a problem scales with the number of nodes; a table, plots and a report",
-    "topology": "cells, degree and diameter of a topology, and a drawing",
-    "problems": "the kinds of problem, or the fields of one",
+    "router": "run the router of a cluster whose processes are started separately",
+    "coordinator": "run its coordinator",
+    "spy": "run its spy, or show a running cluster in a browser",
+    "scale": "measure how a problem scales with the number of nodes; write a table, plots and a report",
+    "topology": "show cells, degree and diameter of a topology, and draw it",
+    "problems": "list the kinds of problem, or the fields of one",
     "init": "write a commented problem file to start from",
 }
 
 
 class _Parser(argparse.ArgumentParser):
-    """An argument parser whose complaint is one line."""
+    """An argument parser that reports an error in one line."""
 
     def error(self, message: str) -> NoReturn:
         message = message.removeprefix("argument ") + _suggested_choice(message)
@@ -51,7 +52,7 @@ class _Parser(argparse.ArgumentParser):
 
 
 def _suggested_choice(message: str) -> str:
-    """What was meant, if a command or an option's word is unknown and another is spelled much like it."""
+    """Return a suggestion if an unknown command or word is spelled much like a known one; else an empty text."""
     from problems.errors import did_you_mean
 
     found = re.search(r"invalid choice: '([^']*)' \(choose from (.*)\)", message)
@@ -59,7 +60,7 @@ def _suggested_choice(message: str) -> str:
 
 
 def _refuse_unknown(options: argparse.Namespace, unknown: Sequence[str]) -> None:
-    """Say which options are unknown, and what was meant if another is spelled much like the first."""
+    """Report unknown options, with a suggestion if the first is spelled much like a known one."""
     from problems.errors import did_you_mean
 
     word, known = unknown[0].partition("=")[0], options.parser._option_string_actions
@@ -70,6 +71,7 @@ def _refuse_unknown(options: argparse.Namespace, unknown: Sequence[str]) -> None
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code."""
     parser = _parser()
+    # Unknown options are collected, so that the command's own parser can report them with a suggestion.
     options, unknown = parser.parse_known_args(arguments)
     if unknown:
         _refuse_unknown(options, unknown)
@@ -99,28 +101,29 @@ def _parser() -> argparse.ArgumentParser:
 
 def _run(options: argparse.Namespace) -> int:
     try:
-        _tell_what_takes_long(options)
+        _report_slow_steps(options)
         code: int = options.run(options)
         sys.stdout.flush()
     except KeyboardInterrupt:
         return INTERRUPTED
-    except BrokenPipeError:  # whoever read the output has gone; nobody is left to complain to
+    except BrokenPipeError:  # the reader of the output has gone
+        # Otherwise Python would try to flush stdout at exit, fail again and complain.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return FAILED
     except Exception as error:
-        return _explain(error)
+        return _report_error(error)
     return code
 
 
-def _tell_what_takes_long(options: argparse.Namespace) -> None:
-    """On stderr, of commands that read a problem file and may say something."""
+def _report_slow_steps(options: argparse.Namespace) -> None:
+    """Report slow steps on stderr, for commands that read a problem file and are not quiet."""
     if {"problem", "source"} & vars(options).keys() and not getattr(options, "quiet", False):
         from problems import progress
 
         progress.tell(lambda line: print(line, file=sys.stderr, flush=True))
 
 
-def _explain(error: Exception) -> int:
+def _report_error(error: Exception) -> int:
     from coordinator.errors import ClusterFailed
     from problems.errors import BadInput, EvaluationFailed
 

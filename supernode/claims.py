@@ -1,4 +1,4 @@
-"""Results as files claim them: what they hold is believed only once the planner's own check has accepted it."""
+"""Verify the results that files claim: nothing in them is believed until the planner's own check has accepted it."""
 
 import contextlib
 import math
@@ -12,19 +12,19 @@ from problems.guard import checked, cleared, solved_at
 from spy.verification import same_fitness
 from supernode.results import read_table
 
-_MOST_OBJECTIONS = 3  # of the check, that are named
+_MOST_OBJECTIONS = 3  # objections of the check that are listed; the rest are counted
 
 
 @dataclass(frozen=True)
 class Judgement:
-    """What a claim is worth.
+    """What verification finds out about a claimed result.
 
     Attributes:
-        problem: as it was run.
-        solution: the claimed one, if there is one; a best attempt is none.
-        fitness: that the check finds.
-        objections: all that is wrong with the claim.
-        clearance: that the check measures, see `problems.guard.cleared`.
+        problem: the problem as the run had it.
+        solution: the claimed solution; None if the result claims none. A best attempt is not a solution.
+        fitness: the fitness that the check finds; infinite if there is nothing to check.
+        objections: all that is wrong with the claim; empty if it is accepted.
+        clearance: the clearance that the check measures, see `problems.guard.cleared`.
     """
 
     problem: Problem
@@ -35,16 +35,21 @@ class Judgement:
 
 
 def verified(file: ProblemFile, result: str) -> Judgement:
-    """What the file of a result, or of its solution alone, is worth as an answer to a problem.
+    """Verify the result, or the solution alone, in a file as an answer to the problem ``file``.
+
+    Args:
+        file: the problem.
+        result: the name of a JSON file.
 
     Raises:
-        BadInput: names the file that cannot be used, and why.
+        BadInput: names the file that cannot be used, and says why.
     """
     claim = read_table(result)
     try:
         with contextlib.redirect_stdout(sys.stderr):  # a user's module may print
             return _verified(_as_it_was_run(file, claim), claim)
     except BadInput as error:
+        # An error of the problem file names that file; any other one is the result's.
         if str(error).startswith(file.name):
             raise
         raise BadInput(f"{result}: {error}") from None
@@ -52,6 +57,7 @@ def verified(file: ProblemFile, result: str) -> Judgement:
 
 def _verified(file: ProblemFile, claim: dict[str, Any]) -> Judgement:
     if claim.get("kind", file.kind) != file.kind and "run" in claim:
+        # The check of this kind could not read the solution of another one.
         kinds = f"of kind {claim['kind']!r}, and {file.name} is of kind {file.kind!r}"
         return Judgement(file.problem(), None, math.inf, [f"the result is of another problem: it is {kinds}"])
     problem, attempt = file.problem(), claim.get("best_attempt")
@@ -67,13 +73,16 @@ def _verified(file: ProblemFile, claim: dict[str, Any]) -> Judgement:
 
 
 def _as_it_was_run(file: ProblemFile, claim: dict[str, Any]) -> ProblemFile:
-    """A whole result says by which recipe it was found, which may decide how bits are read; and how the world moved."""
+    """Return the problem as the claimed run had it last.
+
+    A whole result names its recipe, which may decide how genomes are decoded, and lists the updates of the problem.
+    """
     settings = claim.get("run")
     if not isinstance(settings, dict):
         return file
     known = {name: settings[name] for name in ("recipe", "deme", "target") if name in settings}
     file = file.with_run(**known)
-    if claim.get("problem_sha256") == file.sha256:
+    if claim.get("problem_sha256") == file.sha256:  # the file is the problem that the run had last: change it no more
         return file
     try:
         for update in _updates(claim.get("directives")):
@@ -84,28 +93,29 @@ def _as_it_was_run(file: ProblemFile, claim: dict[str, Any]) -> ProblemFile:
 
 
 def _updates(directives: object) -> Iterator[dict[str, Any]]:
-    """The fields that each update of the world replaced."""
+    """Yield the fields that each update of the problem replaced."""
     for directive in directives if isinstance(directives, list) else ():
-        is_update = isinstance(directive, dict) and directive.get("do") != "retry"  # which changes no problem
+        # A restart ("retry") has fields as well, but they change how solutions are coded, not the problem.
+        is_update = isinstance(directive, dict) and directive.get("do") != "retry"
         if is_update and isinstance(fields := directive.get("fields"), dict):
             yield fields
 
 
 def _of_another(claim: dict[str, Any], file: ProblemFile) -> list[str]:
-    """Whether a whole result is of another problem, which is then the reason of all that is wrong with it."""
+    """Return an objection if a whole result is of another problem, which then explains everything else."""
     if claim.get("problem_sha256", file.sha256) == file.sha256:
         return []
     return [f"the result is of another problem than {file.name}: problem_sha256 differs"]
 
 
 def _few(objections: tuple[str, ...]) -> list[str]:
-    """The first objections, and how many more there are."""
+    """Return the first objections, and how many more there are."""
     more = len(objections) - _MOST_OBJECTIONS
     return [*objections[:_MOST_OBJECTIONS], *([f"and {more} more"] if more > 0 else [])]
 
 
 def _false_claims(claim: dict[str, Any], verdict: Verdict, file: ProblemFile) -> list[str]:
-    """What a whole result says beside its solution, and is not so."""
+    """Return what a whole result claims besides its solution and gets wrong: its fitness, and being solved."""
     false = []
     claimed = claim.get("fitness", verdict.fitness)
     claimed = math.inf if claimed is None else claimed

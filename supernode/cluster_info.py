@@ -1,4 +1,4 @@
-"""Where a running cluster is: what `supernode up` leaves in its state folder for those who come to talk to it."""
+"""Where a running cluster is found: the entry that `supernode up` leaves in its state folder, and the folder's lock."""
 
 import contextlib
 import fcntl
@@ -12,20 +12,20 @@ from pathlib import Path
 from coordinator.errors import ClusterFailed
 from problems.errors import BadInput
 
-_CARD = "cluster.json"
+_ENTRY = "cluster.json"
 _LOCK = "up.lock"
 _ENDPOINT = re.compile(r"(tcp|udp|tls|quic|ws|wss|unixsock-stream)/.+", re.DOTALL)
 
 
 @dataclass(frozen=True)
 class ClusterInfo:
-    """A running cluster's calling entry.
+    """The entry of a running cluster in its state folder.
 
     Attributes:
-        endpoint: of its router.
-        cluster: its name, a part of its key expressions.
-        process: the id of the process that `supernode up` left running.
-        version: of supernode.
+        endpoint: the endpoint of the cluster's router.
+        cluster: the cluster's name, a part of its key expressions.
+        process: the id of the `supernode up` process, the cluster's lifeline.
+        version: the version of supernode that the cluster runs.
     """
 
     endpoint: str
@@ -36,10 +36,12 @@ class ClusterInfo:
 
 @dataclass(frozen=True)
 class Place:
-    """Where to look for a cluster: at an endpoint, or in a state folder.
+    """Where to look for a cluster: at an endpoint or in a state folder; exactly one of the two is given.
 
     Attributes:
-        cluster: the name of the one that is meant if several answer at the endpoint.
+        endpoint: the endpoint of a router.
+        folder: a state folder on this machine.
+        cluster: the name of the cluster that is meant, if several answer at the endpoint.
     """
 
     endpoint: str | None
@@ -48,29 +50,37 @@ class Place:
 
     @staticmethod
     def of(text: str | Path | None) -> "Place":
-        """An endpoint such as ``tcp/127.0.0.1:7447``, or a folder; None is the default folder."""
+        """Return the place that ``text`` names: an endpoint such as ``tcp/127.0.0.1:7447``, or a state folder.
+
+        None is the user's default state folder.
+        """
         if isinstance(text, str) and _ENDPOINT.fullmatch(text):
             return Place(text, None)
         return Place.of_folder(text)
 
     @staticmethod
     def of_folder(folder: str | Path | None) -> "Place":
-        """A state folder; None is the default one."""
+        """Return the place of a state folder; None is the user's default one."""
         return Place(None, default_folder() if folder is None else Path(folder))
 
     @staticmethod
     def at(endpoint: str, option: str = "--connect", cluster: str | None = None) -> "Place":
-        """The endpoint that an option names, and ``cluster`` of those there.
+        """Return the place of the endpoint that a command-line option names.
+
+        Args:
+            endpoint: the endpoint.
+            option: the option, for the error.
+            cluster: the name of the cluster that is meant, if several answer there.
 
         Raises:
-            BadInput: if it is none.
+            BadInput: if ``endpoint`` is not an endpoint.
         """
         if not _ENDPOINT.fullmatch(endpoint):
             raise BadInput(f"{option}: expected an endpoint such as tcp/127.0.0.1:7447, found {endpoint}")
         return Place(endpoint, None, cluster)
 
     def info(self) -> ClusterInfo | None:
-        """The entry in the folder; None for a bare endpoint.
+        """Return the entry in the folder; None if this place is an endpoint.
 
         Raises:
             ClusterFailed: if no cluster is up in the folder.
@@ -82,43 +92,46 @@ class Place:
 
 
 def default_folder() -> Path:
-    """The state folder of whoever names none."""
-    home = os.environ.get("XDG_STATE_HOME", "")
+    """Return the user's state folder: ``$XDG_STATE_HOME/supernode`` or ``~/.local/state/supernode``."""
+    home = os.environ.get("XDG_STATE_HOME", "")  # a relative path counts as unset: the XDG specification says so
     return (Path(home) if home.startswith("/") else Path.home() / ".local" / "state") / "supernode"
 
 
 def read_info(folder: Path) -> ClusterInfo:
-    """Who is up in ``folder``.
+    """Return the entry of the cluster that is up in ``folder``.
 
     Raises:
-        ClusterFailed: if nobody is.
+        ClusterFailed: if none is, or it belongs to another user.
     """
     nobody = ClusterFailed(f"no cluster is up in {folder}; start one with `supernode up`")
     try:
-        info = ClusterInfo(**json.loads((folder / _CARD).read_text(encoding="utf-8")))
-        os.kill(info.process, 0)
+        info = ClusterInfo(**json.loads((folder / _ENTRY).read_text(encoding="utf-8")))
+        os.kill(info.process, 0)  # only asks whether the process exists: the entry of a killed cluster stays
     except PermissionError:
-        raise ClusterFailed(f"{folder}: it is another user's") from None
+        raise ClusterFailed(f"{folder}: the cluster there belongs to another user") from None
     except (OSError, ValueError, TypeError):
         raise nobody from None
     return info
 
 
 def write_info(folder: Path, info: ClusterInfo) -> None:
-    """Say who is up in ``folder``; whoever reads finds all of it or nothing."""
-    new = folder / f"{_CARD}.new"
+    """Write the entry into ``folder``; readers find all of it or nothing."""
+    new = folder / f"{_ENTRY}.new"
     new.write_text(json.dumps(asdict(info)) + "\n", encoding="utf-8")
-    new.replace(folder / _CARD)
+    new.replace(folder / _ENTRY)  # atomic, unlike writing the file in place
 
 
 def remove_card(folder: Path) -> None:
-    """Nobody is up here any more."""
+    """Remove the entry from ``folder``: no cluster is up there any more."""
     with contextlib.suppress(FileNotFoundError):
-        (folder / _CARD).unlink()
+        (folder / _ENTRY).unlink()
 
 
 def is_occupied(folder: Path) -> bool:
-    """Whether a cluster holds the lock of that folder; a entry alone may be that of one that was killed long ago."""
+    """Return whether a cluster holds the lock of ``folder``.
+
+    The entry alone does not tell: it may have been left by a cluster that was killed.
+    """
     try:
         os.close(occupy(folder))
     except ClusterFailed:
@@ -127,21 +140,23 @@ def is_occupied(folder: Path) -> bool:
 
 
 def occupy(folder: Path) -> int:
-    """Make ``folder``, private, and lock it for as long as the descriptor that is returned is open.
+    """Make ``folder``, private to this user, and lock it; return the descriptor that holds the lock until it is closed.
 
-    One that is there keeps its mode: it may be for other things too, and whatever tells of jobs is private by itself.
+    The kernel releases the lock when the process ends, however it ends. An existing folder keeps its mode, since it may
+    serve other purposes too; the files in it that describe jobs are private by themselves.
 
     Raises:
-        BadInput: if there can be no such folder.
+        BadInput: if the folder cannot be made, or every user may write into it.
         ClusterFailed: if a cluster is up in it.
     """
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         if folder.stat().st_mode & stat.S_IWOTH:
-            raise BadInput(f"--state: expected a folder into which not everybody may write, found {folder}")
+            raise BadInput(f"--state: expected a folder that not every user may write into, found {folder}")
+        # O_CLOEXEC: a child that inherited the descriptor would keep the lock when this process has ended.
         descriptor = os.open(folder / _LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
     except OSError as error:
-        raise BadInput(f"--state: expected a folder of one's own, found {folder}: {error.strerror}") from None
+        raise BadInput(f"--state: expected a folder that can be written, found {folder}: {error.strerror}") from None
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:

@@ -1,6 +1,7 @@
-"""Work that goes on in the background when the command that began it has returned.
+"""Run work in a background process that goes on after the command has returned.
 
-Only the standard library is imported here: the fork comes before anything that has threads.
+Only the standard library is imported at the top: the fork must come before anything that starts threads, because a
+forked child has only the thread that forked.
 """
 
 import os
@@ -9,22 +10,23 @@ from collections.abc import Callable
 from pathlib import Path
 
 Ready = Callable[[str], None]
-"""What the work calls when it is ready, with a line for people."""
+"""Called by the work when it is ready, with one line for people."""
 
 
 def detached(work: Callable[[Ready], None]) -> str:
-    """Fork a process that does ``work``, and return the line that the work says when it is ready.
+    """Fork a process that does ``work``, and return the line that the work reports when it is ready.
 
     Raises:
-        BadInput: what the work raises before it is ready, as far as input is to blame.
-        ClusterFailed: what else it raises, or if it ends without a word.
+        BadInput: if the work raises it before it is ready.
+        ClusterFailed: if the work raises anything else before it is ready, or ends without reporting.
     """
     heard, tell = os.pipe()
     if os.fork() == 0:
         os.close(heard)
-        _live(work, tell)
+        _work_and_exit(work, tell)
     os.close(tell)
     with os.fdopen(heard, encoding="utf-8") as pipe:
+        # Ends when the child has reported and closed the pipe, or has died.
         kind, _, text = pipe.read().partition(" ")
     return _line(kind, text)
 
@@ -38,8 +40,11 @@ def _line(kind: str, text: str) -> str:
     raise BadInput(text) if kind == "input" else ClusterFailed(text or "the cluster ended before it was ready")
 
 
-def _live(work: Callable[[Ready], None], tell: int) -> None:
-    """The child's life, which ends here; it leads a session of its own, so that Ctrl-C is none of its business."""
+def _work_and_exit(work: Callable[[Ready], None], tell: int) -> None:
+    """Do the work in the child and exit; this never returns.
+
+    The child leads a session of its own, so that Ctrl-C on the terminal does not reach it.
+    """
     said = False
     code = 1
 
@@ -69,9 +74,9 @@ def _blame(error: BaseException) -> str:
 
 
 def leave_terminal(log: Path) -> None:
-    """Standard input from nowhere, all output to the log: the terminal, or the pipe, belongs to others.
+    """Take standard input from nowhere and write all output to ``log``.
 
-    To be called before other processes are started, which would keep it open.
+    Call this before other processes are started: they would inherit the terminal or the pipe and keep it open.
     """
     nothing = os.open(os.devnull, os.O_RDONLY)
     file = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600)

@@ -1,4 +1,4 @@
-"""How commands end."""
+"""The exit codes of the commands."""
 
 OK = 0
 """The target was reached, or there is none and the result is feasible."""

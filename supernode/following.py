@@ -1,4 +1,4 @@
-"""How a job on a running cluster is shown to a person: improvements as they come, then the result in words."""
+"""Show a job of a running cluster to a person: improvements as they come, then the result in words."""
 
 import contextlib
 from dataclasses import replace
@@ -24,23 +24,23 @@ if TYPE_CHECKING:
 
     from supernode.client import Client, ClientJob
 
-_SAID_OF_STATES = {
+_STATE_NOTES = {
     WAITING: "it is kept alive for an update (`supernode cancel {job}` ends it, Ctrl-C ends the watching)",
     SEARCHING: "it stalled without an answer, and begins anew until it has one (`supernode cancel {job}` ends it)",
 }
 
 
 class Follower:
-    """Shows one job, and writes its run log if one is wanted.
+    """Shows one job on the terminal, and writes its run log if one is wanted.
 
     Args:
-        client: of its cluster.
-        job: which.
-        file: its problem, as it was submitted.
-        quiet: whether to say nothing at all.
-        log: the file of the run log.
-        below: what is live under the improvements, on a terminal.
-        least: the least improvement that is worth a line, as a share of the fitness before.
+        client: a client of the job's cluster.
+        job: the job.
+        file: the job's problem as it was submitted.
+        quiet: show nothing.
+        log: the file of the run log; None for none.
+        below: what a terminal shows live under the improvements.
+        least: the least improvement worth a line, as a share of the fitness before.
 
     Raises:
         BadInput: if the log cannot be written.
@@ -67,27 +67,31 @@ class Follower:
         self._is_logged = log is not None
         if self._is_logged:
             self._number = job.show()["number"]
+            # The log's handlers run on the client's thread, `show` and `result` on the caller's.
             client.listen(client.keys.spy_stats, self._hear_statistics)
             client.listen(client.keys.log, self._hear_record)
 
     def show(self) -> None:
-        """Each improvement until the end, and what a person must know of a job that is kept alive."""
+        """Show each improvement until the job ends, and how to end a job that is kept alive."""
         epoch, topology = 0, topologies.parse(self._file.run.topology)
         with Terminal(topology, self._quiet, below=self._below, least=self._least) as terminal:
             for event in self._job.events():
                 if isinstance(event, str):
-                    if event in _SAID_OF_STATES:
-                        terminal.say(f"{event}: {_SAID_OF_STATES[event].format(job=self._job.id)}")
+                    if event in _STATE_NOTES:
+                        terminal.say(f"{event}: {_STATE_NOTES[event].format(job=self._job.id)}")
                     continue
                 if event.epoch != epoch:
-                    epoch = self._tell_of_its_epoch(terminal, event, epoch)
+                    epoch = self._describe_epoch(terminal, event, epoch)
                 terminal.improvement(event)
                 self._log.news(terminal.topology, event)
 
-    def _tell_of_its_epoch(self, terminal: Terminal, better: Improvement, epoch: int) -> int:
-        """Say how that epoch began; the number of the one that was told of last."""
+    def _describe_epoch(self, terminal: Terminal, better: Improvement, epoch: int) -> int:
+        """Say how the epoch of ``better`` began, and return the number of the last epoch described.
+
+        That number stays as it is if the coordinator does not know the new epoch yet; the next improvement tries again.
+        """
         view = self._job.show()
-        if view["epoch"] < better.epoch:  # news of it may be quicker than its record
+        if view["epoch"] < better.epoch:  # the spy's improvement was quicker than the coordinator's record
             return epoch
         terminal.topology = topology_of(view, better.epoch)
         retries = [each for each in view["epochs"] if each["epoch"] == better.epoch and each.get("do") == "retry"]
@@ -98,10 +102,10 @@ class Follower:
         return better.epoch
 
     def result(self, timeout: float | None = None) -> Result:
-        """What came of the job, with the solution in words; the log is closed.
+        """Wait for the result, close the log, and return the result with the solution in words.
 
         Raises:
-            TimeoutError: if it has not ended by then.
+            TimeoutError: if the job has not ended after ``timeout`` seconds.
         """
         result = self._job.result(timeout)
         if self._is_logged:
@@ -112,7 +116,7 @@ class Follower:
         return replace(result, words=self._words(result))
 
     def _log_history(self) -> None:
-        """What the cells noted, epoch by epoch."""
+        """Write the improvements that the cells recorded, epoch by epoch."""
         view = self._job.show()
         rows = [row for page in pages(self._client, "history", self._job.id) for row in page.rows]
         records = [ImprovementRecord(*row) for row in rows]
@@ -132,7 +136,7 @@ class Follower:
                 self._log.record(record)
 
     def _words(self, result: Result) -> str | None:
-        """A user's module may not be here."""
+        """Return the solution in words; None if there is none, or the module of a user's problem is not found here."""
         if result.found is None:
             return None
         try:

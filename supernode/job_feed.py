@@ -1,8 +1,9 @@
-"""What a client knows of one job: improvements in order, whatever was lost, repeated or came late on the way.
+"""What a client knows of one job: its improvements in order, although messages get lost, repeated and delayed.
 
-Three sources tell of a job: `best` (each improvement, from the spy), `state` (each change of state, from the
-coordinator) and the answer to `show`, which has the best so far and, at the end, the result. Any of the first two may
-be missing while a router or a coordinator is restarted; the third is asked for when nothing has come for a while.
+Three sources report on a job: `best` (each improvement, published by the spy), `state` (each change of state, published
+by the coordinator) and the answer to `show`, which holds the best so far and, at the end, the result. Messages of the
+first two may be missing while a router or a coordinator restarts. When nothing has come for a while, the client asks
+with `show`.
 """
 
 import asyncio
@@ -18,31 +19,35 @@ from wire.jobs import JobState
 from wire.news import Improvement
 
 SEARCHING = "searching"
-"""The state of a job that is kept alive, has stalled without an answer, and begins anew until it has one."""
+"""The state of a job that is kept alive, has stalled without an answer, and restarts until it has one."""
 
 BEGUN = frozenset({"running", SEARCHING})
-"""States of a job after an epoch of its has begun."""
+"""States that a job enters when an epoch of it begins."""
 
 WAITING = "waiting"
-"""The state of a job that has its answer and is kept alive for the next epoch."""
+"""The state of a job that has its answer and is kept alive until it is updated."""
 
-LOOK_EVERY = 1.0  # seconds without news
+LOOK_EVERY = 1.0  # seconds without a message after which the cluster is asked
 MOST_KEPT = 1000
-"""Improvements of one job: it may be kept alive for days, and somebody may not read them."""
+"""Improvements kept of one job: it may be kept alive for days while the program does not read them."""
 
-_RESULT_AFTER = 0.1  # seconds: nodes stop only after a deadline, and then there is a result
+_RESULT_AFTER = 0.1  # seconds until the next question after a job's end: its nodes have to stop before it has a result
 
 
 class JobFeed:
-    """One job's news so far.
+    """What a client knows of one job so far. Only the client's loop may touch it.
 
     Attributes:
-        improvements: in order, each better than the one before or of a later epoch; of very many the latest.
-        status: the last one heard of.
-        begun: how often an epoch was heard to begin.
-        answered: whether there will be no better answer.
-        end: the answer to a brief `show` after the end.
-        look_at: the time at which to ask for all there is to know, unless news comes before.
+        job: the job's id.
+        number: the number by which improvements name the job; None until a state or an answer has told it.
+        improvements: in order, each better than the one before or of a later epoch; the latest `MOST_KEPT`.
+        status: the last known state; None before the first.
+        begun: how many epochs are known to have begun.
+        answered: whether the answer to `show` said that the job has ended.
+        end: the answer to `show` after which nothing more will be known; None before.
+        look_at: the loop's time at which to ask the cluster, unless a message arrives before.
+        looking: the question that is under way, if one is.
+        error: why the last question failed, if it did.
     """
 
     def __init__(self, job: str, now: float) -> None:
@@ -56,11 +61,11 @@ class JobFeed:
         self.look_at = now
         self.looking: asyncio.Task[None] | None = None
         self.error: Exception | None = None
-        self._early: list[Improvement] = []  # of any job, before this one's number is known
-        self._pulse = asyncio.Event()
+        self._early: list[Improvement] = []  # of any job, received before this job's number was known
+        self._pulse = asyncio.Event()  # set once, by the next change, and then replaced: it wakes all who wait now
 
     async def news(self, seconds: float | None) -> None:
-        """Wait until something has changed, but not longer than so many seconds."""
+        """Wait until something changes, but at most ``seconds`` (None: no limit)."""
         pulse = self._pulse
         try:
             await asyncio.wait_for(pulse.wait(), seconds)
@@ -68,12 +73,12 @@ class JobFeed:
             return
 
     def wake(self) -> None:
-        """Something has changed, for whoever waits."""
+        """Wake everything that waits in `news`."""
         self._pulse.set()
         self._pulse = asyncio.Event()
 
     def hear_best(self, better: Improvement, now: float) -> None:
-        """The spy has published an improvement, of this job or of another."""
+        """Take an improvement that the spy has published, of this job or another one."""
         if self.number is None:
             self._early.append(better)
         elif better.job == self.number:
@@ -82,26 +87,27 @@ class JobFeed:
             self.wake()
 
     def hear_state(self, state: JobState, now: float) -> None:
-        """The coordinator has published a change of a job's state."""
+        """Take a change of a job's state that the coordinator has published."""
         if state.job != self.job:
             return
         self.begun += state.status in BEGUN
         self._know_number(state.number)
         self.status = state.status
+        # At the end ask at once: the state alone does not hold the result.
         self.look_at = now if state.status in ENDS else now + LOOK_EVERY
         self.wake()
 
     def hear_view(self, view: Mapping[str, Any], now: float) -> None:
-        """The coordinator has answered `show`.
+        """Take the coordinator's answer to `show`.
 
         Args:
-            view: the job, with a ``best`` that has become an `Improvement`, or None.
-            now: the time.
+            view: the answer, in which ``best`` is an `Improvement` or None.
+            now: the loop's time.
         """
         best: Improvement | None = view["best"]
         number = view.get("number", None if best is None else best.job)
         if best is not None and self.number is None:
-            self._early.append(best)
+            self._early.append(best)  # `_know_number` sorts it in
         if number is not None:
             self._know_number(number)
         if best is not None:
@@ -114,18 +120,19 @@ class JobFeed:
         self.wake()
 
     def after(self, last: Improvement | None) -> Improvement | None:
-        """The first that is kept of those after ``last``; of all, without one."""
+        """Return the first kept improvement after ``last``, or the first of all if ``last`` is None."""
+        # By order, not by identity: ``last`` may have been dropped from the front since.
         place = 0 if last is None else bisect_right(self.improvements, _order(last), key=_order)
         return self.improvements[place] if place < len(self.improvements) else None
 
     def best(self, epoch: int) -> Improvement | None:
-        """The best so far of that epoch or a later one."""
+        """Return the best improvement of ``epoch`` or later; None if there is none."""
         if not self.improvements or self.improvements[-1].epoch < epoch:
             return None
         return self.improvements[-1]
 
     def answer(self, epoch: int) -> Improvement | None:
-        """The best so far of that epoch or a later one that the planner's check accepts."""
+        """Return the best improvement of ``epoch`` or later that the planner's check accepts; None if there is none."""
         known = (each for each in reversed(self.improvements) if each.epoch >= epoch)
         return next((each for each in known if each.feasible), None)
 
@@ -137,29 +144,30 @@ class JobFeed:
             self._early.clear()
 
     def _add(self, better: Improvement) -> None:
+        # Late and repeated ones are not better than the last one kept: they are dropped.
         if not self.improvements or _order(better) > _order(self.improvements[-1]):
             self.improvements.append(better)
 
 
 def _is_over(view: Mapping[str, Any]) -> bool:
-    """Whether nothing more will be known of the job: after a deadline its nodes have still to stop."""
+    """Return whether nothing more will be known of the job; after a deadline its nodes have to stop first."""
     draining = view["status"] == "deadline" and view.get("result") is None and view.get("ended") is None
     return view["status"] in ENDS and not draining
 
 
 def _order(better: Improvement) -> tuple[int, float]:
-    """Improvements grow by this: within an epoch each is fitter than those before."""
+    """Return the key by which improvements grow: within an epoch each is fitter than those before."""
     return better.epoch, -better.fitness
 
 
 def improvement_in(value: Mapping[str, Any]) -> Improvement:
-    """The improvement that `show` tells of.
+    """Return the improvement that an answer to `show` holds.
 
     Raises:
-        KeyError, TypeError: if it is none.
+        KeyError, TypeError: if ``value`` does not hold one.
     """
     names = [field.name for field in dataclasses.fields(Improvement)]
     values = {name: value[name] for name in names if name in value}
-    if values["fitness"] is None:
+    if values["fitness"] is None:  # the wire has no infinity
         values["fitness"] = math.inf
     return Improvement(**values)

@@ -1,7 +1,7 @@
-"""Motions as MCAP files of JSON messages, such as Foxglove opens: joints, poses, and a picture of the world in lines.
+"""Write motions as MCAP files of JSON messages, for Foxglove and the like: joints, poses, and the scene in lines.
 
-What stands still has a topic of its own, as who jumps about in a file sees the last message of each topic. Positions
-are in the frame ``world``. The log time of a message is the time of its row, in nanoseconds from 0.
+What does not move has a topic of its own: a viewer that jumps to a time shows the last message of each topic before it.
+Positions are in the frame ``world``. The log time of a message is the time of its row, in nanoseconds from 0.
 """
 
 import io
@@ -19,9 +19,9 @@ from supernode.motion_schemas import Schema
 Json = dict[str, Any]
 
 WORLD = "world"
-_STRIP, _LOOP = 0, 1  # types of a line
-_PIXELS = 3.0  # thickness of lines
-_GREY = {"r": 0.45, "g": 0.45, "b": 0.45, "a": 1.0}
+_STRIP, _LOOP = 0, 1  # Foxglove's types of a line: an open one, a closed one
+_PIXELS = 3.0  # thickness of lines; with `scale_invariant` it is in pixels
+_GREY = {"r": 0.45, "g": 0.45, "b": 0.45, "a": 1.0}  # of obstacles
 _COLORS = ({"r": 0.85, "g": 0.33, "b": 0.1, "a": 1.0}, {"r": 0.1, "g": 0.45, "b": 0.75, "a": 1.0})  # of robots
 
 
@@ -33,10 +33,10 @@ class _Message(NamedTuple):
 
 
 def as_mcap(motion: Motion) -> bytes:
-    """The file, its messages in the order of time.
+    """Return the motion as the bytes of an MCAP file, with its messages in the order of time.
 
     Raises:
-        BadInput: if the package that writes it is not installed.
+        BadInput: if the package `mcap` is not installed.
     """
     try:
         from mcap.writer import Writer
@@ -46,6 +46,7 @@ def as_mcap(motion: Motion) -> bytes:
     writer = Writer(stream)
     writer.start(profile="", library="supernode")
     channels: dict[str, int] = {}
+    # The sort is stable: what stands still comes before the first row of the same time.
     for message in sorted(_messages(motion), key=lambda message: message.time):
         if message.topic not in channels:
             schema = json.dumps(message.schema).encode()
@@ -98,7 +99,7 @@ def _joints(track: Joints, row: int) -> list[Json]:
 
 
 def _pose(track: Body, row: int, time: float) -> Iterator[_Message]:
-    """The pose, and the same as the transform of the body's frame, which its outline follows."""
+    """Yield the pose, and the same as the transform of the body's frame: its outline is drawn in that frame."""
     stamp = {"timestamp": _moment(time)}
     place, turn = _vector(track.places[row]), _quaternion(track.angles[row])
     pose = {"frame_id": WORLD, "pose": {"position": place, "orientation": turn}}
@@ -112,9 +113,9 @@ def _frame(track: Body) -> str:
     return track.name or "robot"
 
 
-# The picture ----------------------------------------------------------------------------------------------------------
+# The scene ------------------------------------------------------------------------------------------------------------
 def _standing(motion: Motion) -> list[Json]:
-    """What stands still: obstacles in the world, and the outlines of bodies in their own frames."""
+    """Return what is drawn once: obstacles in the world, and the outlines of bodies in their own frames."""
     time = float(motion.times[0])
     found = [
         _entity(time, _frame(track), _frame(track), [_line(_LOOP, track.outline, _COLORS[number % len(_COLORS)])])
@@ -131,7 +132,7 @@ def _scene(time: float, topic: str, entities: list[Json]) -> _Message:
 
 
 def _entity(time: float, name: str, frame: str, lines: list[Json]) -> Json:
-    """Lines that stay until others of that name come, and follow their frame."""
+    """Return a scene entity of lines; it stays until another of that name replaces it, and follows its frame."""
     forever = {"sec": 0, "nsec": 0}
     said = {"timestamp": _moment(time), "frame_id": frame, "id": name, "lifetime": forever, "frame_locked": True}
     return said | schemas.NO_SHAPES | {"lines": lines}
@@ -165,7 +166,7 @@ def _vector(place: Floats) -> Json:
 
 
 def _quaternion(angles: Floats) -> Json:
-    """Of a roll about x, then a pitch about y, then a yaw about z, axes that stand still."""
+    """Return the quaternion of a roll about x, then a pitch about y, then a yaw about z; all axes are fixed."""
     (c_x, c_y, c_z), (s_x, s_y, s_z) = np.cos(angles / 2.0).tolist(), np.sin(angles / 2.0).tolist()
     return {
         "x": s_x * c_y * c_z - c_x * s_y * s_z,

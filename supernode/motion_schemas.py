@@ -1,6 +1,6 @@
-"""The JSON schemas of an exported motion's messages: those that Foxglove knows by their names, as far as they are used.
+"""JSON schemas of the messages in an exported motion: the schemas that Foxglove knows by name, as far as they are used.
 
-Written by its documentation, without references, which not every reader of MCAP files follows.
+They follow Foxglove's documentation, but hold no references: not every reader of MCAP files follows those.
 """
 
 from typing import Any
@@ -12,7 +12,7 @@ TEXT: Schema = {"type": "string"}
 
 
 def table(title: str, **properties: Schema) -> Schema:
-    """An object of some fields, all of which must be there."""
+    """Return the schema of an object with these fields, all required."""
     return {
         "title": title,
         "type": "object",
@@ -22,7 +22,7 @@ def table(title: str, **properties: Schema) -> Schema:
 
 
 def many(item: Schema) -> Schema:
-    """An array."""
+    """Return the schema of an array."""
     return {"type": "array", "items": item}
 
 
@@ -83,9 +83,9 @@ FRAME_TRANSFORM = table(
 SCENE_UPDATE = table("foxglove.SceneUpdate", deletions=_NONE, entities=many(_ENTITY))
 
 NO_SHAPES: dict[str, list[Any]] = {name: [] for name in ("metadata", *_SHAPES)}
-"""What an entity of lines alone has of everything else."""
+"""The fields of a scene entity other than its lines: all empty."""
 
 
 def values(names: list[str]) -> Schema:
-    """Of numbers that are neither joint angles nor a pose."""
+    """Return the schema of a message of numbers that are neither joint angles nor a pose."""
     return table("supernode.Values", timestamp=_TIME, **dict.fromkeys(names, NUMBER))

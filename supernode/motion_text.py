@@ -1,4 +1,4 @@
-"""Motions as tables of text, which whatever plots or replays them can read: CSV and JSON."""
+"""Write motions as tables of text for plotting and replay: CSV and JSON."""
 
 import csv
 import io
@@ -9,7 +9,7 @@ from problems.motion import Column, Motion
 
 
 def as_csv(motion: Motion) -> str:
-    """A line for each row, under names with units such as ``t [s]``; numbers to the last bit."""
+    """Return a line for each row, under names with units such as ``t [s]``; numbers keep full precision."""
     columns = list(motion.columns())
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
@@ -19,7 +19,7 @@ def as_csv(motion: Motion) -> str:
 
 
 def as_json(motion: Motion, kind: str) -> str:
-    """One object: kind, what the motion keeps to, names and units of the columns, rows."""
+    """Return one JSON object: the kind, limits and notes of the motion, names and units of the columns, rows."""
     columns = list(motion.columns())
     table = {
         "kind": kind,

@@ -1,4 +1,4 @@
-"""Files that commands write: one that cannot be written is one line of complaint, not a traceback."""
+"""Write the files that commands produce; a file that cannot be written is one line of error, not a traceback."""
 
 from pathlib import Path
 
@@ -6,7 +6,7 @@ from problems import BadInput
 
 
 def write_output(data: bytes, name: str) -> None:
-    """Write the file that ``-o`` names.
+    """Write ``data`` to the file that the option ``-o`` names.
 
     Raises:
         BadInput: if it cannot be written.
@@ -18,5 +18,5 @@ def write_output(data: bytes, name: str) -> None:
 
 
 def unwritable(name: str, error: OSError) -> BadInput:
-    """The complaint about it."""
+    """Return the error about a file that cannot be written."""
     return BadInput(f"-o: expected a file that can be written, found {name}: {error.strerror or error}")

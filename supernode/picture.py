@@ -1,4 +1,4 @@
-"""Pictures of results, in the manner of the papers' figures."""
+"""Draw pictures of results in the style of the papers' figures, and write them to files."""
 
 import io
 from pathlib import Path
@@ -18,10 +18,10 @@ _ATTEMPT = "infeasible: the best attempt, not a solution"
 
 
 def check_picture_name(name: str) -> None:
-    """Refuse a name whose end is no format of a picture.
+    """Check that the file name of a picture ends in a known format.
 
     Raises:
-        BadInput: says which there are.
+        BadInput: if it does not; names the formats.
     """
     if Path(name).suffix.lower().lstrip(".") not in _FORMATS:
         raise BadInput(f"--plot: expected a name that ends in .png, .svg or .pdf, found {name}")
@@ -34,13 +34,13 @@ def drawn(
     *,
     is_attempt: bool = False,
 ) -> "Figure":
-    """The problem's own drawing of a solution, and of individuals by generation.
+    """Return the problem's own drawing of a solution, and of individuals by generation.
 
     Args:
-        problem: as it was run.
-        solution: as `Problem.decode` made it.
+        problem: the problem as it was run.
+        solution: the solution as `Problem.decode` made it; None draws the problem alone.
         populations: all individuals of some generations.
-        is_attempt: whether the check has not accepted it; the title then says so.
+        is_attempt: whether the check rejects the solution; the title then says so.
     """
     from matplotlib.figure import Figure
 
@@ -53,19 +53,19 @@ def drawn(
 
 
 def as_png(figure: "Figure", dots_per_inch: int) -> bytes:
-    """The bytes of a picture file."""
+    """Return the figure as the bytes of a PNG file."""
     png = io.BytesIO()
     figure.savefig(png, format="png", dpi=dots_per_inch)
     return png.getvalue()
 
 
 def save_picture(result: "Result", file: ProblemFile, name: str) -> None:
-    """Draw ``result`` into the file ``name``.
+    """Draw the answer of ``result`` into the file ``name``.
 
     Args:
-        result: what is drawn.
-        file: the problem as it was last.
-        name: of the picture's file.
+        result: the result of a run.
+        file: the run's problem in its last epoch.
+        name: the name of the picture's file; its end names the format.
 
     Raises:
         BadInput: if the kind of problem has no picture, or the file cannot be written.
@@ -78,7 +78,7 @@ def save_picture(result: "Result", file: ProblemFile, name: str) -> None:
 
 
 def save(figure: "Figure", name: str) -> None:
-    """Write a picture in the format that its name ends with.
+    """Write a figure in the format that the file's name ends with.
 
     Raises:
         BadInput: if the file cannot be written.
@@ -90,12 +90,15 @@ def save(figure: "Figure", name: str) -> None:
 
 
 def _began_in(result: "Result") -> int:
-    """The epoch that the latest attempt began in."""
+    """Return the epoch in which the last attempt began; its first individuals depend on that number."""
     return next((each["epoch"] for each in reversed(result.directives) if each["do"] == "retry"), 0)
 
 
 def _populations(result: "Result", plan: "Plan") -> "Populations":
-    """All individuals of the latest attempt's first generation (drawn again from the seed), and of the last."""
+    """Return all individuals of the last attempt's first generation and of the last generation.
+
+    A result holds the last one only. The first one is drawn again from the seed.
+    """
     import numpy as np
 
     cells = np.arange(plan.topology.cells)

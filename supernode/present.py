@@ -1,4 +1,4 @@
-"""How the result of a run is shown: in words or as JSON, with a picture if one is wanted, and as an exit code."""
+"""Present the result of a run: in words or as JSON, with a picture if one is wanted, and as an exit code."""
 
 import argparse
 import contextlib
@@ -28,7 +28,7 @@ def present(result: Result, file: ProblemFile, options: argparse.Namespace, inte
 
 
 def _draw(result: Result, file: ProblemFile, name: str) -> None:
-    """The picture is an extra: if there is none, the result still counts."""
+    """Draw the result; the picture is an extra, so a result without one still counts."""
     from supernode.picture import save_picture
 
     try:
@@ -41,7 +41,7 @@ def _draw(result: Result, file: ProblemFile, name: str) -> None:
 
 
 def exit_code(result: Result) -> int:
-    """0 if the target was reached, or there is none and the result is feasible."""
+    """Return the exit code: 0 if the target was reached, or if there is none and the result is feasible."""
     if result.status == "failed":
         return exits.FAILED
     if result.solved:
@@ -78,7 +78,7 @@ def _words(result: Result) -> str:
 
 
 def clearance_words(clearance: Mapping[str, Any]) -> str:
-    """Such as ``"least clearance 0.031 m (0.02 m required), at link 2, obstacle 0"``."""
+    """Return the clearance in words, such as ``"least clearance 0.031 m (0.02 m required), at link 2, obstacle 0"``."""
     unit = f" {clearance['unit']}" if clearance["unit"] else ""
     least = "nothing to come close to"
     if clearance["least"] is not None:
@@ -89,14 +89,14 @@ def clearance_words(clearance: Mapping[str, Any]) -> str:
 
 
 def _short(value: object) -> str:
-    """Plain values with as many digits as people read."""
+    """Return plain values as text with as many digits as people read."""
     if isinstance(value, list):
         return f"[{', '.join(_short(each) for each in value)}]"
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
 def headline(result: Result) -> str:
-    """How it ended, in a line."""
+    """Return how the run ended, in a line."""
     if result.found is None and result.evaluations == 0 and result.status in ("deadline", "cancelled"):
         return f"{result.status}: it was still waiting for nodes, and never ran"
     if not math.isfinite(result.fitness) or result.found_at is None:
@@ -107,7 +107,7 @@ def headline(result: Result) -> str:
         f"fitness {result.fitness:.6g}, found by cell ({place}) in generation {result.found_at['generation']}{epoch}"
     )
     status: str = result.status
-    if status == "stalled" and result.feasible and result.target is None:  # which is how a search for the least ends
+    if status == "stalled" and result.feasible and result.target is None:  # a run without a target normally ends so
         status = f"stalled, nothing better for {_stall(result)} generations"
     return f"{status}: {found if result.feasible else f'no solution; the best attempt has {found}'}"
 

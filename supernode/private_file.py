@@ -1,4 +1,4 @@
-"""Files that only their owner may read."""
+"""Read files that only their owner may read."""
 
 import stat
 from pathlib import Path
@@ -7,15 +7,15 @@ from problems.errors import BadInput
 
 
 def read_private(path: Path, option: str, what: str) -> str:
-    """Return the text of a file, stripped.
+    """Return the text of a file, stripped of surrounding white space.
 
     Args:
-        path: of the file.
-        option: that named it, for the error.
-        what: is expected there, for the error.
+        path: the file.
+        option: the option that named it, for the error.
+        what: what the file is expected to hold, for the error.
 
     Raises:
-        BadInput: if it cannot be read, or others than its owner may read it.
+        BadInput: if it cannot be read, or users other than its owner may read it.
     """
     try:
         text, mode = path.read_text(encoding="utf-8").strip(), path.stat().st_mode

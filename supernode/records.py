@@ -1,4 +1,4 @@
-"""What happened in a job, as the cluster tells it page by page; and as a table in a file, for those who plot it."""
+"""Fetch the records of a job from a cluster page by page, and write them as a table in a file."""
 
 import csv
 import json
@@ -35,23 +35,23 @@ _EVENTS = ["at", "event", "epoch", "generation", "about"]
 
 @dataclass(frozen=True)
 class Page:
-    """Some of the records of a job, one in a row."""
+    """Some of the records of a job; a row for each record."""
 
     columns: list[str]
     rows: list[list[Any]]
 
 
 def pages(client: "Client", kind: str, job: str) -> Iterator[Page]:
-    """All records of a job, oldest first, a page at a time; the first page may be empty.
+    """Yield all records of a job, oldest first, a page at a time; the first page may be empty.
 
     Args:
-        client: of the cluster.
-        kind: "log", "events" (what its states and epochs have been), or what `AsyncClient.records` knows; those of
-            "history" come without ids, which are not a function of the run.
-        job: its id.
+        client: a client of the job's cluster.
+        kind: "log"; "events" (the job's states and epochs); or a kind that `AsyncClient.records` knows. Records of
+            "history" come without their ids: the ids differ between equal runs.
+        job: the job's id.
 
     Raises:
-        BadInput: if there is no such job, or no such records.
+        BadInput: if there is no such job or kind.
     """
     if kind == "events":
         yield Page(_EVENTS, _events(client.job(job).show()))
@@ -59,6 +59,7 @@ def pages(client: "Client", kind: str, job: str) -> Iterator[Page]:
     after, more = 0, True
     while more:
         told = client.logs(job, after=after) if kind == "log" else client.records(kind, job, after)
+        # The first column of a page is the record's id.
         unnamed = 1 if kind == "history" else 0
         yield Page(told["columns"][unnamed:], [row[unnamed:] for row in told["rows"]])
         more = told["more"]
@@ -67,9 +68,9 @@ def pages(client: "Client", kind: str, job: str) -> Iterator[Page]:
 
 
 def _events(view: dict[str, Any]) -> list[list[Any]]:
-    """A row for each state that the job has come to, and for each epoch after its first, in the order of time.
+    """Return a row for each state of the job and for each epoch after its first, in the order of time.
 
-    What else there is to say of an epoch, such as the fields that an update has changed, is told as JSON.
+    Whatever else is known of an epoch, such as the fields that an update changed, is JSON in the column "about".
     """
     rows: list[list[Any]] = [[at, state, None, None, None] for state, at in view["states"]]
     for epoch in view["epochs"]:
@@ -79,12 +80,12 @@ def _events(view: dict[str, Any]) -> list[list[Any]]:
 
 
 def write_csv(found: Iterator[Page], name: str | None) -> None:
-    """A line for each record, under names with units; on stdout if there is no ``name``.
+    """Write a line for each record, under column names with units; to stdout if ``name`` is None.
 
     Raises:
         BadInput: if the file cannot be written.
     """
-    first = next(found)  # what goes wrong there leaves no file
+    first = next(found)  # fetched before the file is opened: an unknown job leaves no empty file behind
     if name is None:
         _write_lines(first, found, sys.stdout)
         return
@@ -96,7 +97,7 @@ def write_csv(found: Iterator[Page], name: str | None) -> None:
 
 
 def write_parquet(found: Iterator[Page], name: str) -> None:
-    """The same table as Parquet.
+    """Write the same table as Parquet.
 
     Raises:
         BadInput: if the file cannot be written, or pyarrow is not installed.

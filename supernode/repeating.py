@@ -1,4 +1,4 @@
-"""A run that is to be repeated, as its result tells of it."""
+"""Repeat a run from its result, and check that the repetition is bit-identical."""
 
 import json
 from collections.abc import Collection
@@ -18,13 +18,16 @@ from wire.strict import Rejected
 
 @dataclass(frozen=True)
 class Recorded:
-    """The result of the run, from ``name``.
+    """The recorded run in the result file ``name``.
 
     Attributes:
-        run: its settings.
-        directives: what came from outside.
-        history: the digest of all that its cells have lived through.
-        stops: how its last epoch was stopped from outside, if it was.
+        name: the name of the file, for errors.
+        run: the settings of the run.
+        directives: the recorded changes and stops.
+        problem: the digest of the problem at the end of the run.
+        history: the digest over all demes of all generations.
+        versions: the versions that the nodes ran on.
+        stops: the stops from outside that ended the last epoch, if any did.
     """
 
     name: str
@@ -37,10 +40,14 @@ class Recorded:
 
     @staticmethod
     def read(name: str, settings: Collection[str]) -> "Recorded":
-        """The result in a file; ``settings`` are those that the command line gives beside it, which must be none.
+        """Read the result in a file.
+
+        Args:
+            name: the name of the file.
+            settings: the settings given on the command line; must be empty, since those of the result hold.
 
         Raises:
-            BadInput: if there is none that can be repeated.
+            BadInput: if a setting is given, or the file holds no result that can be repeated.
         """
         if settings:
             raise BadInput(f"--replay: the settings are those of the result, expected no other, found {min(settings)}")
@@ -60,11 +67,12 @@ class Recorded:
         return Recorded(name, run, directives, problem, history, versions, _stops(directives, name))
 
     def epochs(self, file: ProblemFile) -> list[Epoch]:
-        """The epochs that the job lived in, which began with the problem ``file``.
+        """Return the epochs of the recorded run, which began with the problem ``file``.
 
         Raises:
-            BadInput: if it cannot have done so.
+            BadInput: if the run cannot have begun with it, or a directive is wrong.
         """
+        # Read the recorded settings as those of a problem file, so that they are validated in the same way.
         values = [self.name, file.fields, self.run, str(file.folder)]
         began = replace(file, run=ProblemFile.from_json(json.dumps(values)).run)
         try:
@@ -76,7 +84,7 @@ class Recorded:
         return epochs
 
     def complaint(self, result: Result) -> str | None:
-        """What is wrong with the repetition, if anything is."""
+        """Return why the repetition ``result`` is not the recorded run, or None if it is the same."""
         if result.history_sha256 == self.history:
             return None
         here = fingerprint()
@@ -86,7 +94,7 @@ class Recorded:
 
 
 def _stops(directives: list[Any], name: str) -> tuple[Proposal, ...]:
-    """The stops among ``directives``, as the root would have proposed them; what is wrong otherwise is found later."""
+    """Return the stops among ``directives`` as proposals of the root; other errors in them are found by `epochs`."""
     stops = []
     for each in directives:
         if isinstance(each, dict) and each.get("do") == "stop" and type(each.get("generation")) is int:

@@ -1,4 +1,4 @@
-"""The report of a job: one page that says what came of it, shows how, and holds all that is needed to repeat it."""
+"""Make the report of a job: one HTML page with its outcome, figures, and everything that repeats the run."""
 
 import base64
 import json
@@ -29,7 +29,7 @@ _VERDICTS = {True: "accepts", False: "rejects"}
 
 
 class _Attachment(NamedTuple):
-    """A file that the page holds."""
+    """A file that the page holds as a link to save."""
 
     name: str
     url: str
@@ -37,7 +37,7 @@ class _Attachment(NamedTuple):
 
 
 class _Setting(NamedTuple):
-    """One of the ``[run]`` table."""
+    """One setting of the ``[run]`` table."""
 
     name: str
     value: str
@@ -46,7 +46,7 @@ class _Setting(NamedTuple):
 
 @dataclass(frozen=True)
 class _Best:
-    """The best answer, or attempt if it is not feasible, and where it was born."""
+    """The best solution, or the best attempt if none is feasible, and where and when it was born."""
 
     fitness: float
     feasible: bool
@@ -58,7 +58,15 @@ class _Best:
 
 @dataclass(frozen=True)
 class _Scene:
-    """The planner's world with the best answer: as a picture, and the answer in words; or why there is none."""
+    """The problem with the best answer, as a picture and in words; or why there is no picture.
+
+    Attributes:
+        url: the picture as a data URL.
+        words: the answer in words.
+        problem: the problem; None if it cannot be loaded here.
+        absence: why there is no picture; None if there is one.
+        answer: what the page calls the answer.
+    """
 
     url: str | None = None
     words: str | None = None
@@ -68,7 +76,7 @@ class _Scene:
 
 
 def report(client: Client, job: str) -> str:
-    """The page about a job.
+    """Return the HTML page about a job.
 
     Raises:
         BadInput: if there is no such job.
@@ -77,6 +85,7 @@ def report(client: Client, job: str) -> str:
     submitted, now = (ProblemFile.from_json(view[name]) for name in ("file", "file_now"))
     result = None if view["ended"] is None else result_in(view)
     best = _best(view, result)
+    # Do not draw an answer to an earlier problem in the world as it is now.
     current = best is not None and not _has_moved_since(view, best.epoch)
     scene = _scene(now, best if current else None)
     history = _history(client, view)
@@ -112,12 +121,16 @@ def _history(client: Client, view: Mapping[str, Any]) -> History:
     began = next((at for state, at in view["states"] if state == "running"), view["submitted"])
     first = min((each["at"] for each in (*improvements, *statistics)), default=began)
     births = _births(_records(client, "history", view["job"]), improvements)
-    began = min(began, first)  # an answer may come before the job is said to run
+    # The first answer may be stored before the state "running" is: the axis of seconds must not begin below 0.
+    began = min(began, first)
     return History(improvements, births, statistics, began)
 
 
 def _births(noted: list[Record], heard: list[Record]) -> list[Record]:
-    """The improvements of each epoch as its cells noted them, which repeats; of one that they have not, as heard."""
+    """Return the improvements of each epoch: as its cells recorded them, or else as the spy received them.
+
+    What the cells recorded is the same in each repetition of a lockstep run. It is stored when an epoch has ended.
+    """
     ended = {each["epoch"] for each in noted}
     births = [dict(each) for each in noted]
     births += [{**each, "evaluations": None} for each in heard if each["epoch"] not in ended]
@@ -128,7 +141,7 @@ def _records(client: Client, kind: str, job: str) -> list[Record]:
     return [dict(zip(page.columns, row, strict=True)) for page in pages(client, kind, job) for row in page.rows]
 
 
-# What came of it ------------------------------------------------------------------------------------------------------
+# The outcome ----------------------------------------------------------------------------------------------------------
 def _best(view: Mapping[str, Any], result: Result | None) -> _Best | None:
     if result is not None and result.found is not None and result.found_at is not None:
         found = result.found_at
@@ -143,7 +156,7 @@ def _best(view: Mapping[str, Any], result: Result | None) -> _Best | None:
 
 
 def _has_moved_since(view: Mapping[str, Any], epoch: int) -> bool:
-    """Whether the problem is another than it was then."""
+    """Return whether the problem was updated after ``epoch``."""
     return any("fields" in each and each["epoch"] > epoch for each in view["epochs"])
 
 
@@ -177,24 +190,25 @@ def _totals(view: Mapping[str, Any], result: Result | None) -> dict[str, str]:
 
 
 def _scene(file: ProblemFile, best: _Best | None) -> _Scene:
-    """A user's own problem may not be here, or break: the report does without it."""
+    """Draw and describe the best answer; a user's problem may be missing here or break, then say so instead."""
     try:
         problem = file.problem()
     except BadInput as error:
-        return _Scene(absence=f"There is no picture of the solution, as the problem cannot be had here: {error}")
+        return _Scene(absence=f"There is no picture of the solution, as the problem cannot be loaded here: {error}")
     url = words = absence = None
     is_attempt = best is not None and not best.feasible
     try:
         words = None if best is None else described(problem, best.solution)
         figure = drawn(problem, None if best is None else best.solution, is_attempt=is_attempt)
         url = _data_url("image/png", as_png(figure, _DOTS_PER_INCH))
+        # Everything: drawing runs a user's code, which must not cost the rest of the report.
     except (Exception, SystemExit) as error:
         absence = f"There is no picture of the solution: {error}"
     return _Scene(url, words, problem, absence, "attempt, which is infeasible" if is_attempt else "solution")
 
 
 def _rows(history: History, view: Mapping[str, Any]) -> list[tuple[str, ...]]:
-    """The table of improvements."""
+    """Return the rows of the table of improvements."""
     lived = {epoch: topology_of(view, epoch) for epoch in {each["epoch"] for each in history.births}}
     return [_row(number, each, lived[each["epoch"]]) for number, each in enumerate(history.births, 1)]
 
@@ -210,13 +224,13 @@ def _row(number: int, record: Record, topology: Topology) -> tuple[str, ...]:
     )
 
 
-# To repeat it ---------------------------------------------------------------------------------------------------------
+# How to repeat it -----------------------------------------------------------------------------------------------------
 def _commands(job: str, result: Result | None) -> list[tuple[str, str]]:
     found = [(f"supernode solve {job}.toml", "runs it anew, on processes of its own, with the same settings")]
     if result is not None and result.solution is not None:
         found.insert(0, (f"supernode check {job}.toml {job}.json", "verifies the solution by independent code"))
     if _repeatable(result):
-        what = "repeats the run in one process, bit for bit; an error tells if history_sha256 is another"
+        what = "repeats the run in one process, bit for bit, and fails if history_sha256 differs"
         found.insert(0, (f"supernode simulate {job}.toml --replay {job}.json", what))
     return found
 
@@ -226,19 +240,19 @@ def _repeatable(result: Result | None) -> bool:
 
 
 def _lived(result: Result | None) -> str | None:
-    """The digest of all that the cells lived through; None if nobody knows, or they never lived."""
+    """Return the digest of the run's history; None if it is not known, or nothing was run."""
     return result.history_sha256 if result is not None and result.evaluations > 0 else None
 
 
 def _warning(file: ProblemFile, result: Result | None) -> str | None:
-    """Why the run cannot be repeated bit for bit, if it cannot."""
+    """Return why the run cannot be repeated bit for bit; None if it can."""
     if _repeatable(result):
         return None
     if file.run.mode != "lockstep":
         return "It cannot be repeated bit for bit: an async run depends on when messages came."
     if result is None:
         return "It can be repeated bit for bit when it has ended: make this report again then."
-    return "It cannot be repeated bit for bit: nobody knows a history of it, as it failed or never ran to its end."
+    return "It cannot be repeated bit for bit: its history is not known, as it failed or never ran to its end."
 
 
 def _files(view: Mapping[str, Any], file: ProblemFile, result: Result | None) -> list[_Attachment]:
@@ -254,7 +268,7 @@ def _attachment(name: str, kind: str, text: str) -> _Attachment:
 
 
 def _toml(file: ProblemFile) -> str:
-    """The whole problem file, each setting of the run spelt out that has a value."""
+    """Return the whole problem file as TOML, with each setting of the run that has a value."""
     return as_toml(file.fields, file.run.model_dump())
 
 
@@ -270,16 +284,16 @@ def _settings(run: Run, problem: Problem | None) -> list[_Setting]:
 
 
 def _in_force(name: str, run: Run, problem: Problem | None) -> str:
-    """A setting's value; where there is none, what is done then."""
+    """Return the value of a setting; if it has none, what holds instead."""
     value = getattr(run, name)
     if value is not None:
         return json.dumps(value)
     stall = run.stall_limit() if problem is None else Plan(problem, run).stall
     if name == "stall" and stall is not None:
-        return f"none, hence {stall}"
+        return f"none, therefore {stall}"
     if name == "restarts":
         most = "" if run.is_limited else f", at most {DEFAULT_RESTARTS}"
-        return f"none, hence as the kind of problem has it{most}"
+        return f"none, therefore as the kind of problem has it{most}"
     if name in ("replacement", "mutation") and problem is not None:
         return f"the recipe's {json.dumps(getattr(run.breeding(problem), name))}"
     return "none"

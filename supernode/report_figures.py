@@ -1,4 +1,4 @@
-"""The figures of a job's report: each a small SVG that takes its ink from the page, so that it suits light and dark."""
+"""Draw the figures of a job's report: small SVGs in the colour of the page's text, for light and dark pages."""
 
 import io
 import itertools
@@ -20,11 +20,11 @@ if TYPE_CHECKING:
 
 Record = Mapping[str, Any]
 
-_INK = "#123456"  # stands for the colour of the page's text
+_INK = "#123456"  # a placeholder, which `_svg` replaces by the colour of the page's text
 _COLORS = {"verified": "#0c9b6e", "best": "#2f8fd0", "median": "#d99200", "worst": "#d9603b"}
-_SIZE = (4.6, 3.1)  # inches: as wide as a phone, so that the letters are no smaller there
-_ARROWS = 40  # of a lineage, the last: more hide each other
-_NAMED = 3  # births named at a cell
+_SIZE = (4.6, 3.1)  # inches: as wide as a phone, so that the text is not scaled down there
+_ARROWS = 40  # arrows drawn of a lineage, the last ones: more would hide each other
+_NAMED = 3  # births listed at a cell
 
 
 class Picture(NamedTuple):
@@ -39,11 +39,11 @@ class History:
     """What the cluster keeps of a job.
 
     Attributes:
-        improvements: records of that kind: what was heard, and when.
-        births: the improvements of each epoch as its cells noted them, once it has ended; of one that goes on, or of
-            which nothing is noted, as they were heard.
-        statistics: records of that kind, in each of which some node has told how it is.
-        began: when the job began to run, Unix time.
+        improvements: the records "improvements": what the spy received, and when.
+        births: the improvements of each epoch as its cells recorded them; where nothing is recorded, such as in an
+            epoch that has not ended, as the spy received them.
+        statistics: the records "statistics".
+        began: when the job began to run, Unix time, s.
     """
 
     improvements: Sequence[Record]
@@ -53,7 +53,7 @@ class History:
 
 
 def pictures(history: History, topology: Topology) -> list[Picture]:
-    """Those that there is something to show in."""
+    """Return the figures for which there are records."""
     found = []
     if history.improvements or history.statistics:
         found += [_against_seconds(history), _against_generations(history)]
@@ -74,8 +74,8 @@ def _against_seconds(history: History) -> Picture:
     return _finished(
         figure,
         "convergence-seconds",
-        "Convergence: each verified improvement as a step when it was heard of, and the best, the median and the worst "
-        "of all individuals, a sample a second. What is not feasible has no fitness to show.",
+        "Convergence: each verified improvement as a step at the time when the spy received it; and the best, the "
+        "median and the worst of all individuals, sampled each second. Infeasible individuals have no fitness to show.",
     )
 
 
@@ -92,8 +92,8 @@ def _against_generations(history: History) -> Picture:
     return _finished(
         figure,
         "convergence-generations",
-        "The same against generations: of its birth for an improvement, as the cells noted it where an epoch has "
-        "ended; the root's for a sample. Each epoch of a job counts its own from 0.",
+        "The same against generations: an improvement at the generation of its birth, as the cells recorded it where "
+        "an epoch has ended; a sample at the root's generation. Each epoch of a job counts its own generations from 0.",
     )
 
 
@@ -102,7 +102,9 @@ def _diversity(history: History) -> Picture:
     _line(axes, history, [each["diversity"] for each in history.statistics])
     axes.set_ylim(-0.03, 1.03)
     return _finished(
-        figure, "diversity", "Diversity: different best genomes of the nodes as a share of the nodes; 1: no two alike."
+        figure,
+        "diversity",
+        "Diversity: how many of the nodes' best genomes differ, as a share of the nodes; 1: no two are alike.",
     )
 
 
@@ -111,7 +113,9 @@ def _messages(history: History) -> Picture:
     _line(axes, history, _rates(history.statistics))
     axes.set_ylim(bottom=0)
     return _finished(
-        figure, "messages", "Messages between neighbours a second, of all nodes together, from one sample to the next."
+        figure,
+        "messages",
+        "Messages between neighbours per second, of all nodes together, from one sample to the next.",
     )
 
 
@@ -146,7 +150,7 @@ def _of_the_last(births: int) -> str:
 
 
 def _named(numbers: Sequence[int]) -> str:
-    """The first ones and the last, if there are many."""
+    """Return the numbers as text; of many, the first two and the last."""
     if len(numbers) <= _NAMED:
         return ", ".join(map(str, numbers))
     return f"{numbers[0]}, {numbers[1]} … {numbers[-1]}"
@@ -154,12 +158,12 @@ def _named(numbers: Sequence[int]) -> str:
 
 # What records hold ----------------------------------------------------------------------------------------------------
 def _epochs(improvements: Sequence[Record]) -> list[list[Record]]:
-    """The improvements of each epoch."""
+    """Return the improvements grouped by epoch."""
     return [list(epoch) for _, epoch in itertools.groupby(improvements, lambda each: each["epoch"])]
 
 
 def _lives(statistics: Sequence[Record]) -> list[list[Record]]:
-    """The samples of each epoch; a job that has lost what it had reached begins its epoch again."""
+    """Return the samples grouped by epoch; a job that lost its state runs an epoch again, as a group of its own."""
     lives: list[list[Record]] = []
     for each in statistics:
         before = lives[-1][-1] if lives else each
@@ -170,7 +174,7 @@ def _lives(statistics: Sequence[Record]) -> list[list[Record]]:
 
 
 def _rates(statistics: Sequence[Record]) -> list[float]:
-    """Messages a second before each sample; there is none for the first, nor where nodes count anew."""
+    """Return messages per second before each sample; NaN for the first, and where the nodes' counters restarted."""
     rates = [math.nan]
     for before, after in itertools.pairwise(statistics):
         messages, seconds = after["messages"] - before["messages"], after["at"] - before["at"]
@@ -214,7 +218,7 @@ def _line(axes: "Axes", history: History, up: Sequence[float]) -> None:
 
 
 def _marker(samples: Sequence[object]) -> str:
-    """Few samples are seen as such."""
+    """Return a marker for few samples, which a line alone would not show."""
     return "o" if len(samples) < 30 else ""
 
 
@@ -236,7 +240,7 @@ def _finished(figure: Figure, name: str, caption: str) -> Picture:
 
 
 def _scale(axes: "Axes") -> None:
-    """Logarithmic if the fitness spans more than two decades."""
+    """Use a logarithmic axis if the fitness spans more than two decades; one linear near 0 if it reaches 0."""
     values = [y for line in axes.lines for y in map(float, line.get_ydata()) if math.isfinite(y)]  # type: ignore[arg-type]
     positive = [value for value in values if value > 0]
     if positive and min(values) >= 0 and max(positive) > 100 * min(positive):
@@ -247,12 +251,13 @@ def _scale(axes: "Axes") -> None:
 
 
 def _svg(figure: Figure, name: str, caption: str) -> Markup:
-    """The figure, to stand in a page among others; text stays text."""
+    """Return the figure as SVG that can stand in a page beside others; text stays text."""
     text = io.StringIO()
     nothing = dict.fromkeys(("Creator", "Date", "Format", "Type"))
+    # The salt makes ids, and so the whole page, the same each time.
     with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": name}):
         figure.savefig(text, format="svg", transparent=True, metadata=nothing)
     svg = text.getvalue()
     svg = svg[svg.index("<svg") :].replace(_INK, "currentColor")
-    svg = re.sub(r'( id="|url\(#|href="#)', rf"\g<1>{name}-", svg)  # names are of the whole page
+    svg = re.sub(r'( id="|url\(#|href="#)', rf"\g<1>{name}-", svg)  # ids must be unique within the page
     return Markup(svg.replace("<svg", f'<svg role="img" aria-label="{escape(caption)}"', 1))

@@ -1,4 +1,4 @@
-"""Results: in files, and in what the cluster keeps of a job that has ended."""
+"""Read results: from files, and from what a cluster keeps of a job that has ended."""
 
 import dataclasses
 import json
@@ -16,10 +16,10 @@ from topologies import Topology
 
 
 def read_table(name: str) -> dict[str, Any]:
-    """What the file of a result says, or of its solution alone.
+    """Return the JSON object in the file of a result, or of its solution alone.
 
     Raises:
-        BadInput: names the file if there is no JSON object in it.
+        BadInput: names the file if it cannot be read or holds no JSON object.
     """
     try:
         found = json.loads(Path(name).read_text(encoding="utf-8"))
@@ -33,15 +33,16 @@ def read_table(name: str) -> dict[str, Any]:
 
 
 def result_in(view: Mapping[str, Any]) -> Result:
-    """The result of a job that has ended; of one that never ran, one without an answer.
+    """Return the result of a job that has ended; for a job that never ran, a result without an answer.
 
     Args:
-        view: what `show` tells of the job.
+        view: the answer to `show` about the job.
 
     Raises:
-        ClusterFailed: if it cannot be read.
+        ClusterFailed: if the result cannot be read.
     """
     values = _nothing(view) if view["result"] is None else view["result"]
+    # A coordinator of another version may send more fields: ignore those that this version does not know.
     known = {field.name for field in dataclasses.fields(Result)}
     given = {name: value for name, value in values.items() if name in known}
     if given.get("fitness") is None:
@@ -53,9 +54,9 @@ def result_in(view: Mapping[str, Any]) -> Result:
 
 
 def topology_of(view: Mapping[str, Any], epoch: int) -> Topology:
-    """The topology of an epoch that the job has been in; ``view`` is what `show` tells of the job."""
+    """Return the topology that a job had in an epoch; ``view`` is the answer to `show` about the job."""
     spec = ProblemFile.from_json(view["file"]).run.topology
-    if view["epochs"] and view["epochs"][0]["epoch"] > 1:  # not all are told of
+    if view["epochs"] and view["epochs"][0]["epoch"] > 1:  # the first epochs are forgotten: assume today's topology
         spec = view["topology"]
     for change in view["epochs"]:
         if change["epoch"] <= epoch:
@@ -64,7 +65,7 @@ def topology_of(view: Mapping[str, Any], epoch: int) -> Topology:
 
 
 def _nothing(view: Mapping[str, Any]) -> dict[str, Any]:
-    """What a job would have left that never ran, or whose result is lost; but for its best answer, if there is one."""
+    """Return the fields of a result for a job that never ran or whose result is lost, with its best answer if any."""
     file = ProblemFile.from_json(view["file"])
     topology = topologies.parse(file.run.topology)
     whole = dict.fromkeys(("generations", "evaluations"), 0)
@@ -95,7 +96,7 @@ def _nothing(view: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _known(best: Mapping[str, Any] | None) -> dict[str, Any]:
-    """What a result says of the best answer, as `show` tells it."""
+    """Return the fields of a result that describe the best answer, as `show` holds it."""
     if best is None:
         return {}
     name = "solution" if best["feasible"] else "best_attempt"

@@ -1,4 +1,4 @@
-"""A cluster on a terminal: its torus, its jobs or one of them, and what processes had to say."""
+"""Show a cluster on a terminal: its torus, its jobs or one of them, and the latest log records."""
 
 import asyncio
 import contextlib
@@ -19,16 +19,19 @@ from supernode.dashboard.view import View, shape_of
 from supernode.dashboard.watcher import PATIENCE, Watcher
 from wire.jobs import Show
 
-_PERIOD = 0.5  # seconds
-_JOBS, _LINES = 8, 5
-_LOW, _MIDDLE, _HIGH = (68, 1, 84), (33, 145, 140), (253, 231, 37)  # of viridis
+_PERIOD = 0.5  # seconds between two snapshots
+_JOBS, _LINES = 8, 5  # jobs and log records shown
+_LOW, _MIDDLE, _HIGH = (68, 1, 84), (33, 145, 140), (253, 231, 37)  # the ends and the middle of viridis
 _UNKNOWN, _DEAD = (60, 60, 60), (200, 40, 40)
 
 RGB = tuple[int, int, int]
 
 
 class Screen:
-    """What there is to see now, as Rich draws it; a context manager, since a thread keeps it up to date.
+    """The current view of a cluster, as Rich draws it; a context manager.
+
+    A thread with an asyncio loop of its own follows the cluster and replaces `snapshot` as a whole. Rich's thread only
+    reads it, so no lock is needed.
 
     Args:
         place: where the cluster is.
@@ -41,7 +44,7 @@ class Screen:
         self._ended = threading.Event()
         self._thread = threading.Thread(target=lambda: asyncio.run(self._watch()), name="screen", daemon=True)
         self.snapshot: dict[str, Any] = View().snapshot()
-        self._cell_nodes: Sequence[int] = ()  # the job's nodes, in the order of its cells
+        self._cell_nodes: Sequence[int] = ()  # the nodes of the job to show, in the order of its cells
 
     def __enter__(self) -> Self:
         self._thread.start()
@@ -62,6 +65,7 @@ class Screen:
         while not await asyncio.to_thread(self._ended.wait, _PERIOD):
             snapshot = view.snapshot()
             before, dead = dead, _dead(snapshot["nodes"])
+            # Statistics do not say at which cell a node was that died: ask the coordinator.
             if self._job is not None and dead - before:
                 await self._look(watcher, self._job)
             self.snapshot = snapshot
@@ -70,18 +74,18 @@ class Screen:
             await watching
 
     async def _look(self, watcher: Watcher, job: str) -> None:
-        """Where the job lives: a dead node does not tell its cell."""
-        with contextlib.suppress(ClusterFailed, BadInput):  # as it was known before
+        """Ask which nodes have the job's cells."""
+        with contextlib.suppress(ClusterFailed, BadInput):  # then keep what was known before
             self._cell_nodes = (await watcher.client.ask(Show(job), PATIENCE))["nodes"]
 
 
 def drawn(snapshot: Mapping[str, Any], job: str | None, cell_nodes: Sequence[int] = ()) -> RenderableType:
-    """The cluster, or one of its jobs, as `supernode.dashboard.view.View.snapshot` knows it.
+    """Draw a snapshot of a cluster, or of one of its jobs.
 
     Args:
-        snapshot: of the cluster.
-        job: the id of the only one to show.
-        cell_nodes: its nodes, in the order of its cells, as far as they are known.
+        snapshot: the state of the cluster, from `supernode.dashboard.view.View.snapshot`.
+        job: the id of the only job to show; None for all.
+        cell_nodes: the nodes of that job, in the order of its cells, as far as they are known.
     """
     if not snapshot["answers"]:
         return Text(snapshot["trouble"] or "waiting for the cluster", style="italic")
@@ -104,7 +108,7 @@ def _head(snapshot: Mapping[str, Any]) -> Text:
 
 
 def _of_job(snapshot: Mapping[str, Any], job: Mapping[str, Any]) -> Text:
-    """How it is, in a line or two."""
+    """Return the state and the statistics of a job, in one line or two."""
     words = f"job {job['job']} ({job['kind']}, {job['topology']}): {job['status']}, fitness {_figure(job['fitness'])}"
     now = snapshot["statistics"].get(job["number"])
     if now is None:
@@ -125,11 +129,11 @@ def _jobs(snapshot: Mapping[str, Any]) -> RenderableType:
 
 
 def _torus(snapshot: Mapping[str, Any], job: Mapping[str, Any] | None = None, cell_nodes: Sequence[int] = ()) -> Text:
-    """A character for two cells, one above the other: the better its best individual, the lighter."""
+    """Return the torus, a character for two cells, one above the other: the better its best individual, the lighter."""
     nodes = snapshot["nodes"]
     dead = _dead(nodes)
     places = _bests(nodes, dead, None if job is None else job["number"])
-    if job is not None:  # it may have found another node since `cell_nodes` were known
+    if job is not None:  # a cell whose node died may have got another one since `cell_nodes` were asked for
         dead = {cell for cell, node in enumerate(cell_nodes) if node in dead and cell not in places}
     rows, columns = (snapshot["rows"], snapshot["columns"]) if job is None else shape_of(job["topology"])
     colours = _colours(places)
@@ -147,7 +151,7 @@ def _dead(nodes: Mapping[str, list[Any]]) -> set[int]:
 
 
 def _bests(nodes: Mapping[str, list[Any]], dead: set[int], job: int | None) -> dict[int, float]:
-    """The best fitness on each living place, where it is known: the cell in a job, else the node's own number."""
+    """Return the known best fitness of each living place: of the cells of ``job``, or of all nodes if it is None."""
     told = zip(*(nodes[name] for name in ("node", "cell", "job", "best")), strict=True)
     return {
         node if job is None else cell: best
@@ -157,14 +161,14 @@ def _bests(nodes: Mapping[str, list[Any]], dead: set[int], job: int | None) -> d
 
 
 def _colours(places: Mapping[int, float]) -> dict[int, RGB]:
-    """By rank: fitness may span many orders of magnitude."""
+    """Colour places by the rank of their fitness, which may span many orders of magnitude."""
     ranks = {best: rank for rank, best in enumerate(sorted(set(places.values())))}
     greatest = max(1, len(ranks) - 1)
     return {place: _shade(1.0 - ranks[best] / greatest) for place, best in places.items()}
 
 
 def _shade(lightness: float) -> RGB:
-    """Between dark, 0, and light, 1."""
+    """Return a colour between dark (0) and light (1)."""
     begin, end, share = (_LOW, _MIDDLE, 2 * lightness) if lightness < 0.5 else (_MIDDLE, _HIGH, 2 * lightness - 1)
     red, green, blue = (round(one + (other - one) * share) for one, other in zip(begin, end, strict=True))
     return red, green, blue

@@ -1,4 +1,4 @@
-"""The file of a cluster's secret, which coordinator, spy and hosts must share to obey each other; see `wire.seal`."""
+"""Read or make the file of a cluster's secret: coordinator, spy and hosts obey only who shares it; see `wire.seal`."""
 
 import contextlib
 import os
@@ -12,10 +12,10 @@ from wire.seal import SECRET_BYTES
 
 
 def read_or_make(path: Path) -> bytes:
-    """Return the secret in a file; one that is not there yet is made, with a new secret.
+    """Return the secret in a file; if the file does not exist, make it with a new secret.
 
     Raises:
-        BadInput: if it cannot be made or read, others than its owner may read it, or it holds something else.
+        BadInput: if it cannot be made or read, users other than its owner may read it, or it holds no secret.
     """
     _make(path)
     text = read_private(path, "--secret-file", "a secret")
@@ -28,7 +28,10 @@ def read_or_make(path: Path) -> bytes:
 
 
 def _make(path: Path) -> None:
-    """Make the file, whole at once, unless it is there: several processes may start at the same time.
+    """Make the file unless it exists.
+
+    Several processes may start at the same time. Each writes a draft and links it to the final name. Linking fails if
+    the name exists, so one draft wins, and no process ever reads half a secret.
 
     Raises:
         BadInput: if it cannot be made.

@@ -1,6 +1,7 @@
-"""A job simulated in this process, for the command `simulate` and for Python; judged as the spy does it.
+"""Simulate a job in this process, for the command `simulate` and for Python programs.
 
-What a coordinator does with processes is done here with `node.replay`: a job that stalls without an answer begins anew.
+Nodes are simulated by `node.replay`. The parts of the spy (verification) and of the coordinator (restarts, the oracle,
+the result) run here too, so that a simulation returns the same result as a run of processes.
 """
 
 import contextlib
@@ -33,14 +34,14 @@ from wire.report import Proposal, Reason, Report
 
 @dataclass(frozen=True)
 class Generation:
-    """What a callback of `simulate` is told of a generation.
+    """One generation of a run, as the callback of `simulate` receives it.
 
     Attributes:
-        number: from 0, the first demes, on; generations of earlier attempts count.
-        attempt: how often the run has begun anew.
-        genomes: all demes, shape (cells, deme, genome_bytes), uint8; a copy.
-        fitness: theirs, shape (cells, deme), +inf where infeasible; a copy.
-        best: the best verified individual that the root cell has heard of, decoded; None before the first.
+        number: counts from 0 (the initial individuals), through all attempts of the run.
+        attempt: how often the run has begun anew; 0 in the first attempt.
+        genomes: all individuals, shape (cells, deme, genome_bytes), uint8; a copy.
+        fitness: their fitness, shape (cells, deme); lower is better, +inf where infeasible; a copy.
+        best: the best verified improvement that the root cell knows of, decoded; None before the first.
     """
 
     number: int
@@ -51,20 +52,29 @@ class Generation:
 
 
 Callback = Callable[[Generation], object]
-"""Called in each generation; the run stops if it returns a true value."""
+"""Called in each generation; the run is cancelled if it returns a true value."""
 
 
 def simulate(problem: ProblemFile | Problem | str | Path, *, callback: Callback | None = None, **run: Any) -> Result:
-    """Run a job in this process, bit-identical to a run of processes in lockstep.
+    """Run a job in this process and return its result; bit-identical to a lockstep run of processes.
+
+    ::
+
+        result = supernode.simulate("examples/arm-ik.toml", torus="8x8", seed=7)
+        print(result.status, result.fitness, result.solution)
 
     Args:
-        problem: from `load`, the path of a problem file, or a problem made in Python.
-        callback: called in each generation, see `Generation`; the run is cancelled if it returns a true value.
-        run: settings that replace those of the file's ``[run]`` table, such as ``seed=1``, ``torus="8x8"``.
+        problem: a problem file from `load`, the path of one, or a problem made in Python.
+        callback: called with each `Generation`. It cannot change the run, but if it returns a true value the run is
+            cancelled.
+        run: settings that replace those of the file's ``[run]`` table, such as ``seed=1`` or ``torus="8x8"``.
+
+    Returns:
+        The result. If the problem's code broke, its `status` is "failed" and its `message` says why.
 
     Raises:
-        BadInput: if the problem or a setting is wrong, or a callback is given for an asynchronous run, which has no
-            common generation.
+        BadInput: if the problem or a setting is wrong, or if a callback is given for an asynchronous run: such a run
+            has no common generation.
     """
     if isinstance(problem, Problem):
         file: ProblemFile = MadeProblem.of(problem)
@@ -75,33 +85,33 @@ def simulate(problem: ProblemFile | Problem | str | Path, *, callback: Callback 
     if callback is not None and file.run.mode != "lockstep":
         raise BadInput(f"callback: expected mode lockstep, which has common generations, found {file.run.mode}")
     request = StopRequest(file.run.seconds)
-    told = None if callback is None else _Told(callback, request)
+    told = None if callback is None else _CallbackListener(callback, request)
     simulation = Simulation(epochs_of(file), None, told, request.reason, ignore if told is None else told.see)
-    request.began = time.monotonic()
+    request.began = time.monotonic()  # the deadline's time begins here: making the simulation may have compiled code
     return simulation.run()
 
 
 class Listener:
-    """Is told how a run goes; this one pays no heed."""
+    """Receives the events of a simulation; this base class ignores them."""
 
     def begins(self, epoch: Epoch) -> None:
-        """The next of its epochs begins."""
+        """Called when an epoch begins."""
 
     def improvement(self, epoch: Epoch, better: Improvement) -> None:
-        """A champion was verified."""
+        """Called when a better champion was verified."""
 
     def lived(self, epoch: Epoch, records: Sequence[ImprovementRecord]) -> None:
-        """An epoch has ended, in which there were these improvements; before `ends`, if that is told of it."""
+        """Called with the improvements of an epoch that has ended; before `ends`, if that is called for the epoch."""
 
     def ends(self, epoch: Epoch, judgement: Judgement, generation: int) -> None:
-        """An epoch ended after that generation: the last one, or an attempt that stalled."""
+        """Called when the last epoch, or an attempt that stalled, has ended after ``generation``."""
 
 
-class _Told(Listener):
-    """Calls a callback."""
+class _CallbackListener(Listener):
+    """Passes each generation to the callback of `simulate`."""
 
     def __init__(self, callback: Callback, request: StopRequest) -> None:
-        self._callback, self._wish = callback, request
+        self._callback, self._request = callback, request
         self._best: Improvement | None = None
         self._since = self._attempt = 0
 
@@ -113,22 +123,24 @@ class _Told(Listener):
             self._best = better
 
     def see(self, generation: int, genomes: Genomes, fitness: Fitness) -> None:
-        """A generation of the epoch that began last."""
+        """Pass on a generation of the current epoch; a `Snapshot`."""
         number = self._since + generation
         if self._callback(Generation(number, self._attempt, genomes.copy(), fitness.copy(), self._best)):
-            self._wish.cancelled = True
+            self._request.cancelled = True
 
 
 class Simulation:
-    """One run.
+    """One simulated run, or the repetition of a recorded one.
+
+    Only one thread may use it. It may start a process, which asks the problem's oracle; `run` ends that process.
 
     Args:
-        epochs: the first one; or all those of a run that is to be repeated.
-        stops: how the last epoch of that run was stopped from outside; None if this is a run of its own, which may
-            begin anew by itself.
-        listener: is told of it.
-        outside: asked in each generation whether somebody wants the run to stop.
-        snapshot: sees each generation of each attempt, in lockstep.
+        epochs: the first epoch of a new run; or all epochs of a run that is to be repeated.
+        stops: the stops from outside that ended the last epoch of the recorded run; None for a new run, which may
+            restart by itself.
+        listener: receives the events of the run.
+        outside: called in each generation; returns why the run should stop, or None.
+        snapshot: called with each generation of each attempt; in lockstep only.
 
     Attributes:
         file: the problem of the last epoch.
@@ -153,7 +165,7 @@ class Simulation:
         self._load_compiled_code()
 
     def run(self) -> Result:
-        """What comes of it."""
+        """Run to the end and return the result."""
         try:
             return self._run()
         finally:
@@ -164,17 +176,20 @@ class Simulation:
         best: Improvement | None = None
         demes: Genomes | None = None
         while True:
+            # `_known` holds the epochs still to come: all of a recorded run, or the one that `_goes_on` has appended.
             epoch = self._known.popleft()
             attempt = _Attempt(epoch, best, self._listener)
             if not self._repeats and _can_be_asked(epoch.file):
-                self._oracle.turn_to(epoch.file)
+                self._oracle.turn_to(epoch.file)  # not in a repetition: it must end where the recorded run did
             demes = attempt.live(demes, self._why_to_stop, self._snapshot)
             if epoch is self._last:
                 attempt.stop_as(self._stops)
             if attempt.error is None:
                 self._listener.lived(epoch, records_of(past, attempt.lived))
             if attempt.error is None and self._known and not self._known[0].is_fresh:
-                best = attempt.collector.best  # what else it knew the past keeps
+                # An update, a rewiring or a replacement follows, so the run is not judged now. `past` keeps what the
+                # cells knew.
+                best = attempt.collector.best
             else:
                 judgement = attempt.verified(past)
                 if attempt.error is not None or not self._goes_on(attempt, judgement):
@@ -187,7 +202,7 @@ class Simulation:
         return result_of("1", self._first.file.run, past, attempt.lived, judgement, fingerprint(), clocks)
 
     def _goes_on(self, attempt: "_Attempt", judgement: Judgement) -> bool:
-        """Whether there is another epoch, which is known then."""
+        """Return whether another epoch follows; append it to `_known` if this is a new run."""
         if self._repeats:
             return bool(self._known)
         if judgement.next_attempt is None or self._oracle.is_hopeless:
@@ -198,14 +213,17 @@ class Simulation:
         return True
 
     def _why_to_stop(self) -> Reason | None:
-        """Whether somebody outside wants an end, or the oracle has found that there is no way."""
+        """Return the reason to stop, if somebody outside wants it or the oracle has found that there is no solution."""
         reason = self._outside()
         if reason is None:
             self._oracle.look()
         return "infeasible" if reason is None and self._oracle.is_hopeless else reason
 
     def _with_the_oracle(self, judgement: Judgement) -> Judgement:
-        """The judgement with what the oracle says, of a run that has stalled for good, or ended as hopeless."""
+        """Return ``judgement`` with the oracle's answer, if the run has stalled for good or ended as hopeless.
+
+        This waits for the oracle, which has a limit of time, unless somebody outside wants the run to stop.
+        """
         if not judgement.is_open or not _can_be_asked(self.file):
             return judgement
         self._oracle.turn_to(self.file)
@@ -217,19 +235,19 @@ class Simulation:
         return judgement if foretold is None else judgement.in_the_light_of(foretold)
 
     def _load_compiled_code(self) -> None:
-        """Off the clock."""
+        """Compile or load the kernels now by one evaluation, so that the run's clock does not count it."""
         plan = self._last.plan
         with contextlib.suppress(EvaluationFailed):
             plan.evaluate(plan.coding.random(plan.keys(np.arange(1), 0), 1)[0])
 
 
 def _can_be_asked(file: ProblemFile) -> bool:
-    """Whether another process can make the problem: the class of one made in Python need not be in a module."""
+    """Return whether another process can make this problem; the class of one made in Python need not be in a module."""
     return registry.is_built_in(file.kind) or not isinstance(file, MadeProblem)
 
 
 class _Attempt:
-    """One of the epochs; the spy's and the coordinator's part in it."""
+    """One epoch of a run, with the parts of the spy and the coordinator in it."""
 
     def __init__(self, epoch: Epoch, best: Improvement | None, listener: Listener) -> None:
         self.epoch = epoch
@@ -244,11 +262,14 @@ class _Attempt:
 
     @property
     def lived(self) -> Lived:
-        """What is kept of it."""
+        """What `Past` needs to know of this epoch."""
         return Lived(self.epoch.file, self.reports, self.epoch.number)
 
     def live(self, demes: Genomes | None, outside: Outside, snapshot: Snapshot) -> Genomes | None:
-        """To its end, or until it is left; the demes that go on then."""
+        """Simulate the epoch to its end, or to where the recorded run left it; return the demes for the next epoch.
+
+        An error of the problem's code is kept in `error`.
+        """
         try:
             if self.epoch.left_at is not None:
                 self.reports, demes = self.epoch.leave(demes)
@@ -259,14 +280,14 @@ class _Attempt:
         return demes
 
     def stop_as(self, stops: Sequence[Proposal]) -> None:
-        """As if the root had proposed the stops that came from outside."""
+        """Add ``stops``, which came from outside, to the reports of the cells that proposed them."""
         self.reports = [
             replace(report, proposals=(*report.proposals, *(each for each in stops if each.cell == report.cell)))
             for report in self.reports
         ]
 
     def verified(self, past: Past) -> Judgement:
-        """What came of it."""
+        """Judge the epoch as the spy does, and report its end to the listener."""
         self._hear(past.or_better(self.lived))
         generation = stopped_after(self.reports) if self.reports else 0
         reasons = stop_reasons(self.reports, self.epoch.file.run.mode)

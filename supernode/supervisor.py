@@ -1,6 +1,6 @@
-"""The life of a cluster that takes jobs: that of `supernode up`, until somebody ends it, or for one run that is shown.
+"""Start, supervise and end a cluster that takes jobs: for `supernode up`, or for one run that a dashboard shows.
 
-This process is the cluster's lifeline: when it ends, however it ends, every process of the cluster does.
+The process that runs this is the cluster's lifeline: when it ends, however it ends, every process of the cluster does.
 """
 
 import argparse
@@ -28,12 +28,19 @@ if TYPE_CHECKING:
     from supernode.dashboard.keeper import Keeper
     from supernode.dashboard.listen_address import ListenAddress
 
-_READY_WITHIN = 120.0  # seconds; a thousand nodes on two cores take less than ten
+_READY_WITHIN = 120.0  # seconds to start the processes, and as long for the coordinator to answer; 1024 nodes take ten
 
 
 @dataclass(frozen=True)
 class LaunchRequest:
-    """What `up` was asked for; see its options, and `coordinator.launcher.ServiceOptions`."""
+    """The cluster that `up` was asked for.
+
+    Attributes:
+        topology: how the nodes are linked, and how many there are.
+        service: the options of a cluster that stays up.
+        dashboard: where its dashboard listens; None for none.
+        force: start it even if this machine cannot hold so many nodes.
+    """
 
     topology: str
     service: ServiceOptions
@@ -46,10 +53,10 @@ class Up:
     """A cluster that answers.
 
     Attributes:
-        cluster: its name.
-        endpoint: of its router.
-        nodes: how many it has.
-        dashboard: the address of its dashboard, if it has one.
+        cluster: the cluster's name.
+        endpoint: the endpoint of its router.
+        nodes: how many nodes it has.
+        dashboard: the address of its dashboard; None if it has none.
     """
 
     cluster: str
@@ -59,10 +66,10 @@ class Up:
 
 
 def launch_request_of(options: argparse.Namespace, folder: Path) -> LaunchRequest:
-    """The options, checked, for a cluster in that state folder.
+    """Check the options of `up` and return the request for a cluster in the state folder ``folder``.
 
     Raises:
-        BadInput: if one is wrong.
+        BadInput: if an option is wrong.
     """
     check_library("up")
     for endpoint in options.listen:
@@ -84,7 +91,10 @@ def launch_request_of(options: argparse.Namespace, folder: Path) -> LaunchReques
 
 
 def check_library(command: str) -> None:
-    """What a cluster that takes jobs needs beside the rest.
+    """Check that the library is installed that only clusters that take jobs need.
+
+    Args:
+        command: the command that needs it, for the error.
 
     Raises:
         BadInput: if it is missing.
@@ -94,10 +104,10 @@ def check_library(command: str) -> None:
 
 
 def wanted_address(options: argparse.Namespace) -> "ListenAddress | None":
-    """Where a dashboard is asked to listen, if one is.
+    """Return where the options ask the dashboard to listen; None if no dashboard is asked for.
 
     Raises:
-        BadInput: if it cannot be there.
+        BadInput: if the dashboard cannot listen there.
     """
     if options.dashboard is None:
         if options.dashboard_token_file is not None:
@@ -109,12 +119,12 @@ def wanted_address(options: argparse.Namespace) -> "ListenAddress | None":
 
 
 def check_keep(days: float, records: int) -> tuple[float, int]:
-    """How much is kept, if it can be so.
+    """Return the arguments if they are valid limits on what a store keeps.
 
     Raises:
         BadInput: if not.
     """
-    if not days > 0:  # NaN is not either
+    if not days > 0:  # so that NaN is refused too
         raise BadInput(f"--keep-days: expected a number greater than 0, found {days:g}")
     if records < 1:
         raise BadInput(f"--keep-records: expected at least 1, found {records}")
@@ -135,28 +145,30 @@ def _topology(options: argparse.Namespace) -> str:
 
 
 class _AskedToEndError(Exception):
-    """Somebody wants the cluster to end."""
+    """A signal or a client asked the cluster to end."""
 
 
 class Supervisor:
-    """One cluster."""
+    """Runs one cluster."""
 
     def __init__(self, request: LaunchRequest) -> None:
-        self._wish = request
-        self._ends: queue.SimpleQueue[str | None] = queue.SimpleQueue()  # why it ends; None if it was asked to
+        self._request = request
+        # Why the cluster ends; None if it was asked to. Signal handlers and the launcher's thread put, `run` takes.
+        # A `Queue` could deadlock when a handler interrupts its own thread; the put of a SimpleQueue is reentrant.
+        self._ends: queue.SimpleQueue[str | None] = queue.SimpleQueue()
 
     def run(self, folder: Path, say: Callable[[str], None], occupied: Callable[[], None] = lambda: None) -> None:
-        """Start, ``say`` one line when the cluster answers, and keep it up until Ctrl-C, a signal or `down`.
+        """Start the cluster, report when it answers, and keep it up until Ctrl-C, a signal or `down`.
 
         Args:
-            folder: its state folder, where others find it.
-            say: is told how many nodes there are, and where.
-            occupied: called when the folder is this cluster's, before any process is started.
+            folder: the state folder, where clients find the cluster.
+            say: called once with a line for people: how many nodes there are, and where.
+            occupied: called when this process holds the folder's lock, before any process is started.
 
         Raises:
             BadInput: if the state folder cannot be used.
             StoreFailed: if the database cannot be used.
-            ClusterFailed: if a cluster is up there already, or this one does not come up or breaks.
+            ClusterFailed: if a cluster is up in the folder already, or this one does not come up or breaks.
         """
         lock = occupy(folder)
         try:
@@ -168,20 +180,21 @@ class Supervisor:
                     say(self._line(folder, up))
                     self._wait_for_the_end()
         finally:
+            # The entry is removed before the lock is released: the next cluster in this folder writes its own.
             remove_card(folder)
             os.close(lock)
 
     @contextmanager
     def up(self) -> Iterator[Up]:
-        """The cluster, from when it answers on.
+        """Start the cluster, yield it once it answers, and end it.
 
         Raises:
-            BadInput: if its dashboard cannot be where it should, or this machine cannot hold so many nodes.
-            ClusterFailed: if it does not come up.
+            BadInput: if the dashboard cannot listen at its address, or this machine cannot hold so many nodes.
+            ClusterFailed: if the cluster does not come up.
         """
         cluster = secrets.token_hex(4)
         with self._dashboard() as dashboard:
-            request = self._wish
+            request = self._request
             launcher = Launcher(cluster, request.topology, self._ends.put, service=request.service, force=request.force)
             try:
                 if not launcher.started.wait(_READY_WITHIN):
@@ -196,32 +209,35 @@ class Supervisor:
 
     @contextmanager
     def _dashboard(self) -> "Iterator[Keeper | None]":
-        """The socket is there before anything is launched: an address that is taken is an error at once."""
-        if self._wish.dashboard is None:
+        """Open the dashboard's socket before anything is launched, so that an address that is taken fails at once."""
+        if self._request.dashboard is None:
             yield None
             return
         from supernode.dashboard.keeper import Keeper
 
-        keeper = Keeper(self._wish.dashboard, single=self._wish.service.state is None)
+        keeper = Keeper(self._request.dashboard, single=self._request.service.state is None)
         try:
             yield keeper
         finally:
             keeper.close()
 
     def _line(self, folder: Path, up: Up) -> str:
-        listens = "".join(f", {each}" for each in self._wish.service.listen)
+        listens = "".join(f", {each}" for each in self._request.service.listen)
         dashboard = "" if up.dashboard is None else f", dashboard {up.dashboard}"
-        return f"up: {up.nodes} nodes ({self._wish.topology}) in {folder}{listens}{dashboard}"
+        return f"up: {up.nodes} nodes ({self._request.topology}) in {folder}{listens}{dashboard}"
 
     def _try_the_database(self, folder: Path) -> None:
-        """Before anything is launched: from then on one that is away is waited for."""
+        """Open the database once before anything is launched: a wrong URL fails here.
+
+        Once it runs, the coordinator waits for a database that does not answer instead of failing.
+        """
         from coordinator.database import url_in
         from coordinator.store import Store
 
-        Store(self._wish.service.database or url_in(folder)).close()
+        Store(self._request.service.database or url_in(folder)).close()
 
     def _wait_until_ready(self, endpoint: str) -> int:
-        """Until the coordinator says how many nodes there are."""
+        """Wait until the coordinator answers, and return how many nodes there are."""
         until = time.monotonic() + _READY_WITHIN
         while True:
             try:
@@ -230,6 +246,7 @@ class Supervisor:
             except ClusterFailed:
                 if time.monotonic() > until:
                     raise
+            # A cluster that has failed, or was asked to end, will never answer: do not wait for it.
             if not self._ends.empty():
                 self._wait_for_the_end()
 
@@ -241,7 +258,7 @@ class Supervisor:
 
     @contextmanager
     def _ending_by_signals(self) -> Iterator[None]:
-        """Ctrl-C and SIGTERM end the cluster in good order."""
+        """Let SIGINT (Ctrl-C), SIGTERM and SIGHUP end the cluster in good order."""
         kinds = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
         before = [signal.signal(kind, lambda *_: self._ends.put(None)) for kind in kinds]
         try:

@@ -1,10 +1,10 @@
-"""Tables for people: columns as wide as what is in them, numbers to the right."""
+"""Format tables for people: columns as wide as their contents, numbers aligned to the right."""
 
 from collections.abc import Sequence
 
 
 def table(titles: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
-    """The rows under their titles; None is shown as "-"."""
+    """Return the rows under their titles as text; None is shown as "-"."""
     cells = [list(titles), *([_shown(value) for value in row] for row in rows)]
     widths = [max(len(row[column]) for row in cells) for column in range(len(titles))]
     right = [

@@ -1,4 +1,4 @@
-"""Problem files as text again: the standard library reads TOML, but does not write it."""
+"""Write problem files as TOML text: the standard library reads TOML but does not write it."""
 
 import json
 import re
@@ -9,7 +9,10 @@ _BARE = re.compile(r"[A-Za-z0-9_-]+")
 
 
 def as_toml(fields: Mapping[str, Any], run: Mapping[str, Any]) -> str:
-    """A problem file with these fields and this ``[run]`` table. What is None is left out: TOML has no word for it."""
+    """Return a problem file with these fields and this ``[run]`` table.
+
+    Values of None are left out: TOML cannot express them, and a missing key means the same.
+    """
     return "\n".join([*_lines(fields), "", "[run]", *_lines(run), ""])
 
 
@@ -18,7 +21,7 @@ def _lines(table: Mapping[str, Any]) -> list[str]:
 
 
 def _long(value: Any) -> str:
-    """An array of tables, or of arrays, has a line for each."""
+    """Return a value as TOML; an array of tables or arrays gets a line for each element."""
     if isinstance(value, list) and value and all(isinstance(each, dict | list) for each in value):
         return "[\n" + "".join(f"    {_short(each)},\n" for each in value) + "]"
     return _short(value)

@@ -1,4 +1,4 @@
-"""Drawings of topologies: cells as dots, rectangles as they are, others on a circle."""
+"""Draw topologies: cells as dots; a rectangle of cells as it is, other topologies on a circle."""
 
 import math
 from typing import TYPE_CHECKING
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 def draw_topology(axes: "Axes", topology: "Topology", color: str = "tab:blue") -> float:
-    """Draw links and cells; returns the size of a cell's dot in points."""
+    """Draw links and cells, and return the size of a cell's dot in points."""
     places = [spot(topology, cell) for cell in range(topology.cells)]
     links = {(min(a, b), max(a, b)) for a, slots in enumerate(topology.table().tolist()) for b in slots if a != b}
     lines = LineCollection([_line(places[a], places[b], len(topology.place(a)) == 2) for a, b in sorted(links)])
@@ -26,7 +26,7 @@ def draw_topology(axes: "Axes", topology: "Topology", color: str = "tab:blue") -
 
 
 def spot(topology: "Topology", cell: int) -> tuple[float, float]:
-    """Where a cell is drawn."""
+    """Return where a cell is drawn."""
     place = topology.place(cell)
     if len(place) == 2:
         return float(place[1]), -float(place[0])
@@ -41,7 +41,7 @@ def write_beside(axes: "Axes", text: str, place: tuple[float, float], size: floa
 
 
 def _line(start: tuple[float, float], end: tuple[float, float], flat: bool) -> list[tuple[float, float]]:
-    """Straight; links round a torus are bent, or they would hide those between."""
+    """Return a link's points: straight, or bent if it wraps round the torus, where it would hide the links between."""
     (x0, y0), (x1, y1) = start, end
     if not flat or math.hypot(x1 - x0, y1 - y0) < 2.0:
         return [start, end]

@@ -9,13 +9,13 @@ EXAMPLE = "supernode cancel 5f3a09c1"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Which job."""
+    """Add the job, and the options of the cluster."""
     add_job(parser)
-    add_cluster_options(parser, "its state when it was told so")
+    add_cluster_options(parser, "the state that the job was in")
 
 
 def run(options: argparse.Namespace) -> int:
-    """Ask for it; `watch` shows the end."""
+    """Ask the cluster to cancel the job, without waiting for its end."""
     from coordinator.states import ENDS
 
     with connected(options) as client:

@@ -14,14 +14,14 @@ EXAMPLE = "supernode check examples/mobile-robot.toml result.json"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The problem and the result."""
+    """Add the problem and the result."""
     parser.add_argument("problem", metavar="PROBLEM.toml", help="the problem file")
     parser.add_argument("result", metavar="RESULT.json", help="a result as `solve --json` prints it, or its solution")
     parser.add_argument("--json", action="store_true", help="print the verdict as one JSON object")
 
 
 def run(options: argparse.Namespace) -> int:
-    """Print whether the result is accepted, and what there is against it."""
+    """Print whether the check accepts the result, and the objections if not."""
     from problems import load
     from supernode.claims import verified
 

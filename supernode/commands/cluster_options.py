@@ -1,4 +1,4 @@
-"""What commands that talk to a running cluster share: where it is, and how their answer is printed."""
+"""Options that the commands for a running cluster share: where it is, and how their answer is printed."""
 
 import argparse
 import json
@@ -10,33 +10,33 @@ if TYPE_CHECKING:
 
 
 def add_cluster_options(parser: argparse.ArgumentParser, what: str = "the answer") -> None:
-    """Where the cluster is, and whether to answer in JSON."""
+    """Add the options that say where the cluster is and whether to answer in JSON; ``what`` names the answer."""
     add_place(parser)
     parser.add_argument("--json", action="store_true", help=f"print {what} as JSON")
 
 
 def add_place(parser: "argparse._ActionsContainer") -> None:
-    """Where the cluster is."""
+    """Add the options that say where the cluster is."""
     where = parser.add_mutually_exclusive_group()
     where.add_argument("--state", metavar="DIR", help="the state folder of a cluster on this machine")
-    where.add_argument("--connect", metavar="ENDPOINT", help="that of a running cluster: tcp/192.168.1.7:7447")
+    where.add_argument("--connect", metavar="ENDPOINT", help="the endpoint of a cluster, such as tcp/192.168.1.7:7447")
 
 
 def add_force(parser: "argparse._ActionsContainer") -> None:
-    """Whether to start more nodes than the machine can hold."""
+    """Add the option that starts more nodes than the machine can hold."""
     parser.add_argument("--force", action="store_true", help="start the nodes even if this machine cannot hold so many")
 
 
 def add_job(parser: argparse.ArgumentParser, **more: Any) -> None:
-    """Which job."""
+    """Add the argument that names a job."""
     parser.add_argument("job", metavar="JOB", help="the job's id, as `submit` printed it", **more)
 
 
 def connected(options: argparse.Namespace) -> "Client":
-    """A client of the cluster that the options name.
+    """Return a client of the cluster that the options name.
 
     Raises:
-        BadInput: if ENDPOINT is none.
+        BadInput: if ENDPOINT is not an endpoint.
         ClusterFailed: if no cluster answers.
     """
     from supernode.client import Client
@@ -45,10 +45,10 @@ def connected(options: argparse.Namespace) -> "Client":
 
 
 def place_of(options: argparse.Namespace) -> "Place":
-    """The place that the options name.
+    """Return the place of the cluster that the options name.
 
     Raises:
-        BadInput: if ENDPOINT is none.
+        BadInput: if ENDPOINT is not an endpoint.
     """
     from supernode.cluster_info import Place
 
@@ -56,5 +56,5 @@ def place_of(options: argparse.Namespace) -> "Place":
 
 
 def tell(options: argparse.Namespace, value: dict[str, Any], words: str) -> None:
-    """Print an answer."""
+    """Print an answer: ``value`` as JSON if the options ask for that, else ``words``."""
     print(json.dumps(value) if options.json else words)

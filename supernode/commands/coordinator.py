@@ -1,4 +1,4 @@
-"""The coordinator of a cluster whose processes live in several places: it takes jobs, and nodes join it."""
+"""Run the coordinator of a cluster whose processes are started separately: it takes jobs, and nodes join it."""
 
 import argparse
 
@@ -20,25 +20,26 @@ EXAMPLE = "supernode coordinator --connect tcp/192.168.1.7:7447 --nodes 16"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Which cluster, how large, and where its jobs are kept."""
+    """Add the cluster, its least size, and where its jobs are kept."""
     add_membership(parser)
-    add_option(parser, "nodes", "how many will join at least: larger jobs are refused", metavar="N")
-    add_option(parser, "state", "the folder that keeps the jobs (the user's own)", metavar="DIR")
-    add_option(parser, "database", "of the jobs, instead of a file in the state folder", metavar="URL")
-    add_option(parser, "max-queue", "refuse jobs when so many wait (any number)", metavar="N")
+    add_option(parser, "nodes", "how many nodes will join at least; jobs that need more are refused", metavar="N")
+    add_option(parser, "state", "the folder that keeps the jobs (the user's default one)", metavar="DIR")
+    add_option(parser, "database", "keep the jobs in this database, not in a file in the state folder", metavar="URL")
+    add_option(parser, "max-queue", "refuse jobs when this many wait (no limit)", metavar="N")
     add_log_json(parser)
-    add_option(parser, "keep-days", "forget ended jobs and records so old (30)", metavar="D", default="30")
-    add_option(parser, "keep-records", "of each kind, the newest (1000000)", metavar="N", default="1000000")
+    add_option(parser, "keep-days", "delete ended jobs and records that are older (30)", metavar="D", default="30")
+    add_option(parser, "keep-records", "keep only the newest N of each kind (1000000)", metavar="N", default="1000000")
     add_trust(parser)
 
 
 def run(options: argparse.Namespace) -> int:
-    """Coordinate until a signal, or until a client ends it."""
+    """Coordinate until a signal arrives or a client ends the coordinator."""
     router, cluster, nodes = endpoint_of(options), cluster_of(options), number_of(options, "nodes")
     max_queue = None if options.max_queue is None else number_of(options, "max_queue")
     database = options.database or _file(options.state)
     keep_days, keep_records = number_of(options, "keep_days"), number_of(options, "keep_records")
     secret = secret_of(options)
+    # Before anything that imports numpy: it reads its number of threads only once.
     prepare_process()
     from pathlib import Path
 
@@ -55,16 +56,16 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _file(state: str | None) -> str:
-    """The database in a state folder, which is locked for as long as this process lives.
+    """Return the URL of the database in a state folder; lock the folder for as long as this process runs.
 
     Raises:
-        BadInput: if there can be no such folder.
-        ClusterFailed: if another cluster has it.
+        BadInput: if the folder cannot be made or used.
+        ClusterFailed: if another cluster holds it.
     """
     from coordinator.database import url_in
     from supernode.cluster_info import Place, occupy
 
     folder = Place.of_folder(state).folder
     assert folder is not None, "that is what it was made of"
-    occupy(folder)
+    occupy(folder)  # the descriptor stays open, and with it the lock, until the process ends
     return url_in(folder)

@@ -1,6 +1,6 @@
-"""End a running cluster, with all its processes; jobs that have not ended are kept in its state folder.
+"""End a running cluster with all its processes; jobs that have not ended are kept in its state folder.
 
-Of a cluster whose processes were started each by itself (`router`, `coordinator`, `spy`, `node`) the coordinator ends.
+If the cluster's processes were started separately (`router`, `coordinator`, `spy`, `node`), only the coordinator ends.
 """
 
 import argparse
@@ -12,16 +12,16 @@ from supernode.commands.cluster_options import add_cluster_options, place_of, te
 EXAMPLE = "supernode down"
 
 _END_WITHIN = 60.0  # seconds: a thousand processes are gone in three, but machines may be busy
-_ANSWER_WITHIN = 1.0
+_ANSWER_WITHIN = 1.0  # seconds until a router that does not answer counts as gone
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Which cluster."""
+    """Add the options of the cluster."""
     add_cluster_options(parser, "that it is down")
 
 
 def run(options: argparse.Namespace) -> int:
-    """Ask, and wait until it has gone; on this machine also if it does not answer."""
+    """Ask the cluster to end and wait until it has; on this machine, end it even if it does not answer."""
     from pathlib import Path
 
     from supernode.cluster_info import is_occupied
@@ -30,16 +30,16 @@ def run(options: argparse.Namespace) -> int:
     info = place.info()
     ends = _ask(options)
     if info is None:
-        _see_it_go(options, ends)
+        _wait_until_away(options, ends)
     elif ends is not None or is_occupied(Path(place.folder or "")):
-        _see_it_end(info.process, ends is not None, place)
+        _wait_for_exit(info.process, ends is not None, place)
     rest = "; router, spy and nodes end where they were started" if ends == "coordinator" else ""
     tell(options, {"down": str(place), "ended": ends or "cluster"}, f"down: {place}{rest}")
     return exits.OK
 
 
 def _ask(options: argparse.Namespace) -> str | None:
-    """What ends, as the cluster says; None if it says nothing."""
+    """Return what ends, as the cluster answers; None if a cluster on this machine does not answer."""
     from coordinator.errors import ClusterFailed
     from supernode.commands.cluster_options import connected
 
@@ -47,13 +47,13 @@ def _ask(options: argparse.Namespace) -> str | None:
         with connected(options) as client:
             return client.down()
     except ClusterFailed:
-        if options.connect is not None:
+        if options.connect is not None:  # a cluster elsewhere cannot be ended by a signal
             raise
         return None
 
 
-def _see_it_go(options: argparse.Namespace, ends: str | None) -> None:
-    """Wait until nobody answers at the endpoint any more."""
+def _wait_until_away(options: argparse.Namespace, ends: str | None) -> None:
+    """Wait until the cluster no longer answers at its endpoint."""
     from coordinator.errors import ClusterFailed
 
     until = time.monotonic() + _END_WITHIN
@@ -64,7 +64,7 @@ def _see_it_go(options: argparse.Namespace, ends: str | None) -> None:
 
 
 def _is_there(options: argparse.Namespace, ends: str | None) -> bool:
-    """Whether the coordinator answers; or the router, which is the last process of a cluster that ends as a whole."""
+    """Return whether what ends is still there: the coordinator, or the router, the last process of a whole cluster."""
     import zenoh
 
     from coordinator.errors import ClusterFailed
@@ -81,8 +81,12 @@ def _is_there(options: argparse.Namespace, ends: str | None) -> bool:
     return True
 
 
-def _see_it_end(process: int, answered: bool, place: object) -> None:
-    """Wait until the process that is the cluster's lifeline has ended; end it if it is of no use."""
+def _wait_for_exit(process: int, answered: bool, place: object) -> None:
+    """Wait until the cluster's lifeline process has ended; if the cluster did not answer, end that process.
+
+    Raises:
+        ClusterFailed: if it has not ended in time.
+    """
     import os
     import signal
 
@@ -93,7 +97,7 @@ def _see_it_end(process: int, answered: bool, place: object) -> None:
         if not answered:
             os.kill(process, signal.SIGTERM)
         while time.monotonic() < until:
-            os.kill(process, 0)
+            os.kill(process, 0)  # raises once the process is gone
             time.sleep(0.02)
     except ProcessLookupError:
         return

@@ -1,7 +1,7 @@
-"""Write the motion that a result holds, over time: as CSV, as JSON, or as MCAP for Foxglove and the like.
+"""Write the motion of a result over time: as CSV, as JSON, or as MCAP for Foxglove and the like.
 
-With a job in their place, write what happened in it, as CSV or Parquet: its statistics of each second, or what
---records asks for. The job is one of a running cluster, and may have ended.
+Given a job instead, write its records as CSV or Parquet: its statistics of each second, or what --records asks for. The
+job is one of a running cluster; it may have ended.
 """
 
 import argparse
@@ -26,7 +26,7 @@ _USAGE = """supernode export PROBLEM.toml RESULT.json [--format csv|json|mcap] [
        supernode export JOB [--records KIND] [--format csv|parquet] [-o FILE] [--state DIR | --connect ENDPOINT]"""
 
 _KINDS = ("statistics", "improvements", "history", "events", "log")
-_KIND = "statistics"  # if none is asked for: of all kinds it alone tells of a whole run
+_KIND = "statistics"  # the default: the only kind with rows from all of a run, however it went
 _OF_MOTIONS = ("csv", "json", "mcap")
 _OF_RECORDS = ("csv", "parquet")
 _FORMATS = tuple(dict.fromkeys(_OF_MOTIONS + _OF_RECORDS))
@@ -43,56 +43,56 @@ _IN_FILES_ONLY = {"mcap": "MCAP", "parquet": "Parquet"}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The problem and the result, or the job; the format, and how quick."""
+    """Add the problem and the result, or the job; the format, and the speeds of the motion."""
     parser.usage = _USAGE
     parser.add_argument("source", metavar="PROBLEM.toml | JOB", help="the problem file, or a job's id")
     parser.add_argument(
         "result", metavar="RESULT.json", nargs="?", help="a result as `solve --json` prints it, or its solution"
     )
-    parser.add_argument("--format", choices=_FORMATS, help="if not given, as FILE ends; csv if it has no ending")
-    parser.add_argument("-o", "--output", metavar="FILE", help="stdout if not given; mcap and parquet need a file")
+    parser.add_argument("--format", choices=_FORMATS, help="by default as FILE ends; csv if it has no ending")
+    parser.add_argument("-o", "--output", metavar="FILE", help="by default stdout; mcap and parquet need a file")
     motion = parser.add_argument_group("the motion of a result")
     motion.add_argument(
         "--speed",
         type=_positive,
         metavar="V",
-        help="the greatest along a path that has no times, in its unit per second: m/s, rad/s (arm-path) or cells/s "
+        help="the greatest speed along a path without times, in its unit per second: m/s, rad/s (arm-path) or cells/s "
         "(terrain)",
     )
     motion.add_argument(
         "--acceleration",
         type=_positive,
         metavar="A",
-        help="with which speed is gained and lost, likewise per second²; if not given, full speed after 0.5 s",
+        help="how fast speed is gained and lost, in that unit per second²; by default full speed is reached in 0.5 s",
     )
     motion.add_argument(
         "--turn-speed",
         type=_positive,
         metavar="W",
-        help="rad/s, the greatest of what turns; if not given, no point of it is quicker than --speed",
+        help="the greatest speed of turns, rad/s; by default no point of what turns is faster than --speed",
     )
     motion.add_argument(
         "--turn-acceleration",
         type=_positive,
         metavar="B",
-        help="rad/s²; if not given, turns reach full speed as soon as moves do",
+        help="rad/s²; by default turns reach full speed as soon as moves do",
     )
     motion.add_argument(
-        "--rate", type=_positive, metavar="HZ", help="rows a second (50); min-time has the rows of its solution"
+        "--rate", type=_positive, metavar="HZ", help="rows per second (50); min-time has the rows of its solution"
     )
     records = parser.add_argument_group("the records of a job")
     records.add_argument(
         "--records",
         metavar="KIND",
         choices=_KINDS,
-        help="statistics of each second, verified improvements as they were heard, history (improvements as the cells "
-        f"noted them, a function of the run), events (states and epochs) or log ({_KIND})",
+        help="statistics of each second, improvements (verified, as the spy received them), history (improvements as "
+        f"the cells recorded them, the same for equal lockstep runs), events (states and epochs) or log ({_KIND})",
     )
     add_place(records)
 
 
 def run(options: argparse.Namespace) -> int:
-    """Write the one or the other."""
+    """Write the motion of a result, or the records of a job."""
     if options.records is None and options.result is None and not _is_file(options.source):
         options.records = _KIND
     _check_combination(options)
@@ -100,12 +100,12 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _is_file(source: str) -> bool:
-    """Whether that means a problem file, there or not, rather than a job."""
+    """Return whether ``source`` means a problem file, even a missing one, rather than a job."""
     return source.endswith(".toml") or Path(source).is_file()
 
 
 def _check_combination(options: argparse.Namespace) -> None:
-    """Refuse what belongs to the other form of the command."""
+    """Refuse options that belong to the other form of the command."""
     from problems import BadInput
 
     if options.records is None and options.result is None:
@@ -141,6 +141,7 @@ def _run_motion(options: argparse.Namespace) -> int:
     pace = Pace(options.speed, options.turn_speed, options.acceleration, options.turn_acceleration, options.rate)
     kind_of_file, file = _format(options, _OF_MOTIONS), load(options.source)
     with contextlib.redirect_stdout(sys.stderr):  # a user's module may print
+        # Asked of the class, before the check of the result, which may take long.
         if not _moves(find(file.kind, file.folder)):
             raise _no_motion(file)
         judgement = verified(file, options.result)

@@ -9,13 +9,13 @@ EXAMPLE = "supernode init arm-ik my-arm.toml"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The kind and the file."""
+    """Add the kind and the file."""
     parser.add_argument("kind", metavar="KIND", help="a kind of problem (see `supernode problems`)")
     parser.add_argument("file", metavar="FILE", nargs="?", help="the file to write (KIND.toml)")
 
 
 def run(options: argparse.Namespace) -> int:
-    """Write the file, but never over another."""
+    """Write the file; never overwrite one."""
     from problems import BadInput
     from problems.registry import find_built_in
 

@@ -1,4 +1,4 @@
-"""The jobs of a running cluster, the newest last; or all about one of them."""
+"""List the jobs of a running cluster, newest last; or show all about one of them."""
 
 import argparse
 import json
@@ -11,18 +11,18 @@ from supernode.commands.cluster_options import add_cluster_options, connected, t
 
 EXAMPLE = "supernode jobs --json"
 
-_SHOWN = 20
+_SHOWN = 20  # jobs listed without --all
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Which jobs."""
-    parser.add_argument("job", metavar="JOB", nargs="?", help="one job only, with its best answer so far")
-    parser.add_argument("--all", action="store_true", help=f"not only the newest {_SHOWN}")
+    """Add the job, and the options of the cluster."""
+    parser.add_argument("job", metavar="JOB", nargs="?", help="show this job only, with its best answer so far")
+    parser.add_argument("--all", action="store_true", help=f"list all jobs, not only the newest {_SHOWN}")
     add_cluster_options(parser, "an array of jobs, or one job,")
 
 
 def run(options: argparse.Namespace) -> int:
-    """Print them."""
+    """Print the jobs, or the job."""
     with connected(options) as client:
         if options.job is not None:
             view = client.job(options.job).show()
@@ -57,7 +57,7 @@ def _row(job: Mapping[str, Any]) -> list[object]:
 
 
 def _took(job: Mapping[str, Any]) -> float | None:
-    """Seconds from acceptance to the end, if it has ended."""
+    """Return the seconds from acceptance to the end; None if the job has not ended."""
     ended = job.get("ended")
     return None if ended is None else round(ended - job["submitted"], 3)
 

@@ -1,7 +1,7 @@
-"""What the processes of a running cluster had to say: deaths, rejected messages, failures; the oldest first.
+"""Print the log of a running cluster's processes, oldest first: deaths, rejected messages, failures.
 
-With --improvements, the improvement records of run logs that `--log` wrote: of equal lockstep runs they are the same,
-byte for byte. They are printed once; with several logs exit code 3 says that one of them has others.
+With --improvements, print the improvements from run logs that `--log` wrote. Equal lockstep runs have the same ones,
+byte for byte. They are printed once; if several logs are given and they differ, the exit code is 3.
 """
 
 import argparse
@@ -23,16 +23,16 @@ if TYPE_CHECKING:
 EXAMPLE = """supernode logs --job 5f3a09c1 --follow
   supernode logs --improvements run-1.jsonl run-2.jsonl"""
 
-_LOOK_AGAIN = 0.5  # seconds
+_LOOK_AGAIN = 0.5  # seconds between two questions with --follow
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Whose, and for how long."""
-    parser.add_argument("--job", metavar="JOB", help="of one job only")
-    parser.add_argument("--node", metavar="N", type=whole, help="of one node only")
-    parser.add_argument("--follow", action="store_true", help="go on as more comes, until Ctrl-C")
+    """Add whose records to print and for how long, and the options of the cluster."""
+    parser.add_argument("--job", metavar="JOB", help="only records about this job")
+    parser.add_argument("--node", metavar="N", type=whole, help="only records of this node")
+    parser.add_argument("--follow", action="store_true", help="go on printing new records until Ctrl-C")
     parser.add_argument(
-        "--improvements", metavar="FILE", nargs="+", help="the improvement records of run logs instead, compared"
+        "--improvements", metavar="FILE", nargs="+", help="print and compare the improvements in run logs instead"
     )
     add_place(parser)
     parser.add_argument("--json", action="store_true", help="print each line as a JSON object")
@@ -49,7 +49,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _compare(names: Sequence[str]) -> int:
-    """Print the records of the first log, if all the others have the same."""
+    """Print the improvements of the first log if all others have the same; else say where one differs."""
     first, *others = names
     records = _improvements(first)
     for other in others:
@@ -64,10 +64,10 @@ def _compare(names: Sequence[str]) -> int:
 
 
 def _improvements(name: str) -> list[str]:
-    """The lines of a run log that are a function of the run.
+    """Return the improvement lines of a run log; all other lines hold times, which differ between equal runs.
 
     Raises:
-        BadInput: if it is not a run log.
+        BadInput: if the file is not a run log.
     """
     from problems import BadInput
     from spy.run_log import IMPROVEMENT
@@ -88,13 +88,13 @@ def _improvements(name: str) -> list[str]:
 
 
 def _records(client: "Client", options: argparse.Namespace) -> Iterator[dict[str, Any]]:
-    """Page by page; more of them may come while one is read."""
+    """Yield the records, page by page; with --follow, ask for newer ones for ever."""
     after, more = 0, True
     while more or options.follow:
         page = client.logs(options.job, options.node, after)
         for row in page["rows"]:
             yield dict(zip(page["columns"], row, strict=True))
-            after = row[0]
+            after = row[0]  # the record's id
         more = page["more"]
         if not more and options.follow:
             time.sleep(_LOOK_AGAIN)

@@ -1,4 +1,4 @@
-"""Join nodes of this machine, or of this container, to a cluster; they stay until the command ends."""
+"""Join nodes of this machine or container to a cluster; they stay until the command ends."""
 
 import argparse
 
@@ -17,21 +17,21 @@ from supernode.commands.role_options import (
     secret_of,
 )
 
-_FAR_AWAY, _ANY_PORT = "198.51.100.1", 9  # of a network that is for documentation only (RFC 5737)
+_FAR_AWAY, _ANY_PORT = "198.51.100.1", 9  # an address reserved for documentation (RFC 5737): nothing answers there
 
 EXAMPLE = "supernode node --connect tcp/192.168.1.7:7447 --nodes 4"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Which cluster, how many, and where they can be reached."""
+    """Add the cluster, how many nodes to join, and where they can be reached."""
     add_membership(parser)
-    add_option(parser, "nodes", "how many", metavar="N")
-    add_option(parser, "host", "this host's name; under it it gets its nodes back (the machine's, and a process id)")
+    add_option(parser, "nodes", "how many nodes to join", metavar="N")
+    add_option(parser, "host", "this host's name, by which it gets its nodes back (the machine's, and a process id)")
     add_option(
         parser,
         "listen",
-        "be reachable for nodes of other hosts, at four ports for each node from this one on, such as"
-        " tcp/192.168.1.8:7450; 0.0.0.0 stands for this machine's own address (links between hosts by the router)",
+        "let nodes of other hosts connect here, at four ports for each node from this one on, such as"
+        " tcp/192.168.1.8:7450; 0.0.0.0 means this machine's own address (by default hosts are linked by the router)",
         metavar="ENDPOINT",
     )
     add_trust(parser)
@@ -39,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Join, and stay until a signal."""
+    """Join the cluster, and stay until a signal arrives."""
     import os
     import secrets
     import socket
@@ -47,6 +47,7 @@ def run(options: argparse.Namespace) -> int:
     router, cluster, nodes = endpoint_of(options), cluster_of(options), number_of(options, "nodes")
     listen = own_endpoint(endpoint(options.listen, "listen"), router) if options.listen else ""
     secret = secret_of(options)
+    # Before anything that imports numpy: it reads its number of threads only once.
     prepare_process()
     from coordinator.host import HostZygote
     from wire.hosts import Host
@@ -58,14 +59,15 @@ def run(options: argparse.Namespace) -> int:
 
 
 def own_endpoint(listen: str, router: str) -> str:
-    """An endpoint that others can connect to; a container does not know its address when it is configured.
+    """Return the endpoint of this host that others can connect to.
 
     Args:
-        listen: what was asked for; 0.0.0.0 stands for an own address.
-        router: the endpoint of the router, which others reach too.
+        listen: the endpoint asked for. 0.0.0.0 stands for this host's own address, which a container does not know when
+            it is configured.
+        router: the endpoint of the router, which the other hosts reach too.
 
     Raises:
-        BadInput: if it has no address and port.
+        BadInput: if ``listen`` has no address and port.
     """
     import re
 
@@ -79,9 +81,10 @@ def own_endpoint(listen: str, router: str) -> str:
 
 
 def own_address(router: str) -> str:
-    """The address from which this machine speaks to the router; if that is on this machine, to anybody far away.
+    """Return the address from which this machine reaches the router; if that is a loopback address, a far-away one.
 
-    A machine's name is of no use: on many it stands for a loopback address. Nothing is sent.
+    The machine's name would not do: on many machines it resolves to a loopback address. Connecting a UDP socket only
+    chooses a route; nothing is sent.
     """
     import contextlib
     import re
@@ -94,4 +97,4 @@ def own_address(router: str) -> str:
             address = str(probe.getsockname()[0])
             if not address.startswith("127."):
                 return address
-    return "127.0.0.1"  # it is alone
+    return "127.0.0.1"  # this machine has no network

@@ -1,4 +1,4 @@
-"""The exact optimum of a problem, or a bound, where there is one: no genetic algorithm here."""
+"""Compute the exact optimum of a problem, or a bound, where there is a method; no genetic algorithm is involved."""
 
 import argparse
 import contextlib
@@ -18,18 +18,18 @@ if TYPE_CHECKING:
 
 EXAMPLE = "supernode oracle examples/arm-ik.toml"
 
-_PATIENCE = 1.0  # s
+_PATIENCE = 1.0  # seconds after which the command says that it is working
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The problem."""
+    """Add the problem."""
     parser.add_argument("problem", metavar="PROBLEM.toml", help="the problem file")
     parser.add_argument("--json", action="store_true", help="print the answer as one JSON object")
     parser.add_argument("--quiet", action="store_true", help="no progress on stderr")
 
 
 def run(options: argparse.Namespace) -> int:
-    """Print the figure, how it was got and how long it took."""
+    """Print the figure, the method, and how long it took."""
     from problems import BadInput, load
     from problems.guard import foretold
 
@@ -48,7 +48,7 @@ def run(options: argparse.Namespace) -> int:
 
 @contextlib.contextmanager
 def _patience(quiet: bool) -> Iterator[None]:
-    """Whoever has to wait is told for what."""
+    """Say on stderr that the oracle is at work, if it takes longer than `_PATIENCE`; with ``quiet``, never."""
     timer = threading.Timer(_PATIENCE, print, ["working out the exact answer …"], {"file": sys.stderr, "flush": True})
     if quiet:
         yield
@@ -58,7 +58,7 @@ def _patience(quiet: bool) -> Iterator[None]:
         yield
     finally:
         timer.cancel()
-        timer.join()  # what it says comes before the answer
+        timer.join()  # so that the line cannot come after the answer
 
 
 def _json(answer: "Answer", seconds: float) -> str:

@@ -11,13 +11,13 @@ EXAMPLE = "supernode problems arm-ik"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The kind."""
-    parser.add_argument("kind", metavar="KIND", nargs="?", help="one kind, in detail")
-    parser.add_argument("--json", action="store_true", help="the kinds, or the kind's JSON Schema, as JSON")
+    """Add the kind."""
+    parser.add_argument("kind", metavar="KIND", nargs="?", help="show this kind in detail")
+    parser.add_argument("--json", action="store_true", help="print the kinds, or the kind's JSON Schema, as JSON")
 
 
 def run(options: argparse.Namespace) -> int:
-    """Print them."""
+    """Print the kinds, or the fields of one."""
     from problems.registry import find_built_in, kinds
 
     if options.kind is None:
@@ -39,7 +39,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _fields(schema: dict[str, Any], whole: dict[str, Any], prefix: str) -> Iterator[tuple[str, str, str, str]]:
-    """Name, type and unit, default, description of each field, tables after their own name."""
+    """Yield name, type with unit, default and description of each field; a table's fields follow its own name."""
     required = schema.get("required", ())
     for name, field in schema.get("properties", {}).items():
         unit = f" ({field['unit']})" if field.get("unit") else ""
@@ -49,7 +49,7 @@ def _fields(schema: dict[str, Any], whole: dict[str, Any], prefix: str) -> Itera
 
 
 def _tables(field: dict[str, Any], whole: dict[str, Any]) -> Iterator[tuple[dict[str, Any], str]]:
-    """The tables that a field holds: itself, one of some, or the elements of its array."""
+    """Yield each table that a field may hold, with its shape: itself, one of several, or the elements of its array."""
     if "$ref" in field:
         table = whole["$defs"][field["$ref"].rsplit("/", 1)[1]]
         shape = table.get("properties", {}).get("shape", {}).get("const")

@@ -1,6 +1,6 @@
-"""Write a page about a job of a running cluster, ended or not: what came of it, how, and all that repeats it.
+"""Write a page about a job of a running cluster: its outcome, how the run went, and all that is needed to repeat it.
 
-The page is one HTML file that needs no network.
+The job may have ended or not. The page is one HTML file that needs no network.
 """
 
 import argparse
@@ -14,14 +14,14 @@ EXAMPLE = "supernode report 5f3a09c1 -o report.html"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Which job, and where to write."""
+    """Add the job, the file to write, and where the cluster is."""
     add_job(parser)
-    parser.add_argument("-o", "--output", metavar="FILE", required=True, help="the page, such as report.html")
+    parser.add_argument("-o", "--output", metavar="FILE", required=True, help="the file to write, such as report.html")
     add_place(parser)
 
 
 def run(options: argparse.Namespace) -> int:
-    """Ask the cluster, draw, and write."""
+    """Ask the cluster, draw the figures, and write the page."""
     _check_libraries()
     from supernode.outputs import write_output
     from supernode.report import report

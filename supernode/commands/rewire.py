@@ -1,4 +1,4 @@
-"""Give a running job another topology; the programmable switch of the SuperNode."""
+"""Give a running job another topology, as the programmable switch of the SuperNode did."""
 
 import argparse
 
@@ -10,7 +10,7 @@ EXAMPLE = 'supernode rewire 5f3a09c1 --topology "hypercube 4"'
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Which job, and which topology."""
+    """Add the job, the topology, and the options of the cluster."""
     add_job(parser)
     shape = parser.add_mutually_exclusive_group(required=True)
     shape.add_argument("--torus", metavar="RxC", type=torus, dest="topology", help="rows and columns")
@@ -19,7 +19,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Print the number of the epoch that has it."""
+    """Print the number of the epoch from which on the job has the topology."""
     import topologies
     from problems.errors import BadInput
 

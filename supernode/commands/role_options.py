@@ -1,6 +1,7 @@
-"""What the commands share that are one process, or one host's processes, of a cluster that lives in several places.
+"""Options shared by the commands that run one process, or the processes of one host, of a distributed cluster.
 
-Each option has an environment variable, since that is how containers are configured; the command line wins.
+Each option can also be set by an environment variable, since that is how containers are configured. The command line
+wins.
 """
 
 import argparse
@@ -11,46 +12,46 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from problems.modules import Modules
 
-_CLUSTER = "main"
+_CLUSTER = "main"  # a router has one cluster unless several are named, so most need no name
 
 
 def add_option(parser: argparse.ArgumentParser, name: str, words: str, **more: Any) -> None:
-    """An option ``--name`` whose default is the environment's SUPERNODE_NAME."""
+    """Add an option ``--name`` whose default is the environment variable SUPERNODE_NAME."""
     variable = variable_of(name)
     default = os.environ.get(variable) or more.pop("default", None)
     parser.add_argument(f"--{name}", default=default, help=f"{words} [{variable}]", **more)
 
 
 def add_log_json(parser: argparse.ArgumentParser) -> None:
-    """How the log is written."""
+    """Add the option that chooses the format of the log."""
     parser.add_argument(
-        "--log-json", action="store_true", default=None, help="the log on stderr in JSON Lines, on a terminal too"
+        "--log-json", action="store_true", default=None, help="write the log to stderr as JSON Lines, on a terminal too"
     )
 
 
 def variable_of(name: str) -> str:
-    """The environment variable of an option."""
+    """Return the environment variable of an option."""
     return f"SUPERNODE_{name.upper().replace('-', '_')}"
 
 
 def add_membership(parser: argparse.ArgumentParser) -> None:
-    """Which cluster the process belongs to."""
+    """Add the options that name the cluster of the process."""
     add_option(parser, "connect", "the router's endpoint, such as tcp/192.168.1.7:7447", metavar="ENDPOINT")
     add_option(parser, "cluster", f"the cluster's name, if the router has several ({_CLUSTER})", default=_CLUSTER)
 
 
 def add_trust(parser: argparse.ArgumentParser) -> None:
-    """Whom the process obeys, and whose code it may run."""
-    file = "the cluster's secret, the same for coordinator, spy and nodes; made if it is not there (the user's own)"
+    """Add the options for the cluster's secret, and for the users' modules that the process may run."""
+    file = "the cluster's secret, the same for coordinator, spy and nodes; made if missing (in the user's state folder)"
     add_option(parser, "secret-file", file, metavar="FILE")
-    add_option(parser, "allow-module", "let jobs name problems of this module of yours (none)", metavar="M")
+    add_option(parser, "allow-module", "let jobs use problems from this module of yours (none)", metavar="M")
 
 
 def secret_of(options: argparse.Namespace) -> bytes:
-    """The cluster's secret.
+    """Return the cluster's secret.
 
     Raises:
-        BadInput: if its file cannot be made or read, or is wrong.
+        BadInput: if its file cannot be made or read, or holds no secret.
     """
     from pathlib import Path
 
@@ -61,26 +62,30 @@ def secret_of(options: argparse.Namespace) -> bytes:
 
 
 def modules_of(options: argparse.Namespace) -> "Modules":
-    """The users' modules that the process may run."""
+    """Return the users' modules whose code the process may run."""
     from problems.modules import Modules
 
     return Modules((options.allow_module or "").split())
 
 
 def endpoint_of(options: argparse.Namespace, name: str = "connect") -> str:
-    """The endpoint that an option must name.
+    """Return the endpoint that an option must give.
 
     Raises:
-        BadInput: if it does not.
+        BadInput: if the option is not given, or not an endpoint.
     """
     return endpoint(_needed(options, name), name)
 
 
 def endpoint(text: str, name: str) -> str:
-    """``text`` if it is an endpoint.
+    """Return ``text`` if it is an endpoint.
+
+    Args:
+        text: the value of the option.
+        name: the option's name, for the error.
 
     Raises:
-        BadInput: if it is none.
+        BadInput: if it is not an endpoint.
     """
     from supernode.cluster_info import Place
 
@@ -90,10 +95,10 @@ def endpoint(text: str, name: str) -> str:
 
 
 def number_of(options: argparse.Namespace, name: str) -> int:
-    """The number, at least 1, that an option must give.
+    """Return the whole number, at least 1, that an option must give.
 
     Raises:
-        BadInput: if it does not.
+        BadInput: if the option is not given, or not such a number.
     """
     from problems.errors import BadInput
 
@@ -104,10 +109,10 @@ def number_of(options: argparse.Namespace, name: str) -> int:
 
 
 def cluster_of(options: argparse.Namespace) -> str:
-    """The cluster's name, a part of every key expression.
+    """Return the cluster's name, a part of every key expression.
 
     Raises:
-        BadInput: if it cannot be one.
+        BadInput: if it has characters that a key expression could not hold.
     """
     import re
 
@@ -119,7 +124,11 @@ def cluster_of(options: argparse.Namespace) -> str:
 
 
 def prepare_process() -> None:
-    """One thread each, before numpy is imported; and SIGTERM means the end for the first process of a container too."""
+    """Limit libraries to one thread, and let SIGTERM and SIGHUP end the process.
+
+    Call this before numpy is imported. The handlers are needed in a container: its first process ignores signals that
+    it has no handler for.
+    """
     from coordinator.threads import ONE_THREAD
 
     os.environ.update(ONE_THREAD)

@@ -1,4 +1,4 @@
-"""The router of a cluster whose processes live in several places: all others connect to it."""
+"""Run the router of a cluster whose processes are started separately: all other processes connect to it."""
 
 import argparse
 
@@ -9,12 +9,12 @@ EXAMPLE = "supernode router --listen tcp/0.0.0.0:7447"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Where it listens."""
-    add_option(parser, "listen", "endpoints, with spaces between them", metavar="ENDPOINT")
+    """Add where the router listens."""
+    add_option(parser, "listen", "the endpoints to listen at, separated by spaces", metavar="ENDPOINT")
 
 
 def run(options: argparse.Namespace) -> int:
-    """Route until a signal."""
+    """Route until a signal arrives."""
     import contextlib
     import os
 

@@ -1,4 +1,4 @@
-"""The options that `solve`, `simulate` and `submit` share: how a problem is run, and what is told of it."""
+"""Options that `solve`, `simulate` and `submit` share: how a problem is run, and what the command reports."""
 
 import argparse
 from pathlib import Path
@@ -31,29 +31,29 @@ _SETTINGS = (
 
 
 def add_run_options(parser: argparse.ArgumentParser) -> None:
-    """The problem, the settings of a run, and what is told of it."""
+    """Add the problem, the settings of a run, and what the command reports."""
     add_settings(parser)
-    out = parser.add_argument_group("what to tell")
-    out.add_argument("--log", metavar="FILE", help="write a run log, JSON Lines")
+    out = parser.add_argument_group("what to report")
+    out.add_argument("--log", metavar="FILE", help="write a run log as JSON Lines")
     add_least_improvement(out)
-    out.add_argument("--plot", metavar="FILE", help="draw the result (PNG, SVG or PDF by the name's end)")
+    out.add_argument("--plot", metavar="FILE", help="draw the result (PNG, SVG or PDF, by the name's end)")
     out.add_argument("--json", action="store_true", help="print the result as one JSON object")
     out.add_argument("--quiet", action="store_true", help="no progress on stderr")
 
 
 def add_least_improvement(out: argparse._ArgumentGroup | argparse.ArgumentParser) -> None:
-    """What is too small to be told of."""
+    """Add the threshold below which improvements are not reported."""
     out.add_argument(
         "--least-improvement",
         metavar="R",
         type=share,
         default=LEAST,
-        help="that is worth a line, as a share of the fitness before (%(default)s; 0: all)",
+        help="the least improvement to report, as a share of the fitness before (%(default)s; 0: all)",
     )
 
 
 def add_settings(parser: argparse.ArgumentParser) -> None:
-    """The settings of a run, each of which wins over the problem file's ``[run]``."""
+    """Add the settings of a run, each of which wins over the ``[run]`` table of the problem file."""
     parser.add_argument("problem", metavar="PROBLEM.toml", help="the problem file")
     run = parser.add_argument_group("how to run (each wins over the file's [run] table)")
     shape = run.add_mutually_exclusive_group()
@@ -61,36 +61,36 @@ def add_settings(parser: argparse.ArgumentParser) -> None:
     shape.add_argument("--topology", metavar="SPEC", help='such as "torus 4x4" or "ring 16"')
     run.add_argument("--deme", metavar="N", type=whole, help="individuals on each node (1)")
     add_breeding_options(run)
-    run.add_argument("--mode", choices=("lockstep", "async"), help="wait for neighbours, or do not (lockstep)")
+    run.add_argument("--mode", choices=("lockstep", "async"), help="wait for neighbours, or do not wait (lockstep)")
     run.add_argument("--seed", metavar="N", type=whole, help="the same seed gives the same run (1)")
     end = parser.add_argument_group("when to stop (by default at the target, or after --stall 200)")
     end.add_argument("--generations", metavar="N", type=whole, help="after this generation")
     end.add_argument("--evaluations", metavar="N", type=whole, help="before more fitness calls than this")
     end.add_argument("--seconds", metavar="S", type=number, help="at this deadline")
     end.add_argument("--target", metavar="F", type=number, help="at this fitness, instead of the problem's own")
-    end.add_argument("--stall", metavar="N", type=whole, help="after so many generations without a better champion")
-    end.add_argument("--restarts", metavar="N", type=whole, help="but begin anew up to N times when it stalls (8)")
+    end.add_argument("--stall", metavar="N", type=whole, help="after N generations without a better champion")
+    end.add_argument("--restarts", metavar="N", type=whole, help="restart up to N times instead, when it stalls (8)")
     end.add_argument(
         "--no-oracle",
         dest="oracle",
         action="store_false",
-        default=None,
-        help="do not ask an exact method, beside the run, whether there is a way",
+        default=None,  # not True: only settings that are given win over the file
+        help="do not ask an exact method, beside the run, whether there is a solution",
     )
 
 
 def add_breeding_options(run: argparse._ArgumentGroup) -> None:
-    """How cells exchange and breed, wherever and for how long."""
+    """Add the settings of exchange and breeding, which `scale` has too."""
     run.add_argument("--interval", metavar="N", type=whole, help="generations between exchanges (1)")
     run.add_argument("--emigrants", metavar="N", type=whole, help="individuals sent in an exchange (1)")
     run.add_argument("--recipe", choices=("tuned", "paper"), help="the best known operators, or the paper's (tuned)")
-    run.add_argument("--replacement", choices=("offspring", "elitist"), help="instead of the recipe's")
-    run.add_argument("--mutation", metavar="P", type=_mutation, help='probability a bit changes, or "one-bit"')
-    run.add_argument("--spy", choices=("champion", "root"), help="what news reaches the root (champion)")
+    run.add_argument("--replacement", choices=("offspring", "elitist"), help="which individual survives (the recipe's)")
+    run.add_argument("--mutation", metavar="P", type=_mutation, help='probability that a bit changes, or "one-bit"')
+    run.add_argument("--spy", choices=("champion", "root"), help="what the root learns of (champion)")
 
 
 def chosen_file(options: argparse.Namespace) -> "ProblemFile":
-    """The problem file with the command line's settings, everything checked that can be before a launch.
+    """Return the problem file with the settings of the command line; check all that can be checked before a launch.
 
     Raises:
         BadInput: if anything is wrong.
@@ -108,7 +108,7 @@ def chosen_file(options: argparse.Namespace) -> "ProblemFile":
 
 
 def settings(options: argparse.Namespace) -> dict[str, Any]:
-    """The settings that were given."""
+    """Return the settings that were given."""
     return {name: getattr(options, name) for name in _SETTINGS if getattr(options, name) is not None}
 
 
@@ -120,7 +120,7 @@ def _check_folder(option: str, name: str | None) -> None:
 
 
 def torus(text: str) -> str:
-    """The type of an option."""
+    """Parse the value of an option: a torus such as "4x4"."""
     import topologies
 
     try:
@@ -130,7 +130,7 @@ def torus(text: str) -> str:
 
 
 def whole(text: str) -> int:
-    """The type of an option."""
+    """Parse the value of an option: a whole number."""
     try:
         return int(text)
     except ValueError:
@@ -138,7 +138,7 @@ def whole(text: str) -> int:
 
 
 def number(text: str) -> float:
-    """The type of an option."""
+    """Parse the value of an option: a number."""
     try:
         return float(text)
     except ValueError:
@@ -146,7 +146,7 @@ def number(text: str) -> float:
 
 
 def share(text: str) -> float:
-    """The type of an option."""
+    """Parse the value of an option: a share, at least 0 and below 1."""
     value = number(text)
     if not 0.0 <= value < 1.0:
         raise argparse.ArgumentTypeError(f"expected a share from 0 to below 1, found {text!r}")

@@ -1,6 +1,6 @@
-"""Measure how a problem scales: the same runs on tori of several sizes; a table, plots and a report.
+"""Measure how a problem scales: make the same runs on tori of several sizes; write a table, plots and a report.
 
-An interrupted experiment goes on where it was when the same command is given again.
+An interrupted experiment continues where it stopped when the same command is given again.
 """
 
 import argparse
@@ -50,13 +50,13 @@ _OF_A_RUN = (
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """What to run, how, and where to write."""
+    """Add what to compare, how to run it, and where to write."""
     parser.add_argument("problem", metavar="PROBLEM.toml", help="the problem file")
     parser.add_argument("-o", "--output", metavar="DIR", required=True, help="the folder of the experiment")
     _add_grid(parser.add_argument_group("what to compare (lists are separated by commas)"))
     _add_run(parser.add_argument_group("how to run (each wins over the file's [run] table)"))
     add_force(parser)
-    out = parser.add_argument_group("what to tell")
+    out = parser.add_argument_group("what to report")
     out.add_argument(
         "--plot-format", metavar="F,F", type=_among(_FORMATS), default=("png", "svg"), help="png, svg, pdf (png,svg)"
     )
@@ -77,7 +77,7 @@ def _add_grid(grid: argparse._ArgumentGroup) -> None:
     )
     grid.add_argument("--modes", metavar="M,M", type=_among(_MODES), help="lockstep, async (both)")
     grid.add_argument(
-        "--demes", metavar="N,N", type=_wholes, help="individuals on a node, growing-population and budget (the file's)"
+        "--demes", metavar="N,N", type=_wholes, help="growing-population and budget: individuals on a node (the file's)"
     )
     grid.add_argument(
         "--series", metavar="S,S", type=_among(_SERIES), help="fixed-population, growing-population, budget (all)"
@@ -86,11 +86,11 @@ def _add_grid(grid: argparse._ArgumentGroup) -> None:
         "--population",
         metavar="N",
         type=whole,
-        help="fixed-population: of all nodes (least common multiple of sizes × deme)",
+        help="fixed-population: individuals on all nodes (least common multiple of sizes × deme)",
     )
-    grid.add_argument("--budget", metavar="N", type=whole, help="budget: evaluations of all nodes (128 × population)")
+    grid.add_argument("--budget", metavar="N", type=whole, help="budget: evaluations on all nodes (128 × population)")
     grid.add_argument("--sequential", metavar="N,N", type=_wholes, help="demes of the sequential reference (16,64,256)")
-    grid.add_argument("--launches", metavar="N", type=whole, help="launches of each size, for an interval (1)")
+    grid.add_argument("--launches", metavar="N", type=whole, help="launches of each size; several give an interval (1)")
 
 
 def _add_run(run: argparse._ArgumentGroup) -> None:
@@ -98,7 +98,7 @@ def _add_run(run: argparse._ArgumentGroup) -> None:
 
     add_breeding_options(run)
     run.add_argument("--target", metavar="F", type=number, help="the fitness to reach, instead of the problem's own")
-    run.add_argument("--evaluations", metavar="N", type=whole, help="limit of a run to target (1024 × population)")
+    run.add_argument("--evaluations", metavar="N", type=whole, help="limit of a run to the target (1024 × population)")
     run.add_argument("--generations", metavar="N", type=whole, help="limit of a run on nodes (none)")
     run.add_argument(
         "--stall", metavar="N", type=whole, help="limit of a run on nodes without a better champion (none)"
@@ -109,7 +109,7 @@ def _add_run(run: argparse._ArgumentGroup) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Make the missing runs, write everything that is derived from all, and print the summary."""
+    """Make the missing runs, write everything that is derived from all runs, and print the summary."""
     _check_libraries()
     from coordinator import capacity
     from coordinator.scaling.experiment import design
@@ -118,7 +118,7 @@ def run(options: argparse.Namespace) -> int:
     file = load(options.problem)
     with contextlib.redirect_stdout(sys.stderr):  # a user's module may print
         parameters = design(file, **_given(options))
-        capacity.check(max(parameters.nodes), force=options.force)  # before hours of smaller sizes
+        capacity.check(max(parameters.nodes), force=options.force)  # now, not after hours of smaller sizes
         text = _experiment(file, parameters, options)
     print(text)
     return exits.OK
@@ -140,7 +140,7 @@ def _given(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def _experiment(file: "ProblemFile", parameters: "Parameters", options: argparse.Namespace) -> str:
-    """The whole experiment; what to print of it."""
+    """Run the whole experiment, and return the text to print."""
     from coordinator.scaling.describe import describe
     from coordinator.scaling.journal import Journal
     from coordinator.scaling.outputs import as_json, as_words, write_all

@@ -1,4 +1,4 @@
-"""Run the same job in this process, without messages: bit-identical to `solve` in lockstep."""
+"""Run a job in this process, without messages: bit-identical to `solve` in lockstep."""
 
 import argparse
 import contextlib
@@ -25,13 +25,13 @@ EXAMPLE = "supernode simulate examples/arm-ik.toml --torus 8x8 --seed 7"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The options of a run, or what is to be repeated."""
+    """Add the options of a run, and the result to repeat."""
     add_run_options(parser)
-    parser.add_argument("--replay", metavar="RESULT.json", help="repeat this run: its settings, and all its epochs")
+    parser.add_argument("--replay", metavar="RESULT.json", help="repeat this run with its settings, in all its epochs")
 
 
 def run(options: argparse.Namespace) -> int:
-    """Simulate, follow the run on stderr, and print its result on stdout."""
+    """Simulate, show progress on stderr, and print the result on stdout."""
     import topologies
     from node.replay import epochs_of
     from spy.run_log import RunLog
@@ -52,6 +52,7 @@ def run(options: argparse.Namespace) -> int:
     ):
         stops = None if recorded is None else recorded.stops
         simulation = Simulation(epochs, stops, _shown(terminal, log), request.reason)
+        # The deadline's time begins here: making the simulation may have compiled code.
         request.began = time.monotonic()
         result = simulation.run()
         log.close()
@@ -64,7 +65,7 @@ def run(options: argparse.Namespace) -> int:
 
 @contextlib.contextmanager
 def _interruptible(seconds: float | None) -> "Iterator[StopRequest]":
-    """A request to stop at a deadline, or at Ctrl-C; another Ctrl-C ends the command at once."""
+    """Yield a request to stop at the deadline or at Ctrl-C; a second Ctrl-C ends the command at once."""
     from node.simulation import StopRequest
 
     request = StopRequest(seconds)
@@ -82,11 +83,11 @@ def _interruptible(seconds: float | None) -> "Iterator[StopRequest]":
 
 
 def _shown(terminal: "Terminal", log: "RunLog") -> "Listener":
-    """Progress on the terminal, and in the run log."""
+    """Return a listener that shows progress on the terminal and writes the run log."""
     from supernode.simulation import Listener
 
     class Shown(Listener):
-        """Both of them."""
+        """Passes each event to both."""
 
         def begins(self, epoch: "Epoch") -> None:
             if epoch.is_fresh:

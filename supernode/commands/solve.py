@@ -1,7 +1,7 @@
 """Solve a problem on a cluster started for it, one process for each cell; or on one that is up already.
 
-With --dashboard the cluster that is started for it is one that takes questions, as `supernode up` starts it: a browser
-shows the run for as long as it lasts.
+With --dashboard the cluster has a coordinator, as `supernode up` starts it, and a browser shows the run for as long as
+it lasts.
 """
 
 import argparse
@@ -23,11 +23,11 @@ if TYPE_CHECKING:
 
 EXAMPLE = "supernode solve examples/mobile-robot.toml --seed 1 --plot office.png"
 
-_DRAIN_SECONDS = 3.0  # what cells get to stop in after Ctrl-C
+_DRAIN_SECONDS = 3.0  # time that the cells get to stop after Ctrl-C
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The options of a run, and where."""
+    """Add the options of a run, and where to run it."""
     add_run_options(parser)
     where = parser.add_argument_group("where (by default on a cluster of its own)")
     add_place(where)
@@ -36,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Follow the job on stderr, and print its result on stdout."""
+    """Show progress on stderr, and print the result on stdout."""
     from supernode.supervisor import wanted_address
 
     file, listen_address = chosen_file(options), wanted_address(options)
@@ -46,7 +46,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _on_a_running_one(file: "ProblemFile", options: argparse.Namespace, listen_address: "ListenAddress | None") -> int:
-    """The cluster has a dashboard of its own, or none."""
+    """Solve on a cluster that is up; a dashboard is its own business."""
     from problems import BadInput
     from supernode.present import present
 
@@ -58,7 +58,7 @@ def _on_a_running_one(file: "ProblemFile", options: argparse.Namespace, listen_a
 
 
 def _on_a_shown_one(file: "ProblemFile", options: argparse.Namespace, listen_address: "ListenAddress") -> int:
-    """Launch a cluster for this job alone with all that a dashboard asks for, and end it."""
+    """Solve on a cluster of its own that has a dashboard: one with a coordinator and a store, as `up` starts it."""
     import sys
 
     from coordinator.launcher import ServiceOptions
@@ -70,6 +70,7 @@ def _on_a_shown_one(file: "ProblemFile", options: argparse.Namespace, listen_add
     check_library("solve --dashboard")
     module, own, _ = file.kind.partition(":")
     service = ServiceOptions(max_queue=0, allow_modules=(module,) if own else (), modules=file.folder)
+    # `max_queue=0`: nobody else's job may wait for this cluster, which ends with its one job.
     request = LaunchRequest(file.run.topology, service, listen_address, options.force)
     with Supervisor(request).up() as up, Client(Place.at(up.endpoint)) as client:
         if not options.quiet:
@@ -79,7 +80,7 @@ def _on_a_shown_one(file: "ProblemFile", options: argparse.Namespace, listen_add
 
 
 def _followed(client: "Client", file: "ProblemFile", options: argparse.Namespace) -> tuple["Result", bool]:
-    """The result of a job on a running cluster; Ctrl-C cancels it, and the best so far is the result."""
+    """Return the result of the job on a running cluster, and whether Ctrl-C interrupted it, which cancels the job."""
     from supernode.following import Follower
 
     job = client.submit(file)
@@ -93,12 +94,12 @@ def _followed(client: "Client", file: "ProblemFile", options: argparse.Namespace
 
 
 def _on_its_own(file: "ProblemFile", options: argparse.Namespace) -> int:
-    """Launch a cluster, and end it."""
+    """Solve on a cluster of its own, started for the job."""
     import topologies
     from coordinator import capacity
 
     topology = topologies.parse(file.run.topology)
-    capacity.check(topology.cells, force=options.force)  # as the launcher does, but before half a second of imports
+    capacity.check(topology.cells, force=options.force)  # now, not after half a second of imports
     from coordinator import LocalCluster
     from spy.terminal import Terminal
     from supernode.present import present
@@ -114,7 +115,11 @@ def _on_its_own(file: "ProblemFile", options: argparse.Namespace) -> int:
 
 
 def _follow(cluster: "LocalCluster", job: "Job", terminal: "Terminal") -> tuple["Result", bool]:
-    """Show what happens until the end; Ctrl-C asks the cells to stop, and the best so far is the result."""
+    """Show progress to the end; return the result, and whether Ctrl-C interrupted the job.
+
+    After Ctrl-C the cells are asked to stop; if they do not in time, the cluster is ended. Either way there is a
+    result: the best so far.
+    """
     try:
         _show(job, terminal)
         return job.result(), False
@@ -141,6 +146,6 @@ def _show(job: "Job", terminal: "Terminal") -> None:
 
 
 def _cpu_seconds() -> float:
-    """CPU time of this process and of the cluster's, all reaped by now."""
+    """Return the CPU time of this process and of the cluster's, s; call it once all children are reaped."""
     used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
     return sum(each.ru_utime + each.ru_stime for each in used)

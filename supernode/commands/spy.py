@@ -1,7 +1,7 @@
-"""The spy of a cluster whose processes live in several places: it verifies and publishes what nodes find.
+"""Run the spy of a cluster whose processes are started separately: it verifies and publishes what nodes find.
 
-With --dashboard it is an onlooker instead: it shows a running cluster in a browser, by default the one of this user's
-`supernode up`, until Ctrl-C.
+With --dashboard it is not a spy but shows a running cluster in a browser, until Ctrl-C; by default the cluster of this
+user's `supernode up`.
 """
 
 import argparse
@@ -28,7 +28,7 @@ EXAMPLE = "supernode spy --connect tcp/192.168.1.7:7447"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Which cluster, and whether to show it."""
+    """Add the cluster, and whether to show it."""
     add_membership(parser)
     add_trust(parser)
     add_dashboard(parser)
@@ -38,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Watch until a signal."""
+    """Collect and verify, or show the cluster, until a signal arrives."""
     prepare_process()
     from supernode.supervisor import wanted_address
 
@@ -60,7 +60,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _show(options: argparse.Namespace, listen_address: "ListenAddress") -> int:
-    """Serve the dashboard; a cluster that is away is waited for."""
+    """Serve the dashboard; wait for the cluster whenever it is away."""
     from supernode.dashboard.server import NICENESS, serve
 
     place, sock = _place_of(options), listen_address.listen()

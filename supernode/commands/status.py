@@ -1,4 +1,4 @@
-"""A running cluster: what each of its nodes does, and how many jobs there are."""
+"""Show what each node of a running cluster does, and how many jobs there are."""
 
 import argparse
 import os
@@ -16,7 +16,7 @@ _COLUMNS = ("node", "process", "job", "cell", "epoch", "generation", "age", "mem
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Which cluster."""
+    """Add the options of the cluster, and what to expect."""
     add_cluster_options(parser, "all that is known")
     parser.add_argument(
         "--expect",
@@ -35,10 +35,10 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _check(status: Mapping[str, Any], expected: str | None) -> None:
-    """Whether what is expected is there.
+    """Check that what is expected is there.
 
     Raises:
-        ClusterFailed: if not.
+        ClusterFailed: if it is not.
     """
     from coordinator.errors import ClusterFailed
 
@@ -46,7 +46,8 @@ def _check(status: Mapping[str, Any], expected: str | None) -> None:
         raise ClusterFailed("the cluster has no spy")
     if expected == "host":
         name, machine = os.environ.get("SUPERNODE_HOST"), socket.gethostname()
-        mine = re.compile(re.escape(name) if name else rf"{re.escape(machine)}-\d+")  # what `node` calls itself
+        # Without SUPERNODE_HOST, `node` names its host after the machine and a process id.
+        mine = re.compile(re.escape(name) if name else rf"{re.escape(machine)}-\d+")
         if not any(mine.fullmatch(node.get("host") or "") for node in status["nodes"]):
             raise ClusterFailed(f"the cluster has no nodes of host {name or machine}")
 

@@ -1,4 +1,4 @@
-"""Hand a job to a running cluster, and print its id; it is done whether or not anybody waits."""
+"""Submit a job to a running cluster, and print its id; the job runs whether or not anybody waits for it."""
 
 import argparse
 from typing import TYPE_CHECKING
@@ -14,18 +14,18 @@ EXAMPLE = "supernode submit examples/mobile-robot.toml --seconds 2"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The options of a run, and the job's place among the others."""
+    """Add the settings of a run, and the job's place in the queue."""
     add_settings(parser)
-    parser.add_argument("--id", metavar="ID", help="an id of your choice: the same job twice is one job")
-    parser.add_argument("--priority", metavar="N", type=whole, default=0, help="higher ones are done first (0)")
+    parser.add_argument("--id", metavar="ID", help="an id of your choice; the same job submitted twice is one job")
+    parser.add_argument("--priority", metavar="N", type=whole, default=0, help="higher priorities are run first (0)")
     parser.add_argument(
         "--keep-alive", action="store_true", help="search until it has an answer, then wait for the next `update`"
     )
-    add_cluster_options(parser, "id and state")
+    add_cluster_options(parser, "the job's id and state")
 
 
 def run(options: argparse.Namespace) -> int:
-    """Print the id."""
+    """Submit the job and print its id."""
     file = _file(options)
     with connected(options) as client:
         job = client.submit(file, id=options.id, priority=options.priority)

@@ -1,4 +1,4 @@
-"""What a topology is: how many cells, how many neighbours each has, how far news has to go; and a drawing."""
+"""Show how many cells a topology has, how many neighbours a cell has, and how far messages travel; draw it."""
 
 import argparse
 import json
@@ -13,7 +13,7 @@ EXAMPLE = 'supernode topology "small-world 64 4 0.1 seed 1" --plot small-world.s
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Which one, and where to draw it."""
+    """Add the topology, and the file of the drawing."""
     parser.add_argument("spec", metavar="SPEC", help='such as "torus 4x4", "ring 16" or "hypercube 4"')
     parser.add_argument("--plot", metavar="FILE", help="draw it: PNG, SVG or PDF, by the name's end")
     parser.add_argument("--json", action="store_true", help="print one JSON object, with the neighbours of each cell")
@@ -38,7 +38,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _degrees(topology: "Topology") -> tuple[int, int]:
-    """The fewest and the most other cells that a cell is linked with."""
+    """Return the least and the greatest number of other cells that a cell is linked with."""
     counts = [len({*slots} - {cell}) for cell, slots in enumerate(topology.table().tolist())]
     return min(counts), max(counts)
 
@@ -61,7 +61,7 @@ def _words(topology: "Topology") -> str:
 
 
 def _draw(topology: "Topology", name: str) -> None:
-    """Cells are numbered if there is room."""
+    """Draw the topology; number the cells if there is room."""
     from matplotlib.figure import Figure
 
     from supernode.picture import save

@@ -19,34 +19,34 @@ EXAMPLE = "supernode up --torus 4x4 --detach"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """How large, and where."""
+    """Add how large the cluster is, and where it lives."""
     shape = parser.add_mutually_exclusive_group()
     shape.add_argument("--torus", metavar="RxC", type=torus, dest="topology", help="rows and columns (4x4)")
-    shape.add_argument("--nodes", metavar="N", type=whole, help="so many nodes, on the most square torus")
+    shape.add_argument("--nodes", metavar="N", type=whole, help="N nodes, on the most square torus")
     shape.add_argument("--topology", metavar="SPEC", help='such as "torus 4x4" or "ring 16"')
     parser.add_argument(
         "--listen",
         metavar="ENDPOINT",
         action="append",
         default=[],
-        help="be reachable there too, such as tcp/0.0.0.0:7447 (default: a private Unix socket only)",
+        help="let clients connect here too, such as tcp/0.0.0.0:7447 (by default only by a private Unix socket)",
     )
-    parser.add_argument("--state", metavar="DIR", help="the state folder (the user's own)")
-    parser.add_argument("--database", metavar="URL", help="of the jobs, instead of a file in the state folder")
-    parser.add_argument("--max-queue", metavar="N", type=whole, help="refuse jobs when so many wait (any number)")
+    parser.add_argument("--state", metavar="DIR", help="the state folder (the user's default one)")
+    parser.add_argument("--database", metavar="URL", help="keep the jobs in this database, not in the state folder")
+    parser.add_argument("--max-queue", metavar="N", type=whole, help="refuse jobs when this many wait (no limit)")
     add_log_json(parser)
     parser.add_argument(
-        "--keep-days", metavar="D", type=float, default=30.0, help="forget ended jobs and records so old (30)"
+        "--keep-days", metavar="D", type=float, default=30.0, help="delete ended jobs and records that are older (30)"
     )
     parser.add_argument(
-        "--keep-records", metavar="N", type=whole, default=1_000_000, help="of each kind, the newest (1000000)"
+        "--keep-records", metavar="N", type=whole, default=1_000_000, help="keep the newest N of each kind (1000000)"
     )
     parser.add_argument(
         "--allow-module",
         metavar="M",
         action="append",
         default=[],
-        help="let jobs name problems of this module of yours (none)",
+        help="let jobs use problems from this module of yours (none)",
     )
     add_dashboard(parser)
     add_force(parser)
@@ -54,7 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run until the end; or, with ``--detach``, until the cluster is ready."""
+    """Run the cluster until its end; or, with ``--detach``, return when it is ready."""
     from supernode.detached import detached, leave_terminal
 
     if options.detach:

@@ -1,4 +1,4 @@
-"""Tell a job that its world has moved: it goes on, from what it has, in the new one."""
+"""Change the problem of a running job, whose world has moved; the job goes on from the individuals that it has."""
 
 import argparse
 from pathlib import Path
@@ -10,9 +10,9 @@ EXAMPLE = "supernode update 5f3a09c1 moved.toml"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Which job, and what is new."""
+    """Add the job, the patch, and the options of the cluster."""
     add_job(parser)
-    parser.add_argument("patch", metavar="PATCH.toml", help="keys of a problem file, each in place of the old")
+    parser.add_argument("patch", metavar="PATCH.toml", help="keys of a problem file; each replaces the problem's own")
     add_cluster_options(parser, "the number of the new epoch")
 
 

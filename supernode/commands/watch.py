@@ -18,20 +18,20 @@ if TYPE_CHECKING:
 
 EXAMPLE = "supernode watch 5f3a09c1"
 
-_PERIOD = 0.5  # seconds
+_PERIOD = 0.5  # seconds between two looks at the log
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Which job."""
+    """Add the job, and the options of the cluster."""
     add_job(parser, nargs="?")
-    parser.add_argument("--plot", metavar="FILE", help="draw the result (PNG, SVG or PDF by the name's end)")
+    parser.add_argument("--plot", metavar="FILE", help="draw the result (PNG, SVG or PDF, by the name's end)")
     parser.add_argument("--quiet", action="store_true", help="no progress on stderr")
     add_least_improvement(parser)
     add_cluster_options(parser, "the result")
 
 
 def run(options: argparse.Namespace) -> int:
-    """Show all until the end; Ctrl-C ends the watching, not the job."""
+    """Show everything until the end; Ctrl-C ends the watching, not the job."""
     return _watch_all(options) if options.job is None else _follow(options)
 
 
@@ -54,7 +54,7 @@ def _follow(options: argparse.Namespace) -> int:
 
 @contextlib.contextmanager
 def _below(options: argparse.Namespace) -> Iterator["RenderableType"]:
-    """The job's cells, live, where somebody sees them."""
+    """Yield what to show under the improvements: the job's cells, live, if stderr is a terminal."""
     if options.quiet or not sys.stderr.isatty():
         yield ""
         return
@@ -65,7 +65,7 @@ def _below(options: argparse.Namespace) -> Iterator["RenderableType"]:
 
 
 def _watch_all(options: argparse.Namespace) -> int:
-    """The cluster until Ctrl-C: live on a terminal, else a line for whatever happens."""
+    """Show the cluster until Ctrl-C: live on a terminal, else as a line for each log record."""
     from supernode.screen import Screen
 
     with connected(options), Screen(place_of(options)) as screen, contextlib.suppress(KeyboardInterrupt):
@@ -80,7 +80,7 @@ def _live(screen: "Screen") -> None:
     from rich.live import Live
 
     with Live(screen, transient=True):
-        threading.Event().wait()
+        threading.Event().wait()  # until Ctrl-C
 
 
 def _lines(screen: "Screen") -> None:

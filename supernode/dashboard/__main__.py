@@ -1,4 +1,4 @@
-"""The dashboard's process beside a cluster; see `keeper`. It ends when its standard input does."""
+"""Run the dashboard's process beside a cluster; see `keeper`. The process exits when its standard input ends."""
 
 import json
 import os
@@ -13,14 +13,14 @@ from supernode.cluster_info import Place
 from supernode.dashboard.listen_address import ListenAddress
 from supernode.dashboard.server import NICENESS, serve
 
-_END_WITHIN = 3.0  # seconds, whatever it is busy with
+_END_WITHIN = 3.0  # seconds after the end of standard input in which the process exits, whatever it is busy with
 
 
 def main() -> None:
-    """Serve on the socket that was handed over; the first line of standard input says how."""
+    """Serve on the socket that was inherited; the first line of standard input is the configuration as JSON."""
     config = json.loads(sys.stdin.buffer.readline())
     os.nice(NICENESS)
-    sock = socket.socket(fileno=config["socket"])
+    sock = socket.socket(fileno=config["socket"])  # inherited, and listening already
     place, listen_address = Place.at(config["endpoint"]), ListenAddress(**config["listen_address"])
     serve(place, listen_address, sock, _tie_to_parent, single=config["single"])
 
@@ -30,10 +30,10 @@ def _tie_to_parent(server: uvicorn.Server) -> None:
 
 
 def _end_with_parent(server: uvicorn.Server) -> None:
-    sys.stdin.buffer.read()
+    sys.stdin.buffer.read()  # returns when the parent closes the pipe or dies, however it dies
     server.should_exit = True
     time.sleep(_END_WITHIN)
-    os._exit(0)
+    os._exit(0)  # a server that has not ended by now is stuck
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""How the dashboard ends: live news stop, and whoever still waits is told, instead of being cut off with a trace."""
+"""End the dashboard in order: stop live updates, and answer requests that still wait instead of cutting them off."""
 
 import asyncio
 import socket
@@ -10,10 +10,12 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 
 class Patient:
-    """The application, which knows who waits for it.
+    """An ASGI application that knows which requests are waiting for its answer.
+
+    Only the server's loop may use it.
 
     Args:
-        app: what answers.
+        app: the application that answers.
     """
 
     def __init__(self, app: ASGIApp) -> None:
@@ -22,7 +24,7 @@ class Patient:
         self._ends = False
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer, or say that this is the end."""
+        """Answer a request; if the dashboard ends meanwhile, answer that it does."""
         if scope["type"] != "http":
             await self.app(scope, receive, send)
             return
@@ -35,7 +37,7 @@ class Patient:
             if message["type"] == "http.response.start":
                 began = True
                 if "content-length" in Headers(raw=message["headers"]):
-                    self._waiting.discard(task)  # it is nearly said
+                    self._waiting.discard(task)  # the answer is complete and short: let it be sent
             await send(message)
 
         self._waiting.add(task)
@@ -44,6 +46,7 @@ class Patient:
         except asyncio.CancelledError:
             if not self._ends:
                 raise
+            # `end` cancelled this task. The answer must still be completed, so the task goes on.
             task.uncancel()
             if began:
                 await send({"type": "http.response.body", "body": b""})
@@ -53,18 +56,18 @@ class Patient:
             self._waiting.discard(task)
 
     def end(self) -> None:
-        """Let nobody wait any longer."""
+        """Cancel all requests that wait."""
         self._ends = True
         for task in self._waiting:
             task.cancel()
 
 
 class Server(uvicorn.Server):
-    """A server that ends in order.
+    """A server that ends the requests that wait before it closes its connections.
 
     Args:
-        app: what it serves.
-        config: how.
+        app: the application.
+        config: the configuration of the server, with the same application.
     """
 
     def __init__(self, app: Patient, config: uvicorn.Config) -> None:
@@ -72,6 +75,6 @@ class Server(uvicorn.Server):
         self._app = app
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
-        """Close what is open."""
+        """End waiting requests, then close what is open; uvicorn calls this."""
         self._app.end()
         await super().shutdown(sockets)

@@ -1,8 +1,11 @@
-"""Who may come in: every request passes here before anything else sees it.
+"""Decide which requests are let in: each one passes here before anything else sees it.
 
-A page of somebody else's must not be able to make a browser submit or cancel jobs, so what changes anything must come
-from the dashboard's own pages (``Origin``). Without a token it answers only to loopback names (``Host``), which foreign
-names made to resolve to this machine are not; with one, such a name has no cookie.
+A page of another site must not be able to make a browser submit or cancel jobs. So a request that changes anything must
+come from the dashboard's own pages, as its ``Origin`` tells.
+
+A foreign host name can be made to resolve to this machine (DNS rebinding); a page under that name would count as the
+dashboard's own. Without a token the dashboard therefore answers only under loopback names, as ``Host`` tells. With a
+token that is not needed: under a foreign name the browser has no cookie.
 """
 
 import hmac
@@ -15,11 +18,11 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from supernode.dashboard.listen_address import ListenAddress
 
-_COOKIE = "supernode_token"  # and the port as the browser sees it, since cookies are for all ports of a host
+_COOKIE = "supernode_token"  # the port that the browser sees is appended: a host's ports share their cookies
 _HARMLESS = ("GET", "HEAD")
-_OPEN = "/healthz"  # says nothing but whether the cluster answers
+_OPEN = "/healthz"  # open to all, since it tells nothing but whether the cluster answers
 _HEADERS = {
-    # Plotly writes style elements into the page.
+    # Plotly writes style elements into the page, hence 'unsafe-inline'.
     "Content-Security-Policy": "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; "
     "object-src 'none'; base-uri 'none'; form-action 'self'; frame-ancestors 'none'",
     "X-Content-Type-Options": "nosniff",
@@ -29,11 +32,11 @@ _HEADERS = {
 
 
 class Guard:
-    """Refuses strangers, and tells browsers what the pages may do.
+    """Refuses requests that are not allowed, and tells browsers what the pages may load and do.
 
     Args:
-        app: whom it guards.
-        listen_address: what it takes to come in.
+        app: the application to guard.
+        listen_address: the names and the token that a request must have.
     """
 
     def __init__(self, app: ASGIApp, listen_address: ListenAddress) -> None:
@@ -41,7 +44,7 @@ class Guard:
         self._listen_address = listen_address
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass on what is allowed."""
+        """Answer a request that is refused; pass any other to the application."""
         if scope["type"] != "http":
             await self.app(scope, receive, send)
             return
@@ -58,6 +61,7 @@ class Guard:
         await (refusal or self.app)(scope, receive, send_with_headers)
 
     def _refusal(self, scope: Scope) -> Response | None:
+        """Return the answer that refuses the request; None if it is allowed."""
         headers = Headers(scope=scope)
         if self._listen_address.token is None and _name_in(headers) not in self._own_names():
             return PlainTextResponse("this is not a name of the dashboard\n", 421)
@@ -71,14 +75,14 @@ class Guard:
         return {"localhost", "127.0.0.1", "::1", self._listen_address.host}
 
     def _without_token(self, scope: Scope, headers: Headers, token: str) -> Response | None:
-        """None if the visitor has the token; one that comes with the address moves into a cookie."""
+        """Return None if the request has the token; else a refusal, or a redirect that stores the token in a cookie."""
         if _is(headers.get("authorization", "").removeprefix("Bearer "), token) or _is(_cookie(headers), token):
             return None
         query = parse_qsl(scope["query_string"].decode("latin-1"))
         if scope["method"] not in _HARMLESS or not _is(dict(query).get("token", ""), token):
             return PlainTextResponse("a token is needed: /?token=…\n", 401, {"WWW-Authenticate": "Bearer"})
         rest = urlencode([each for each in query if each[0] != "token"])
-        path = "/" + scope["path"].lstrip("/\\")  # never another site's
+        path = "/" + scope["path"].lstrip("/\\")  # one slash, so that the redirect cannot lead to another site
         response = RedirectResponse(path + ("?" + rest if rest else ""), 303)
         response.set_cookie(_cookie_name(headers), token, httponly=True, samesite="strict", path="/")
         return response
@@ -100,7 +104,10 @@ def _cookie_name(headers: Headers) -> str:
 
 
 def _is_from_here(headers: Headers) -> bool:
-    """Programs send no Origin; browsers always do with what may change something."""
+    """Return whether a request comes from the dashboard's own pages or from a program.
+
+    Programs send no Origin; browsers always send one with a request that may change something.
+    """
     if headers.get("sec-fetch-site", "same-origin") not in ("same-origin", "none"):
         return False
     origin = headers.get("origin")
@@ -116,4 +123,5 @@ def _cookie(headers: Headers) -> str:
 
 
 def _is(given: str, token: str) -> bool:
+    # In constant time, so that the time of an answer tells nothing about the token.
     return hmac.compare_digest(given.encode(), token.encode())

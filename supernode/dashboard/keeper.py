@@ -1,7 +1,7 @@
-"""Keeps the dashboard's process beside `supernode up` or `supernode solve`.
+"""Keep the dashboard's process running beside `supernode up` or `supernode solve`.
 
-They open the socket and hand it over, so that the address stays while a process that died is replaced. The pipe to its
-standard input is the process's lifeline: it ends when they do, however that is.
+Those processes open the socket and let the dashboard inherit it, so that the address stays while a process that died is
+replaced. The pipe to the dashboard's standard input is its lifeline: it exits when they do, however they end.
 """
 
 import contextlib
@@ -16,21 +16,26 @@ from dataclasses import asdict
 from coordinator.threads import ONE_THREAD
 from supernode.dashboard.listen_address import ListenAddress
 
-_AGAIN = 0.5  # seconds before a process that died has a successor
-_AT_LAST = 60.0  # seconds before that of one that never lives long
-_LONG = 30.0  # seconds that a process must live for the next one to come soon again
-_END_WITHIN = 5.0  # seconds
+_AGAIN = 0.5  # seconds between two looks at the process, and the shortest pause before it is replaced
+_LONGEST_PAUSE = 60.0  # seconds, the longest pause before a process that keeps dying is replaced
+_LONG_LIFE = 30.0  # seconds that a process must have run for the next pause to be short again
+_END_WITHIN = 5.0  # seconds until a process that does not exit is killed
 
 
 class Keeper:
-    """The dashboard of one cluster, from now until `close`.
+    """Runs the dashboard of one cluster, from `start` until `close`.
+
+    A thread watches the process and replaces it when it has died.
 
     Args:
-        listen_address: where it listens.
+        listen_address: where the dashboard listens.
         single: whether the cluster has one run and ends with it.
 
     Raises:
-        BadInput: if it cannot listen there.
+        BadInput: if the dashboard cannot listen there.
+
+    Attributes:
+        address: the dashboard's address for people.
     """
 
     def __init__(self, listen_address: ListenAddress, single: bool) -> None:
@@ -44,13 +49,13 @@ class Keeper:
         self._thread = threading.Thread(target=self._keep, name="dashboard keeper", daemon=True)
 
     def start(self, endpoint: str) -> None:
-        """The cluster answers there: let the dashboard look at it."""
+        """Start the dashboard for the cluster whose router is at ``endpoint``."""
         self._endpoint = endpoint
         self._process = self._start()
         self._thread.start()
 
     def close(self) -> None:
-        """End it. Idempotent."""
+        """End the dashboard. May be called more than once."""
         self._ending.set()
         if self._thread.is_alive():
             self._thread.join()
@@ -64,7 +69,7 @@ class Keeper:
             stdout=subprocess.DEVNULL,
             env=os.environ | ONE_THREAD,
             pass_fds=[number],
-            start_new_session=True,  # Ctrl-C is the caller's business
+            start_new_session=True,  # Ctrl-C is for the caller, which then ends this process
         )
         config = {
             "endpoint": self._endpoint,
@@ -73,8 +78,9 @@ class Keeper:
             "single": self._single,
         }
         assert process.stdin is not None
-        with contextlib.suppress(BrokenPipeError):  # it is dead already, and will be replaced
-            process.stdin.write(json.dumps(config).encode() + b"\n")  # not among its arguments, which all users see
+        with contextlib.suppress(BrokenPipeError):  # it has died already; the thread will replace it
+            # Not as arguments, which all users can read: the configuration holds the token.
+            process.stdin.write(json.dumps(config).encode() + b"\n")
             process.stdin.flush()
         return process
 
@@ -86,7 +92,7 @@ class Keeper:
             if status is None:
                 continue
             _end(self._process)
-            pause = _AGAIN if time.monotonic() - began > _LONG else min(2 * pause, _AT_LAST)
+            pause = _AGAIN if time.monotonic() - began > _LONG_LIFE else min(2 * pause, _LONGEST_PAUSE)
             sys.stderr.write(f"warning: the dashboard died (exit status {status}); another starts in {pause:g} s\n")
             if self._ending.wait(pause):
                 break

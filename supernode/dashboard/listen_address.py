@@ -1,4 +1,4 @@
-"""Where the dashboard listens, and what it takes to come in."""
+"""The address that the dashboard listens at, and the token that it asks for."""
 
 import ipaddress
 import re
@@ -11,11 +11,11 @@ from pathlib import Path
 from problems.errors import BadInput
 from supernode.private_file import read_private
 
-_NEEDED = ("jinja2", "plotly", "prometheus_client", "starlette", "uvicorn")
+_NEEDED = ("jinja2", "plotly", "prometheus_client", "starlette", "uvicorn")  # libraries
 _ADDRESS = re.compile(r"(?:\[(?P<six>[^\]]+)\]|(?P<four>[^:\s]+)):(?P<port>\d{1,5})")
 _SHORTEST_TOKEN = 16  # characters
-_WAITING = 128  # connections
-_STALLED_MS = 30_000  # what a browser has not taken by then, it does not read
+_WAITING = 128  # connections that the kernel queues
+_STALLED_MS = 30_000  # the kernel closes a connection whose other end has taken no data for so long
 
 
 @dataclass(frozen=True)
@@ -24,8 +24,8 @@ class ListenAddress:
 
     Attributes:
         host: a name or an IP address.
-        port: 0 is any free one.
-        token: that visitors must know, or None.
+        port: the port; 0 means any free one.
+        token: the token that visitors must have; None if they need none.
     """
 
     host: str
@@ -34,7 +34,7 @@ class ListenAddress:
 
     @property
     def is_local(self) -> bool:
-        """Whether only this machine can knock."""
+        """Whether only this machine can connect."""
         if self.host == "localhost":
             return True
         try:
@@ -43,10 +43,10 @@ class ListenAddress:
             return False
 
     def listen(self) -> socket.socket:
-        """A socket that listens here.
+        """Return a socket that listens at this address.
 
         Raises:
-            BadInput: if there can be none.
+            BadInput: if it cannot listen there.
         """
         family = socket.AF_INET6 if ":" in self.host else socket.AF_INET
         sock = socket.socket(family, socket.SOCK_STREAM)
@@ -61,16 +61,16 @@ class ListenAddress:
         return sock
 
     def address(self, sock: socket.socket) -> str:
-        """For people, with the port that ``sock`` was given."""
+        """Return the URL for people, with the port that ``sock`` was given."""
         host = f"[{self.host}]" if ":" in self.host else self.host
         return f"http://{host}:{sock.getsockname()[1]}/"
 
 
 def door_of(address: str, token_file: str | None) -> ListenAddress:
-    """The address that the options ask for.
+    """Return the address that the options ``--dashboard`` and ``--dashboard-token-file`` ask for.
 
     Raises:
-        BadInput: if the address or the token is wrong, one is needed and missing, or a library is.
+        BadInput: if the address or the token is wrong, a token is needed and missing, or a library is not installed.
     """
     missing = [name for name in _NEEDED if find_spec(name) is None]
     if missing:

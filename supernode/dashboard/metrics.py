@@ -1,4 +1,4 @@
-"""The cluster's numbers for Prometheus, read off the view when they are asked for."""
+"""Export the cluster's figures to Prometheus; they are read from the view when Prometheus asks."""
 
 from collections.abc import Iterable
 
@@ -11,20 +11,20 @@ _COUNTERS = {
     "generation": ("supernode_generations", "Generations of a running job's epoch, at the root."),
     "evaluations": ("supernode_evaluations", "Evaluations of a running job."),
     "messages": ("supernode_messages_sent", "Messages that the nodes of a running job have sent."),
-    "received": ("supernode_messages_received", "Messages that they have received and used."),
-    "lost": ("supernode_messages_lost", "Messages that they have missed."),
-    "rejected": ("supernode_messages_rejected", "Messages that they have refused."),
+    "received": ("supernode_messages_received", "Messages that the nodes of a running job have received and used."),
+    "lost": ("supernode_messages_lost", "Messages that the nodes of a running job have missed."),
+    "rejected": ("supernode_messages_rejected", "Messages that the nodes of a running job have refused."),
 }
 _GAUGES = {
     "epoch": ("supernode_job_epoch", "The epoch that a running job is in."),
-    "exchange_seconds": ("supernode_exchange_seconds", "From one exchange of a node to its next; median of the nodes."),
+    "exchange_seconds": ("supernode_exchange_seconds", "Time from a node's exchange to its next; median of the nodes."),
     "age": ("supernode_champion_age_generations", "Generations since the birth of the champion known at the root."),
     "best": ("supernode_best_fitness", "Fitness of the best individual of a running job; lower is better."),
 }
 
 
 class Metrics:
-    """A collector of its own registry."""
+    """A Prometheus collector with a registry of its own, so that nothing but the cluster's figures is exported."""
 
     def __init__(self, view: View) -> None:
         self._view = view
@@ -32,11 +32,11 @@ class Metrics:
         self._registry.register(self)
 
     def text(self) -> bytes:
-        """In Prometheus' text format."""
+        """Return all metrics in Prometheus' text format."""
         return generate_latest(self._registry)
 
     def collect(self) -> Iterable[Metric]:
-        """What Prometheus' library calls."""
+        """Yield all metrics; called by Prometheus' library."""
         view, running = self._view, self._view.running()
         yield GaugeMetricFamily("supernode_up", "Whether the cluster answers.", float(view.answers))
         yield GaugeMetricFamily("supernode_nodes_alive", "Nodes that are alive.", view.alive())

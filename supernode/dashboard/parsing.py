@@ -1,7 +1,7 @@
-"""Reads the problem files that browsers send, each in a process of its own.
+"""Parse the problem files that browsers send, each in a process of its own.
 
-TOML is read by a parser in plain Python, and a text made for it (one key with very many dots) keeps it busy for hours.
-So that is not done where everybody is served, and the kernel ends whoever takes too long.
+TOML is parsed in plain Python, and a malicious text (one key with very many dots) keeps the parser busy for hours. The
+server's process must not be blocked by that; in a process of its own the kernel's CPU limit ends it.
 """
 
 import asyncio
@@ -16,22 +16,22 @@ from pathlib import Path
 from problems import BadInput, ProblemFile
 from problems.file import parse
 
-_WITHIN = 20  # seconds of CPU time
-_AT_ONCE = 2  # processes
+_WITHIN = 20  # seconds of CPU time to parse a file
+_AT_ONCE = 2  # processes at the same time
 _NOWHERE = Path("/nonexistent")  # a problem from a form names no files, neither here nor on the cluster's machine
 
 
 class Parser:
-    """Reads a few files at once; others wait."""
+    """Parses at most `_AT_ONCE` files at a time; other requests wait."""
 
     def __init__(self) -> None:
         self._turn = asyncio.Semaphore(_AT_ONCE)
 
     async def read(self, text: str, name: str) -> ProblemFile:
-        """The problem file of that text; see `problems.file.parse`.
+        """Return the problem file with this text; see `problems.file.parse`.
 
         Raises:
-            BadInput: if it is none, or takes too long.
+            BadInput: if it is not a valid problem file, or parsing it takes too long.
         """
         async with self._turn:
             status, answer = await _asked(json.dumps([text, name, _WITHIN]).encode())
@@ -39,30 +39,30 @@ class Parser:
             raise BadInput(f"{name}: expected TOML that can be read within {_WITHIN} s, found some that takes longer")
         try:
             file, complaint = json.loads(answer)
-        except ValueError:  # it has said nothing
-            raise BadInput(f"{name}: expected TOML that can be read, but its reader died of it ({status})") from None
+        except ValueError:  # it wrote nothing
+            raise BadInput(f"{name}: expected TOML that can be read, but its parser exited with {status}") from None
         if complaint is not None:
             raise BadInput(complaint)
         return ProblemFile.from_json(file)
 
 
 async def _asked(question: bytes) -> tuple[int | None, bytes]:
-    """Exit status and answer of a process of its own."""
+    """Send a question to a parser process; return the process's exit status and its answer."""
     command = [sys.executable, "-P", "-m", __name__]
     process = await asyncio.create_subprocess_exec(*command, stdin=PIPE, stdout=PIPE, stderr=DEVNULL)
     try:
         answer, _ = await process.communicate(question)
     finally:
-        if process.returncode is None:  # whoever asked has gone
+        if process.returncode is None:  # the request was cancelled
             process.kill()
     return process.returncode, answer
 
 
 def _main() -> None:
-    """In the child: text, name and seconds on standard input; the file or a complaint on standard output."""
+    """Parse in the child: text, name and limit come on standard input; the file or an error goes to standard output."""
     text, name, seconds = json.load(sys.stdin)
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 1))  # it ends though nobody is left to kill it
+    resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 1))  # holds even if the parent has died
     file = complaint = None
     try:
         file = parse(text, name, _NOWHERE).to_json()

@@ -1,4 +1,4 @@
-"""Pictures of jobs' best solutions so far, drawn while somebody looks, one after the other in a thread."""
+"""Draw the jobs' best solutions so far, on request, one at a time in a thread."""
 
 import asyncio
 import json
@@ -14,23 +14,26 @@ from supernode.dashboard.spaces import spaces_of
 from supernode.picture import as_png, drawn
 
 Form = Literal["png", "spaces"]
-"""A picture; or JSON of what is drawn in three dimensions, see `spaces`."""
+"""A PNG picture; or JSON of what is drawn in three dimensions, see `spaces`."""
 
 _KEPT = 32  # pictures
-_AT_MOST_EVERY = 1.0  # seconds
-_REST = 20.0  # times as long as it took to draw the last one: planning comes first
+_AT_MOST_EVERY = 1.0  # seconds between two pictures of a job, at least
+_REST = 20.0  # the pause after a picture, as a multiple of the time it took: planning has priority
 _DOTS_PER_INCH = 96
 
 
 @dataclass(frozen=True)
 class _Picture:
-    of: tuple[Any, ...]
-    next_at: float  # on the monotonic clock
+    of: tuple[Any, ...]  # what the picture shows: job, epoch and best answer; another picture is due when it changes
+    next_at: float  # when the next picture may be drawn, by the monotonic clock
     data: bytes
 
 
 class Scenes:
-    """The planners' own drawings."""
+    """Draws and keeps pictures of jobs; only the server's loop may call it.
+
+    Matplotlib draws in one thread, so that at most one picture is drawn at a time and the loop is not blocked.
+    """
 
     def __init__(self) -> None:
         self._pictures: OrderedDict[tuple[str, Form], _Picture] = OrderedDict()
@@ -38,14 +41,14 @@ class Scenes:
         self._drawing = asyncio.Lock()
 
     async def drawn(self, view: Mapping[str, Any], form: Form) -> bytes:
-        """The picture of a job as ``view`` has it; late, if there was another a short while ago.
+        """Return a picture of a job's best answer; if the last one was drawn a moment ago, wait before drawing.
 
         Args:
-            view: what `show` tells of the job.
-            form: of the picture.
+            view: the answer to `show` about the job.
+            form: the form of the picture.
 
         Raises:
-            BadInput: if it cannot be drawn here.
+            BadInput: if the problem cannot be drawn here.
         """
         best, name = view["best"], (view["job"], form)
         of = (view["number"], view["epoch"], None if best is None else (best["epoch"], best["fitness"]))
@@ -53,6 +56,7 @@ class Scenes:
         if known is not None and known.of != of:
             await asyncio.sleep(known.next_at - time.monotonic())
         async with self._drawing:
+            # Ask again: while this request waited, another one may have drawn the same picture.
             known = self._pictures.get(name)
             if known is None or known.of != of:
                 loop, began = asyncio.get_running_loop(), time.monotonic()
@@ -66,7 +70,7 @@ class Scenes:
             return known.data
 
     def close(self) -> None:
-        """Draw no more."""
+        """Stop drawing."""
         self._thread.shutdown(wait=False, cancel_futures=True)
 
 

@@ -1,4 +1,4 @@
-"""The dashboard's web server: pages, what their scripts ask for, live news, metrics."""
+"""The dashboard's web server: pages, the data that their scripts ask for, live updates, metrics."""
 
 import asyncio
 import contextlib
@@ -44,35 +44,35 @@ from supernode.dashboard.view import View, shape_of
 from supernode.dashboard.watcher import PATIENCE, Watcher
 from wire import jobs as wire
 
-NICENESS = 5  # of a process that does nothing else: nodes come first
+NICENESS = 5  # of the dashboard's process: nodes come first
 MOST_BODY = wire.MOST_FILE_BYTES  # bytes
 _MOST_CONNECTIONS = 400
 _MOST_NAME = 200  # characters
 _MOST_SEED = (1 << 64) - 1
 _MOST_RECORD = 1 << 62
-_FIELDS = ("file", "name", "id", "priority", "seed", "seconds")  # of a form
+_FIELDS = ("file", "name", "id", "priority", "seed", "seconds")  # of the form that submits a job
 _HERE = Path(__file__).parent
-_FRESH = 0.5  # seconds that an answer of the cluster is shared by all who ask the same
+_FRESH = 0.5  # seconds for which an answer of the cluster is shared by all requests that ask the same
 _KEPT = 256  # such answers
-_SHOW_EVERY = 1.0  # seconds: the cluster tells whole problem files with a job
-_SHOW_AGAIN = 5.0  # seconds, though nothing was heard of the job
-_SHOWN = 16  # jobs, each with its problem file
-_MADE = 8  # problem files
-_SHORT = 200  # characters of JSON
+_SHOW_EVERY = 1.0  # seconds between two questions about a job, at least: each answer holds whole problem files
+_SHOW_AGAIN = 5.0  # seconds after which a job is asked for again although nothing was received about it
+_SHOWN = 16  # answers about jobs that are kept, each with its problem file
+_MADE = 8  # parsed problem files that are kept
+_SHORT = 200  # characters of JSON; longer fields of a problem are not sent to pages
 _COMPRESSION = 5  # zlib's level
 
 
 @dataclass(frozen=True)
 class _Shown:
-    """What the cluster tells of a job, asked at that time of the loop, when so much had been heard of it."""
+    """The cluster's answer about a job, with when it was asked for (loop time) and what was known of the job then."""
 
     heard: Any
     asked: float
     answer: asyncio.Task[dict[str, Any]]
 
     def is_good(self, heard: Any, now: float) -> bool:
-        """Whether it need not be asked for again."""
-        if now < self.asked:
+        """Return whether the answer may be used, given what is known of the job now."""
+        if now < self.asked:  # the question waits for its turn; whoever asks now waits with it
             return True
         if self.answer.done() and (self.answer.cancelled() or self.answer.exception() is not None):
             return False
@@ -80,7 +80,7 @@ class _Shown:
 
 
 class Dashboard:
-    """One cluster's dashboard: what its requests share."""
+    """The state that all requests of one dashboard share; only the server's loop may use it."""
 
     def __init__(self, place: Place) -> None:
         self.view = View()
@@ -93,7 +93,7 @@ class Dashboard:
         self._shown: OrderedDict[str, _Shown] = OrderedDict()
 
     async def ask(self, request: wire.Request) -> Any:
-        """The cluster's answer, at most half a second old: many who watch the same job cost no more than one."""
+        """Return the cluster's answer, at most half a second old: many viewers cost the cluster no more than one."""
         now = asyncio.get_running_loop().time()
         asked, answer = self._answers.get(request, (-_FRESH, None))
         if answer is None or now - asked >= _FRESH:
@@ -102,10 +102,10 @@ class Dashboard:
                 raise ClusterFailed("too many questions at once")
             answer = asyncio.create_task(self.watcher.client.ask(request, PATIENCE))
             self._answers[request] = (now, answer)
-        return await asyncio.shield(answer)
+        return await asyncio.shield(answer)  # shared: a viewer that leaves must not cancel it for the others
 
     async def show(self, job: str) -> dict[str, Any]:
-        """All about a job: one answer for all who look, asked for anew once more has been heard of the job."""
+        """Return all about a job; one answer serves all viewers until something new is received about the job."""
         heard, now = self.view.heard_of(job), asyncio.get_running_loop().time()
         known = self._shown.get(job)
         if known is None or not known.is_good(heard, now):
@@ -114,7 +114,7 @@ class Dashboard:
             self._shown.move_to_end(job)
             while len(self._shown) > _SHOWN:
                 self._shown.popitem(last=False)
-        return await asyncio.shield(known.answer)
+        return await asyncio.shield(known.answer)  # shared as well
 
     async def _show(self, job: str, after: float) -> dict[str, Any]:
         await asyncio.sleep(after)
@@ -123,12 +123,12 @@ class Dashboard:
 
 
 def application(place: Place, single: bool, broke: Callable[[BaseException], None]) -> Starlette:
-    """What is behind the guard, as an ASGI application.
+    """Return the ASGI application behind the guard.
 
     Args:
-        place: of the cluster.
-        single: whether it has one run and ends with it.
-        broke: called with what ends the work behind all pages; they would be frozen from then on.
+        place: where the cluster is.
+        single: whether the cluster has one run and ends with it.
+        broke: called with an error that ends the background work: from then on all pages would be frozen.
     """
 
     def look_at(task: asyncio.Task[None]) -> None:
@@ -162,9 +162,9 @@ def serve(
     end: Callable[[uvicorn.Server], None] | None = None,
     single: bool = False,
 ) -> None:
-    """Serve on ``sock`` until a signal; ``end`` gets the server before it runs, for whoever else may end it.
+    """Serve on ``sock`` until a signal; raise the error if the background work of the pages breaks.
 
-    Whatever breaks the work behind the pages ends it too, and is raised.
+    ``end`` receives the server before it runs, so that something other than a signal can end it.
     """
     broken: list[BaseException] = []
 
@@ -231,7 +231,7 @@ def _page(name: str, single: bool) -> Callable[[Request], Awaitable[Response]]:
 
 @lru_cache(1)
 def _plotly_script() -> bytes:
-    """Compressed once for all pages: where many nodes breed, each of its 70 pieces would wait for a turn."""
+    """Return plotly's script, compressed once: each of its 70 pieces would wait for a core that nodes keep busy."""
     return gzip.compress((files("plotly") / "package_data" / "plotly.min.js").read_bytes(), _COMPRESSION)
 
 
@@ -248,13 +248,13 @@ _static = [Route("/plotly.min.js", _plotly), Mount("", StaticFiles(directory=_HE
 
 
 class _Events:
-    """The streams, which begin with the application."""
+    """Passes requests to the streams, which exist only once the application has begun."""
 
     async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
         await scope["app"].state.dashboard.streams(scope, receive, send)
 
 
-# What scripts ask for -------------------------------------------------------------------------------------------------
+# Data for scripts -----------------------------------------------------------------------------------------------------
 async def _node(request: Request) -> Response:
     found = _of(request).view.node(request.path_params["node"])
     if found is None:
@@ -275,7 +275,7 @@ async def _job(request: Request) -> Response:
 
 
 async def _history(request: Request) -> Response:
-    """What happened in a job after the records that the page has already."""
+    """Answer with the records of a job that are newer than those that the page has."""
     job, pages = request.path_params["job"], {}
     for kind in ("improvements", "history", "statistics"):
         after = _whole(request.query_params.get(kind, "0"), kind, _MOST_RECORD)
@@ -293,7 +293,7 @@ def _scene(form: Form, media_type: str) -> Callable[[Request], Awaitable[Respons
 
 
 async def _submit(request: Request) -> Response:
-    """A problem file's text, and settings that replace those in it; empty ones do not."""
+    """Submit a problem file with settings that replace those in it; empty fields replace nothing."""
     given = {field: value for field, value in (await _given(request)).items() if value not in (None, "")}
     unknown = given.keys() - _FIELDS
     if unknown:
@@ -313,7 +313,7 @@ async def _cancel(request: Request) -> Response:
 
 
 async def _given(request: Request) -> dict[str, Any]:
-    """The fields of a form, or of a JSON object."""
+    """Return the fields of a form or of a JSON object."""
     kind = request.headers.get("content-type", "").partition(";")[0].strip()
     body = await _body(request)
     try:
@@ -348,7 +348,7 @@ def _text(given: Mapping[str, Any], field: str, default: str, most: int | None =
 
 
 def _whole(given: Any, field: str, most: int) -> int:
-    """A form has texts, and so has a page's script that sends one as JSON."""
+    """Return a whole number; a form sends it as text, and so does a script that sends a form as JSON."""
     number = int(given) if isinstance(given, str) and re.fullmatch(r"\s*[+-]?[0-9]{1,20}\s*", given) else given
     if type(number) is not int or abs(number) > most:
         raise BadInput(f"{field}: expected a whole number, at most {most}, found {shorten(given)}")
@@ -367,7 +367,7 @@ def _number(given: Any, field: str) -> float:
 
 @lru_cache(_MADE)
 def _made_of(file: str) -> dict[str, Any]:
-    """What a page tells of a problem file: not whole maps and meshes."""
+    """Return what a page shows of a problem file; large fields such as maps and meshes are left out."""
     told = ProblemFile.from_json(file)
     short = {field: value for field, value in told.fields.items() if len(json.dumps(value)) <= _SHORT}
     return {"name": told.name, "problem": short, "run": told.run.model_dump()}  # with the defaults, such as the seed
@@ -379,13 +379,13 @@ async def _metrics(request: Request) -> Response:
 
 
 async def _healthz(request: Request) -> Response:
-    """Strangers may ask this: nothing but yes or no."""
+    """Answer whether the cluster answers. Anybody may ask, so nothing else is said."""
     if _of(request).view.answers:
         return PlainTextResponse("the cluster answers\n")
     return PlainTextResponse("the cluster does not answer\n", 503)
 
 
-# What goes wrong ------------------------------------------------------------------------------------------------------
+# Errors ---------------------------------------------------------------------------------------------------------------
 def _refusal(text: str, status: int) -> Response:
     return JSONResponse({"error": wire.sayable(text)}, status)
 

@@ -1,7 +1,7 @@
-"""What a problem has drawn in three dimensions, as plain numbers that a browser can turn around.
+"""Translate 3-D drawings into plain numbers that a browser can show and turn around.
 
-The planners' drawings are matplotlib's, as in reports. Here the lines, solids and words of a figure's 3-D axes become
-traces of plotly; nothing is drawn a second time. Whoever draws something else in space has a picture only.
+The planners draw with matplotlib, as in reports. Here the lines, solids and texts of a figure's 3-D axes become traces
+of plotly, so that no planner needs a second drawing. A figure with any other artist in space is shown as a picture.
 """
 
 from collections.abc import Iterator
@@ -16,19 +16,19 @@ if TYPE_CHECKING:
 
 Trace = dict[str, Any]
 
-_MOST_TRIANGLES = 40_000  # in one scene; a browser gets a megabyte or two of them
-_DIGITS = 5
+_MOST_TRIANGLES = 40_000  # in one scene: one or two megabytes for the browser
+_DIGITS = 5  # significant digits of coordinates
 _PIXELS_A_POINT = 4 / 3
-_DISTANCE = 2.2  # of the eye
-_LOWER = {"x": 0, "y": 0, "z": -0.12}  # than the middle it looks, so that the names of the axes below have room
+_DISTANCE = 2.2  # of the eye from the middle, in plotly's units
+_LOWER = {"x": 0, "y": 0, "z": -0.12}  # the eye looks a little below the middle: it leaves room for the axes' names
 
 
 class _Unknown(Exception):  # noqa: N818
-    """An artist that has no counterpart here."""
+    """The figure has an artist that cannot be translated."""
 
 
 def spaces_of(figure: "Figure") -> dict[str, Any]:
-    """The scenes of a figure's 3-D axes, and whether they are the ``whole`` figure."""
+    """Return the scenes of a figure's 3-D axes, and in "whole" whether they are all that the figure shows."""
     drawn = [axes for axes in figure.axes if axes.name == "3d"]
     try:
         spaces = [_space(axes, axes.get_title() or figure.get_suptitle()) for axes in drawn]
@@ -52,7 +52,7 @@ def _space(axes: "Axes3D", title: str) -> dict[str, Any]:
 
 
 def _traces(axes: "Axes3D", artist: Any) -> Iterator[Trace]:
-    """What one artist is in the browser; axes and their background are plotly's own."""
+    """Yield the traces of one artist; plotly draws axes and their background itself."""
     from matplotlib.axis import Axis
     from matplotlib.patches import Rectangle
     from mpl_toolkits.mplot3d.art3d import Line3D, Poly3DCollection, Text3D
@@ -99,10 +99,10 @@ def _line(line: "Line3D") -> Trace:
 
 
 def _solid(solid: "Poly3DCollection") -> Trace:
-    """Its faces as triangles of corners that they share; shaded already."""
+    """Return a solid's faces as triangles with shared corners; their colours are shaded already."""
     from matplotlib.colors import to_hex
 
-    faces = getattr(solid, "_faces", None)  # there is no public way to them
+    faces = getattr(solid, "_faces", None)  # matplotlib has no public access to them
     colors = getattr(solid, "_facecolor3d", None)
     if faces is None or colors is None or np.any(getattr(solid, "_invalid_vertices", False)):
         raise _Unknown
@@ -111,6 +111,7 @@ def _solid(solid: "Poly3DCollection") -> Trace:
         raise _Unknown
     places, names = np.unique(_significant(faces.reshape(-1, 3)), axis=0, return_inverse=True)
     fans = names.reshape(count, corners)
+    # A face of n corners is a fan of n - 2 triangles around its first corner.
     triangles = np.stack([fans[:, [0, each, each + 1]] for each in range(1, corners - 1)], axis=1).reshape(-1, 3)
     of_faces = [to_hex(color) for color in colors]
     of_faces *= count if len(of_faces) == 1 else 1
@@ -120,7 +121,7 @@ def _solid(solid: "Poly3DCollection") -> Trace:
         **dict(zip("ijk", triangles.T.tolist(), strict=True)),
         "facecolor": [color for color in of_faces for _ in range(corners - 2)],
         "opacity": _opacity(solid.get_alpha()),
-        "lighting": {"ambient": 1.0, "diffuse": 0.0, "specular": 0.0, "fresnel": 0.0},
+        "lighting": {"ambient": 1.0, "diffuse": 0.0, "specular": 0.0, "fresnel": 0.0},  # shaded already
         "hoverinfo": "skip",
         "showlegend": False,
     }

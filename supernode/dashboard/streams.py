@@ -1,7 +1,8 @@
-"""Live news for browsers: server-sent events, each the whole picture as it is now, or all but the nodes (``nodes=0``).
+"""Stream live updates to browsers as server-sent events.
 
-All browsers share one snapshot, and none has a queue: whoever reads slowly misses some, and whoever does not read at
-all is disconnected by the socket's user timeout (`listen_address`). So memory does not grow, however many look.
+Each event holds everything that is shown now, or all but the nodes (``nodes=0``). All browsers share one snapshot, and
+no browser has a queue. One that reads slowly misses some events; one that does not read at all is disconnected by the
+socket's user timeout (`listen_address`). So memory does not grow with the number of browsers.
 """
 
 import asyncio
@@ -15,30 +16,30 @@ from starlette.responses import PlainTextResponse
 from starlette.types import Receive, Scope, Send
 
 MOST = 100  # streams at once
-PERIOD = 1.0  # seconds; nodes tell their counters no more often
+PERIOD = 1.0  # seconds between two events; nodes report their counters no more often
 _HEADERS = [
     (b"content-type", b"text/event-stream"),
     (b"cache-control", b"no-store"),
-    (b"x-accel-buffering", b"no"),  # a proxy must not hold them back
+    (b"x-accel-buffering", b"no"),  # a proxy such as nginx must not hold events back
 ]
 
 
 class Streams:
-    """Everybody who watches; an ASGI application that is one stream.
+    """All live streams; an ASGI application whose answer to each request is one stream.
 
     Args:
-        snapshot: all there is to show, which each stream begins with.
-        news: the same, or what is new of it, if anything is.
+        snapshot: returns everything to show; each stream begins with it.
+        news: returns what has changed since it was called last, perhaps without the nodes; None if nothing has.
     """
 
     def __init__(self, snapshot: Callable[[], dict[str, Any]], news: Callable[[], dict[str, Any] | None]) -> None:
         self._snapshot = snapshot
         self._news = news
-        self._latest: asyncio.Future[_Event] = asyncio.get_running_loop().create_future()
+        self._latest: asyncio.Future[_Event] = asyncio.get_running_loop().create_future()  # of the next event
         self.count = 0
 
     async def run(self) -> None:
-        """Take snapshots until cancelled, while anybody watches."""
+        """Publish updates until cancelled; take none while nobody watches."""
         while True:
             await asyncio.sleep(PERIOD)
             news = self._news() if self.count else None
@@ -47,7 +48,7 @@ class Streams:
                 before.set_result(_Event.of(news))
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Tell one browser until it is gone."""
+        """Send events to one browser until it disconnects."""
         if self.count >= MOST:
             await PlainTextResponse(f"there are {MOST} streams already\n", 503)(scope, receive, send)
             return
@@ -61,6 +62,7 @@ class Streams:
                 await send(
                     {"type": "http.response.body", "body": event.brief if briefly else event.whole, "more_body": True}
                 )
+                # Shielded: all streams wait for this future, so the end of one must not cancel it.
                 event = await asyncio.shield(self._latest)
         finally:
             gone.cancel()

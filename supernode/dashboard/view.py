@@ -1,4 +1,4 @@
-"""What the dashboard knows of the cluster: the latest of all that it has heard, and no more, so it does not grow."""
+"""The dashboard's model of the cluster: the latest of everything that was received, so that it does not grow."""
 
 import math
 import time
@@ -15,21 +15,31 @@ from wire.news import Counters, Improvement, LogRecord, Statistics, period_of_re
 from wire.plain import plain
 
 SHOWN_FOR = 2.0  # seconds that a death, and then an arrival, is shown at least: a node is often replaced sooner
-_LINES = 50  # of log and events
+_LINES = 50  # log records and events that are kept
 _FOLLOWED = 64  # jobs whose statistics are kept
-_NEEDED = itemgetter("number", "job", "status", "cells", "topology")  # of a line in the list of jobs
-_MOST_NODES = 1 << 16
-_OF_PROCESS = ("host", "memory")  # in the answer to `status`; what it has of a job may have ended since
-_TICK = 1.0  # seconds from some news to the next, about
-_SIGNIFICANT = 6  # digits: what a heat map can show
+_NEEDED = itemgetter("number", "job", "status", "cells", "topology")  # what the list of jobs must hold of each
+_MOST_NODES = 1 << 16  # greater numbers of nodes are ignored: the table has a row for each number up to the greatest
+_OF_PROCESS = ("host", "memory")  # taken from the answer to `status`; what it says of a job may be out of date
+_TICK = 1.0  # seconds between two calls of `news`, about
+_SIGNIFICANT = 6  # digits: enough for a heat map
 
 
 @dataclass
 class _Node:
-    """One node: the process on it, and what it has told last."""
+    """One node: its process, and what it reported last.
+
+    Attributes:
+        process: the id of its process, None while it has none.
+        lost: the id of the process that vanished last, None once another one has come.
+        came: when its process came, by the monotonic clock.
+        died: when its last process vanished.
+        deaths: how many of its processes have died.
+        told: its latest counters.
+        status: its part of the latest answer to `status`.
+    """
 
     process: str | None = None
-    lost: str | None = None  # the process that was there before
+    lost: str | None = None
     came: float = -math.inf
     died: float = -math.inf
     deaths: int = 0
@@ -37,7 +47,7 @@ class _Node:
     status: Mapping[str, Any] | None = None
 
     def told_of_now(self, ended: Collection[int]) -> Counters | None:
-        """What it has told, unless that is of a job that has ended."""
+        """Return the latest counters, or None if they are of a job that has ended (one of the numbers ``ended``)."""
         return None if self.told is None or self.told.job in ended else self.told
 
     def state(self, now: float) -> str:
@@ -49,7 +59,16 @@ class _Node:
 
 
 class View:
-    """The cluster as it is known now; its methods are called by one asyncio loop."""
+    """The cluster as it is known now. Only one asyncio loop may use it.
+
+    Attributes:
+        answers: whether the cluster answers.
+        trouble: why it does not.
+        cluster: its name.
+        jobs: the newest jobs, newest last.
+        counts: how many jobs are in each state.
+        statistics: the latest statistics of each job that is followed, by the job's number.
+    """
 
     def __init__(self) -> None:
         self.answers = False
@@ -64,38 +83,38 @@ class View:
         self._line = 0
         self._began = time.monotonic()
         self._nodes_due = 0.0
-        self._stirred = False  # whether a node has come or gone since they were shown
-        self._told: tuple[int, bool, str | None] | None = None  # what was said by the latest news
+        self._stirred = False  # whether a node has appeared or vanished since the nodes were shown
+        self._told: tuple[int, bool, str | None] | None = None  # what the latest news contained besides the nodes
 
     def begin(self) -> None:
-        """A new link: who lives is told anew."""
+        """Begin with a new link: all nodes are reported anew."""
         self._nodes.clear()
         self._began = time.monotonic()
 
-    # What is heard ----------------------------------------------------------------------------------------------------
+    # What is received -------------------------------------------------------------------------------------------------
     def hear_counters(self, payload: bytes) -> None:
-        """Those of many nodes."""
+        """Take a message with the counters of many nodes."""
         for counters in Counters.decode_all(payload):
             if counters.node < _MOST_NODES:
                 self._nodes.setdefault(counters.node, _Node()).told = counters
 
     def hear_statistics(self, payload: bytes) -> None:
-        """The spy's, of a job."""
+        """Take the spy's statistics of a job."""
         statistics = Statistics.decode(payload)
         _keep(self.statistics, statistics.job, statistics)
 
     def hear_best(self, payload: bytes) -> None:
-        """A verified improvement."""
+        """Take a verified improvement."""
         better = Improvement.decode(payload)
         _keep(self._best, better.job, better)
 
     def hear_log(self, payload: bytes) -> None:
-        """A warning or an error of some process."""
+        """Take a log record, a warning or an error, of some process."""
         record = LogRecord.decode(payload)
         self._say(record.level, f"{record.process}: {record.text}")
 
     def hear_life(self, key: str, is_there: bool) -> None:
-        """A node's process has come or gone."""
+        """Take the appearance or the loss of a process's liveliness token, if it is a node's."""
         number, _ = Keys.life_of(key)
         if number is None or number >= _MOST_NODES:
             return
@@ -108,9 +127,10 @@ class View:
 
     def _came(self, number: int, node: _Node, process: str) -> None:
         now = time.monotonic()
-        if node.lost == process:  # it lived on: tokens also drop when the router does
+        # The tokens of all nodes are lost when the router dies. If the same process's token returns, it has not died.
+        if node.lost == process:
             node.died, node.deaths = -math.inf, node.deaths - 1
-        elif node.process not in (None, process):  # its token comes before the other's is dropped
+        elif node.process not in (None, process):  # the successor's token arrived before the old one was lost
             self._gone(number, node)
         if node.deaths and node.process != process:
             self._say("info", f"node {number} is alive again")
@@ -123,7 +143,7 @@ class View:
         self._say("warning", f"node {number} is dead")
 
     def hear_status(self, status: Mapping[str, Any]) -> None:
-        """The answer to `status`: which nodes there are; one that came meanwhile may not be among them yet."""
+        """Take the answer to `status`: which nodes there are; one that has just come may not be among them yet."""
         self.cluster, self.counts = status["cluster"], status["jobs"]
         listed = {each["node"]: each for each in status["nodes"]}
         for number in self._nodes.keys() - listed.keys():
@@ -133,9 +153,9 @@ class View:
             self._nodes.setdefault(number, _Node()).status = each
 
     def hear_jobs(self, jobs: Sequence[Mapping[str, Any]], all_of_them: bool = False) -> None:
-        """The newest jobs, newest last; if there are no others they are counted here, and not only by `status`."""
+        """Take the newest jobs, newest last; if they are ``all_of_them``, count their states here, without `status`."""
         for job in jobs:
-            _NEEDED(job)  # nothing is kept that cannot be shown
+            _NEEDED(job)  # raises KeyError: a list that cannot be shown must not be kept
         before = {job["number"]: job["status"] for job in self.jobs}
         for job in jobs if before else ():
             if before.get(job["number"]) != job["status"]:
@@ -145,24 +165,26 @@ class View:
             self.counts = Counter(job["status"] for job in jobs)
 
     def lost(self, trouble: str) -> None:
-        """The cluster does not answer."""
+        """Note that the cluster does not answer, and why."""
         if self.answers:
             self._say("error", trouble)
         self.answers, self.trouble = False, trouble
 
     def found(self) -> None:
-        """It answers."""
+        """Note that the cluster answers."""
         self.answers, self.trouble = True, None
 
     # What is shown ----------------------------------------------------------------------------------------------------
     def snapshot(self) -> dict[str, Any]:
-        """All that pages show of the cluster as a whole, in plain values."""
+        """Return everything that pages show of the cluster as a whole, as plain values."""
         return self._brief() | {"nodes": plain(self._table())}
 
     def news(self) -> dict[str, Any] | None:
-        """A snapshot, as often as nodes tell of themselves (a thousand every four seconds): a browser has work with it.
+        """Return what has changed, or None if nothing has.
 
-        A node that has come or gone is shown at once; so is what is said of jobs, but without the nodes.
+        It is a whole snapshot whenever nodes report (a thousand of them every four seconds), since drawing it costs the
+        browser time. A node that has come or gone is shown at once. Log lines and a change of whether the cluster
+        answers are shown at once as well, but without the nodes.
         """
         due, told = self._stirred or time.monotonic() >= self._nodes_due, self._told
         self._told = (self._line, self.answers, self.trouble)
@@ -189,17 +211,17 @@ class View:
         return {name: plain(value) for name, value in shown.items()}
 
     def alive(self) -> int:
-        """How many nodes are."""
+        """Return how many nodes are alive."""
         now = time.monotonic()
         return sum(node.state(now) == "alive" for node in self._nodes.values())
 
     def running(self) -> dict[str, Statistics]:
-        """How the jobs are that run, by id."""
+        """Return the statistics of the jobs that run, by the job's id."""
         running = [job for job in self.jobs if job["status"] in BREEDING and job["number"] in self.statistics]
         return {job["job"]: self.statistics[job["number"]] for job in running}
 
     def heard_of(self, job: str) -> Any:
-        """What was heard last of a job: equal as long as there is no news of it."""
+        """Return what was last received about a job; it compares equal as long as nothing new has arrived."""
         line = next((each for each in self.jobs if each["job"] == job), None)
         number = None if line is None else line["number"]
         statistics = self.statistics.get(number) if number is not None else None
@@ -207,7 +229,7 @@ class View:
         return line, None if statistics is None else statistics.epoch, best
 
     def node(self, number: int) -> dict[str, Any] | None:
-        """All about one node."""
+        """Return everything about one node; None if it is not known."""
         node = self._nodes.get(number)
         if node is None:
             return None
@@ -219,7 +241,7 @@ class View:
         return status | told | known | {"job": names.get(told.get("job"))}
 
     def _table(self) -> dict[str, list[Any]]:
-        """Nodes by column, since a thousand of them go out each second; the row of a node is its number."""
+        """Return the nodes by column, which is compact: a thousand are sent each time. Row i is node i."""
         now, ended = time.monotonic(), self._ended()
         nodes = [self._nodes.get(number) for number in range(self._places())]
         told = [None if node is None else node.told_of_now(ended) for node in nodes]
@@ -230,14 +252,14 @@ class View:
         return table
 
     def _places(self) -> int:
-        """Of nodes, by number: also of those that have left between others."""
+        """Return how many rows the table of nodes has: one more than the greatest number of a node."""
         return max(self._nodes, default=-1) + 1
 
     def _ended(self) -> set[int]:
         return {job["number"] for job in self.jobs if job["status"] in ENDS}
 
     def _shape(self) -> tuple[int, int]:
-        """Rows and columns: of the newest job that runs on all nodes, else of the most square torus."""
+        """Return rows and columns: those of the newest job that runs on all nodes, else of the most square torus."""
         count = self._places()
         specs = [job["topology"] for job in self.jobs if job["cells"] == count and job["status"] in BREEDING]
         return shape_of(specs[-1] if specs else topologies.torus_of(max(1, count)))
@@ -248,15 +270,15 @@ class View:
 
 
 def shape_of(spec: str) -> tuple[int, int]:
-    """Rows and columns to draw a topology in: its own, or the most square ones."""
+    """Return the rows and columns to draw a topology in: its own, or those of the most square torus."""
     topology = topologies.parse(spec)
     if not hasattr(topology, "rows"):
         topology = topologies.parse(topologies.torus_of(topology.cells))
-    return getattr(topology, "rows"), getattr(topology, "columns")  # noqa: B009 - of grids only
+    return getattr(topology, "rows"), getattr(topology, "columns")  # noqa: B009 - only grids have them
 
 
 def _keep(table: dict[int, Any], job: int, value: Any) -> None:
-    """The latest of a job, and of no more than so many jobs."""
+    """Keep the latest value of a job, and drop the job that was updated longest ago if there are too many."""
     table.pop(job, None)
     table[job] = value
     if len(table) > _FOLLOWED:

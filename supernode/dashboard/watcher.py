@@ -1,4 +1,4 @@
-"""Keeps the view up to date: listens to the cluster, asks it now and then, and finds it again when it was away."""
+"""Keep the view up to date: listen to the cluster, ask it now and then, and reconnect when it was away."""
 
 import asyncio
 import contextlib
@@ -12,16 +12,16 @@ from supernode.dashboard.view import View
 from wire import jobs as wire
 from wire.strict import Rejected
 
-PATIENCE = 5.0  # seconds without an answer: a coordinator that died has a successor by then
+PATIENCE = 5.0  # seconds without an answer; a coordinator that died has been replaced by then
 LISTED = 100  # jobs
-_AGAIN = 0.5  # seconds between attempts, and between two questions
-_GIVEN_UP_AFTER = 30.0  # seconds
-_LOOK_EVERY = 2.0  # seconds
-_NODES_A_SECOND = 32  # `status` costs the coordinator a look at each node's memory
+_AGAIN = 0.5  # seconds between two attempts to connect, and at least between two questions
+_GIVEN_UP_AFTER = 30.0  # seconds without an answer after which to connect anew
+_LOOK_EVERY = 2.0  # seconds between two questions if nothing changes
+_NODES_A_SECOND = 32  # `status` is asked no more often than this allows: the coordinator reads each node's memory
 
 
 class Watcher:
-    """One cluster, watched."""
+    """Watches one cluster and feeds the view; runs on one asyncio loop."""
 
     def __init__(self, place: Place, view: View) -> None:
         self._place = place
@@ -31,17 +31,17 @@ class Watcher:
 
     @property
     def client(self) -> AsyncClient:
-        """The link to the cluster.
+        """The client of the cluster.
 
         Raises:
-            ClusterFailed: while there is none.
+            ClusterFailed: while the cluster cannot be reached.
         """
         if self._client is None:
             raise ClusterFailed(self._view.trouble or "the cluster has not answered yet")
         return self._client
 
     async def run(self) -> None:
-        """Watch until cancelled."""
+        """Watch until cancelled; reconnect whenever the link is lost."""
         while True:
             try:
                 async with await AsyncClient.open(self._place) as client:
@@ -50,7 +50,7 @@ class Watcher:
                     await self._look(client)
             except (ClusterFailed, BadInput) as error:
                 self._view.lost(str(error))
-            except Exception as error:  # another version's answers: pages must say so, not stay as they are
+            except Exception as error:  # such as the answers of another version: pages must say so, not freeze
                 self._view.lost(f"the cluster's answer cannot be read: {type(error).__name__}: {error}")
             finally:
                 self._client = None
@@ -70,10 +70,12 @@ class Watcher:
         client.watch(keys.any_life, view.hear_life)
 
     async def _look(self, client: AsyncClient) -> None:
-        """Ask which jobs there are whenever one has changed, and which nodes, now and then.
+        """Ask for the jobs whenever one has changed, and for the nodes now and then.
+
+        A busy cluster may be slow, so one missing answer is only shown.
 
         Raises:
-            ClusterFailed: if another cluster is in its place, or nobody has answered for long. A busy one may be slow.
+            ClusterFailed: if another cluster has taken its place, or nothing has answered for long.
         """
         loop, info = asyncio.get_running_loop(), self._place.info()
         status_due, given_up = 0.0, loop.time() + _GIVEN_UP_AFTER
@@ -99,7 +101,7 @@ class Watcher:
 
 
 def _forgiving(hear: Callable[[bytes], None]) -> Callable[[bytes], None]:
-    """What cannot be read is not shown."""
+    """Wrap a handler so that messages that cannot be read are ignored."""
 
     def forgiving(payload: bytes) -> None:
         with contextlib.suppress(Rejected):

@@ -328,7 +328,7 @@ def test_a_folder_that_is_there_keeps_its_mode(tmp_path):
         os.close(occupy(home))
         assert home.stat().st_mode & 0o777 == mode
     home.chmod(0o1777)
-    with pytest.raises(BadInput, match=f"^--state: expected a folder into which not everybody may write, found {home}"):
+    with pytest.raises(BadInput, match=f"^--state: expected a folder that not every user may write into, found {home}"):
         occupy(home)
 
 

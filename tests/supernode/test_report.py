@@ -231,7 +231,7 @@ def test_html_in_names_is_text_and_a_broken_module_is_a_sentence(client, report,
     (folder / "evil.py").unlink()
     del sys.modules["evil"]
     page = report("own")
-    assert "the problem cannot be had here" in page.text
+    assert "the problem cannot be loaded here" in page.text
     assert "img" not in page.tags
 
 

@@ -1,4 +1,4 @@
-// The cluster: its nodes on the torus, one of them in detail, and what happened.
+// The page of the cluster: its nodes on the torus, one node in detail, and what happened lately.
 
 import { byId, fillRow, follow, getJson, make, moment, number, setText, showFacts } from "./common.js";
 import { Torus } from "./torus.js";
@@ -13,6 +13,7 @@ const MEANINGS = {
   champion: "champion's fitness, lower is better", best: "best fitness of the deme, lower is better",
   age: "champion's age in generations", sent: "messages sent",
 };
+// `chosen` is the number of the node in detail. `asking` keeps a slow answer about it from queueing up more questions.
 let nodes = null, chosen = null, asking = false, latest = null;
 
 const torus = new Torus(byId("torus"), byId("legend"), {
@@ -30,6 +31,7 @@ function show(snapshot) {
     nodes: nodes.node.length - states("absent"), alive: states("alive"), dead: states("dead"), joining: states("joining"),
     ...Object.fromEntries(Object.entries(snapshot.counts).map(([status, count]) => [`jobs ${status}`, count])),
   });
+  // Only when nodes were sent: redrawing a thousand squares costs the browser time.
   if (snapshot.stirred) showTorus();
   if (snapshot.stirred && byId("all").open) showTable();
   showLines(snapshot.lines);
@@ -71,7 +73,7 @@ async function showNode() {
     byId("hint").hidden = true;
     const facts = Object.entries(SHOWN).filter(([name]) => told[name] !== undefined);
     showFacts(byId("node"), Object.fromEntries(facts.map(([name, words]) => [words, told[name]])));
-  } catch { /* the node is gone, or the dashboard is away: what was known stays */ } finally {
+  } catch { /* the node or the dashboard is gone: keep showing what was known */ } finally {
     asking = false;
   }
 }

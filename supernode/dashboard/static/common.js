@@ -1,6 +1,7 @@
-// What all pages share: live news, small pieces of page, numbers for people. Text from outside is only ever text.
+// Shared by all pages: live updates, small parts of a page, numbers for people.
+// Text from the cluster enters a page only as text nodes and attributes, never as HTML.
 
-export const TROUBLED = 3000; // ms until what failed is tried again
+export const TROUBLED = 3000; // ms until a failed request is tried again
 
 export const byId = (id) => document.getElementById(id);
 
@@ -21,13 +22,13 @@ export function number(value) {
   return Number.isInteger(value) ? value.toLocaleString("en") : Number(value.toPrecision(6)).toString();
 }
 
-// A date and a time, as here; a history has many days.
+// Date and time in the browser's time zone, as YYYY-MM-DD hh:mm:ss: a history has many days.
 export const moment = (seconds) => new Date(seconds * 1000).toLocaleString("sv-SE");
 
 const ENDS = ["solved", "optimal", "infeasible", "stalled", "exhausted", "deadline", "cancelled", "failed"];
 export const hasEnded = (status) => ENDS.includes(status);
 
-// A list of facts; what is there already is changed in place, so that nothing jumps.
+// Fills a list of facts. A list with the same names is changed in place, so that the page does not jump.
 export function showFacts(list, facts) {
   const names = Object.keys(facts);
   if (list.dataset.names !== names.join()) {
@@ -43,7 +44,7 @@ export function fillRow(row, texts) {
   return row;
 }
 
-// The answer to a request; a refusal becomes an error that says the same, and has its `status`.
+// Returns the answer to a request. A refusal is thrown as an error with the server's words and its `status`.
 export async function ask(address, options) {
   const answer = await fetch(address, options).catch(() => { throw new Error("the dashboard does not answer"); });
   if (answer.ok) return answer;
@@ -58,14 +59,14 @@ export const postJson = async (address, value) => (await ask(address, {
   method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(value),
 })).json();
 
-// For screen readers: the latest change.
+// Announces the latest change to screen readers.
 export const announce = (text) => setText(byId("live"), text);
 
-// And what the keyboard is at, which no change takes the place of.
+// Announces where the keyboard's cursor is. It has an element of its own, so that changes do not overwrite it.
 export const announceVisited = (text) => setText(byId("visited"), text);
 
-// Calls `show` with each snapshot of the cluster, while the page is seen: a browser has few connections to a host.
-// A page that shows no `nodes` is not sent them; another has those of before where there is no news of them.
+// Calls `show` with each snapshot of the cluster while the page is visible: browsers allow few connections to a host.
+// A page that does not show `nodes` is not sent them. Events without nodes get those of the event before.
 export function follow(show, { nodes }) {
   let last = null, source = null, timer = null, known = null;
   const pill = byId("link");
@@ -85,7 +86,7 @@ export function follow(show, { nodes }) {
 
   function fail() {
     say("lost", "dashboard away");
-    if (source.readyState === EventSource.CLOSED) timer = setTimeout(open, TROUBLED); // it was refused: no browser retries
+    if (source.readyState === EventSource.CLOSED) timer = setTimeout(open, TROUBLED); // refused: no browser retries
   }
 
   function open() {
@@ -101,7 +102,7 @@ export function follow(show, { nodes }) {
 
   document.addEventListener("visibilitychange", () => (document.hidden ? close() : open()));
   addEventListener("pagehide", close);
-  addEventListener("pageshow", (event) => event.persisted && open()); // by the button Back
+  addEventListener("pageshow", (event) => event.persisted && open()); // the page came from the back/forward cache
   open();
 }
 

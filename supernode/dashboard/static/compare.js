@@ -1,10 +1,10 @@
-// Runs side by side: their fitness over time, their settings and results.
+// The page that compares runs: their fitness over time, their settings and results.
 
 import { TROUBLED, byId, follow, getJson, hasEnded, make, number, setText } from "./common.js";
 import { History, generation, line, plot, since } from "./history.js";
 
-const MOST = 8; // runs
-const LOADED_EVERY = 1000; // ms
+const MOST = 8; // runs that are compared
+const LOADED_EVERY = 1000; // ms between two rounds of requests, at least
 const ids = (new URLSearchParams(location.search).get("jobs") ?? "").split(",").map((id) => id.trim()).filter(Boolean);
 const left = ids.length > MOST ? [`Only the first ${MOST} of ${ids.length} jobs are compared.`] : [];
 const runs = ids.slice(0, MOST).map((id) => ({ id, job: null, history: new History(id), trouble: "" }));
@@ -32,7 +32,7 @@ function showTroubles() {
 }
 
 async function load(run) {
-  const over = run.job !== null && hasEnded(run.job.status); // the last records come after the end
+  const over = run.job !== null && hasEnded(run.job.status); // then load once more: the last records come after the end
   try {
     run.job = await getJson(`/api/jobs/${encodeURIComponent(run.id)}`);
     await run.history.load();

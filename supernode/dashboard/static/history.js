@@ -1,18 +1,18 @@
-// What happened in a job, from the cluster's store, page by page; and how it is plotted.
+// The history of a job, fetched from the cluster's store page by page, and how it is plotted.
 
 import { getJson } from "./common.js";
 
 const MOST = 2000; // points of a curve
-const LATEST = 200; // improvements that are kept whatever their number
+const LATEST = 200; // improvements that are all kept, for the table and the lineage
 
-// As many of a growing number of records as can be plotted, evenly, and always the last one.
+// Keeps an evenly spaced selection of a growing list of records, and always the last record.
 class Thinned {
   records = [];
   #count = 0;
   #step = 1;
 
   push(record) {
-    if ((this.#count - 1) % this.#step !== 0) this.records.pop(); // it was there as the last one only
+    if ((this.#count - 1) % this.#step !== 0) this.records.pop(); // it was kept only for being the last
     this.records.push(record);
     this.#count += 1;
     if (this.records.length < MOST) return;
@@ -28,12 +28,12 @@ export class History {
 
   constructor(job) { this.job = job; }
 
-  get improvements() { return this.#kept.improvements.records; } // as they were heard
+  get improvements() { return this.#kept.improvements.records; } // as the spy received them
   get births() { return byBirth(this.#kept.history.records, this.improvements); }
   get latest() { return byBirth(this.#latest.history, this.#latest.improvements).slice(-LATEST); }
   get statistics() { return this.#kept.statistics.records; }
 
-  // Fetch what is new; true if there is anything.
+  // Fetches new records; returns whether there were any.
   async load() {
     let news = false, more = true;
     while (more) {
@@ -54,7 +54,7 @@ export class History {
   }
 }
 
-// Of each epoch what its cells noted, once it has ended, which repeats; of one that they have not, what was heard of it.
+// Of each epoch that has ended, the improvements as its cells recorded them; of any other, as the spy received them.
 function byBirth(noted, heard) {
   const ended = new Set(noted.map((each) => each.epoch));
   return [...noted, ...heard.filter((each) => !ended.has(each.epoch))].sort((one, other) => one.epoch - other.epoch);
@@ -63,7 +63,7 @@ function byBirth(noted, heard) {
 export const since = (start) => (record) => record.at - start;
 export const generation = (record) => record.generation;
 
-// Where a line of improvements, and one of statistics, begins anew: as in the report.
+// Where a line of improvements, or one of statistics, is interrupted: the same places as in the report.
 const isOfNewEpoch = (before, record) => record.epoch !== before.epoch;
 export const isOfNewLife = (before, record) => isOfNewEpoch(before, record) || record.generation < before.generation;
 
@@ -76,7 +76,7 @@ export function line(name, records, x, y, more = {}, beginsAnew = isOfNewEpoch) 
   return { name, x: points.map(([x]) => x), y: points.map(([, y]) => y), mode, ...more };
 }
 
-// `words` say to those who do not see it how it is now.
+// Plots `lines`. `words` describe the plot to screen readers.
 export function plot(element, lines, titles, words, more = {}) {
   const style = getComputedStyle(document.documentElement), of = (name) => style.getPropertyValue(name).trim();
   const axis = { gridcolor: of("--line"), zerolinecolor: of("--line") };

@@ -1,4 +1,4 @@
-// One job: convergence, diversity, lineage and the best solution or attempt so far.
+// The page of a job: convergence, diversity, lineage, and the best solution or attempt so far.
 
 import {
   TROUBLED, announce, ask, byId, fillRow, follow, getJson, hasEnded, make, number, postJson, setText, showFacts,
@@ -8,11 +8,13 @@ import { canTurn, showSpaces } from "./spaces.js";
 import { Torus } from "./torus.js";
 
 const LINEAGE = 40; // births that are drawn
-const SCENE_EVERY = 1100; // ms
-const LOOK_EVERY = 2000; // ms: at what the news of the cluster do not tell
-const REST = 20; // times as long as it took to draw the curves: a machine that is busy has other work
+const SCENE_EVERY = 1100; // ms between two pictures
+const LOOK_EVERY = 2000; // ms between two requests for the job when the live updates do not say that it has changed
+const REST = 20; // pause after drawing the curves, as a multiple of the time it took: a busy machine has other work
 const id = byId("job").dataset.job, address = `/api/jobs/${encodeURIComponent(id)}`;
 const history = new History(id);
+// `heard` is what the live updates said when all was last fetched: as long as it is the same, nothing is fetched.
+// `patient` and `due` are times before which a failed request is not repeated, and the curves are not drawn again.
 let job = null, latest = null, busy = false, patient = 0, heard = "", due = 0, stale = true, bests = [];
 
 const torus = new Torus(byId("torus"), byId("legend"), {
@@ -28,7 +30,7 @@ async function show(snapshot) {
   if (job?.status === line?.status && Date.now() < due) return showJob();
   busy = true;
   try {
-    const over = job !== null && hasEnded(job.status); // the last records come after the end
+    const over = job !== null && hasEnded(job.status); // then load once more: the last records come after the end
     job = await getJson(address);
     showJob();
     showCells();
@@ -44,7 +46,7 @@ async function show(snapshot) {
   }
 }
 
-// How the job is now, or was last.
+// The latest statistics of the job, or the last recorded ones.
 const statistics = () => latest.statistics[job?.number] ?? history.statistics.at(-1);
 
 function showJob() {
@@ -68,7 +70,7 @@ function showJob() {
   scene.show(JSON.stringify(best ?? [job.epoch]));
 }
 
-// What the check does not accept is no solution.
+// What the check rejects is not called a solution.
 const found = () => job.best === null || job.best.feasible ? "The best solution" : "The best attempt (infeasible)";
 
 function showHistory() {
@@ -117,7 +119,7 @@ function showBirths(improvements) {
   while (rows.children.length > improvements.length) rows.lastElementChild.remove();
 }
 
-// A cell is where its node is; what is on it, the node tells.
+// Shows each cell with the state of its node. A node's value counts only if the node reports this job.
 function showCells() {
   const { nodes } = latest, indices = new Map(nodes.node.map((node, index) => [node, index]));
   const at = hasEnded(job.status) ? [] : job.nodes.map((node) => indices.get(node));
@@ -134,8 +136,8 @@ function noBests() {
   return job.nodes.length ? "nothing feasible yet" : "the job is on no nodes yet";
 }
 
-// The planner's drawing: fetched again when there is a better solution, at most every second, and when it did not come.
-// What it has in three dimensions can be turned, if this browser can do so; the rest is a picture.
+// The planner's drawing. It is fetched when there is a better answer, at most every SCENE_EVERY, and again after a
+// failure. What it has in three dimensions can be turned if the browser has WebGL; the rest is a picture.
 const scene = {
   shown: null, wanted: null, due: 0, timer: null, flat: !canTurn(),
   show(of) {

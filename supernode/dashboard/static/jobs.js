@@ -1,4 +1,4 @@
-// The queue and the history of jobs, and a form to hand one in.
+// The page of jobs: queue and history, and a form to submit a job.
 
 import { announce, ask, byId, follow, hasEnded, make, moment, number, postJson, setText } from "./common.js";
 
@@ -38,7 +38,7 @@ function update(row, job, now) {
   row.children[8].firstChild.hidden = hasEnded(job.status);
 }
 
-// Whether it was done; if not, the page says why.
+// Does some work and returns whether it succeeded; if not, the page says why.
 async function attempt(work) {
   setText(byId("trouble"), "");
   try {
@@ -71,15 +71,15 @@ function prepareForm(form) {
   const button = form.querySelector("button");
   form.addEventListener("submit", async (event) => {
     event.preventDefault();
-    button.disabled = true; // a second click would be a second job
+    button.disabled = true; // a second click would submit a second job
     button.disabled = await attempt(async () => {
       const { job } = await postJson("/api/jobs", Object.fromEntries(new FormData(form)));
       announce(`job ${job} is submitted`);
       location.assign(`/jobs/${encodeURIComponent(job)}`);
     });
   });
-  addEventListener("pageshow", () => { button.disabled = false; }); // by the button Back
+  addEventListener("pageshow", () => { button.disabled = false; }); // the page may come from the back/forward cache
 }
 
-if (byId("submit")) prepareForm(byId("submit")); // a single run takes no other jobs
+if (byId("submit")) prepareForm(byId("submit")); // the page of a single run has no form
 follow(show, { nodes: false });

@@ -1,13 +1,13 @@
-// Scenes in three dimensions, from plain numbers: to be turned by a pointer, or with the arrow keys.
+// Scenes in three dimensions, made from plain numbers; a pointer or the arrow keys turn them.
 
 import { make, setText } from "./common.js";
 
-const TURN = Math.PI / 18;
+const TURN = Math.PI / 18; // by an arrow key, rad
 const TURNS = { ArrowLeft: [-TURN, 0], ArrowRight: [TURN, 0], ArrowUp: [0, TURN], ArrowDown: [0, -TURN] };
 
 export const canTurn = () => document.createElement("canvas").getContext("webgl") !== null;
 
-// One plot for each scene, under its title; `words` say to those who do not see it what it is.
+// Shows one plot for each scene, under its title. `words` describe the scenes to screen readers.
 export function showSpaces(parent, spaces, words) {
   while (parent.children.length > spaces.length) parent.lastChild.remove();
   while (parent.children.length < spaces.length) parent.append(newFigure()); // all, before one is drawn at its size

@@ -3,11 +3,12 @@
 import { announceVisited, make, number } from "./common.js";
 
 const SVG = "http://www.w3.org/2000/svg";
-const RAMP = [[68, 1, 84], [59, 82, 139], [33, 145, 140], [94, 201, 98], [253, 231, 37]];
+const RAMP = [[68, 1, 84], [59, 82, 139], [33, 145, 140], [94, 201, 98], [253, 231, 37]]; // viridis
 const STEPS = { ArrowUp: [-1, 0], ArrowDown: [1, 0], ArrowLeft: [0, -1], ArrowRight: [0, 1] };
 
 export class Torus {
-  // `choose` is called with a cell that is clicked, or at which Enter is pressed; `describe` says a cell in words.
+  // `choose` is called with the index of a cell that is clicked or at which Enter is pressed; `describe` returns words
+  // for a cell.
   constructor(svg, legend, { choose = () => {}, describe }) {
     Object.assign(this, { svg, legend, choose, describe, rows: 0, columns: 0, cursor: 0, squares: [] });
     svg.addEventListener("click", (event) => this.#choose(this.squares.indexOf(event.target)));
@@ -15,8 +16,8 @@ export class Torus {
     svg.addEventListener("focus", () => svg.matches(":focus-visible") && this.#visit(this.cursor));
   }
 
-  // `cells` are {value, state, job}, row by row; each job has its own scale. `words` say what the colours mean, `none`
-  // why there are none.
+  // `cells` are {value, state, job}, row by row. Each job has its own scale of colours. `words` say what the colours
+  // mean, `none` says why no cell has a value.
   show(rows, columns, cells, words, none) {
     if (rows !== this.rows || columns !== this.columns) this.#build(rows, columns);
     const scales = scalesOf(cells);
@@ -32,7 +33,7 @@ export class Torus {
     this.#explain([...scales.values()], words, none);
   }
 
-  // The places where champions were born, joined in order; where the topology `wraps`, by the shorter way around.
+  // Joins the places where champions were born, in order; if the topology `wraps`, by the shorter way round.
   trace(cells, wraps) {
     const places = cells.map((cell) => this.place(cell));
     const strokes = places.slice(1).map((to, index) => this.#stroke(places[index], to, wraps));
@@ -45,7 +46,7 @@ export class Torus {
     }));
   }
 
-  // One that leaves the torus at an edge comes back at the opposite one.
+  // A line that leaves the torus at one edge comes back at the opposite edge, so it is drawn twice.
   #stroke(from, to, wraps) {
     const sizes = [this.rows, this.columns];
     const step = to.map((end, side) => {
@@ -74,7 +75,7 @@ export class Torus {
       this[name].setAttribute("class", name);
       this.svg.append(this[name]);
     }
-    for (const each of [this.lineage, this.mark]) { // a light line in a dark one is seen on any colour
+    for (const each of [this.lineage, this.mark]) { // a light line inside a dark one is visible on any colour
       each.append(document.createElementNS(SVG, "path"), document.createElementNS(SVG, "path"));
     }
   }
@@ -97,7 +98,7 @@ export class Torus {
   }
 
   #visit(cell) {
-    if (!this.squares[cell]) return; // nothing is known yet
+    if (!this.squares[cell]) return; // no snapshot has arrived yet
     this.#move(cell);
     announceVisited(this.describe(cell));
   }
@@ -118,7 +119,7 @@ export class Torus {
   }
 }
 
-// The least and the greatest value of each job.
+// Returns the least and the greatest value of each job.
 function scalesOf(cells) {
   const scales = new Map();
   for (const { value, job } of cells) {
