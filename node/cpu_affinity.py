@@ -1,8 +1,8 @@
-"""How nodes share cores where there are more of them: who keeps to which core, and how long a turn is.
+"""Placement of nodes on cores where nodes outnumber cores: which core a node is pinned to, and its time slice.
 
-The kernel moves a thread to the core of whoever wakes it, so among many nodes that wake each other all the time caches
-hold little for anyone, and some breed often while others wait. Blocks of the torus that keep to their cores take turns
-evenly, and most neighbours are on the same core.
+The kernel moves a thread to the core of the thread that wakes it. Among many nodes that wake each other all the time,
+caches then hold little that helps anyone, and some nodes breed often while others wait. Blocks of the torus that are
+pinned to one core each take turns evenly, and most neighbours share a core.
 """
 
 import ctypes
@@ -13,21 +13,25 @@ import time
 
 from wire.control import Wiring
 
-_PR_SET_TIMERSLACK = 29  # nanoseconds by which a nap may be longer than asked for, else 50,000
-_CROWD = 8  # nodes on each core, at least: then a core has nothing to do only when all of them wait
+_PR_SET_TIMERSLACK = 29  # option of prctl(2): ns by which a sleep may be longer than asked for; by default 50,000
+_CROWD = 8  # nodes for each core, from which on they are pinned; with fewer a core might idle while all its nodes wait
 LONG = 20e-3
-"""Seconds: for nodes that wait for nobody and whose generations take long: after others' turns no cache is warm."""
-_SCHED_SETATTR = {"x86_64": 314, "aarch64": 274}  # Linux's number of the system call; the C library has no name for it
+"""Seconds of a long time slice, for nodes that wait for nobody and whose generations take long.
+
+After the other nodes' turns no cache is warm, so a turn must be long enough to make up for that.
+"""
+_SCHED_SETATTR = {"x86_64": 314, "aarch64": 274}  # Linux's system call number; the C library has no wrapper for it
 _LIBC = ctypes.CDLL(None)
 
 CORES = sorted(os.sched_getaffinity(0))
-"""Those that nodes may use: asked once, before any of them keeps to one."""
+"""The cores that nodes may use. Asked once, when the module is imported: a pinned node would see only its own core."""
 
 
 def core_of(wiring: Wiring, cell: int) -> int | None:
-    """The core for the node on ``cell``; None if there are too few nodes on its host for that.
+    """Return the core for the node on ``cell``; None if its host has too few nodes to pin them.
 
-    The cells of a host, in their order, are dealt out in blocks of the same size: rows of the torus.
+    Each core gets a block of consecutive cells of its host, all of the same size up to one cell; on a torus a block is
+    some rows.
     """
     hosts = wiring.hosts or ("",) * len(wiring.nodes)
     place, nodes = hosts[:cell].count(hosts[cell]), hosts.count(hosts[cell])
@@ -35,33 +39,38 @@ def core_of(wiring: Wiring, cell: int) -> int | None:
 
 
 def share_cores(nodes: int) -> bool:
-    """Whether there are so many on a host that each keeps to a core."""
+    """Return whether a host of so many nodes pins each of them to a core."""
     return nodes >= _CROWD * len(CORES)
 
 
 def take_turns() -> None:
-    """Let this thread, and those that it starts, not interrupt each other: fewer switches between nodes."""
+    """Schedule this thread, and those that it starts later, as batch threads with exact timers.
+
+    A batch thread that wakes up does not preempt the running one, so there are fewer switches between nodes. Exact
+    timers (a slack of 1 ns) keep the nap of `stand_back` short.
+    """
     os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
     _LIBC.prctl(_PR_SET_TIMERSLACK, ctypes.c_ulong(1))
 
 
 def stand_back() -> None:
-    """Let other threads have this core, and Python, if they want them.
+    """Give other threads a chance to take this core, and the interpreter's lock, by the shortest possible sleep.
 
-    A nap, as short as can be, instead of sched_yield(2): Linux 6.18 counts all that is left of a turn as used by who
-    yields. Who yields all the time runs far ahead of all others in its books; who wakes up is placed in between, behind
-    any thread that does not yield, for minutes (the kernel's own workers stood still for two).
+    sched_yield(2) does not serve. Linux 6.18 charges a yielding thread for the rest of its time slice, so threads that
+    yield all the time run far ahead of all others in the scheduler's accounts. A thread that wakes up is placed between
+    both groups, and so behind any thread that does not yield, for minutes (kernel workers stood still for two).
     """
     time.sleep(1e-9)
 
 
 def take_turns_of(seconds: float) -> None:
-    """Ask for turns of that length for the main thread, from 0.1 to 100 ms; 0: as long as the kernel likes.
+    """Ask for time slices of that length for the main thread: 0.1 to 100 ms, or 0 for the kernel's default.
 
-    Before Linux 6.12 they are always as long as the kernel likes.
+    Before Linux 6.12, and on other processors than those of `_SCHED_SETATTR`, the default stays. May be called on any
+    thread of the process. A failure is ignored: a node runs with other time slices too.
     """
     if (number := _SCHED_SETATTR.get(platform.machine())) is not None:
-        # struct sched_attr: size, policy, flags, niceness, priority, and the length of a turn in nanoseconds.
-        main, nice = os.getpid(), os.getpriority(os.PRIO_PROCESS, 0)
+        # struct sched_attr: size, policy, flags, niceness, priority, and the time slice in ns (its sched_runtime).
+        main, nice = os.getpid(), os.getpriority(os.PRIO_PROCESS, 0)  # the main thread's id is that of its process
         attributes = struct.pack("=IIQiIQQQ", 48, os.SCHED_BATCH, 0, nice, 0, round(seconds * 1e9), 0, 0)
         _LIBC.syscall(ctypes.c_long(number), main, attributes, 0)
