@@ -317,7 +317,7 @@ class Cell:
         if flags & UNSOUND:
             self.rows.clock += 1  # the report names the generation that could not be bred
             self.plan.evaluate(wrong)  # raises an error that says what is wrong with this individual
-            raise EvaluationFailed("the compiled fitness of an individual is NaN or -inf, but `evaluate` finds it sound")
+            raise EvaluationFailed("the compiled fitness of an individual is NaN or -inf, but `evaluate` accepts it")
         if flags & (REACHED | STALLED):
             self.rows.note_proposal(0, "target" if flags & REACHED else "stall")
 
