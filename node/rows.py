@@ -21,7 +21,7 @@ from wire.exchange_kernels import BIRTHPLACE, BORN, STOP_AT
 from wire.report import Birth, Proposal, Reason
 
 MOST_TOLD = 4096
-"""The most rows of which all improvements are kept. So many cells are simulated only, and reports need the memory."""
+"""The most rows of which all improvements are kept. More cells are only simulated, and reports need the memory."""
 
 
 @dataclass
