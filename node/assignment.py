@@ -127,7 +127,7 @@ class Assignment:
                 each = (time.thread_time() - used) / bred
                 self.most = max(1, int(INLINE_SECONDS / max(each, 1e-6)))
                 self.inline = self._may_be_inline and each * self._interval < INLINE_SECONDS
-                self._settle(each)
+                self._choose_core(each)
         self._end_step()
         return actions
 
@@ -177,7 +177,7 @@ class Assignment:
         if self.news:
             awaited.difference_update(sender for sender, _ in self.news[:])
 
-    def _settle(self, seconds: float) -> None:
+    def _choose_core(self, seconds: float) -> None:
         """Choose core and time slice, given the processor time of one generation in ``seconds``.
 
         Two kinds of nodes are pinned: those that breed on the network thread, and asynchronous ones with long compiled

@@ -44,7 +44,7 @@ REACHED, STALLED, STOPS, REFUSED, UNSOUND = 1, 2, 4, 8, 16
 of a stall; it stops now; it has refused a message; an offspring's fitness is unsound (NaN or -inf)."""
 
 # Places in the table of pointers; `Generations.__init__` lists the arrays in the same order.
-_HEADER, _GENOMES, _FITNESS, _WHENCES, _LATEST, _COUNTS, _USED, _STALENESS = range(8)
+_HEADER, _GENOMES, _FITNESS, _SOURCE_ROWS, _LATEST, _COUNTS, _USED, _STALENESS = range(8)
 _DEME, _DEME_FITNESS, _BETTER_AT, _COUPLES, _PARENTS, _OFFSPRING, _OFFSPRING_FITNESS = range(8, 15)
 _RECORDS, _NOTED, _OUT, _SAID, _MATING_TABLE, _STRAYING_TABLE, _JUDGING_TABLE = range(15, 22)
 _INBOX, _SETTINGS, _TARGET, _CLOCK, _DONE = range(22, 27)
@@ -60,23 +60,23 @@ _BRED, _FLAGS, _SIZE, _WRONG = range(4)  # columns of a call's outcome, see `Gen
 
 
 @subroutine
-def _heard(table: Any) -> Any:
+def _message_genomes(table: Any) -> Any:
     """Return the genomes of all messages, shape (rows, emigrants + 1, genome_bytes)."""
     return blocks(table, _GENOMES, reals(table, _FITNESS).shape[1])
 
 
 @subroutine
-def _listen(table: Any, settings: Any, now: Any) -> Any:
+def _merge_received(table: Any, settings: Any, now: Any) -> Any:
     """Merge what the neighbours know into the cell's own message, if generation ``now`` follows an exchange.
 
     Returns the row of each slot's message; between exchanges that of the last exchange.
     """
-    counts, source_rows = integers(table, _COUNTS)[0], integers(table, _WHENCES)
+    counts, source_rows = integers(table, _COUNTS)[0], integers(table, _SOURCE_ROWS)
     exchanges = source_rows.shape[0]  # kept apart: two in lockstep, one in async mode
     if (now - 1) % settings[_INTERVAL] != 0:
         return source_rows[(counts[NEXT] - 1) % exchanges]  # `turn` has moved NEXT on already
     source_row = source_rows[counts[NEXT] % exchanges]
-    header, genomes = integers(table, _HEADER), _heard(table)
+    header, genomes = integers(table, _HEADER), _message_genomes(table)
     fitness, better_at = reals(table, _FITNESS), integers(table, _BETTER_AT)[0]
     if settings[_LOCKSTEP]:
         turn(integers(table, _LATEST), counts)
@@ -94,7 +94,7 @@ def _couple(table: Any, settings: Any, source_row: Any, now: Any) -> Any:
     then pairs its own individuals.
     """
     deme, deme_fitness, paired = octets(table, _DEME), reals(table, _DEME_FITNESS)[0], blocks(table, _COUPLES, 2)
-    heard, each = _heard(table), settings[_EACH]
+    heard, each = _message_genomes(table), settings[_EACH]
     seed, cell = np.uint64(settings[_SEED]), settings[_CELL]
     if deme_fitness.size == 1:
         pair_with(deme[0], heard, source_row, each, paired)
@@ -109,7 +109,7 @@ def _couple(table: Any, settings: Any, source_row: Any, now: Any) -> Any:
 
 
 @subroutine
-def _stray(table: Any, settings: Any, individuals: Any, now: Any) -> Any:
+def _mutate_one_bit(table: Any, settings: Any, individuals: Any, now: Any) -> Any:
     """Apply one-bit mutation to one of the individuals, in place; return the index of the one that has changed."""
     seed, cell = np.uint64(settings[_SEED]), settings[_CELL]
     return call_straying(settings[_STRAYING], individuals, seed, cell, now, integers(table, _STRAYING_TABLE))
@@ -128,7 +128,7 @@ def _breed(table: Any, settings: Any, source_row: Any, now: Any) -> Any:
     couples = _couple(table, settings, source_row, now)
     call_mating(settings[_MATING], couples, offspring, seed, cell, now, integers(table, _MATING_TABLE))
     if settings[_STRAYING] and alone:
-        _stray(table, settings, offspring, now)
+        _mutate_one_bit(table, settings, offspring, now)
     call_fitness(settings[_JUDGING], offspring, offspring_fitness, judging_table)
     wrong = first_unsound(offspring_fitness)
     if wrong >= 0:
@@ -142,7 +142,7 @@ def _breed(table: Any, settings: Any, source_row: Any, now: Any) -> Any:
         else:
             renew(deme, deme_fitness, offspring, offspring_fitness, elitist, seed, cell, now)
         if settings[_STRAYING]:
-            changed = _stray(table, settings, deme, now)
+            changed = _mutate_one_bit(table, settings, deme, now)
             offspring[0] = deme[changed]  # the offspring are in the deme by now, so their room serves for this one
             call_fitness(settings[_JUDGING], offspring[:1], offspring_fitness[:1], judging_table)
             deme_fitness[changed] = offspring_fitness[0]
@@ -169,7 +169,7 @@ def _note(table: Any, header: Any, fitness: Any) -> Any:
 
 
 @subroutine
-def _tell(table: Any, settings: Any, now: Any) -> Any:
+def _update_message(table: Any, settings: Any, now: Any) -> Any:
     """Put emigrants, champion and proposals of generation ``now`` into the cell's own message; return flags."""
     deme, deme_fitness = octets(table, _DEME), reals(table, _DEME_FITNESS)[0]
     header, fitness = integers(table, _HEADER)[OWN], reals(table, _FITNESS)[OWN]
@@ -207,10 +207,10 @@ def _record(record: Any, now: Any, deme: Any, fitness: Any) -> Any:
 
 
 @subroutine
-def _say(table: Any, settings: Any, now: Any, flags: Any, done: Any) -> Any:
+def _encode_message(table: Any, settings: Any, now: Any, flags: Any, done: Any) -> Any:
     """Write the message if this is an exchange generation, and flag the end of the epoch if it has come."""
     header, fitness = integers(table, _HEADER), reals(table, _FITNESS)
-    genomes = _heard(table)
+    genomes = _message_genomes(table)
     # Async cells share no generation to stop after: a cell that learns of a stop passes it on and stops at once.
     drains = not settings[_LOCKSTEP] and header[OWN, STOP_AT] != settings[_LIMIT]
     stops = drains or now >= header[OWN, STOP_AT]
@@ -245,18 +245,18 @@ def breed_on(table: Any, most: Any) -> Any:
     done[:] = 0
     while done[_BRED] < most and done[_SIZE] == 0 and done[_FLAGS] == 0 and not lacks(table):
         now = clock[0] + 1
-        source_row = _listen(table, settings, now)
+        source_row = _merge_received(table, settings, now)
         done[_WRONG] = _breed(table, settings, source_row, now)
         if done[_WRONG] >= 0:
             done[_FLAGS] = UNSOUND
             break
         clock[0] = now
-        flags = _tell(table, settings, now)
+        flags = _update_message(table, settings, now)
         record = octets(table, _RECORDS)[noted[0]]
         _record(record, now, octets(table, _DEME), reals(table, _DEME_FITNESS)[0])
         noted[0] += 1
         done[_BRED] += 1
-        _say(table, settings, now, flags, done)
+        _encode_message(table, settings, now, flags, done)
     return done[_BRED]
 
 

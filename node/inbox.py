@@ -30,7 +30,7 @@ from wire.report import Staleness
 NEXT, _SPARE, LACKING, _KEPT, _REFUSED, _LOST, _OF_NO_USE = range(7)
 
 # Places in the table of pointers; `Inbox._kept` lists the arrays in the same order.
-_HEADER, _GENOMES, _FITNESS, _MASK, _LOW, _HIGH, _ITEMS, _NAMES, _SENDERS, _WHENCES, _LATEST, _SPARES = range(12)
+_HEADER, _GENOMES, _FITNESS, _MASK, _LOW, _HIGH, _ITEMS, _NAMES, _SENDERS, _SOURCE_ROWS, _LATEST, _SPARES = range(12)
 _COUNTS, _LIMITS = 12, 13
 # Columns of the limits; the interval is 0 in async mode.
 _MOST_BYTES, _CELLS, _JOB, _EPOCH, _INTERVAL, _CHAMPIONS = range(6)
@@ -108,7 +108,7 @@ def _take_in(table: Any, limits: Any, payload: Any, number: Any, counts: Any) ->
         if not limits[_CHAMPIONS]:
             only_emigrants(header, genomes, fitness[row], integers(table, _SENDERS)[0, number])
         place = _note(header, limits[_INTERVAL], latest, number, counts)
-        _swap(row, integers(table, _WHENCES)[place], octets(table, _NAMES)[number], spare, counts)
+        _swap(row, integers(table, _SOURCE_ROWS)[place], octets(table, _NAMES)[number], spare, counts)
         counts[_KEPT] += 1
     else:
         counts[_OF_NO_USE] += 1

@@ -68,7 +68,7 @@ from wire.strict import Rejected
 # have to copy. Each node still has its own, because a fork copies what the node writes to.
 _FAST_PATH = FastPath()
 PATIENCE = 1.0  # s: a lockstep node waits at least this long before it asks a neighbour for a missing message
-_WORTH_TELLING = 8  # generations between two counters of a node that waits for its turn on a core: two turns at least
+_GENERATIONS_BETWEEN_COUNTERS = 8  # at least, of a node that waits for its turn on a core: that takes two turns
 _MOST_UNREAD = 1000  # messages: a lockstep node reads so many even if a neighbour has sent nothing, to bound memory
 
 
@@ -103,8 +103,8 @@ class NodeProcess:
         self.coming: Coming | None = None
         # The latest command that makes links prepared for an earlier one useless; the network thread writes it while
         # the main thread may be waiting for neighbours in `Links`.
-        self._ordered: Prepare | Halt | Drop | None = None
-        self._changed = threading.Condition()  # notified when `_ordered` changes or a neighbour is linked
+        self._order: Prepare | Halt | Drop | None = None
+        self._changed = threading.Condition()  # notified when `_order` changes or a neighbour is linked
         self._questions_due = 0.0  # when to ask for missing messages, on the monotonic clock
         self._stats_due = 0.0  # when to send counters, on the monotonic clock
         self._cluster_nodes = 1
@@ -131,7 +131,7 @@ class NodeProcess:
             return self.links
 
         def given_up() -> bool:
-            return order is not None and self._ordered is not order
+            return order is not None and self._order is not order
 
         return Links(
             self.config, topology, wiring, self.control, self.make_handler, self.queue.put, self._changed, given_up
@@ -158,12 +158,12 @@ class NodeProcess:
         except Rejected as error:
             command = error
         if (isinstance(command, Prepare) and self.config.node in command.wiring.nodes) or (
-            isinstance(command, Drop | Halt) and self._ordered is not None and command.job == self._ordered.job
+            isinstance(command, Drop | Halt) and self._order is not None and command.job == self._order.job
         ):
             # Noted here already: the main thread may be waiting in `Links` for a neighbour that has died. It would not
             # take the command from its queue before that wait ends, and this ends it.
             with self._changed:
-                self._ordered = command
+                self._order = command
                 self._changed.notify_all()
         self.queue.put(partial(self._open_command, query, command))
 
@@ -196,7 +196,7 @@ class NodeProcess:
         awaited.discard(sender)
         if not awaited or len(news) > _MOST_UNREAD:  # otherwise a step would find a message missing
             if assignment.inline:
-                self._carry_on_briskly(assignment)
+                self._carry_on_inline(assignment)
             else:
                 self.queue.put(_nothing)  # wakes the main thread
 
@@ -214,27 +214,27 @@ class NodeProcess:
             finally:
                 assignment.turn.release()
 
-    def _carry_on_briskly(self, assignment: Assignment) -> None:
+    def _carry_on_inline(self, assignment: Assignment) -> None:
         """Step the cell on the network thread for as long as it can breed.
 
         If the main thread holds the lock, this returns: that thread looks for messages again after its step. Nothing
         here may block, so everything except small messages to neighbours and counters is queued for the main thread.
         """
         while assignment.turn.acquire(False):
-            self._step_briskly(assignment, assignment.step)  # releases the lock
+            self._step_inline(assignment, assignment.step)  # releases the lock
             if not assignment.inline:  # generations have become long: the main thread takes over
                 self.queue.put(_nothing)
                 return
             if not assignment.busy:  # a neighbour may be one exchange ahead, so the next step may be possible already
                 return
 
-    def _go_on(self, assignment: Assignment) -> None:
+    def _finish_fast_path(self, assignment: Assignment) -> None:
         """Finish what the fast path has left to Python; the fast path has acquired the turn lock, this releases it."""
-        self._step_briskly(assignment, assignment.went_on)
+        self._step_inline(assignment, assignment.went_on)
         if assignment.busy:
-            self._carry_on_briskly(assignment)
+            self._carry_on_inline(assignment)
 
-    def _step_briskly(self, assignment: Assignment, step: Callable[[], list[Action]]) -> None:
+    def _step_inline(self, assignment: Assignment, step: Callable[[], list[Action]]) -> None:
         """Take one step on the network thread; the caller has acquired the turn lock, this releases it."""
         try:
             self._fast_path.close(assignment)  # one of the two is at the cell; `_open_fast_path` opens it afresh
@@ -244,7 +244,7 @@ class NodeProcess:
                 else:
                     self.queue.put(partial(self._carry_out, assignment, action))
             if assignment.bred_at >= self._stats_due:
-                self._tell_counters(assignment)
+                self._send_counters(assignment)
             self._keep_to(assignment)
             self._open_fast_path(assignment)
         except Exception as error:  # raised here it would end in Zenoh's callback; the main thread ends the process
@@ -262,7 +262,7 @@ class NodeProcess:
         elif not assignment.in_lockstep:
             self._fast_path.open(assignment, self._take_in)
         else:
-            self._fast_path.open(assignment, self._go_on)
+            self._fast_path.open(assignment, self._finish_fast_path)
             # Look only now: a message that came before the path was open is among the news, where the path never looks.
             # The ordinary path takes it, so that must keep `awaited` again.
             if assignment.busy and self._fast_path.close(assignment):
@@ -271,9 +271,9 @@ class NodeProcess:
     def _keep_to(self, assignment: Assignment) -> None:
         """Apply the assignment's core and time slice; requires the turn lock. A past epoch no longer decides them."""
         if assignment is self.assignment:
-            self._settle(assignment.core, assignment.turns)
+            self._pin(assignment.core, assignment.turns)
 
-    def _settle(self, core: int | None, seconds: float) -> None:
+    def _pin(self, core: int | None, seconds: float) -> None:
         """Pin both threads to a core, or to none, and ask for time slices of ``seconds`` for the main thread."""
         if seconds != self._turns:
             self._turns = seconds
@@ -288,7 +288,7 @@ class NodeProcess:
     def run(self) -> None:
         """Run queued tasks and step the cell forever; the coordinator ends the process."""
         while True:
-            self._open_mail()
+            self._run_tasks()
             assignment = self.assignment
             if assignment is None:
                 continue
@@ -298,17 +298,17 @@ class NodeProcess:
                 if not self.queue.empty() or assignment.bred_at >= self._stats_due:
                     break
             if assignment.cell.state == "running":
-                self._mind_the_time(assignment)
+                self._do_what_is_due(assignment)
 
-    def _open_mail(self) -> None:
+    def _run_tasks(self) -> None:
         """Wait for a task unless there is something else to do, and run all queued tasks."""
         if self.queue.empty():
             with contextlib.suppress(queue.Empty):
-                self._attend_to(self.queue.get(timeout=self._idle_seconds()))
+                self._run_task(self.queue.get(timeout=self._idle_seconds()))
         for _ in range(self.queue.qsize()):
-            self._attend_to(self.queue.get_nowait())
+            self._run_task(self.queue.get_nowait())
 
-    def _attend_to(self, task: Task) -> None:
+    def _run_task(self, task: Task) -> None:
         """Run a task. It may take long, so the node first hands on its core's token and lets other nodes breed."""
         self._turn_taking.hand_on()
         task()
@@ -369,7 +369,7 @@ class NodeProcess:
             and not assignment.is_to_be_measured
         )
 
-    def _mind_the_time(self, assignment: Assignment) -> None:
+    def _do_what_is_due(self, assignment: Assignment) -> None:
         """Send counters and ask for missing messages when due.
 
         Both are as rare as the counters: code and data that are cold in the cache cost as much as some generations.
@@ -377,7 +377,7 @@ class NodeProcess:
         now = time.monotonic()
         if now < self._main_thread_due(assignment):
             return
-        self._tell_counters(assignment)
+        self._send_counters(assignment)
         if assignment.in_lockstep and now >= self._questions_due:
             self._ask_if_it_waits(assignment, now)
 
@@ -397,29 +397,29 @@ class NodeProcess:
             if self.config.node in command.wiring.nodes:
                 _answer(query, self._prepare(command))
             else:
-                self._leave(query)
+                self._drop_query(query)
         elif isinstance(command, Drop):
             self._forget(command.job)
             _answer(query, Done())
         elif isinstance(command, Begin):
             self._begin(command, query)
         elif isinstance(command, Look):
-            self._show_up(command, query)
+            self._answer_look(command, query)
         else:
             for assignment in (self.assignment, self.past):
                 if assignment is not None and (assignment.job, assignment.epoch) == (command.job, command.epoch):
                     return self._obey(assignment, command, query)
-            self._leave(query)
+            self._drop_query(query)
         return None
 
-    def _show_up(self, command: Look, query: zenoh.Query) -> None:
+    def _answer_look(self, command: Look, query: zenoh.Query) -> None:
         """Answer a new coordinator that looks for the nodes of a job."""
         if self.assignment is not None and self.assignment.job == command.job:
             _answer(query, Done(json.dumps({"cell": self.assignment.cell.cell, "versions": fingerprint()})))
         else:
-            self._leave(query)
+            self._drop_query(query)
 
-    def _leave(self, query: zenoh.Query) -> None:
+    def _drop_query(self, query: zenoh.Query) -> None:
         """End a query without an answer: commands reach every node, and this one was meant for others."""
         query.drop()  # type: ignore[no-untyped-call]
 
@@ -491,7 +491,7 @@ class NodeProcess:
         assignment, coming = self.assignment, self.coming
         if coming is not None and (coming.job, coming.plan.epoch) == (command.job, command.epoch):
             coming.begun = query
-            self._turn_to_the_next_epoch()
+            self._enter_next_epoch()
         elif assignment is not None and (assignment.job, assignment.epoch) == (command.job, command.epoch):
             if assignment.cell.state == "prepared":
                 self._start(assignment, Start())
@@ -499,7 +499,7 @@ class NodeProcess:
         elif self.past is not None and (self.past.job, self.past.epoch) == (command.job, command.epoch):
             self._answer_with_report(self.past, query)  # the report may have been lost the first time
         else:
-            self._leave(query)
+            self._drop_query(query)
 
     def _start(self, assignment: Assignment, start: Start) -> None:
         assignment.bred_at = time.monotonic()
@@ -510,7 +510,7 @@ class NodeProcess:
     def _answer_with_report(self, assignment: Assignment, query: zenoh.Query) -> None:
         """Answer with the cell's report, now or when the cell stops."""
         if assignment.begun is not None:
-            self._leave(assignment.begun)
+            self._drop_query(assignment.begun)
         assignment.begun = query
         self._report(assignment)
 
@@ -520,7 +520,7 @@ class NodeProcess:
                 query.reply(query.key_expr, assignment.report)
             assignment.begun = None
 
-    def _turn_to_the_next_epoch(self) -> None:
+    def _enter_next_epoch(self) -> None:
         """Move to the coming epoch if it has been begun and the present one has stopped; its deme moves along."""
         before, coming = self.assignment, self.coming
         if coming is None or coming.begun is None or (before is not None and not before.cell.ended):
@@ -533,12 +533,12 @@ class NodeProcess:
         else:
             genomes = before.cell.rows.genomes[0] if before is not None else plan.deme_of(coming.deme)
         assignment = Assignment(Cell(plan, coming.links.cell, coming.job), coming.links, coming.news)
-        self._leave_the_past()  # kept until now: neighbours and coordinator may have asked how it ended
+        self._drop_past()  # kept until now: neighbours and coordinator may have asked how it ended
         self.past, self.assignment, self.coming = before, assignment, None
         assignment.begun = coming.begun
         self._start(assignment, Start(genomes))
 
-    def _leave_the_past(self) -> None:
+    def _drop_past(self) -> None:
         """Forget the past epoch and close its links, unless a later epoch uses them too."""
         past, self.past = self.past, None
         in_use = (self.links, None if self.assignment is None else self.assignment.links)
@@ -552,8 +552,8 @@ class NodeProcess:
             with assignment.turn:  # the network thread may be stepping the cell
                 self._fast_path.forget(assignment)
                 self.assignment = None
-                self._settle(None, 0.0)
-            self._leave_the_past()
+                self._pin(None, 0.0)
+            self._drop_past()
             if assignment.links is not self.links:
                 assignment.links.close()
         if self.coming is not None and self.coming.job == job:
@@ -575,10 +575,10 @@ class NodeProcess:
                 self._log("error", action.error, assignment.cell)
             else:
                 # The last counters leave before the report. A cell that failed may have no individuals to count.
-                self._tell_counters(assignment)
+                self._send_counters(assignment)
             assignment.report = action.encode()
             self._report(assignment)
-            self._turn_to_the_next_epoch()
+            self._enter_next_epoch()
 
     def _ask(self, assignment: Assignment, action: Ask) -> None:
         """Ask a neighbour, through the router, for a message that has not come by the direct link."""
@@ -603,10 +603,10 @@ class NodeProcess:
         record = LogRecord(level, f"node {node}", text, time.time(), node, cell.cell, cell.job, generation)
         self.control.put(self.keys.log, record.encode())
 
-    def _tell_counters(self, assignment: Assignment) -> None:
+    def _send_counters(self, assignment: Assignment) -> None:
         """Publish this node's counters, on the thread that breeds or, beside it, on the main thread."""
         cell, (each_exchange, each_generation) = assignment.cell, assignment.seconds_since_told()
-        least = _WORTH_TELLING * each_generation if assignment.hands_on else 0.0
+        least = _GENERATIONS_BETWEEN_COUNTERS * each_generation if assignment.hands_on else 0.0
         self._stats_due = time.monotonic() + max(period_of_reports(self._cluster_nodes), least)
         counters = Counters(
             self.config.node,

@@ -104,7 +104,7 @@ class Rows:
         plan = self.plan
         self.genomes = plan.coding.random(plan.keys(self.cells, 0), plan.run.deme) if demes is None else demes.copy()
         self.fitness = evaluate_all(self.genomes, self._evaluate)
-        self._tell()
+        self._update_messages()
 
     def advance(self, received: Messages | None, source_row: Cells | None = None) -> None:
         """Breed the next generation, from the neighbours' messages after an exchange.
@@ -132,7 +132,7 @@ class Rows:
             self._evaluate,
             self.plan.keys(self.cells, self.generation),
         )
-        self._tell()
+        self._update_messages()
 
     def propose(self, row: int, reason: Reason) -> None:
         """Let one row propose that all cells stop, as soon as all of them can know of it; a later stop is ignored."""
@@ -168,7 +168,7 @@ class Rows:
             return [self.plan.evaluate] * len(self.cells)
         return self.plan.evaluate
 
-    def _tell(self) -> None:
+    def _update_messages(self) -> None:
         """Put champions and emigrants into the rows' messages, note improvements, and propose stops."""
         reached = prepare_messages(
             self.genomes,

@@ -65,7 +65,7 @@ class _Root:
         self._epoch = plan.epoch
         self._limits = plan.limits
         self._message = Messages.room(1, plan.limits.genome_bytes, plan.limits.emigrants)
-        self._told: tuple[int, int] | None = None  # generation and cell of birth of the latest champion
+        self._latest_birth: tuple[int, int] | None = None  # generation and cell of birth of the latest champion
 
     def hear(self, payload: bytes) -> Champion | None:
         """Return the message's champion if it is another than the last one, else None."""
@@ -77,9 +77,9 @@ class _Root:
         if (job, epoch) != (self._job, self._epoch):
             return None
         self.generation = generation
-        if self._told == (born, birthplace):
+        if self._latest_birth == (born, birthplace):
             return None
-        self._told = (born, birthplace)
+        self._latest_birth = (born, birthplace)
         return message.champion(0)
 
 
@@ -244,7 +244,7 @@ class SpyProcess:
                 self._due = now + STATISTICS_PERIOD
                 self._pass_on_counters()
                 for assignment in self._watched():
-                    self._tell_statistics(assignment)
+                    self._publish_statistics(assignment)
 
     def _watched(self) -> list[_Assignment]:
         """Return the epochs that have begun and of which there are counters."""
@@ -277,9 +277,9 @@ class SpyProcess:
     def _hear(self, assignment: _Assignment, champion: Champion | None) -> None:
         better = assignment.collector.hear(champion, assignment.seconds)
         if better is not None:
-            self._tell(better)
+            self._publish(better)
 
-    def _tell(self, better: Improvement) -> None:
+    def _publish(self, better: Improvement) -> None:
         self.control.put(self.keys.best, better.encode())
 
     def _open_command(self, query: zenoh.Query) -> None:
@@ -309,7 +309,7 @@ class SpyProcess:
         assignment.began = time.monotonic()
         plan, best = assignment.plan, assignment.collector.best
         if best is not None and best.epoch == plan.epoch:  # an answer in this epoch too
-            self._tell(best)
+            self._publish(best)
         return Done()
 
     def _prepare(self, command: Prepare) -> Done | Refused:
@@ -349,7 +349,7 @@ class SpyProcess:
         if assignment.counters:  # a job of less than a second may have no other statistics than these
             # The root has sent no counters of its last generation.
             assignment.root.generation = max(assignment.root.generation, command.generation)
-            self._tell_statistics(assignment)
+            self._publish_statistics(assignment)
         assignment.rates.clear()  # no cell sends any more, though the job may be kept alive
         judgement = verify(collector, command.generation, reasons, command.error, dict(command.states), command.since)
         return judgement.answer()
@@ -359,7 +359,7 @@ class SpyProcess:
         if assignment is not None:
             self._stop_listening_to(assignment)
 
-    def _tell_statistics(self, assignment: _Assignment) -> None:
+    def _publish_statistics(self, assignment: _Assignment) -> None:
         counters, root = list(assignment.counters.values()), assignment.root
         statistics = added_up(counters, assignment.job, assignment.plan.epoch, root.generation)._replace(
             rejected=root.rejected + sum(each.rejected for each in counters),

@@ -43,8 +43,8 @@ class Terminal:
         self._patience = patience
         self._console = Console(stderr=True, highlight=False, soft_wrap=True)
         self._best: float | None = None
-        self._told: Improvement | None = None
-        self._untold: Improvement | None = None  # the best so far, if it is only a little better than the one printed
+        self._printed: Improvement | None = None
+        self._unprinted: Improvement | None = None  # the best so far, if only a little better than the one printed
         self._timer: threading.Timer | None = None  # prints the one above after a while, on a thread of its own
         self._turn = threading.RLock()  # held by the caller or by the timer's thread
         self._live: Live | None = None
@@ -57,7 +57,7 @@ class Terminal:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._tell_the_rest()
+        self._print_the_rest()
         if self._live is not None:
             self._live.stop()
 
@@ -68,42 +68,42 @@ class Terminal:
 
     def begins_anew(self, why: Mapping[str, Any]) -> None:
         """Print a line about a restart, which the directive ``why`` describes."""
-        self._tell_the_rest()
+        self._print_the_rest()
         fields = "".join(f", {name} = {shorten(value)}" for name, value in why["fields"].items())
         self.say(f"stalled: begins anew, restart {why['attempt']}, seed {why['seed']}{fields}")
 
     def improvement(self, better: Improvement) -> None:
         """Print an improvement, now or later if it stays the best."""
         with self._turn:
-            self._best, told = better.fitness, self._told
+            self._best, told = better.fitness, self._printed
             self._stop_waiting()
             if (
                 told is None
                 or (told.epoch, told.feasible) != (better.epoch, better.feasible)
                 or is_worth_telling(told.fitness, better.fitness, self._least)
             ):
-                self._tell(better)
+                self._print(better)
             else:
-                self._untold = better
-                self._timer = threading.Timer(self._patience, self._tell_the_rest)
+                self._unprinted = better
+                self._timer = threading.Timer(self._patience, self._print_the_rest)
                 self._timer.daemon = True
                 self._timer.start()
 
-    def _tell(self, better: Improvement) -> None:
+    def _print(self, better: Improvement) -> None:
         """Print a line with time, generation, cell, fitness, and whether the check accepts the solution."""
-        self._told, self._untold = better, None
+        self._printed, self._unprinted = better, None
         place = ", ".join(str(part) for part in self.topology.place(better.cell))
         self.say(
             f"{better.seconds:9.3f} s  generation {better.generation:<6d} cell ({place})  fitness {better.fitness:.6g}"
             f"  {'feasible' if better.feasible else 'infeasible'}"
         )
 
-    def _tell_the_rest(self) -> None:
+    def _print_the_rest(self) -> None:
         """Print the best improvement so far unless it has a line; the timer calls this on a thread of its own."""
         with self._turn:
             self._stop_waiting()
-            if self._untold is not None:
-                self._tell(self._untold)
+            if self._unprinted is not None:
+                self._print(self._unprinted)
 
     def _stop_waiting(self) -> None:
         if self._timer is not None:
