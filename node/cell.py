@@ -136,11 +136,13 @@ class Cell:
         self.inbox = Inbox(plan, cell, job)
         self.neighbours = self.inbox.neighbours
         self.rows = Rows(plan, np.array([cell]), self.inbox.messages)
+        # Every message of this cell carries these two, so they are set once.
         self.rows.messages.header[0, JOB], self.rows.messages.header[0, EPOCH] = job, plan.epoch
         self._is_async = plan.run.mode == "async"
+        # With the paper's spy the root alone sends its champion, for the spy; neighbours ignore it.
         self._tells_champion = plan.run.spy == "champion" or cell == ROOT
         self._outbox = Outbox(plan.limits.most_bytes)
-        self._complaints: set[tuple[int, str]] = set()
+        self._complaints: set[tuple[int, str]] = set()  # made already
         self._answered = 0  # messages that were kept from an answer, so had not come by themselves before
         self._answers_of_no_use = 0  # answers whose message had come by itself meanwhile
         self._history = History(1, plan.run.deme, plan.coding.genome_bytes)

@@ -127,6 +127,8 @@ def _breed(table: Any, settings: Any, source_row: Any, now: Any) -> Any:
     seed, cell, alone = np.uint64(settings[_SEED]), settings[_CELL], deme_fitness.size == 1
     couples = _couple(table, settings, source_row, now)
     call_mating(settings[_MATING], couples, offspring, seed, cell, now, integers(table, _MATING_TABLE))
+    # One-bit mutation changes an offspring of a single individual, but an individual of an island after replacement,
+    # as in step 5 of §3.1; so only the latter costs one more evaluation.
     if settings[_STRAYING] and alone:
         _mutate_one_bit(table, settings, offspring, now)
     call_fitness(settings[_JUDGING], offspring, offspring_fitness, judging_table)
@@ -174,6 +176,7 @@ def _update_message(table: Any, settings: Any, now: Any) -> Any:
     deme, deme_fitness = octets(table, _DEME), reals(table, _DEME_FITNESS)[0]
     header, fitness = integers(table, _HEADER)[OWN], reals(table, _FITNESS)[OWN]
     genomes, better_at = octets(table, _GENOMES)[: fitness.size], integers(table, _BETTER_AT)[0]
+    # Every generation makes the same number of fitness calls, so they need not be counted.
     cell, evaluations = settings[_CELL], settings[_FIRST_EVALUATIONS] + now * settings[_EVALUATIONS]
     target, target_reporter = reals(table, _TARGET)[0, 0], settings[_TARGET_REPORTER]
     flags = 0
@@ -250,7 +253,7 @@ def breed_on(table: Any, most: Any) -> Any:
         if done[_WRONG] >= 0:
             done[_FLAGS] = UNSOUND
             break
-        clock[0] = now
+        clock[0] = now  # only now: a generation with an unsound offspring does not count
         flags = _update_message(table, settings, now)
         record = octets(table, _RECORDS)[noted[0]]
         _record(record, now, octets(table, _DEME), reals(table, _DEME_FITNESS)[0])
@@ -303,10 +306,10 @@ def only_a_message(table: Any) -> Any:
 
 @kernel(types.void(TABLE, PAYLOAD, types.int64), may_be_long=True)
 def live_on(table: Table, news: bytes, most: int) -> None:
-    """Take in the messages ``news``, then `breed_on`."""
+    """Take in the messages ``news``, then `breed_on`; other threads may run Python meanwhile."""
     refused = len(news) > 0 and hear(news, integers(table, _INBOX)) > 0
     breed_on(table, most)
-    if refused:
+    if refused:  # set afterwards, since `breed_on` clears the outcome first, and a flag would end it
         integers(table, _DONE)[0, _FLAGS] |= REFUSED
 
 
@@ -349,7 +352,7 @@ class Generations:
             rows.genomes,
             rows.fitness,
             rows.better_at,
-            np.zeros_like(self.offspring),
+            np.zeros_like(self.offspring),  # the couples: two parents need the room of two offspring
             np.zeros((couples, 2), np.int64),
             self.offspring,
             np.zeros(2 * couples),
@@ -406,7 +409,7 @@ def _settings(plan: Plan, rows: Rows, champion: bool, addresses: tuple[int, int,
             *addresses,
             run.emigrants,
             plan.recipe.replacement == "elitist",
-            plan.seed.astype(np.int64),
+            plan.seed.astype(np.int64),  # the same 64 bits, which the kernel reads as unsigned again
             rows.cells[0],
             run.deme,
             plan.evaluations_per_generation,

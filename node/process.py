@@ -264,7 +264,7 @@ class NodeProcess:
         else:
             self._fast_path.open(assignment, self._finish_fast_path)
             # Look only now: a message that came before the path was open is among the news, where the path never looks.
-            # The ordinary path takes it, so that must keep `awaited` again.
+            # The ordinary path then takes the next messages, and needs `awaited` to be right again.
             if assignment.busy and self._fast_path.close(assignment):
                 assignment.await_messages()
 

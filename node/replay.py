@@ -64,6 +64,7 @@ class Epoch:
         """The epoch's plan with the stop from outside as its limit."""
         if self.last is None:
             return self.plan
+        # A stop makes all cells end after the same generation, and so does a limit on generations.
         return replace(self.plan, run=self.file.with_run(generations=self.since + self.last).run)
 
     def retried(self, generation: int, fields: dict[str, Any]) -> "Epoch":
@@ -133,7 +134,7 @@ def epochs_of(file: ProblemFile, directives: Sequence[Mapping[str, Any]] = ()) -
     for number, turn in enumerate(turns):
         cells = topologies.parse(file.run.topology).cells
         left_at, donors = _left_at(turn, cells), _donors(turn, cells)
-        last = max(left_at.values())
+        last = max(left_at.values())  # the others' demes are kept on the way, see `_Leaving`
         epochs.append(Epoch(number, file, since, why, left_at, last, donors))
         file = _after(turn, file, cells)
         since, why = since + last, dict(turn)
@@ -184,6 +185,7 @@ class _Leaving:
         if epoch.last is not None and generation < epoch.last:
             found = f"epoch {epoch.number} ends after generation {generation} already"
             raise BadInput(f"directives: expected cells to leave after generation {epoch.last}, but {found}")
+        # A new node begins with its donor's deme, as the donor had it when it left.
         self._kept |= {cell: self._kept[donor] for cell, donor in epoch.donors.items()}
         return np.stack([self._kept[cell] for cell in sorted(self._kept)])
 

@@ -97,7 +97,7 @@ def _lockstep(plan: Plan, watch: Watch, snapshot: Snapshot, outside: Outside, de
     rows = Rows(plan, cells, Messages.room(len(cells), plan.coding.genome_bytes, plan.run.emigrants))
     heard = rows.messages.copy()  # what neighbours receive; row c is the message of the cell c
     history = History(len(cells), plan.run.deme, plan.coding.genome_bytes)
-    published = 0
+    published = 0  # messages of each cell, if these were processes: reports are the same as theirs
     rows.begin(demes)
     while True:
         history.note(rows.generation, rows.genomes, rows.fitness)

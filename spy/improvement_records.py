@@ -48,7 +48,7 @@ def records_of(past: Past, epoch: Lived) -> list[ImprovementRecord]:
     """
     run = epoch.file.run
     tellers = [report for report in epoch.reports if run.spy == "champion" or report.cell == ROOT]
-    first = topologies.parse(run.topology).cells * run.deme
+    first = topologies.parse(run.topology).cells * run.deme  # fitness calls of the first demes
     each = _evaluations_a_generation(epoch.reports, run.deme) * topologies.parse(run.topology).cells
     return [
         ImprovementRecord(

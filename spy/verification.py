@@ -176,6 +176,8 @@ def _checked(plan: Plan, status: Status, best: Improvement) -> Judgement:
         return Judgement("failed", False, str(error), best)
     objections, clearance = "; ".join(verdict.objections) or None, cleared(plan.problem, verdict)
     judgement = Judgement(status, verdict.feasible, objections, best, clearance=clearance)
+    # In both cases below the problem contradicts itself: the search and the check compute different things. A target
+    # that the user has loosened is no such contradiction.
     if not same_fitness(verdict.fitness, best.fitness):
         message = f"the check finds a fitness of {verdict.fitness:.9g}, the run claims {best.fitness:.9g}"
     elif status == "solved" and not verdict.feasible and _is_claim(plan, best):
