@@ -34,6 +34,6 @@ def added_up(counters: Sequence[Counters], job: int, epoch: int, generation: int
         median(each.median for each in counters) if counters else math.inf,
         max((each.worst for each in counters), default=math.inf),
         0 if champion is None else champion.age,
-        len({each.digest for each in counters}) / max(1, len(counters)),  # the share of nodes with a best of their own
+        len({each.digest for each in counters}) / max(1, len(counters)),  # distinct best genomes, for each node
         median(each.exchange_seconds for each in counters) if counters else math.inf,
     )
