@@ -11,8 +11,8 @@ from lowlevel.capabilities import capabilities
 
 _PR_SET_PDEATHSIG = 1
 _PR_SET_NAME = 15  # at most 15 bytes of it
-_PR_SET_TIMERSLACK = 29  # nanoseconds by which a nap may be longer than asked for, else 50,000
-_SCHED_SETATTR = {"x86_64": 314, "aarch64": 274}  # the number of the system call; the C library has no name for it
+_PR_SET_TIMERSLACK = 29  # option of prctl(2): ns by which a sleep may be longer than asked for; by default 50,000
+_SCHED_SETATTR = {"x86_64": 314, "aarch64": 274}  # the system call's number; the C library has no wrapper for it
 _LOOK_EVERY = 0.2  # seconds
 _LIBC = ctypes.CDLL(None)
 
@@ -52,13 +52,14 @@ def wake_up_promptly() -> None:
 
 
 def ask_for_turns(seconds: float) -> None:
-    """Ask the scheduler for turns of that length for the main thread, from 0.1 to 100 ms; 0: as it likes.
+    """Ask for time slices of that length for the main thread: 0.1 to 100 ms, or 0 for the kernel's default.
 
-    Linux before 6.12 ignores it, and so does the ordinary path: turns are as long as the kernel likes.
+    Before Linux 6.12, on other processors, and on the ordinary path the default stays. May be called on any thread of
+    the process. A failure is ignored: a node runs with other time slices too.
     """
     number = _SCHED_SETATTR.get(platform.machine())
     if capabilities().linux and number is not None:
-        # struct sched_attr: size, policy, flags, niceness, priority, and the length of a turn in nanoseconds.
-        main, nice = os.getpid(), os.getpriority(os.PRIO_PROCESS, 0)
+        # struct sched_attr: size, policy, flags, niceness, priority, and the time slice in ns (its sched_runtime).
+        main, nice = os.getpid(), os.getpriority(os.PRIO_PROCESS, 0)  # the main thread's id is that of its process
         attributes = struct.pack("=IIQiIQQQ", 48, os.SCHED_BATCH, 0, nice, 0, round(seconds * 1e9), 0, 0)
         _LIBC.syscall(ctypes.c_long(number), main, attributes, 0)

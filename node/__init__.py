@@ -1,4 +1,4 @@
-"""One cell's life: the deme, the breeding, the exchange, and the process around them."""
+"""The nodes of a cluster: a cell's deme, breeding and exchange, the process around it, and its simulation."""
 
 from node.cell import Cell
 from node.plan import Plan

@@ -1,4 +1,7 @@
-"""What a node is at: an epoch of a job, and the one that comes after it."""
+"""A node's assignment: the epoch of a job that it is in, and the epoch that comes next.
+
+An assignment is shared by the node's two threads; `node.process` states the rules.
+"""
 
 import threading
 import time
@@ -12,35 +15,40 @@ from node.cpu_affinity import LONG, core_of
 from node.links import Links
 from node.plan import Plan
 
-INLINE_SECONDS = 2e-3  # of processor time: what is bred between two exchanges in less may be on the network thread
-MANY_UNREAD = 64  # messages in async mode: far more may come before the main thread gets a core
-_MOST_EARLY = 1000  # messages: of the next epoch each neighbour sends one or two before this node comes there
-_MEASURED_EVERY = 16  # generations: to ask for the time used costs as much as a message
-INLINE_BYTES = 1 << 14  # longer messages may have to wait for room to leave; on the network thread nothing may wait
+# Seconds of processor time: if the generations between two exchanges take less, the network thread may breed them.
+INLINE_SECONDS = 2e-3
+MANY_UNREAD = 64  # messages in async mode, from which on the network thread reads: the main thread may wait for a core
+_MOST_EARLY = 1000  # messages kept for the next epoch; each neighbour sends one or two before this node gets there
+_MEASURED_EVERY = 16  # generations between two measurements: asking for the time used costs as much as a message
+INLINE_BYTES = 1 << 14  # sending a longer message may block until there is room, which the network thread must not do
 
 
 class Assignment:
-    """The epoch of a job that this node is at.
+    """The epoch of a job that a node is in: its cell, its links, unread messages, and how to run it.
 
     Attributes:
-        links: to the neighbours in this epoch.
-        news: messages for the cell; the network thread appends, for as long as the cell `hears`, and who has the turn
-            takes them.
-        awaited: in lockstep, of the neighbours whose messages the next exchange lacks, those of whom nothing at all has
-            come since; the network thread removes. With too few in it a step is in vain, with too many one is missed.
-        core: which one the node should keep to, for now.
-        turns: how long its turns on that core should be, in seconds; 0: as long as the kernel likes.
-        hands_on: whether it breeds on that core only while it has the token.
-        events: for the cell; any thread may append.
-        turn: held by the thread that carries the cell on, or lets it read.
-        inline: whether that is the network thread, for now.
-        begun: to be answered with the report.
-        report: what the cell had to say when it stopped, encoded.
-        bred_at: when the latest generations were bred, on the monotonic clock,
-        gap: and how long an exchange took then, in seconds.
-        most: generations that may be bred at once: as many as take little time.
-        told: when counters were told last, on the same clock, and how many messages had been sent and generations been
-            bred by then.
+        cell: the state machine; only the thread that holds ``turn`` may use it.
+        links: the links to the neighbours in this epoch.
+        news: unread messages for the cell. The network thread appends while ``hears`` is set; the thread that holds
+            ``turn`` takes them.
+        awaited: in lockstep the neighbours whose messages for the next exchange have not come, less those that have
+            sent anything since. The network thread removes from it. If it holds too few, a step is made in vain; if it
+            holds too many, a step is missed and the cell stands still.
+        hears: whether the cell still takes messages; not after its end.
+        core: the core that the node should be pinned to, for now; None for none.
+        turns: the time slice that the node should ask for, in seconds; 0 for the kernel's default.
+        hands_on: whether the node breeds only while it has the token of its core.
+        events: events for the cell. Any thread may append; the thread that holds ``turn`` takes them.
+        turn: the lock of the thread that steps the cell, or lets it read messages.
+        inline: whether the network thread steps the cell, for now.
+        begun: the query to answer with the report.
+        report: the cell's report, encoded; None before it has stopped.
+        bred_at: when the latest generations were bred, seconds on the monotonic clock, as far as it has been noted.
+        gap: how long an exchange took then, in seconds.
+        most: how many generations may be bred in one call: as many as take about `INLINE_SECONDS`.
+        told: when counters were sent last, on the same clock, and the numbers of messages sent and of generations bred
+            until then.
+        in_lockstep: whether the job runs in lockstep.
     """
 
     def __init__(self, cell: Cell, links: Links, news: list[Message] | None = None) -> None:
@@ -63,46 +71,53 @@ class Assignment:
         self.told = (self.bred_at, 0, 0)
         plan = cell.plan
         self._core = core_of(links.wiring, links.cell)
-        self._measured_at = -_MEASURED_EVERY  # generation
-        self._bred = 0  # generations, at `bred_at`
+        self._measured_at = -_MEASURED_EVERY  # the generation of the latest measurement; the first step measures too
+        self._bred = 0  # the generation at `bred_at`
         self._interval = plan.run.interval
         self.in_lockstep = plan.run.mode == "lockstep"
         self._may_be_inline = self.in_lockstep and plan.problem.any_thread and plan.limits.most_bytes <= INLINE_BYTES
 
     @property
     def job(self) -> int:
-        """Its number."""
+        """The job's number, unique within the cluster."""
         return self.cell.job
 
     @property
     def epoch(self) -> int:
-        """Its number in the job."""
+        """The epoch's number in the job, from 0."""
         return self.cell.plan.epoch
 
     @property
     def busy(self) -> bool:
-        """Whether there is something to do for the cell right now."""
+        """Whether a step of the cell would do something now. May be asked without the lock."""
         return self.cell.awaits == 0 or bool(self.news or self.events)
 
     @property
     def is_to_be_measured(self) -> bool:
-        """Whether it is time to see how long a generation takes, which a step does."""
+        """Whether the next step measures how long a generation takes.
+
+        A lockstep cell that was too slow for the network thread is measured in each step: a node's first generation may
+        be slow only because its code and memory are touched for the first time.
+        """
         unmeasured = self.cell.rows.generation - self._measured_at
         return unmeasured >= _MEASURED_EVERY or (self._may_be_inline and not self.inline)
 
     def seconds_since_told(self) -> tuple[float, float]:
-        """From one message to the next, and from one generation to the next, on average since this was asked last."""
+        """Return the mean seconds from message to message, and from generation to generation, since the last call."""
         before, had_sent, had_bred = self.told
         now, sent, bred = self.told = (time.monotonic(), self.cell.sent, self.cell.rows.generation)
         return (now - before) / max(1, sent - had_sent), (now - before) / max(1, bred - had_bred)
 
     def step(self) -> list[Action]:
-        """Let the cell take what is here now, but not what comes meanwhile; within ``turn`` only."""
+        """Let the cell take the messages and events that are here now, and breed; requires ``turn``.
+
+        What arrives meanwhile is left for the next step.
+        """
         cell = self.cell
         news = self._taken()
         events = [self.events.popleft() for _ in range(len(self.events))] if self.events else ()
         generation, measured = cell.rows.generation, self.is_to_be_measured
-        used = time.thread_time() if measured else 0.0
+        used = time.thread_time() if measured else 0.0  # processor time: waiting for a core must not count
         actions = cell.step(news, events, self.most)
         bred = cell.rows.generation - generation
         if bred:
@@ -112,19 +127,22 @@ class Assignment:
                 each = (time.thread_time() - used) / bred
                 self.most = max(1, int(INLINE_SECONDS / max(each, 1e-6)))
                 self.inline = self._may_be_inline and each * self._interval < INLINE_SECONDS
-                self._settle(each)
+                self._choose_core(each)
         self._end_step()
         return actions
 
     def went_on(self) -> list[Action]:
-        """After the fast path: what it left to be done; within ``turn`` only."""
+        """Return the actions that the fast path has left to Python; requires ``turn``."""
         actions = self.cell.went_on()
         self.look_at_the_clock()
         self._end_step()
         return actions
 
     def look_at_the_clock(self) -> None:
-        """Note when the latest generations were bred, as far as that is to be seen now."""
+        """Note that generations have been bred since the last look, as if all of them had been bred just now.
+
+        The fast path does not look at the clock, so its generations are noted when Python comes by.
+        """
         generation = self.cell.rows.generation
         if bred := generation - self._bred:
             now = time.monotonic()
@@ -132,50 +150,61 @@ class Assignment:
             self._bred = generation
 
     def _end_step(self) -> None:
+        """Prepare for the next messages; after the cell's end free the core for others."""
         if self.in_lockstep:
             self.await_messages()
         if self.cell.ended:
             self.hears, self.core, self.turns, self.hands_on = False, None, 0.0, False
 
     def take_in(self) -> list[Action]:
-        """Let the cell read what is here now, and no more; within ``turn`` only."""
+        """Let the cell read the messages that are here now, without breeding; requires ``turn``."""
         return self.cell.hear(self._taken())
 
     def _taken(self) -> list[Message]:
-        """The news so far, which are none any more."""
+        """Take the messages so far out of the news and return them.
+
+        The network thread may append between the two lines, so only what was copied is deleted.
+        """
         news = self.news[:]
         del self.news[: len(news)]
         return news
 
     def await_messages(self) -> None:
-        """Who has to be heard from before another step is of use; some may have been while the cell was at this one."""
+        """Set ``awaited`` anew: the neighbours that must send something before another step is of use."""
         self.awaited = awaited = self.cell.inbox.missing()
-        if self.news:  # only now: whoever appends removes the sender afterwards, from the old set or from this one
+        # Look at the news only after the set is in place. The network thread appends a message first and removes its
+        # sender afterwards: either from this set, or from the old one, and then the message is in the news by now.
+        if self.news:
             awaited.difference_update(sender for sender, _ in self.news[:])
 
-    def _settle(self, seconds: float) -> None:
-        """Where to breed, and for how long at a time, now that it is known how many seconds a generation takes.
+    def _choose_core(self, seconds: float) -> None:
+        """Choose core and time slice, given the processor time of one generation in ``seconds``.
 
-        Where nodes wait for each other and generations take long, the kernel knows better who needs a core. Where they
-        wait for nobody and are in Python most of the time, the network thread would hardly ever get it on one core.
+        Two kinds of nodes are pinned: those that breed on the network thread, and asynchronous ones with long compiled
+        generations. In lockstep with long generations the kernel knows better which node needs a core. Asynchronous
+        nodes with short generations, or with a fitness in Python, hold the interpreter's lock most of the time; pinned
+        to the same core, their network thread would hardly ever get that lock.
         """
         goes_on_alone = not self.in_lockstep and self.most == 1 and self.cell.generations is not None
         self.turns = LONG if goes_on_alone else 0.0
         self.core = self._core if self.inline or goes_on_alone else None
-        # Whose generations take longer than a turn would keep the others from theirs.
+        # A node whose generation outlasts its turn would starve the other nodes on its core.
         self.hands_on = goes_on_alone and self.core is not None and seconds < LONG
 
 
 @dataclass
 class Coming:
-    """The next epoch of the job, which begins when the one before has stopped.
+    """The next epoch of a job, which begins once the previous one has stopped.
 
     Attributes:
-        since: generations before it, if that is not for this node to say.
-        deme: to begin with, if not with the one that this node has.
+        job: the job's number.
+        plan: the plan of the epoch.
+        links: the links to the neighbours in the epoch.
+        since: generations of the job before the epoch; None if this node is to count them itself.
+        deme: the genomes to begin with, one after another; empty to go on with the deme that this node has.
         fresh: whether to begin with new individuals.
-        news: neighbours may be there already.
-        begun: to be answered with the report; None until it may begin.
+        news: messages that have come so far, since neighbours may be in the epoch already. The network thread appends.
+        begun: the query to answer with the report; None until the epoch may begin.
     """
 
     job: int
@@ -188,7 +217,10 @@ class Coming:
     begun: zenoh.Query | None = None
 
     def hear(self, sender: int, payload: bytes) -> None:
-        """Of what neighbours say keep the latest: most of it is for the epoch before, however long that lasts."""
+        """Keep the latest messages: most of them are for the epoch before, and that may last long.
+
+        The list is trimmed at twice its bound, so that trimming is rare.
+        """
         self.news.append((sender, payload))
         if len(self.news) > 2 * _MOST_EARLY:
             del self.news[:-_MOST_EARLY]

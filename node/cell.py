@@ -1,15 +1,15 @@
 """One cell as a state machine without input or output: events in, actions out.
 
-Whatever drives it (the Zenoh bus of a node's process, or the in-process bus of the simulator) feeds it events and
-carries out its actions. It holds no socket, clock or thread, so a test can play it any story. Neighbours' messages are
-not events: there are thousands of them a second, and they are taken in all at once.
+Its driver (`node.process` with Zenoh, or the simulator within one process) feeds it events and carries out its actions.
+It holds no socket, clock or thread, so a test can give it any sequence of events. Neighbours' messages are not events:
+there are thousands of them a second, and a step takes all of them at once. The cell is not thread-safe.
 
 States:
-    prepared: knows its plan, and may already hear neighbours that started before it.
-    running: breeds a generation in each step that it `awaits` no message for: in lockstep once it has those of all its
-        neighbours, in async mode always.
-    stopped: it has reported and does nothing more, but for answering neighbours that missed a message.
-    failed: the problem broke; it has reported that.
+    prepared: it knows its plan, and may already receive messages from neighbours that started before it.
+    running: it breeds a generation in each step for which it `awaits` no message: in lockstep once the messages of all
+        its neighbours have come, in async mode always.
+    stopped: it has reported, and only answers neighbours that missed a message.
+    failed: the problem's code failed, and the cell has reported that.
 """
 
 from collections.abc import Sequence
@@ -44,18 +44,18 @@ State = Literal["prepared", "running", "stopped", "failed"]
 # Events ---------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class Start:
-    """Every cell is prepared: begin, with a deme that lived before, (deme, genome_bytes), if one is given."""
+    """Begin, since every cell is prepared; with the given deme, shape (deme, genome_bytes), or with a random one."""
 
     deme: Genomes | None = None
 
 
 @dataclass(frozen=True)
 class Halt:
-    """Stop at once, wherever the others are."""
+    """Stop at once, whatever generation the other cells are in."""
 
 
 class Answered(NamedTuple):
-    """A neighbour has answered a question with its message: that was lost, or is late."""
+    """A neighbour has answered the question for its message, which was lost or is late."""
 
     sender: int
     payload: bytes
@@ -63,19 +63,19 @@ class Answered(NamedTuple):
 
 @dataclass(frozen=True)
 class Propose:
-    """Somebody outside wants all cells to stop."""
+    """Propose that all cells stop, for a reason from outside the cell."""
 
     reason: Reason
 
 
 @dataclass(frozen=True)
 class Waited:
-    """For a while nothing has come."""
+    """No message has come for a while."""
 
 
 @dataclass(frozen=True)
 class Asked:
-    """A neighbour has missed this cell's message of a generation; ``question`` is whatever the bus answers by."""
+    """A neighbour asks for this cell's message of a generation; ``question`` is what the driver needs to answer it."""
 
     generation: int
     question: object
@@ -86,7 +86,7 @@ Event = Start | Halt | Answered | Propose | Waited | Asked
 
 # Actions --------------------------------------------------------------------------------------------------------------
 Publish = bytes
-"""A message for all neighbours, as it travels; nothing around it, since there is one in each generation."""
+"""An encoded message for all neighbours. Plain bytes: an object around them would be made in each generation."""
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,7 @@ class Ask:
 
 @dataclass(frozen=True)
 class Answer:
-    """Give the message that was asked for."""
+    """Answer a neighbour's question with the message that it asked for."""
 
     question: object
     payload: bytes
@@ -107,23 +107,29 @@ class Answer:
 
 @dataclass(frozen=True)
 class Complain:
-    """Say that a neighbour's messages are bad; it is said once for each neighbour and reason."""
+    """Report that a neighbour's messages are refused; once for each neighbour and reason."""
 
     sender: int
     reason: str
 
 
 Message = tuple[int, bytes]
-"""A neighbour's message, as it travelled, with the number of its cell."""
+"""A neighbour's encoded message, after the number of its cell."""
 
 Action = Publish | Ask | Answer | Complain | Report
 
 
 class Cell:
-    """The state machine of the cell number ``cell`` in one epoch of job number ``job``.
+    """The state machine of the cell number ``cell`` in one epoch of the job number ``job``.
 
     Attributes:
-        generations: from the start on, if they are bred in one compiled call, beside which others may run Python.
+        plan: the plan of the epoch.
+        state: see the module.
+        inbox: the messages of the neighbours.
+        neighbours: the distinct cells that the cell's slots name, without the cell itself.
+        rows: the cell's only row: its deme, and its own messages.
+        generations: breeds generations in one compiled call, if the problem's fitness is compiled; None before the
+            start, and otherwise. During that call other threads may run Python.
     """
 
     def __init__(self, plan: Plan, cell: int, job: int) -> None:
@@ -134,13 +140,15 @@ class Cell:
         self.inbox = Inbox(plan, cell, job)
         self.neighbours = self.inbox.neighbours
         self.rows = Rows(plan, np.array([cell]), self.inbox.messages)
+        # Every message of this cell carries these two, so they are set once.
         self.rows.messages.header[0, JOB], self.rows.messages.header[0, EPOCH] = job, plan.epoch
         self._is_async = plan.run.mode == "async"
+        # With the paper's spy the root alone sends its champion, for the spy; neighbours ignore it.
         self._tells_champion = plan.run.spy == "champion" or cell == ROOT
         self._outbox = Outbox(plan.limits.most_bytes)
-        self._complaints: set[tuple[int, str]] = set()
-        self._answered = 0  # messages that had not come when they were asked for
-        self._answers_of_no_use = 0
+        self._complaints: set[tuple[int, str]] = set()  # made already
+        self._answered = 0  # messages that were kept from an answer, so had not come by themselves before
+        self._answers_of_no_use = 0  # answers whose message had come by itself meanwhile
         self._history = History(1, plan.run.deme, plan.coding.genome_bytes)
         self.generations: Generations | None = None
 
@@ -158,13 +166,14 @@ class Cell:
         return self._lacking() if self.state == "running" else NEVER
 
     def step(self, news: Sequence[Message] = (), events: Sequence[Event] = (), most: int = 1) -> list[Action]:
-        """Take ``news`` and ``events``, breed if ready, and say what is to be done.
+        """Take ``news`` and ``events``, breed if ready, and return the actions to carry out.
 
-        Messages are taken first; to keep them changes nothing for the events. Up to ``most`` generations are bred if
-        nothing is to be said between them.
+        Messages are taken first; events do not depend on which messages have come. Up to ``most`` generations are bred
+        in one call if there is nothing to send or report between them. If the problem's code fails, the cell fails.
         """
         actions: list[Action] = []
         try:
+            # Otherwise the compiled call below takes the news, without a step into Python in between.
             if news and (events or self.generations is None):
                 actions += self.hear(news)
                 news = ()
@@ -182,11 +191,11 @@ class Cell:
 
     @property
     def room(self) -> int:
-        """How many generations there is room for before the history is digested."""
+        """How many generations may be bred before the history must be digested."""
         return self._history.most - self._history.noted
 
     def went_on(self) -> list[Action]:
-        """What is to be done after other compiled code has let the `generations` go on, with no news left."""
+        """Return the actions to carry out after the fast path has called `breed_on` itself and read all news."""
         actions: list[Action] = []
         assert self.generations is not None, "else nothing else could"
         try:
@@ -196,7 +205,7 @@ class Cell:
         return actions
 
     def hear(self, news: Sequence[Message]) -> list[Action]:
-        """Take ``news`` and nothing else."""
+        """Take ``news`` without breeding; after the end they are dropped."""
         actions: list[Action] = []
         if not self.ended and (refusals := self.inbox.hear(news)):
             self._complain(refusals, actions)
@@ -208,18 +217,21 @@ class Cell:
         return self.rows.messages.header.item(0, SENT)
 
     def take_back(self) -> None:
-        """In async mode: nobody was sent the latest message, so the next one takes its number."""
+        """In async mode give the number of the latest message, which was sent to nobody, to the next one."""
         self.rows.messages.header[OWN, SENT] -= 1
 
     @property
     def lost(self) -> int:
-        """How many messages did not come: none in lockstep, unless links fail. What only came late was not lost."""
+        """How many messages did not come: none in lockstep, unless links fail. A late message is not lost.
+
+        In lockstep a message that was got by asking counts as lost until it comes by itself, and is then of no use.
+        """
         came_late = self.inbox.of_no_use - self._answers_of_no_use
         return max(0, self._answered - came_late) + self.inbox.lost
 
     @property
     def champion(self) -> Champion | None:
-        """The best that this cell has seen or heard of, if anything feasible."""
+        """The best individual that this cell knows of; None if it knows of no feasible one."""
         return self.rows.messages.champion(0)
 
     @property
@@ -229,6 +241,7 @@ class Cell:
         return (*self.rows.births, *since)
 
     def _take(self, events: Sequence[Event], actions: list[Action]) -> None:
+        """Take events in their order, and append what follows to ``actions``."""
         for event in events:
             if isinstance(event, Answered):
                 kept, of_no_use = self.inbox.kept, self.inbox.of_no_use
@@ -255,6 +268,7 @@ class Cell:
             self.state = "running"
             rows, plan = self.rows, self.plan
             rows.begin(None if deme is None else deme[None])
+            # Not before: the arrays that the compiled call shares are made by `begin`.
             if rows.problems[0].fitness_kernel is not None and capabilities().numba_calls:
                 from node.generation import Generations
 
@@ -269,18 +283,18 @@ class Cell:
         actions += [Complain(sender, reason) for sender, reason in sorted(new)]
 
     def _questions(self) -> list[Action]:
-        """In lockstep nothing waits for ever: ask the neighbours whose message of this generation has not come."""
+        """Ask the neighbours whose messages of this generation have not come; in async mode no neighbour is awaited."""
         if self.state != "running" or self._lacking() == 0:
             return []
         generation = self.rows.generation
         return [Ask(other, generation) for other in sorted(self.inbox.missing())]
 
     def _lacking(self) -> int:
-        """How many messages the next generation needs that have not come."""
+        """Return how many messages that the next generation needs have not come."""
         return 0 if self._is_async or not self.rows.exchanging else self.inbox.lacking()
 
     def _advance(self, actions: list[Action]) -> None:
-        """Breed one generation, if nothing is lacking."""
+        """Breed one generation in Python, if no message is lacking."""
         rows = self.rows
         if self._lacking() == 0:
             if rows.exchanging:
@@ -290,7 +304,7 @@ class Cell:
             self._generation_done(actions)
 
     def _went_on(self, generations: "Generations", news: Sequence[Message], actions: list[Action]) -> None:
-        """The same was done as by `hear` and `_advance`, compiled, and more than once if there was nothing to say."""
+        """Append the actions that follow from a compiled call, which has done what `hear` and `_advance` do."""
         _, flags, size, wrong = generations.done()
         self._history.went_on()
         if flags:
@@ -301,20 +315,25 @@ class Cell:
             self._end("stopped", None, actions)
 
     def _raise_flags(self, flags: int, wrong: Genomes, news: Sequence[Message], actions: list[Action]) -> None:
-        """What hardly ever is to be said beside a message."""
+        """Deal with what a compiled call rarely reports beside a message.
+
+        Raises:
+            EvaluationFailed: if an offspring's fitness is unsound.
+        """
         if flags & REFUSED:
             self._complain(self.inbox.complaints(news), actions)
         if flags & UNSOUND:
-            self.rows.clock += 1
-            self.plan.evaluate(wrong)  # says what is wrong with it
-            raise EvaluationFailed("the compiled fitness of an individual is none, though `evaluate` finds one")
+            self.rows.clock += 1  # the report names the generation that could not be bred
+            self.plan.evaluate(wrong)  # raises an error that says what is wrong with this individual
+            raise EvaluationFailed("the compiled fitness of an individual is NaN or -inf, but `evaluate` accepts it")
         if flags & (REACHED | STALLED):
             self.rows.note_proposal(0, "target" if flags & REACHED else "stall")
 
     def _generation_done(self, actions: list[Action]) -> None:
+        """Note a generation bred in Python, publish it if it is an exchange, and stop if it is the last."""
         rows = self.rows
         self._history.note(rows.generation, rows.genomes, rows.fitness)
-        # Without lockstep there is no common generation to stop after: who hears of a stop passes it on and stops.
+        # Async cells share no generation to stop after: a cell that learns of a stop passes it on and stops at once.
         drains = self._is_async and rows.stop_at.item(0) != rows.limit
         stops = drains or rows.generation >= rows.stop_at.item(0)
         if drains or (rows.exchanging and not stops):
@@ -327,6 +346,7 @@ class Cell:
             self._end("stopped", None, actions)
 
     def _end(self, state: Literal["stopped", "failed"], error: str | None, actions: list[Action]) -> None:
+        """Stop or fail, and report; a cell that failed may have no deme, so its report holds none."""
         self.state = state
         sound = error is None
         actions.append(

@@ -1,12 +1,13 @@
-"""On each core one node at a time breeds, for some generations, and then hands a token on to who has waited longest.
+"""A token for each core: the node that has it breeds for some generations, then hands it to the longest waiting one.
 
-Asynchronous nodes wait for nobody, so where many of them share a core they all want it all the time. The kernel gives
-each a millisecond or so, whatever turns they ask for: as soon as another thread wakes up, who has had more than his
-share is interrupted. With a hundred nodes on a core each then finds its caches cold in every generation.
+Asynchronous nodes wait for nobody, so many of them on one core all want it all the time. The kernel gives each of them
+about a millisecond, whatever time slice it has asked for: as soon as another thread wakes up, a thread that has had
+more than its share is preempted. With a hundred nodes on a core, each then finds its caches cold in every generation.
 
-The token is a datagram in a socket that all nodes of a host have inherited; who waits for it sleeps in the kernel's
-queue. A node may be killed while it has the token. Whoever has waited far too long makes another, and an older one than
-has been seen is dropped where it turns up again: at worst some nodes breed side by side for a while.
+The token is a datagram in a socket that all nodes of a host have inherited. A node that waits for it sleeps in the
+kernel's queue, which serves the longest waiting one first. A node may be killed while it has the token, so a node that
+has waited far too long makes another one. Tokens are numbered: a token older than one that a node has seen is dropped
+when it turns up again. At worst some nodes breed side by side for a while.
 """
 
 import os
@@ -17,54 +18,65 @@ from collections.abc import Mapping
 
 from node.cpu_affinity import CORES, LONG, share_cores
 
-_TOKEN = struct.Struct("qq")  # how often one was lost before, and the process that made it
-_AFTERWARDS = 5e-3  # seconds until who has handed the token on asks for it again: the next one should be awake by then
-_ROUNDS = 4  # of all turns on a core, and a second, may pass until a node believes that its token was lost,
-_MOST_PATIENT = 30.0  # or so many seconds: a job whose nodes do not halt within a minute fails
+# How many tokens were lost before, and the process that made this one. Tokens are ordered by both, so that of two made
+# at the same time one is the newer.
+_TOKEN = struct.Struct("qq")
+_AFTERWARDS = 5e-3  # s that a node waits after it has handed the token on, so that the next node wakes up and takes it
+# A node believes that its token is lost after a second and this many rounds (turns of all nodes on the core), but after
+# _MOST_PATIENT seconds at the latest: a job whose nodes do not halt within a minute fails.
+_ROUNDS = 4
+_MOST_PATIENT = 30.0
 
 
 class CoreToken:
-    """One core's. Make it in the process that the nodes are forked from: it has its end when all of them have.
+    """The token of one core. Make it in the zygote, so that all nodes inherit its sockets.
+
+    The socket exists until all processes that inherited it have exited. `_newest` belongs to each process alone.
 
     Args:
-        patience: how many seconds to wait for it at most, before another is made.
+        patience: seconds that a node waits at most before it makes another token.
     """
 
     def __init__(self, patience: float) -> None:
         self._given, self._taken = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
-        # The socket's own patience, which all nodes share; Python's would make it fail at once for all of them.
+        # The kernel's timeout. Python's `settimeout` would make the open file description, which all nodes share,
+        # non-blocking: a node would no longer sleep in the kernel's queue, but get an error at once.
         self._taken.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, _timeval(patience))
         self._newest = (0, 0)
         self._given.send(_TOKEN.pack(*self._newest))
 
     def take(self) -> bool:
-        """Wait for it; whether there was one."""
+        """Wait for the token and keep it; return False if it seems lost and this node has made another one."""
         token = (-1, 0)
-        while token < self._newest:
+        while token < self._newest:  # drops tokens that were believed lost and only came late
             try:
                 token = _TOKEN.unpack(self._taken.recv(_TOKEN.size))
-            except BlockingIOError:
+            except BlockingIOError:  # the socket's timeout has passed
                 self._newest = (self._newest[0] + 1, os.getpid())
                 return False
         self._newest = token
         return True
 
     def hand_on(self) -> None:
-        """To who has waited longest, if he wakes up in time."""
+        """Hand the token to the node that has waited longest, and sleep so long that it can wake up and take it.
+
+        Without the sleep this node could ask again, and get the token back, before the other one runs.
+        """
         self._given.send(_TOKEN.pack(*self._newest))
         time.sleep(_AFTERWARDS)
 
 
 CoreTokens = Mapping[int, CoreToken]
-"""Those of cores, by number."""
+"""The tokens of cores, by the core's number."""
 
 
 def for_all_cores(nodes: int) -> CoreTokens:
-    """One for each core that so many nodes of a host share; none if they are too few for that."""
+    """Make a token for each core if a host has so many nodes that they share cores; otherwise none."""
     patience = min(1.0 + _ROUNDS * LONG * nodes / len(CORES), _MOST_PATIENT)
     return {core: CoreToken(patience) for core in CORES if share_cores(nodes)}
 
 
 def _timeval(seconds: float) -> bytes:
+    """Return C's struct timeval."""
     whole, rest = divmod(seconds, 1.0)
     return struct.pack("ll", int(whole), int(rest * 1e6))

@@ -1,8 +1,8 @@
-"""How nodes share cores where there are more of them: who keeps to which core, and how long a turn is.
+"""Placement of nodes on cores where nodes outnumber cores: which core a node is pinned to, and its time slice.
 
-The kernel moves a thread to the core of whoever wakes it, so among many nodes that wake each other all the time caches
-hold little for anyone, and some breed often while others wait. Blocks of the torus that keep to their cores take turns
-evenly, and most neighbours are on the same core.
+The kernel moves a thread to the core of the thread that wakes it. Among many nodes that wake each other all the time,
+caches then hold little that helps anyone, and some nodes breed often while others wait. Blocks of the torus that are
+pinned to one core each take turns evenly, and most neighbours share a core.
 """
 
 import os
@@ -11,18 +11,22 @@ import time
 from lowlevel import linux
 from wire.control import Wiring
 
-_CROWD = 8  # nodes on each core, at least: then a core has nothing to do only when all of them wait
+_CROWD = 8  # nodes for each core, from which on they are pinned; with fewer a core might idle while all its nodes wait
 LONG = 20e-3
-"""Seconds: for nodes that wait for nobody and whose generations take long: after others' turns no cache is warm."""
+"""Seconds of a long time slice, for nodes that wait for nobody and whose generations take long.
+
+After the other nodes' turns no cache is warm, so a turn must be long enough to make up for that.
+"""
 
 CORES = sorted(os.sched_getaffinity(0))
-"""Those that nodes may use: asked once, before any of them keeps to one."""
+"""The cores that nodes may use. Asked once, when the module is imported: a pinned node would see only its own core."""
 
 
 def core_of(wiring: Wiring, cell: int) -> int | None:
-    """The core for the node on ``cell``; None if there are too few nodes on its host for that.
+    """Return the core for the node on ``cell``; None if its host has too few nodes to pin them.
 
-    The cells of a host, in their order, are dealt out in blocks of the same size: rows of the torus.
+    Each core gets a block of consecutive cells of its host, all of the same size up to one cell; on a torus a block is
+    some rows.
     """
     hosts = wiring.hosts or ("",) * len(wiring.nodes)
     place, nodes = hosts[:cell].count(hosts[cell]), hosts.count(hosts[cell])
@@ -30,21 +34,25 @@ def core_of(wiring: Wiring, cell: int) -> int | None:
 
 
 def share_cores(nodes: int) -> bool:
-    """Whether there are so many on a host that each keeps to a core."""
+    """Return whether a host of so many nodes pins each of them to a core."""
     return nodes >= _CROWD * len(CORES)
 
 
 def take_turns() -> None:
-    """Let this thread, and those that it starts, not interrupt each other: fewer switches between nodes."""
+    """Schedule this thread, and those that it starts later, as batch threads with exact timers.
+
+    A batch thread that wakes up does not preempt the running one, so there are fewer switches between nodes. Exact
+    timers (a slack of 1 ns) keep the nap of `stand_back` short.
+    """
     os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
     linux.wake_up_promptly()
 
 
 def stand_back() -> None:
-    """Let other threads have this core, and Python, if they want them.
+    """Give other threads a chance to take this core, and the interpreter's lock, by the shortest possible sleep.
 
-    A nap, as short as can be, instead of sched_yield(2): Linux 6.18 counts all that is left of a turn as used by who
-    yields. Who yields all the time runs far ahead of all others in its books; who wakes up is placed in between, behind
-    any thread that does not yield, for minutes (the kernel's own workers stood still for two).
+    sched_yield(2) does not serve. Linux 6.18 charges a yielding thread for the rest of its time slice, so threads that
+    yield all the time run far ahead of all others in the scheduler's accounts. A thread that wakes up is placed between
+    both groups, and so behind any thread that does not yield, for minutes (kernel workers stood still for two).
     """
     time.sleep(1e-9)

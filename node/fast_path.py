@@ -1,20 +1,26 @@
-"""The fast path of an exchange: without Python from neighbours' messages to the cell's own.
+"""The fast path of an exchange: compiled code from the neighbours' messages to the cell's own, with no Python between.
 
-It takes the ordinary way's place (`node.process`, which opens it and closes it) only where there is nothing else to do
-for a while. In lockstep a generation is then one exchange, of messages that are sound, and breeding that takes little
-time; it is carried out where the last neighbour's message comes in. In async mode messages are put where they are
-taken from before the next generation, and a node with the token breeds on to the end of its turn.
+`node.process` opens it while a cell needs nothing but sound messages and breeding, and closes it for everything else,
+which then takes the ordinary path in Python. What the fast path does depends on the mode:
 
-Who may touch a cell's table, and when:
+    - In lockstep the callback of a message reads it into the inbox. The last neighbour's message also breeds and
+      publishes, on the network thread.
+    - In async mode the callback only appends the message to the assignment's news. A node that has its core's token
+      breeds to the end of its turn in one call on the main thread, and reads the news before each generation.
 
-- A thread that holds the assignment's `turn` and has closed the path: nobody else does then.
-- In lockstep Zenoh's network thread, without the turn, to write a message into the inbox: only while the path is open,
-  and only if it has held the interpreter's lock since it saw that. Whatever may let other threads run (reading a
-  payload, an allocation that collects garbage) comes before that look. To breed it takes the turn.
-- In async mode the main thread alone, which holds the turn; the network thread only appends to the news.
+Python and compiled code share a row of integers, the path. Both use it under the interpreter's lock only: compiled code
+holds that lock except while Zenoh sends (`_publish`) and while it breeds and looks at the clock in async mode
+(`_end_turn`). Objects in the path are bare addresses; `FastPath` holds references to them as long as they are there.
 
-`go_on`, to which `_carry_on` holds a reference, keeps the assignment, and so the table, alive while a message is
-published.
+Invariant: who may touch a cell's table, and when.
+
+    - A thread that holds the assignment's turn lock and has closed the path: nobody else does then.
+    - In lockstep the network thread, without the turn lock, to write a message into the inbox: only while the path is
+      open, and only if it has held the interpreter's lock since it saw that. Whatever may let others run (reading
+      a payload, an allocation that collects garbage) comes before that look. To breed it takes the turn lock.
+    - In async mode the main thread alone, which holds the turn lock; the network thread only appends to the news.
+
+`_carry_on` holds a reference to `go_on`, which keeps the assignment, and so the table, alive while Zenoh sends.
 """
 
 import struct
@@ -65,17 +71,24 @@ from node.generation import (
 )
 from node.inbox import hear_one
 
-# What the path knows. The first is the address of the cell's table; 0: it is closed. The last are objects.
+# Columns of the path. Numbers: the address of the cell's table of pointers (0: the path is closed), how often it has
+# been opened, generations left before Python must take a step, the most to breed at once, the end of the turn in ns,
+# and a struct timespec.
 _TABLE, _OPENINGS, _LEFT, _MOST, _OVER_AT, _SECONDS, _NANOSECONDS = range(7)
+# Addresses of objects: the list of news (0 in lockstep), functions that acquire and release the turn lock, the links,
+# the function for the rest of the work, and constants.
 _NEWS, _ACQUIRE, _RELEASE, _LINKS, _GO_ON, _PAYLOAD, _PUBLISH, _NONE, _TRUE = range(7, 16)
 _PLACES = 16
 _PUBLISH_NAME = sys.intern("publish")
-_own = struct.Struct("<2q")  # of each function: the path's address and the sender's cell
+_own = struct.Struct("<2q")  # what belongs to one callback: the path's address and the sender's cell
 
 
 @subroutine
 def _publish(path: Any, octets: Any) -> Any:
-    """Whether a message could be sent; the interpreter's lock is let go of meanwhile."""
+    """Send a message to all neighbours; return whether that succeeded. Zenoh releases the interpreter's lock meanwhile.
+
+    The function is looked up each time: `Links.publish` changes when a neighbour must be reached through the router.
+    """
     publish = attribute(path[_LINKS], path[_PUBLISH])
     if publish == 0:
         return False
@@ -90,23 +103,28 @@ def _publish(path: Any, octets: Any) -> Any:
 
 @subroutine
 def _carry_on(path: Any, table: Any) -> Any:
-    """Breed and publish, if nobody else is at it (who is looks again afterwards)."""
+    """In lockstep breed and publish, and leave what else there is to do to Python.
+
+    If another thread holds the turn lock, this returns: that thread looks for messages again after its step. Whoever
+    is called last, `release` or `go_on`, releases the lock.
+    """
     acquired = call_without(path[_ACQUIRE])
-    decref(acquired)  # True and False are for ever
+    decref(acquired)  # True and False are immortal, so the address may be compared afterwards
     if acquired != path[_TRUE]:
         return new_ref(path[_NONE])
-    release, go_on = new_ref(path[_RELEASE]), new_ref(path[_GO_ON])  # the path may be another's before they are called
+    # While the message is sent, the main thread may open the path for another assignment: keep this one's functions.
+    release, go_on = new_ref(path[_RELEASE]), new_ref(path[_GO_ON])
     if path[_LEFT] > 0:
         path[_LEFT] -= breed_on(table, min(path[_LEFT], path[_MOST]))
     else:
         nothing_bred(table)
     message = only_a_message(table)
     if message.size == 0 or not _publish(path, message):
-        forget_exception()  # the ordinary way publishes it again, and says what is wrong
+        forget_exception()  # the ordinary path sends the message again, and reports what is wrong
         result = call_without(go_on)
-    elif lacks(table):
+    elif lacks(table):  # the usual case: wait for the next messages
         result = call_without(release)
-    else:
+    else:  # the neighbours are one exchange ahead; nothing may be published twice, so Python sees nothing bred
         nothing_bred(table)
         result = call_without(go_on)
     decref(release)
@@ -116,7 +134,10 @@ def _carry_on(path: Any, table: Any) -> Any:
 
 @subroutine
 def _put_among_news(path: Any, message: Any) -> Any:
-    """Another thread may be at the inbox; when there are many it is time to see whether it is."""
+    """In async mode append a message to the news: the main thread may be using the inbox.
+
+    Once many are unread, let Python read them if the main thread is not at it.
+    """
     append(path[_NEWS], message)
     decref(message)
     if length(path[_NEWS]) < MANY_UNREAD:
@@ -129,9 +150,12 @@ def _put_among_news(path: Any, message: Any) -> Any:
 
 @subroutine
 def _take_news(path: Any, table: Any) -> Any:
-    """Read what has come; False if a message is refused or of another epoch, which is left there."""
+    """Read the news into the inbox; return False at a message that is refused or of another epoch, and leave it there.
+
+    The ordinary path then reads that one: it knows how to complain, and what to do with another epoch's.
+    """
     news = path[_NEWS]
-    messages = length(news)
+    messages = length(news)  # the network thread may append more, which the next call reads
     for number in range(messages):
         message = item_of_list(news, number)
         if hear_one(inbox_of(table), content(tuple_item(message, 1)), integer(tuple_item(message, 0))) <= 0:
@@ -143,13 +167,13 @@ def _take_news(path: Any, table: Any) -> Any:
 
 @subroutine
 def _is_over(path: Any) -> Any:
-    """Whether the turn is."""
+    """Return whether the turn's end has come."""
     return monotonic_nanoseconds(path[_SECONDS : _NANOSECONDS + 1]) >= path[_OVER_AT]
 
 
 @c_function(CALLBACK)
 def _end_turn(own: int, path_at: int) -> Any:
-    """Take the news, breed to the end of the turn, and tell nobody before; True if anything was bred."""
+    """Take the news and breed to the end of the turn, sending nothing; return True, or None if nothing was bred."""
     path = integers_at(integer(path_at), 1, _PLACES)[0]
     if path[_TABLE] == 0:  # closed since Python looked
         return new_ref(path[_NONE])
@@ -158,38 +182,44 @@ def _end_turn(own: int, path_at: int) -> Any:
     if not _take_news(path, table):
         return new_ref(path[_NONE])
     while True:
+        # Between these two calls the network thread may append to the news, so no Python object is touched here.
         thread = let_others_run()
         breed_on(table, 1)
         over = _is_over(path)
         run_again(thread)
         if over or not may_be_superseded(table) or not _take_news(path, table):
             return new_ref(path[_TRUE])
-        take_back(table)
+        take_back(table)  # the next generation's message supersedes this one, and must leave no gap in the numbers
 
 
 @c_function(CALLBACK)
 def _hear(own: int, sample: int) -> Any:
-    """Take a neighbour's message."""
+    """Take a neighbour's message: what Zenoh calls, on the network thread.
+
+    ``own`` is the tuple that `FastPath.make_handler` gives to the callback.
+    """
     its = content(tuple_item(own, 0)).view(np.int64)
     path, otherwise = integers_at(its[0], 1, _PLACES)[0], tuple_item(own, 1)
-    if path[_TABLE] == 0:
+    if path[_TABLE] == 0:  # closed: the ordinary path takes the message
         return call(otherwise, sample)
     openings, is_async = path[_OPENINGS], path[_NEWS] != 0
     payload = payload_of(sample, path[_PAYLOAD])
-    if payload == 0:
+    if payload == 0:  # an exception is set
         return payload
     message = pair(tuple_item(own, 2), payload) if is_async else new_ref(payload)
     decref(payload)
-    # To read the payload runs Zenoh's code, and to make a pair may collect garbage: other threads may have run.
+    # Reading the payload runs Zenoh's code, and making a pair may collect garbage: other threads may have run, closed
+    # the path, and even opened it again for another cell.
     if path[_TABLE] == 0 or path[_OPENINGS] != openings:
         decref(message)
         return call(otherwise, sample)
     if is_async:
         return _put_among_news(path, message)
     table = integers_at(path[_TABLE], PLACES, 3)
+    # This needs no turn lock: in lockstep Python steps the cell only while the path is closed.
     heard = hear_one(inbox_of(table), content(message), its[1]) > 0
     decref(message)
-    if not heard:
+    if not heard:  # refused, or of another epoch
         return call(otherwise, sample)
     return new_ref(path[_NONE]) if lacks(table) else _carry_on(path, table)
 
@@ -200,45 +230,51 @@ _end = _END_TURN.of(None)
 
 
 class FastPath:
-    """One node's; it is open for one assignment at most."""
+    """One node's fast path, which is open for one assignment at most."""
 
     def __init__(self) -> None:
         self._path = np.zeros((1, _PLACES), np.int64)
         self._address: int = self._path.ctypes.data
         self._path[0, _PAYLOAD:] = addresses(PAYLOAD_NAME, _PUBLISH_NAME, None, True)
         self._for: Assignment | None = None
-        self._objects: tuple[object, ...] = ()  # that the path knows by their addresses
+        self._objects: tuple[object, ...] = ()  # keeps alive what the path holds addresses of
 
     def make_handler(self, sender: int, ordinary: Callable[[Any], None]) -> Callable[[Any], None]:
-        """What to call with a sender's samples; it calls ``ordinary`` as long as the path is closed."""
-        # The array must live as long as the function.
+        """Return the callback for a sender's samples; it calls ``ordinary`` with those that the path does not take.
+
+        The callback serves every assignment whose links have it, so it must not refer to one.
+        """
+        # `self._path` is there because the array must live as long as the function, which knows only its address.
         return _HEAR.of((_own.pack(self._address, sender), ordinary, sender, self._path))
 
     def is_open(self, assignment: Assignment) -> bool:
-        """Whether its messages are taken by the fast path."""
+        """Return whether the fast path takes the assignment's messages."""
         return assignment is self._for and self._path.item(_TABLE) != 0
 
     def close(self, assignment: Assignment) -> bool:
-        """All messages for this assignment go the ordinary way from now on; returns whether they did not before."""
+        """Send the assignment's messages by the ordinary path from now on; return whether the fast path took them."""
         was_open = self.is_open(assignment)
         if was_open:
             self._path[0, _TABLE] = 0
         return was_open
 
     def forget(self, assignment: Assignment) -> None:
-        """Close it for an assignment, and keep nothing of that."""
+        """Close the path for an assignment and drop the references to it; requires the turn lock."""
         self.close(assignment)
         if assignment is self._for:
             self._for, self._objects = None, ()
 
     def open(self, assignment: Assignment, go_on: Callable[[Assignment], None]) -> None:
-        """Messages are taken by the fast path, if the cell's next generations may be.
+        """Let the fast path take the assignment's messages, if its generations are compiled and (in lockstep) short.
+
+        Requires the turn lock.
 
         Args:
-            assignment: what the node is at. In lockstep it must be idle; whoever opens looks afterwards whether it is,
-                and closes if not: messages that come the ordinary way are put among the news first, and then close.
-            go_on: does what is not for the fast path. In lockstep it is called with the turn, which it must end; in
-                async mode when there are many unread messages.
+            assignment: the node's present epoch. In lockstep it must be idle, because this path never looks at its news
+                and events. The caller checks that after opening, and closes the path if a message came in between:
+                the ordinary path appends to the news first and closes the path second, so one of both threads notices.
+            go_on: does what the fast path leaves to Python. In lockstep it is called with the turn lock held, and must
+                release it; in async mode it is called without, when many messages are unread.
         """
         generations = assignment.cell.generations
         if generations is None or (assignment.in_lockstep and not assignment.inline) or self.is_open(assignment):
@@ -249,16 +285,19 @@ class FastPath:
             self._path[0, _NEWS] = 0 if assignment.in_lockstep else id(assignment.news)
             self._path[0, _ACQUIRE:_PAYLOAD] = addresses(*objects)
             self._for, self._objects = assignment, objects
-        # Until the history is to be digested: then Python looks at the clock too.
+        # One generation short of a full history: the ordinary path breeds that one, digests, and looks at the clock.
         self._path[0, _LEFT], self._path[0, _MOST] = assignment.cell.room - 1, assignment.most
         self._path[0, _OPENINGS] += 1
-        self._path[0, _TABLE] = generations.table.ctypes.data
+        self._path[0, _TABLE] = generations.table.ctypes.data  # last, since it opens the path
 
     def end_turn(self, over_at: float) -> bool:
-        """In async mode, while this path is open, take the news and breed, until then on the monotonic clock.
+        """In async mode take the news and breed until ``over_at``, seconds on the monotonic clock.
 
-        Nobody is told before the end; what the last of these generations has to say is for the assignment to ask.
-        Nothing is bred, and False returned, if some of the news is not for this path.
+        Call it on the main thread with the turn lock held. Nothing is sent; `Assignment.went_on` returns what the last
+        of these generations has to say.
+
+        Returns:
+            Whether anything was bred: not if the path is closed, or if a message must take the ordinary path.
         """
         self._path[0, _OVER_AT] = int(over_at * 1e9)
         return bool(_end(self._address))

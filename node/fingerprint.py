@@ -1,4 +1,4 @@
-"""What bit-identical replay depends on: nodes that differ here must not share a lockstep run."""
+"""The fingerprint of a process: what bit-identical replay depends on, and so the same for all nodes of a run."""
 
 import platform
 from functools import cache
@@ -9,7 +9,7 @@ import llvmlite.binding
 
 @cache
 def fingerprint() -> dict[str, str]:
-    """Versions and processor of this process."""
+    """Return the versions of this process's software, and its processor, for which LLVM generates code."""
     return {
         "supernode": version("supernode"),
         "python": platform.python_version(),

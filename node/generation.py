@@ -1,10 +1,10 @@
-"""Generations of a cell from its neighbours' messages to its own, compiled as a whole.
+"""A cell's generations as one compiled call, from its neighbours' messages to its own.
 
-What a generation of few individuals costs is mostly what Python costs between kernels. So here the rules of the other
-modules follow one another without a step into Python: merge champions, breed, evaluate, replace, prepare
-messages, propose, note and encode (Ahuactzin et al. 1992, §3.1 and §6), for as many generations as there are up to the
-next message. The call finds what it works on by a table of pointers: handing over an array costs as much as breeding
-with it.
+With few individuals most of a generation's cost is Python between kernels. So one kernel applies the rules of the other
+modules in turn: merge champions, breed, evaluate, replace, prepare the message, propose stops, note and encode
+(Ahuactzin et al. 1992, §3.1 and §6). It repeats this up to the generation that has a message to send. `node.rows` and
+`node.cell` take the same steps in Python, with the same bits. The kernel finds its arrays by a table of pointers, since
+passing an array to a kernel costs as much as breeding with it.
 """
 
 from collections.abc import Sequence
@@ -32,40 +32,40 @@ from node.rows import Rows
 from wire.exchange_kernels import BIRTHPLACE, BORN, PAYLOAD, SENT, STOP_AT, write_message
 from wire.report import MOST_BIRTHS, Birth
 
-# Places in the table.
-_HEADER, _GENOMES, _FITNESS, _WHENCES, _LATEST, _COUNTS, _USED, _STALENESS = range(8)
+# Places in the table of pointers; `Generations.__init__` lists the arrays in the same order.
+_HEADER, _GENOMES, _FITNESS, _SOURCE_ROWS, _LATEST, _COUNTS, _USED, _STALENESS = range(8)
 _DEME, _DEME_FITNESS, _BETTER_AT, _COUPLES, _PARENTS, _OFFSPRING, _OFFSPRING_FITNESS = range(8, 15)
 _RECORDS, _NOTED, _OUT, _SAID, _MATING_TABLE, _STRAYING_TABLE, _JUDGING_TABLE = range(15, 22)
 _INBOX, _SETTINGS, _TARGET, _CLOCK, _DONE = range(22, 27)
 _NOTED_FITNESS, _BIRTHS, _BIRTH_FITNESS, _BIRTH_COUNT = range(27, 31)
 PLACES = 31
 
-# Columns of the settings.
+# Columns of the settings; `_settings` lists the values in the same order.
 _MATING, _STRAYING, _JUDGING, _EACH, _ELITIST, _SEED, _CELL, _FIRST_EVALUATIONS, _EVALUATIONS = range(9)
 _INTERVAL, _LOCKSTEP, _CHAMPION, _TARGET_REPORTER, _STALL, _STOP_DISTANCE, _LIMIT = range(9, 16)
 _FAMILIES, _BETTER_HALF, _MOST_SELECTIONS = range(16, 19)
 
-_BRED, _FLAGS, _SIZE, _WRONG = range(4)  # what a call has to say, see `Generations`
+_BRED, _FLAGS, _SIZE, _WRONG = range(4)  # columns of a call's outcome, see `Generations.done`
 
 
 @subroutine
-def _heard(table: Any) -> Any:
-    """The genomes of all messages, (rows, emigrants + 1, genome_bytes)."""
+def _message_genomes(table: Any) -> Any:
+    """Return the genomes of all messages, shape (rows, emigrants + 1, genome_bytes)."""
     return blocks(table, _GENOMES, reals(table, _FITNESS).shape[1])
 
 
 @subroutine
-def _listen(table: Any, settings: Any, now: Any) -> Any:
-    """Believe what neighbours said for this generation, if it follows an exchange.
+def _merge_received(table: Any, settings: Any, now: Any) -> Any:
+    """Merge what the neighbours know into the cell's own message, if generation ``now`` follows an exchange.
 
-    Returns which message came to each slot; between exchanges, which came last.
+    Returns the row of each slot's message; between exchanges that of the last exchange.
     """
-    counts, source_rows = integers(table, _COUNTS)[0], integers(table, _WHENCES)
-    exchanges = source_rows.shape[0]
+    counts, source_rows = integers(table, _COUNTS)[0], integers(table, _SOURCE_ROWS)
+    exchanges = source_rows.shape[0]  # kept apart: two in lockstep, one in async mode
     if (now - 1) % settings[_INTERVAL] != 0:
-        return source_rows[(counts[NEXT] - 1) % exchanges]
+        return source_rows[(counts[NEXT] - 1) % exchanges]  # `turn` has moved NEXT on already
     source_row = source_rows[counts[NEXT] % exchanges]
-    header, genomes = integers(table, _HEADER), _heard(table)
+    header, genomes = integers(table, _HEADER), _message_genomes(table)
     fitness, better_at = reals(table, _FITNESS), integers(table, _BETTER_AT)[0]
     if settings[_LOCKSTEP]:
         turn(integers(table, _LATEST), counts)
@@ -77,9 +77,13 @@ def _listen(table: Any, settings: Any, now: Any) -> Any:
 
 @subroutine
 def _couple(table: Any, settings: Any, source_row: Any, now: Any) -> Any:
-    """Fill the couples: an individual alone with each of its immigrants, which an island has taken in, then its own."""
+    """Fill and return the couples.
+
+    A single individual is paired with each of its immigrants. An island first admits its immigrants after an exchange,
+    then pairs its own individuals.
+    """
     deme, deme_fitness, paired = octets(table, _DEME), reals(table, _DEME_FITNESS)[0], blocks(table, _COUPLES, 2)
-    heard, each = _heard(table), settings[_EACH]
+    heard, each = _message_genomes(table), settings[_EACH]
     seed, cell = np.uint64(settings[_SEED]), settings[_CELL]
     if deme_fitness.size == 1:
         pair_with(deme[0], heard, source_row, each, paired)
@@ -94,23 +98,28 @@ def _couple(table: Any, settings: Any, source_row: Any, now: Any) -> Any:
 
 
 @subroutine
-def _stray(table: Any, settings: Any, individuals: Any, now: Any) -> Any:
-    """The one-bit rule; returns which of the individuals has changed."""
+def _mutate_one_bit(table: Any, settings: Any, individuals: Any, now: Any) -> Any:
+    """Apply one-bit mutation to one of the individuals, in place; return the index of the one that has changed."""
     seed, cell = np.uint64(settings[_SEED]), settings[_CELL]
     return call_straying(settings[_STRAYING], individuals, seed, cell, now, integers(table, _STRAYING_TABLE))
 
 
 @subroutine
 def _breed(table: Any, settings: Any, source_row: Any, now: Any) -> Any:
-    """Couple, mate, evaluate and replace; returns the index of an offspring whose fitness is none, or -1."""
+    """Couple, mate, evaluate and replace; return the index of an offspring whose fitness is unsound, or -1.
+
+    The order is that of `genetics.breeding`, so that both give the same bits.
+    """
     deme, deme_fitness = octets(table, _DEME), reals(table, _DEME_FITNESS)[0]
     offspring, offspring_fitness = octets(table, _OFFSPRING), reals(table, _OFFSPRING_FITNESS)[0]
     judging_table, elitist = integers(table, _JUDGING_TABLE), settings[_ELITIST] != 0
     seed, cell, alone = np.uint64(settings[_SEED]), settings[_CELL], deme_fitness.size == 1
     couples = _couple(table, settings, source_row, now)
     call_mating(settings[_MATING], couples, offspring, seed, cell, now, integers(table, _MATING_TABLE))
+    # One-bit mutation changes an offspring of a single individual, but an individual of an island after replacement,
+    # as in step 5 of §3.1; so only the latter costs one more evaluation.
     if settings[_STRAYING] and alone:
-        _stray(table, settings, offspring, now)
+        _mutate_one_bit(table, settings, offspring, now)
     call_fitness(settings[_JUDGING], offspring, offspring_fitness, judging_table)
     wrong = first_unsound(offspring_fitness)
     if wrong >= 0:
@@ -124,8 +133,8 @@ def _breed(table: Any, settings: Any, source_row: Any, now: Any) -> Any:
         else:
             renew(deme, deme_fitness, offspring, offspring_fitness, elitist, seed, cell, now)
         if settings[_STRAYING]:
-            changed = _stray(table, settings, deme, now)
-            offspring[0] = deme[changed]
+            changed = _mutate_one_bit(table, settings, deme, now)
+            offspring[0] = deme[changed]  # the offspring are in the deme by now, so their room serves for this one
             call_fitness(settings[_JUDGING], offspring[:1], offspring_fitness[:1], judging_table)
             deme_fitness[changed] = offspring_fitness[0]
             wrong = first_unsound(offspring_fitness[:1])
@@ -134,7 +143,7 @@ def _breed(table: Any, settings: Any, source_row: Any, now: Any) -> Any:
 
 @subroutine
 def _propose(header: Any, now: Any, distance: Any) -> Any:
-    """Propose a stop; whether it is earlier than any that is known."""
+    """Propose a stop ``distance`` generations from now; return whether it is earlier than any that is known."""
     if now + distance >= header[STOP_AT]:
         return False
     header[STOP_AT] = now + distance
@@ -143,7 +152,7 @@ def _propose(header: Any, now: Any, distance: Any) -> Any:
 
 @subroutine
 def _note(table: Any, header: Any, fitness: Any) -> Any:
-    """Keep an improvement, of which there are fewer than there is room for."""
+    """Keep an improvement. There is room: `is_noted` allows at most MOST_BIRTHS."""
     births, count = integers(table, _BIRTHS), integers(table, _BIRTH_COUNT)[0]
     births[count[0], 0], births[count[0], 1] = header[BORN], header[BIRTHPLACE]
     reals(table, _BIRTH_FITNESS)[0, count[0]] = fitness
@@ -151,11 +160,12 @@ def _note(table: Any, header: Any, fitness: Any) -> Any:
 
 
 @subroutine
-def _tell(table: Any, settings: Any, now: Any) -> Any:
-    """Emigrants, champion and proposals into the cell's message; returns flags."""
+def _update_message(table: Any, settings: Any, now: Any) -> Any:
+    """Put emigrants, champion and proposals of generation ``now`` into the cell's own message; return flags."""
     deme, deme_fitness = octets(table, _DEME), reals(table, _DEME_FITNESS)[0]
     header, fitness = integers(table, _HEADER)[OWN], reals(table, _FITNESS)[OWN]
     genomes, better_at = octets(table, _GENOMES)[: fitness.size], integers(table, _BETTER_AT)[0]
+    # Every generation makes the same number of fitness calls, so they need not be counted.
     cell, evaluations = settings[_CELL], settings[_FIRST_EVALUATIONS] + now * settings[_EVALUATIONS]
     target, target_reporter = reals(table, _TARGET)[0, 0], settings[_TARGET_REPORTER]
     flags = 0
@@ -175,7 +185,10 @@ def _tell(table: Any, settings: Any, now: Any) -> Any:
 
 @subroutine
 def _record(record: Any, now: Any, deme: Any, fitness: Any) -> Any:
-    """As `node.history.History` notes a generation, byte by byte, since fitness need not be aligned there."""
+    """Write a generation as `node.history.History` does: generation, genomes and fitness, packed without gaps.
+
+    Bytes are written one by one, since the fitness may begin at any offset.
+    """
     for place in range(8):
         record[place] = (now >> (8 * place)) & 0xFF
     size = deme.shape[1]
@@ -186,17 +199,17 @@ def _record(record: Any, now: Any, deme: Any, fitness: Any) -> Any:
 
 
 @subroutine
-def _say(table: Any, settings: Any, now: Any, flags: Any, done: Any) -> Any:
-    """Stop if it is time, and write the message of an exchange."""
+def _encode_message(table: Any, settings: Any, now: Any, flags: Any, done: Any) -> Any:
+    """Write the message if this is an exchange generation, and flag the end of the epoch if it has come."""
     header, fitness = integers(table, _HEADER), reals(table, _FITNESS)
-    genomes = _heard(table)
-    # Without lockstep there is no common generation to stop after: who hears of a stop passes it on and stops.
+    genomes = _message_genomes(table)
+    # Async cells share no generation to stop after: a cell that learns of a stop passes it on and stops at once.
     drains = not settings[_LOCKSTEP] and header[OWN, STOP_AT] != settings[_LIMIT]
     stops = drains or now >= header[OWN, STOP_AT]
     if drains or (now % settings[_INTERVAL] == 0 and not stops):
         header[OWN, SENT] += 1
         header[TOLD], genomes[TOLD], fitness[TOLD] = header[OWN], genomes[OWN], fitness[OWN]
-        place = header[OWN, SENT] % 2
+        place = header[OWN, SENT] % 2  # as in `Outbox.write`
         champion, out, said = settings[_CHAMPION] != 0, octets(table, _OUT)[place], integers(table, _SAID)[place]
         done[_SIZE] = write_message(header[OWN], genomes[OWN], fitness[OWN], champion, out)
         said[0], said[1] = now, done[_SIZE]
@@ -205,7 +218,7 @@ def _say(table: Any, settings: Any, now: Any, flags: Any, done: Any) -> Any:
 
 @subroutine
 def lacks(table: Any) -> Any:
-    """Whether messages have not come that the next generation needs."""
+    """Return whether the next generation needs a message that has not come; never in async mode."""
     settings, generation = integers(table, _SETTINGS)[0], integers(table, _CLOCK)[0, 0]
     if not settings[_LOCKSTEP] or generation % settings[_INTERVAL] != 0:
         return False
@@ -214,47 +227,49 @@ def lacks(table: Any) -> Any:
 
 @subroutine
 def breed_on(table: Any, most: Any) -> Any:
-    """Breed until there is something to say or to wait for, at most ``most`` generations; returns how many.
+    """Breed until there is something to say or to wait for, but at most ``most`` generations; return how many.
 
-    An offspring without a fitness ends it.
+    ``most`` must not exceed the room left in the history. An offspring whose fitness is unsound ends the call, with
+    that generation not counted.
     """
     settings, done = integers(table, _SETTINGS)[0], integers(table, _DONE)[0]
     clock, noted = integers(table, _CLOCK)[0], integers(table, _NOTED)[0]
     done[:] = 0
     while done[_BRED] < most and done[_SIZE] == 0 and done[_FLAGS] == 0 and not lacks(table):
         now = clock[0] + 1
-        source_row = _listen(table, settings, now)
+        source_row = _merge_received(table, settings, now)
         done[_WRONG] = _breed(table, settings, source_row, now)
         if done[_WRONG] >= 0:
             done[_FLAGS] = UNSOUND
             break
-        clock[0] = now
-        flags = _tell(table, settings, now)
+        clock[0] = now  # only now: a generation with an unsound offspring does not count
+        flags = _update_message(table, settings, now)
         record = octets(table, _RECORDS)[noted[0]]
         _record(record, now, octets(table, _DEME), reals(table, _DEME_FITNESS)[0])
         noted[0] += 1
         done[_BRED] += 1
-        _say(table, settings, now, flags, done)
+        _encode_message(table, settings, now, flags, done)
     return done[_BRED]
 
 
 @subroutine
 def inbox_of(table: Any) -> Any:
-    """The table of the cell's inbox."""
+    """Return the table of the cell's inbox."""
     return integers(table, _INBOX)
 
 
 @subroutine
 def nothing_bred(table: Any) -> Any:
-    """As `breed_on` would leave it."""
+    """Leave the outcome that `breed_on` leaves when it breeds no generation."""
     integers(table, _DONE)[0, :] = 0
 
 
 @subroutine
 def may_be_superseded(table: Any) -> Any:
-    """Whether all that `breed_on` had to say is said better after the next generation, which there is room for.
+    """Return whether the next generation's message can replace the one that `breed_on` has just written.
 
-    The last generation tells nothing.
+    Not if there is anything to say beside it, if the history is full, or if the next generation is the last one, which
+    sends no message.
     """
     settings, done = integers(table, _SETTINGS)[0], integers(table, _DONE)[0]
     room = integers(table, _NOTED)[0, 0] < octets(table, _RECORDS).shape[0]
@@ -264,40 +279,45 @@ def may_be_superseded(table: Any) -> Any:
 
 @subroutine
 def take_back(table: Any) -> Any:
-    """In async mode: nobody was sent the latest message, so the next one takes its number."""
+    """In async mode give the number of the latest message, which was sent to nobody, to the next one.
+
+    Otherwise receivers would count the gap as a lost message.
+    """
     integers(table, _HEADER)[OWN, SENT] -= 1
 
 
 @subroutine
 def only_a_message(table: Any) -> Any:
-    """The latest message, if there is nothing else to say after `breed_on`; else none of its bytes."""
+    """Return the bytes of the latest message if `breed_on` had nothing else to say; otherwise an empty array."""
     done, place = integers(table, _DONE)[0], integers(table, _HEADER)[OWN, SENT] % 2
     return octets(table, _OUT)[place][: done[_SIZE] if done[_FLAGS] == 0 else 0]
 
 
 @kernel(types.void(TABLE, PAYLOAD, types.int64), may_be_long=True)
 def live_on(table: Table, news: bytes, most: int) -> None:
-    """Hear what has come, and `breed_on`."""
+    """Take in the messages ``news``, then `breed_on`; other threads may run Python meanwhile."""
     refused = len(news) > 0 and hear(news, integers(table, _INBOX)) > 0
     breed_on(table, most)
-    if refused:
+    if refused:  # set afterwards, since `breed_on` clears the outcome first, and a flag would end it
         integers(table, _DONE)[0, _FLAGS] |= REFUSED
 
 
 class Generations:
-    """`live_on` for one cell whose problem has a compiled fitness (`Problem.fitness_kernel`).
+    """The compiled generations of one cell, whose problem must have a compiled fitness (`Problem.fitness_kernel`).
+
+    It shares its arrays with the given objects by address, so these must not replace them later.
 
     Args:
-        plan: of the job.
-        rows: the cell's.
-        inbox: the cell's.
-        history: the cell's.
-        champion: whether the cell tells its champion.
-        outbox: for its messages.
+        plan: the plan of the cell's epoch.
+        rows: the cell's only row; its first generation must have been made (`Rows.begin`).
+        inbox: the cell's inbox.
+        history: the cell's history.
+        champion: whether the cell's messages carry its champion.
+        outbox: where the cell's messages are written.
 
     Attributes:
-        offspring: the latest.
-        table: of pointers to all that `live_on` works on.
+        offspring: the latest offspring, shape (2 * couples, genome_bytes).
+        table: pointers to everything that `live_on` works on.
     """
 
     def __init__(self, plan: Plan, rows: Rows, inbox: Inbox, history: History, champion: bool, outbox: Outbox) -> None:
@@ -321,7 +341,7 @@ class Generations:
             rows.genomes,
             rows.fitness,
             rows.better_at,
-            np.zeros_like(self.offspring),
+            np.zeros_like(self.offspring),  # the couples: two parents need the room of two offspring
             np.zeros((couples, 2), np.int64),
             self.offspring,
             np.zeros(2 * couples),
@@ -343,40 +363,42 @@ class Generations:
             self._birth_count,
         )
         assert len(arrays) == PLACES, "each has its place"
+        # The table holds bare addresses, so everything that they point to must live as long as this object.
         self._kept = (variation, mutate_one_bit, fitness_kernel, arrays, inbox)
         self.table = pointers(*arrays)
         self._live_on = partial(entry(live_on), self.table)
         self._done = done[0].data
 
     def __call__(self, news: Sequence[tuple[int, bytes]], most: int) -> None:
-        """See `live_on`."""
+        """Take in ``news`` and breed at most ``most`` generations, see `live_on`; then ask `done`."""
         self._live_on(packed(news) if news else b"", most)
 
     def done(self) -> list[int]:
-        """What came of the latest call, or of `breed_on` in other compiled code.
+        """Return the outcome of the latest call, or of `breed_on` called by other compiled code.
 
-        Generations bred, the flags above, the bytes of the message to send (0: none), and after `UNSOUND` which
-        offspring has no fitness.
+        Returns:
+            The number of generations bred, the flags, the size of the message to send in bytes (0: there is none), and
+            after `UNSOUND` the index of the offspring whose fitness is unsound.
         """
         done: list[int] = self._done.tolist()
         return done
 
     def births(self) -> list[Birth]:
-        """The improvements noted since the first generation, which `Rows.births` has."""
+        """Return the improvements noted in compiled generations; that of generation 0 is in `Rows.births`."""
         noted = slice(self._birth_count.item())
         births, fitness = self._births[noted].tolist(), self._birth_fitness[noted].tolist()
         return [Birth(born, cell, its) for (born, cell), its in zip(births, fitness, strict=True)]
 
 
 def _settings(plan: Plan, rows: Rows, champion: bool, addresses: tuple[int, int, int]) -> Any:
-    """In the order of the columns above."""
+    """Return the settings in the order of the columns at the top of this module."""
     run = plan.run
     return np.array(
         [
             *addresses,
             run.emigrants,
             plan.recipe.replacement == "elitist",
-            plan.seed.astype(np.int64),
+            plan.seed.astype(np.int64),  # the same 64 bits, which the kernel reads as unsigned again
             rows.cells[0],
             run.deme,
             plan.evaluations_per_generation,

@@ -1,4 +1,4 @@
-"""What identifies a run: each cell's digest over (generation, deme) of each of its generations."""
+"""Digests that identify a run: for each cell one over generation number, genomes and fitness of all its generations."""
 
 import hashlib
 
@@ -6,19 +6,23 @@ import numpy as np
 
 from genetics import Fitness, Genomes
 
-_RECORDS = 64  # kept before they are digested, over all rows: a digest's cost is mostly that of being called,
-_BYTES = 1 << 16  # unless they are long
-_ROWS = 1024  # whose records are made at once; of more rows each generation is digested as it is noted
+# Records are collected before they are digested, since a digest of few bytes costs mostly its call: so many over all
+# rows, but no more than these bytes hold.
+_RECORDS = 64
+_BYTES = 1 << 16
+_ROWS = 1024  # rows whose records there is room for; with more rows each generation is digested at once, in blocks
 
 
 class History:
-    """SHA-256 digests of the lives of some rows of cells.
+    """A SHA-256 digest for each of some rows of cells, over all their generations.
+
+    The layout of a record is part of the digest, so it must never change: a little-endian int64 (generation), the
+    genomes, and the fitness as little-endian float64, packed.
 
     Attributes:
-        records: room for those not digested yet, shape (rows, records, bytes): generation, genomes, fitness, packed. It
-            is for so many rows at a time.
-        counts: `noted`, (1,), for compiled code.
-        most: at so many they are digested.
+        records: room for records not digested yet, shape (rows, records, bytes); of at most 1024 rows.
+        counts: `noted` as an array, shape (1,), which compiled code increments.
+        most: the number of records in each row at which they are digested.
     """
 
     def __init__(self, rows: int, deme: int, genome_bytes: int) -> None:
@@ -32,11 +36,11 @@ class History:
 
     @property
     def noted(self) -> int:
-        """How many records there are; always less than `most`, so that there is room for another."""
+        """The number of records of each row not digested yet; less than `most`, so there is room for another."""
         return self.counts.item()
 
     def note(self, generation: int, genomes: Genomes, fitness: Fitness) -> None:
-        """Take in a generation: genomes (rows, deme, genome_bytes), fitness (rows, deme)."""
+        """Add a generation: genomes of shape (rows, deme, genome_bytes), fitness of shape (rows, deme)."""
         self._generation[:, self.noted] = generation
         if len(genomes) <= _ROWS:
             self._genomes[:, self.noted] = genomes
@@ -47,12 +51,12 @@ class History:
             self._digest_now(genomes, fitness)
 
     def went_on(self) -> None:
-        """Some more have been written and counted, here or by compiled code; no more than there was room for."""
+        """Digest the records if they are full; call it after writing and counting some, here or in compiled code."""
         if self.noted == self.most:
             self._digest()
 
     def digests(self) -> list[bytes]:
-        """Of the rows, over all that was noted so far."""
+        """Return each row's digest over all that was noted so far; more may follow."""
         self._digest()
         return [digest.digest() for digest in self._digests]
 
@@ -63,7 +67,7 @@ class History:
         self.counts[:] = 0
 
     def _digest_now(self, genomes: Genomes, fitness: Fitness) -> None:
-        """A record of each row, so many rows at a time."""
+        """Digest one generation of more rows than there is room for, block by block."""
         for first in range(0, len(genomes), _ROWS):
             block = slice(first, first + _ROWS)
             digests = self._digests[block]

@@ -1,8 +1,10 @@
-"""Where a cell keeps the messages that have come: rows of arrays, so that nothing is copied.
+"""The inbox of a cell: neighbours' messages as rows of arrays, which breeding uses without a copy.
 
-A message is read into a spare row and, if it is kept, stays there. In lockstep the messages of two exchanges are kept
-apart, since a neighbour may be one ahead; in async mode the latest of each neighbour is kept. Reading, judging and
-keeping all that have come is one compiled call.
+A message is decoded into a spare row. If it is kept, slots point to that row; otherwise the next message overwrites it.
+In lockstep the messages of two exchanges are kept apart, since a neighbour may be one exchange ahead; in async mode the
+latest message of each neighbour is kept. One compiled call decodes, checks and keeps any number of messages.
+
+An inbox is not thread-safe: `node.process` says which thread may use it when.
 """
 
 import struct
@@ -24,25 +26,28 @@ from wire.exchange import Messages
 from wire.exchange_kernels import EPOCH, GENERATION, JOB, PAYLOAD, SENT, only_emigrants, read_message
 from wire.report import Staleness
 
-# What an inbox counts: the number of the next exchange, spare rows, neighbours whose messages are lacking, and messages
-# kept, refused, (in async mode) lost, and sound but of no use, such as those that come again.
+# What an inbox counts: the number of the next exchange, spare rows, neighbours whose messages for that exchange have
+# not come (in lockstep), and messages kept, refused, lost (in async mode), and sound but of no use, such as repeats.
 NEXT, _SPARE, LACKING, _KEPT, _REFUSED, _LOST, _OF_NO_USE = range(7)
 
-# Places in the table of pointers.
-_HEADER, _GENOMES, _FITNESS, _MASK, _LOW, _HIGH, _ITEMS, _NAMES, _SENDERS, _WHENCES, _LATEST, _SPARES = range(12)
+# Places in the table of pointers; `Inbox._kept` lists the arrays in the same order.
+_HEADER, _GENOMES, _FITNESS, _MASK, _LOW, _HIGH, _ITEMS, _NAMES, _SENDERS, _SOURCE_ROWS, _LATEST, _SPARES = range(12)
 _COUNTS, _LIMITS = 12, 13
 # Columns of the limits; the interval is 0 in async mode.
 _MOST_BYTES, _CELLS, _JOB, _EPOCH, _INTERVAL, _CHAMPIONS = range(6)
 
-_mark = struct.Struct("<2q").pack  # before a message where several are packed: its sender and its length
+_mark = struct.Struct("<2q").pack  # precedes each of several packed messages: its sender and its length
 
 
 @subroutine
 def _is_of_use(header: Any, interval: Any, latest: Any, number: Any, counts: Any) -> Any:
-    """In lockstep: neither late, nor again, nor nonsense; a neighbour is at most one exchange ahead.
+    """Return whether to keep a sound message.
 
-    In async mode (an interval of 0): newer than the latest; it may come by two ways, or be overtaken. In lockstep
-    ``latest`` is 1 for as long as a message has not come.
+    In lockstep it must be for the next exchange or the one after that, and its sender's first for it (``latest`` is 1
+    until it has come). No sound neighbour is further ahead, since it waits for this cell.
+
+    In async mode (an interval of 0) it must be newer than the sender's latest: the same message may come twice, by a
+    direct link and through the router, and one may overtake another.
     """
     if interval == 0:
         return header[SENT] > latest[0, number]
@@ -53,9 +58,9 @@ def _is_of_use(header: Any, interval: Any, latest: Any, number: Any, counts: Any
 
 @subroutine
 def _note(header: Any, interval: Any, latest: Any, number: Any, counts: Any) -> Any:
-    """Take note that the message has come; returns the exchange that it is for."""
+    """Note that a message has come; return the place of its exchange, 0 or 1 (in async mode always 0)."""
     if interval == 0:
-        counts[_LOST] += header[SENT] - 1 - latest[0, number]
+        counts[_LOST] += header[SENT] - 1 - latest[0, number]  # senders number their messages without gaps
         latest[0, number] = header[SENT]
         return 0
     exchange = header[GENERATION] // interval
@@ -66,7 +71,10 @@ def _note(header: Any, interval: Any, latest: Any, number: Any, counts: Any) -> 
 
 @subroutine
 def _swap(row: Any, source_row: Any, names: Any, spare: Any, counts: Any) -> Any:
-    """Let the slots named find the spare ``row``; the row that they had is spare now."""
+    """Point the slots marked in ``names`` to the spare ``row``; the row that they pointed to becomes spare.
+
+    The rows `OWN` and `TOLD`, to which slots point before any message has come, never become spare.
+    """
     counts[_SPARE] -= 1
     old = np.int64(TOLD)
     for slot in range(source_row.size):
@@ -80,9 +88,9 @@ def _swap(row: Any, source_row: Any, names: Any, spare: Any, counts: Any) -> Any
 
 @subroutine
 def _take_in(table: Any, limits: Any, payload: Any, number: Any, counts: Any) -> Any:
-    """Read a message of neighbour ``number`` into a spare row, and keep it if it is of use.
+    """Decode a message of neighbour ``number`` into a spare row, and keep it if it is of use.
 
-    Returns minus the reason why it is refused, or whether it is of this epoch.
+    Returns minus the reason why the message is refused, 0 if it is of another job or epoch, else 1.
     """
     spare = integers(table, _SPARES)[0]
     row = spare[counts[_SPARE] - 1]
@@ -101,7 +109,7 @@ def _take_in(table: Any, limits: Any, payload: Any, number: Any, counts: Any) ->
         if not limits[_CHAMPIONS]:
             only_emigrants(header, genomes, fitness[row], integers(table, _SENDERS)[0, number])
         place = _note(header, limits[_INTERVAL], latest, number, counts)
-        _swap(row, integers(table, _WHENCES)[place], octets(table, _NAMES)[number], spare, counts)
+        _swap(row, integers(table, _SOURCE_ROWS)[place], octets(table, _NAMES)[number], spare, counts)
         counts[_KEPT] += 1
     else:
         counts[_OF_NO_USE] += 1
@@ -110,7 +118,10 @@ def _take_in(table: Any, limits: Any, payload: Any, number: Any, counts: Any) ->
 
 @subroutine
 def hear_one(table: Any, payload: Any, sender: Any) -> Any:
-    """`_take_in` a message; 0 too if it is no neighbour's."""
+    """`_take_in` a message of the cell ``sender``; return 0 also if that is no neighbour.
+
+    The search is linear: a cell has a handful of neighbours.
+    """
     limits, counts, senders = integers(table, _LIMITS)[0], integers(table, _COUNTS)[0], integers(table, _SENDERS)[0]
     for number in range(senders.size):
         if senders[number] == sender:
@@ -120,7 +131,7 @@ def hear_one(table: Any, payload: Any, sender: Any) -> Any:
 
 @subroutine
 def _integer_at(everything: Any, at: Any) -> Any:
-    """Eight bytes, the lowest first, wherever they lie."""
+    """Read a little-endian int64 at any offset, aligned or not."""
     value = np.int64(0)
     for place in range(8):
         value |= np.int64(everything[at + place]) << (8 * place)
@@ -129,9 +140,9 @@ def _integer_at(everything: Any, at: Any) -> Any:
 
 @kernel(types.int64(PAYLOAD, TABLE))
 def hear(news: bytes, table: Table) -> int:
-    """Read messages that are `packed`, and keep those that are sound and of use.
+    """Decode `packed` messages and keep those that are sound and of use; return how many were refused.
 
-    What no neighbour has sent is passed over. Returns how many were refused.
+    Messages that no neighbour has sent are skipped.
     """
     everything = octets_of(news)
     start = np.int64(0)
@@ -147,14 +158,14 @@ def hear(news: bytes, table: Table) -> int:
 
 @kernel("void(int64[:,::1], int64[::1])")
 def turn(latest: Cells, counts: Cells) -> None:
-    """In lockstep: the next exchange."""
+    """In lockstep move on to the next exchange; the place of the finished one then waits for the one after that."""
     latest[counts[NEXT] % 2] = 1
     counts[NEXT] += 1
     counts[LACKING] = np.sum(latest[counts[NEXT] % 2])
 
 
 def packed(news: Sequence[tuple[int, bytes]]) -> bytes:
-    """Messages one after another, each behind its sender and its length, as `hear` takes them."""
+    """Return messages as `hear` takes them: one after another, each preceded by its sender and its length."""
     return b"".join([_mark(sender, len(payload)) + payload for sender, payload in news])
 
 
@@ -162,16 +173,17 @@ class Inbox:
     """The messages of one cell's neighbours in one epoch of a job.
 
     Attributes:
-        neighbours: the distinct cells that the cell's slots name, without itself.
-        messages: rows for all of them, the cell's own in rows `OWN` and `TOLD`.
-        source_rows: the row of the message for each slot, shape (exchanges kept apart, slots).
-        latest: shape (exchanges, neighbours): 1 for whose message has not come; in async mode the latest one's number.
-        counts: see above.
-        used: in async mode the number of the message that each slot gave last.
+        neighbours: the distinct cells that the cell's slots name, without the cell itself.
+        messages: rows for all messages; the cell's own are in rows `OWN` and `TOLD`.
+        source_rows: for each slot the row of its message, shape (exchanges kept apart, slots).
+        latest: shape (exchanges kept apart, neighbours). In lockstep 1 until the neighbour's message has come, then 0;
+            in async mode the number of the neighbour's latest message.
+        counts: see the constants of this module, shape (7,).
+        used: in async mode the number of the message that each slot gave last, shape (slots,).
         staleness: in async mode the counts of `wire.report.Staleness`.
-        lacking: asked for how many neighbours' messages have not come, in lockstep; a call into compiled code, since it
-            is asked in each generation.
-        table: of pointers to all that `hear` works on.
+        lacking: in lockstep a function that returns how many neighbours' messages for the next exchange have not come.
+            It is a bound C method, because it is called in each generation.
+        table: pointers to everything that `hear` works on.
     """
 
     def __init__(self, plan: Plan, cell: int, job: int) -> None:
@@ -183,12 +195,14 @@ class Inbox:
         self._numbers = {other: number for number, other in enumerate(self.neighbours)}
         self.latest = np.full((exchanges, others), int(self._lockstep))
         self._not_come = tuple(exchange.tolist for exchange in self.latest)
-        # Both stand for the cell itself, and for whom nothing was heard of. An individual alone breeds with what it has
-        # told last until it tells more; an island takes nothing in from itself, and knows itself by its own row.
+        # A slot points to one of these two rows if it names the cell itself, or a neighbour that has not sent anything
+        # yet. A single individual breeds with the message that it published last: its own row changes in generations
+        # between exchanges too.
+        # An island takes nothing in from itself: `admit_to` skips the row OWN.
         self.source_rows = np.full((exchanges, len(slots)), TOLD if plan.run.deme == 1 else OWN)
         self.used = np.zeros(len(slots), np.int64)
         self.staleness = np.zeros(len(Staleness._fields), np.int64)
-        spare = np.arange(2, 3 + exchanges * others)
+        spare = np.arange(2, 3 + exchanges * others)  # one for each message that may be kept, and one to decode into
         self.counts = np.zeros(7, np.int64)
         self.counts[_SPARE] = len(spare)
         self.counts[LACKING] = others
@@ -208,50 +222,53 @@ class Inbox:
             self.counts,
             np.array([plan.limits.most_bytes, plan.limits.cells, job, plan.epoch, interval, champions]),
         )
-        self.table = pointers(*self._kept)
+        self.table = pointers(*self._kept)  # bare addresses: these arrays must never be replaced
 
     @property
     def kept(self) -> int:
-        """How many messages were sound and of use."""
+        """The number of messages that were sound and of use."""
         return self.counts.item(_KEPT)
 
     @property
     def refused(self) -> int:
-        """How many were not what they should be."""
+        """The number of messages that were malformed or out of bounds."""
         return self.counts.item(_REFUSED)
 
     @property
     def lost(self) -> int:
-        """In async mode: how many are known not to have come."""
+        """In async mode the number of messages known not to have come, by gaps in their numbers."""
         return self.counts.item(_LOST)
 
     @property
     def of_no_use(self) -> int:
-        """How many were sound, but too late, too early, or the same again."""
+        """The number of messages that were sound, but too late, too early or repeated."""
         return self.counts.item(_OF_NO_USE)
 
     def missing(self) -> set[int]:
-        """In lockstep: the neighbours whose messages for the next exchange have not come."""
+        """Return, in lockstep, the neighbours whose messages for the next exchange have not come."""
         return set(compress(self.neighbours, self._not_come[self.counts.item(NEXT) % 2]()))
 
     def hear(self, news: Sequence[tuple[int, bytes]]) -> set[tuple[int, str]]:
-        """Take in messages, each with its sender. Returns the senders of those that are refused, with the reasons."""
+        """Take in messages, each with its sender; return the senders of refused ones, each with the reason."""
         return self.complaints(news) if news and hear(packed(news), self.table) else set()
 
     def complaints(self, news: Sequence[tuple[int, bytes]]) -> set[tuple[int, str]]:
-        """Which of these messages are refused: their senders, with the reasons."""
+        """Return the senders of those of these messages that are refused, each with the reason.
+
+        This decodes them a second time; the compiled call only counts refusals, since there are hardly any.
+        """
         reasons = {(sender, self._reason(payload)) for sender, payload in news if sender in self._numbers}
         return {(sender, reason) for sender, reason in reasons if reason is not None}
 
     def _reason(self, payload: bytes) -> str | None:
-        """Why a message is refused, if it is."""
+        """Return why a message is refused; None if it is not."""
         spare = Messages.room(1, self._limits.genome_bytes, self._limits.emigrants)
         return spare.decode(0, payload, self._limits)
 
     def take(self, generation: int) -> Cells:
-        """The row of the message for each slot, shape (1, slots), for breeding after ``generation``.
+        """Return the row of each slot's message, shape (1, slots), to breed the generation after ``generation`` with.
 
-        In lockstep what comes from now on is for later exchanges; in async mode it is noted how old the messages are.
+        In lockstep this also moves on to the next exchange; in async mode it notes how old the messages are.
         """
         if self._lockstep:
             exchange = self.counts.item(NEXT) % 2

@@ -1,6 +1,11 @@
-"""The compiled rules of what rows of cells know and tell: champions, stops, emigrants, and how old their news is.
+"""The compiled rules for what cells know and publish: champions, stops, emigrants, improvements and staleness.
 
-``header``, ``genomes`` and ``fitness`` are those of `wire.exchange.Messages`; a row's own message is what it knows.
+``header``, ``genomes`` and ``fitness`` are the arrays of `wire.exchange.Messages`. What a cell knows (its champion, the
+least stop) is stored nowhere else than in its own message.
+
+Most rules exist twice: as a subroutine for one row, which `node.generation` calls within its own kernel, and as a
+kernel for many rows, which `node.rows` calls from Python. The kernel only loops over the subroutine, so both give the
+same bits.
 """
 
 from typing import Any
@@ -14,15 +19,18 @@ from wire.exchange_kernels import BIRTHPLACE, BORN, EVALUATIONS, GENERATION, SEN
 from wire.report import MOST_BIRTHS
 
 OWN, TOLD = 0, 1
-"""Rows of a cell's messages: its own, and that one as it was told last."""
+"""Rows of a cell's messages: its own, which changes in every generation, and that as it was published last."""
 
 NOTED_ALL, NOTED_EACH = 256, 64
-"""Improvements of a cell, see `is_noted`."""
+"""Numbers of improvements: see `is_noted`."""
 
 
 @subroutine
 def _is_better(heard: Any, heard_header: Any, known: Any, header: Any) -> Any:
-    """Whether a champion heard of comes before the one known, by (fitness, generation, cell) of birth."""
+    """Return whether a received champion precedes the known one, by (fitness, generation, cell) of birth.
+
+    The order is total, so all cells end up with the same champion whatever the order of messages.
+    """
     if heard == known:
         if heard_header[BORN] == header[BORN]:
             return heard_header[BIRTHPLACE] < header[BIRTHPLACE]
@@ -46,11 +54,12 @@ def merge_champion(
     """`merge_champions` for one row."""
     last = fitness.shape[1] - 1
     for sender in source_row:
+        # The stop is taken even from a message without a champion.
         header[row, STOP_AT] = min(header[row, STOP_AT], heard_header[sender, STOP_AT])
         heard, known = heard_fitness[sender, last], fitness[row, last]
         if heard == np.inf or not _is_better(heard, heard_header[sender], known, header[row]):
             continue
-        if heard < known:
+        if heard < known:  # the same fitness born earlier is another champion, but does not end a stall
             better_at[row] = now
         fitness[row, last] = heard
         genomes[row, last] = heard_genomes[sender, last]
@@ -73,9 +82,9 @@ def merge_champions(
     heard_fitness: Fitness,
     source_row: Cells,
 ) -> None:
-    """Each row keeps the least stop, and the best champion, that it knows or hears of.
+    """Let each row keep the least stop and the best champion of those it knows and those its slots' messages carry.
 
-    ``source_row``, (rows, slots), says which of the heard messages came to each slot.
+    ``source_row``, (rows, slots), is for each slot the row of its message among the received ones.
     """
     for row in range(source_row.shape[0]):
         merge_champion(
@@ -96,9 +105,9 @@ def merge_champions(
 def update_champion(
     deme: Any, deme_fitness: Any, first: Any, cell: Any, now: Any, header: Any, genomes: Any, fitness: Any
 ) -> Any:
-    """The best of a deme becomes the champion if it is better, of two as good the earlier born; whether it did."""
+    """Make a deme's best individual, of index ``first``, the champion if it is fitter; return whether it was."""
     last = fitness.size - 1
-    if not deme_fitness[first] < fitness[last]:
+    if not deme_fitness[first] < fitness[last]:  # of two equally fit ones the earlier born stays
         return False
     genomes[last] = deme[first]
     fitness[last] = deme_fitness[first]
@@ -109,13 +118,13 @@ def update_champion(
 
 @subroutine
 def pack_emigrants(deme: Any, deme_fitness: Any, first: Any, genomes: Any, fitness: Any) -> Any:
-    """Put the best of a deme, best first, into the row's message as emigrants."""
+    """Put the best individuals of a deme, best first, into the row's message as emigrants."""
     count = fitness.size - 1
-    if count == 1:
+    if count == 1:  # the usual case, without a sort
         genomes[0] = deme[first]
         fitness[0] = deme_fitness[first]
     else:
-        order = np.argsort(deme_fitness, kind="mergesort")
+        order = np.argsort(deme_fitness, kind="mergesort")  # stable, so that ties are the same everywhere
         for place in range(count):
             genomes[place] = deme[order[place]]
             fitness[place] = deme_fitness[order[place]]
@@ -136,7 +145,7 @@ def prepare_message(
     target: Any,
     target_reporter: Any,
 ) -> Any:
-    """`prepare_messages` for one row; whether it may say that the target is reached."""
+    """`prepare_messages` for one row; return whether it is the one to propose a stop because the target is reached."""
     first = np.argmin(deme_fitness)
     header[GENERATION] = now
     header[EVALUATIONS] = evaluations
@@ -151,14 +160,15 @@ def prepare_message(
 def is_noted(
     header: Any, fitness: Any, better_at: Any, row: Any, cell: Any, now: Any, target_reporter: Any, noted: Any
 ) -> Any:
-    """Whether the row's champion of now is an improvement to be noted.
+    """Return whether the row's champion is an improvement of generation ``now`` to be noted, and count it if so.
 
-    ``noted``, (rows, 2), holds the fitness that each row noted last, and how many there were; it is brought up to date.
+    ``noted``, (rows, 2), holds for each row the fitness noted last and the number of notes; it is updated.
 
-    A cell notes what is born on it. Under the paper's spy only the cell ``target_reporter`` notes: whatever it learns
-    of. After the first `NOTED_ALL` improvements of a cell only larger ones count: at least 2^-10 of the fitness noted
-    last, and twice that share after each further `NOTED_EACH`. So a cell notes `MOST_BIRTHS` at most, however long it
-    lives. A share of the fitness is scale-free; keeping the last ones instead would lose where the run began.
+    A cell notes champions born on it. Under the paper's spy only the cell ``target_reporter`` notes, namely every
+    champion that it learns of. After a cell's first `NOTED_ALL` improvements only larger ones count: at least 2^-10 of
+    the fitness noted last, and twice that share after each further `NOTED_EACH`. So a cell notes at most `MOST_BIRTHS`,
+    however long it runs. A share of the fitness needs no scale. Keeping the latest improvements instead would lose the
+    beginning of the run.
     """
     if target_reporter >= 0:
         is_new = cell == target_reporter and better_at[row] == now
@@ -198,11 +208,11 @@ def prepare_messages(
     noted: Fitness,
     improved: Cells,
 ) -> int:
-    """Put what has become of the demes into the rows' messages: champions and emigrants.
+    """Put the champions and emigrants of the demes into the rows' messages; return how many rows ``reached`` holds.
 
-    Fills ``reached`` with the rows that may say that the target is reached, and returns how many: those that bred the
-    champion just now, or only the cell ``target_reporter`` unless that is negative. Fills ``improved``, (rows + 1,),
-    with how many rows note an improvement (see `is_noted`), and then with which.
+    Fills ``reached`` with the rows that are to propose a stop because their champion meets the target: those that bred
+    it in this generation, or only the row of the cell ``target_reporter`` unless that is negative. Fills ``improved``,
+    (rows + 1,), with the number of rows that note an improvement (see `is_noted`), then with those rows.
     """
     count = 0
     improved[0] = 0
@@ -231,16 +241,17 @@ def prepare_messages(
 
 @kernel("void(int64[:,::1], int64[::1], int64, int64[::1], int64[::1])")
 def note_staleness(header: Header, source_row: Cells, now: int, used: Cells, staleness: Cells) -> None:
-    """Count the immigrants of one cell, how many generations they are behind (sum and most), and which come again.
+    """Count one cell's immigrants in async mode, how many generations they are behind, and which are used again.
 
-    ``used``, (slots,), is the number of the message that each slot gave last time; ``staleness`` holds the four counts.
-    A slot that names the cell itself brings no immigrant.
+    ``used``, (slots,), is the number of the message that each slot gave last time. ``staleness``, (4,), holds the
+    counts of `wire.report.Staleness`. A slot that names the cell itself, or whose neighbour has sent nothing, brings
+    no immigrant.
     """
     for slot in range(source_row.size):
         sender = source_row[slot]
         if sender <= TOLD:
             continue
-        behind = max(0, now - header[sender, GENERATION])
+        behind = max(0, now - header[sender, GENERATION])  # a neighbour may be ahead
         staleness[0] += 1
         staleness[1] += behind
         staleness[2] = max(staleness[2], behind)
@@ -250,5 +261,5 @@ def note_staleness(header: Header, source_row: Cells, now: int, used: Cells, sta
 
 @kernel("float64(uint64, int64, int64, int64)")
 def delay(seed: np.uint64, cell: int, generation: int, index: int) -> float:
-    """An exponentially distributed time of mean 1, for the simulator's model of asynchronous nodes."""
+    """Draw an exponentially distributed time of mean 1, for the simulator's model of asynchronous nodes."""
     return float(-np.log1p(-unit(draw(seed, cell, generation, DELAY, index, 0))))

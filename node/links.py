@@ -1,11 +1,15 @@
-"""A node's links to its neighbours: direct ones, and through the router where a direct one is not possible.
+"""A node's links to its neighbours: direct ones, and through the router where a direct link is not possible.
 
-A session takes no further links once it is open, so another wiring is another session.
+The data session is a Zenoh peer with direct links to the neighbours only, so an exchange crosses no router. An open
+session takes no further links, so each wiring has a session of its own.
 
-The data session is a peer with direct links to the neighbours only, so an exchange crosses no router. A neighbour whom
-no direct link reaches (it lives on another network) is heard through the router instead, for as long as that is so;
-what comes by both ways the cell ignores once. Nodes on different hosts have direct links if both listen on a network;
-where there can be none nobody waits for one. The spy of such a cluster hears the root through the router too.
+A neighbour that no direct link reaches, because it is on another network, is subscribed to through the router instead,
+as long as that is so. A message that comes by both ways is used once, since the cell ignores repeats. Nodes on
+different hosts link directly if both listen on a network; where that is impossible no node waits for such a link. The
+spy of a cluster of several hosts also receives the root's messages through the router.
+
+Subscriptions and publishers are declared and undeclared on the main thread only: on Zenoh's thread nothing may be
+declared. That thread only notes which neighbours are linked.
 """
 
 import contextlib
@@ -22,32 +26,40 @@ from wire import sessions
 from wire.callbacks import direct, frequent
 from wire.control import Wiring
 
-_DIRECT_WITHIN = 30.0  # seconds that a direct link may take to come up; a thousand nodes start in a third of it
+_DIRECT_WITHIN = 30.0  # s that a direct link may take to come up; a thousand nodes start in a third of it
 
-_ROUTED_WITHIN = 90.0
+_ROUTED_WITHIN = 90.0  # s that a neighbour may take after that until it is linked at all
 
 Hear = Callable[[zenoh.Sample], None]
-"""Called on Zenoh's thread with a neighbour's message."""
-Task = Callable[[], None]
+"""A callback for a neighbour's messages, called on Zenoh's thread."""
+Task = Callable[[], None]  # for the main thread
 
 
 class Links:
-    """The data session of one node in one wiring, and who is heard by which session.
+    """The data session of one node in one wiring, and the session by which each neighbour's messages come.
+
+    The constructor returns once every neighbour is linked.
 
     Args:
-        config: the node's place.
-        topology: who neighbours whom.
-        wiring: who lives where; this node must be among them.
+        config: the node's configuration.
+        topology: the neighbours of each cell.
+        wiring: the node on each cell; this node must be among them.
         control: the session through the router.
-        make_handler: makes what takes a neighbour's messages, of the sender's cell.
-        later: runs a task on the main thread: on Zenoh's thread nothing may be declared.
-        changed: notified when a neighbour is linked, and when ``given_up`` may have changed: a thousand nodes that
-            looked for themselves would keep each other from starting.
-        given_up: whether nobody wants these links any more, which ends the waiting for neighbours: one may have died.
+        make_handler: returns the callback for messages of the given cell.
+        later: queues a task for the main thread.
+        changed: notified when a neighbour is linked, and when ``given_up`` may return something else. Polling instead
+            would make a thousand starting nodes keep each other from starting.
+        given_up: returns whether these links are no longer wanted. That ends the wait for neighbours, which may never
+            come, since one may have died.
 
     Attributes:
-        cell: where this node lives.
-        publish: sends a message to every neighbour.
+        cell: the cell that this node is on.
+        neighbours: the distinct neighbours of that cell, without the cell itself.
+        publish: sends a message to every neighbour. It is replaced when a neighbour must be reached through the router,
+            so look it up for each message.
+
+    Raises:
+        TimeoutError: if a neighbour cannot be linked in time, or the links are given up.
     """
 
     def __init__(
@@ -72,13 +84,14 @@ class Links:
         self._later = later
         self._given_up = given_up
         self._changed = changed
-        self._linked: set[int] = set()  # the neighbours with a direct link
-        self._routed: dict[int, Any] = {}  # the others, with their subscribers
-        self._listening: set[int] = set()  # those of them who say that they listen to the router
+        self._linked: set[int] = set()  # neighbours with a direct link; Zenoh's thread writes it, under `changed`
+        self._routed: dict[int, Any] = {}  # neighbours heard through the router, with their subscribers
+        self._listening: set[int] = set()  # neighbours known to listen to the router; written like `_linked`
         self._routed_out: zenoh.Publisher | None = None
+        # The neighbours to which no direct link is possible.
         self._apart = frozenset(other for other in self.neighbours if self._way_to(config, other) is None)
         self._for_the_spy = self.cell == ROOT and bool(wiring.hosts)
-        self._patient = True  # as long as direct links may still come up
+        self._patient = True  # whether the constructor still waits for direct links
         self._closed = False
         self._open(config)
         try:
@@ -88,12 +101,12 @@ class Links:
             raise
 
     def leads_to(self, topology: Topology, wiring: Wiring) -> bool:
-        """Whether these are the links that such a job wants."""
+        """Return whether these links serve a job with that topology and wiring."""
         return wiring.number == self.wiring.number and topology.cells == len(self.wiring.nodes)
 
     def close(self) -> None:
-        """Hear nobody any more. Idempotent."""
-        self._closed = True
+        """Stop receiving and close the data session. Idempotent."""
+        self._closed = True  # a `_reroute` that is queued already does nothing then
         for declared in [each for pair in self._routed.values() for each in pair]:
             declared.undeclare()
         self._routed.clear()
@@ -101,9 +114,11 @@ class Links:
         self.data.close()  # type: ignore[no-untyped-call]
 
     def _open(self, config: NodeConfig) -> None:
-        """Of two neighbours the one on the higher cell connects: on a cluster's start the other was forked before it.
+        """Open the data session and declare everything on it.
 
-        A node declares its token after its subscriptions, on the same link: who sees the token may publish to it.
+        Of two neighbours the one on the higher cell connects: when a cluster starts, the other was forked before it.
+        A node declares its liveliness token after its subscriptions, on the same link, so a neighbour that sees the
+        token may publish to it.
         """
         node_of, endpoints = self.wiring.nodes, self.wiring.endpoints
         here = [config.data_endpoint(self.node, self.wiring.number)]
@@ -115,18 +130,18 @@ class Links:
         except zenoh.ZError:
             if not abroad:
                 raise
-            self.data = sessions.peer(here, there)  # somebody else has that port: these links go by the router
+            self.data = sessions.peer(here, there)  # another process has that port: links from abroad use the router
         self._out = self.data.declare_publisher(self.keys.out(self.node))
         self.publish: Callable[[bytes], None] = self._out.put
         self._subscribers = [self._subscribe(self.data, other) for other in self.neighbours]
         liveliness = self.data.liveliness()
         see = partial(self._see, {self.keys.node(node_of[other]): other for other in self.neighbours})
-        # One for all neighbours: nobody else is linked, and each question takes a message by each link.
+        # One subscriber for all neighbours: no other node is linked, and each subscriber costs a message on each link.
         self._watcher = liveliness.declare_subscriber(self.keys.any_node, direct(see), history=True)
         self._token = liveliness.declare_token(self.keys.node(self.node))
 
     def _way_to(self, config: NodeConfig, other: int) -> str | None:
-        """Where a neighbour listens to this node; None if there can be no direct link."""
+        """Return the endpoint at which a neighbour listens for this node; None if no direct link is possible."""
         hosts, endpoints = self.wiring.hosts, self.wiring.endpoints
         if not hosts or hosts[other] == hosts[self.cell]:
             return config.data_endpoint(self.wiring.nodes[other], self.wiring.number)
@@ -139,9 +154,9 @@ class Links:
         )
 
     def _see(self, neighbours: Mapping[str, int], sample: zenoh.Sample) -> None:
-        """A direct link has come up or gone."""
+        """Note that a direct link has come up or gone. On Zenoh's thread."""
         neighbour = neighbours.get(str(sample.key_expr))
-        if neighbour is None:  # this node itself
+        if neighbour is None:  # this node's own token
             return
         with self._changed:
             if sample.kind == zenoh.SampleKind.PUT:
@@ -152,12 +167,12 @@ class Links:
         self._later(self._reroute)
 
     def _wait(self) -> None:
-        """Until every neighbour is linked; those who are not in time are heard through the router.
+        """Wait until every neighbour is linked; use the router for those without a direct link in time.
 
         Raises:
-            TimeoutError: if one is not heard by that either.
+            TimeoutError: if a neighbour is not linked through the router either, or the links are given up.
         """
-        self._reroute()
+        self._reroute()  # neighbours without any possible direct link
         everybody = set(self.neighbours)
         direct_ones = self._are_there(lambda: self._linked >= everybody - self._apart, _DIRECT_WITHIN)
         self._patient = False
@@ -168,7 +183,7 @@ class Links:
             raise TimeoutError(f"no link to cells {', '.join(map(str, missing))}")
 
     def _are_there(self, condition: Callable[[], bool], seconds: float) -> bool:
-        """Whether the neighbours are linked in time.
+        """Wait for ``condition``, at most so many seconds; return whether it has come true.
 
         Raises:
             TimeoutError: if the links are given up.
@@ -176,11 +191,14 @@ class Links:
         with self._changed:
             there = self._changed.wait_for(lambda: condition() or self._given_up(), seconds)
             if there and not condition():
-                raise TimeoutError("other links are wanted by now")
+                raise TimeoutError("stopped linking to neighbours, because a newer command has arrived")
         return there
 
     def _reroute(self) -> None:
-        """Hear exactly those through the router who have no direct link, but for those that may still get one."""
+        """Use the router for exactly the neighbours without a direct link, except for those that may still get one.
+
+        Runs on the main thread.
+        """
         if self._closed:
             return
         for neighbour in self.neighbours:
@@ -197,7 +215,7 @@ class Links:
             self._routed_token = self.control.liveliness().declare_token(self.keys.routed(self.node))
             self.publish = self._publish_both_ways
         elif self._routed_out is not None and not both_ways:
-            # Links are mutual: who is heard directly hears directly.
+            # Links are mutual: a neighbour whose messages come directly receives this node's directly too.
             self.publish = self._out.put
             self._stop_publishing_both_ways()
 
@@ -208,14 +226,15 @@ class Links:
             self._routed_out = None
 
     def _publish_both_ways(self, payload: bytes) -> None:
+        """Publish on both sessions; may run on Zenoh's thread while the main thread undeclares the routed publisher."""
         routed = self._routed_out
         self._out.put(payload)
         if routed is not None:
-            with contextlib.suppress(zenoh.ZError):  # undeclared meanwhile, on the main thread
+            with contextlib.suppress(zenoh.ZError):  # it has been undeclared meanwhile
                 routed.put(payload)
 
     def _route(self, neighbour: int) -> list[Any]:
-        """Listen to a neighbour through the router, and for its word that it listens too."""
+        """Subscribe to a neighbour through the router, and to the token that says that it publishes there too."""
 
         def see(_: zenoh.Sample) -> None:
             with self._changed:

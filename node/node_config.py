@@ -1,4 +1,4 @@
-"""A node's place in a cluster: what it must be told before it can link itself."""
+"""The configuration of a node or the spy: what it must know before it can open its sessions."""
 
 import os
 from dataclasses import dataclass, field
@@ -12,18 +12,19 @@ from wire.keys import Keys
 
 @dataclass(frozen=True)
 class NodeConfig:
-    """Where one node lives, and where the others do.
+    """The place of one process in a cluster.
 
     Attributes:
-        cluster: the cluster's name, part of every key.
-        node: the node's number; until a job says otherwise it lives on the cell of that number.
-        topology: who neighbours whom; empty for a node that takes the place of a dead one: a job will tell it.
-        folder: a private folder for Unix sockets, the same for all nodes of one machine.
+        cluster: the cluster's name, part of every key expression.
+        node: the node's number. Until a job says otherwise it is on the cell of that number. Of the spy: the root's.
+        topology: the topology to link for at the start. Empty for a node that replaces one that died, which links when
+            it is told to prepare for a job.
+        folder: a private folder for Unix sockets, the same for all nodes of one host.
         router: the endpoint of the cluster's router.
-        secret: of the cluster: commands are obeyed if they are sealed with it; see `wire.seal`.
+        secret: the cluster's secret: commands are obeyed if they are sealed with it, see `wire.seal`.
         modules: users' modules that problems may name.
-        host: names this start of the processes that share ``folder``, if the cluster's live in several places.
-        core_tokens: for the nodes that share a core; who has none breeds when the kernel lets it.
+        host: identifies this start of the processes that share ``folder``, in a cluster of several hosts; else empty.
+        core_tokens: the tokens of cores that nodes share, by core. Without one a node breeds whenever it is scheduled.
     """
 
     cluster: str
@@ -43,9 +44,9 @@ class NodeConfig:
 
     @property
     def process(self) -> str:
-        """This process, as its token names it: ids repeat from host to host and from one start of it to the next."""
+        """This process's name in its liveliness token: process ids alone repeat on other hosts and in later starts."""
         return f"{os.getpid()}-{self.host}" if self.host else str(os.getpid())
 
     def data_endpoint(self, node: int, wiring: int) -> str:
-        """Where the data session of a node on this machine listens, for the links of that wiring."""
+        """Return the endpoint of a node's data session on this host, for the wiring of that number."""
         return sessions.unix_socket(self.folder, f"n{node}.{wiring}")

@@ -1,4 +1,4 @@
-"""The last two messages of a cell, for neighbours that miss one: in lockstep nobody is further behind."""
+"""The outbox of a cell: its last two messages, for neighbours that miss one; in lockstep none can miss an older one."""
 
 from collections.abc import Callable
 
@@ -8,31 +8,33 @@ from genetics import Genomes
 
 
 class Outbox:
-    """Room for two messages; each is in the place that its number is even or odd for.
+    """Room for two messages: the one with an even number in place 0, the one with an odd number in place 1.
+
+    Compiled code (`node.generation`) writes into the same arrays, so they are never replaced.
 
     Attributes:
-        room: shape (2, bytes).
-        said: of which generation each message is, and how many bytes it has, shape (2, 2).
+        room: the encoded messages, shape (2, bytes).
+        said: the generation and the size in bytes of each message, shape (2, 2).
     """
 
     def __init__(self, most_bytes: int) -> None:
         self.room = np.empty((2, most_bytes), np.uint8)
         self.said = np.zeros((2, 2), np.int64)
-        self._room = tuple(each.data for each in self.room)  # of an array each slice costs as much as a message
+        self._room = tuple(each.data for each in self.room)  # memoryviews: slicing an array costs as much as a message
 
     def write(self, number: int, generation: int, encode: Callable[[Genomes], bytes]) -> bytes:
-        """Put a message there: ``encode`` writes it into the room that it is given."""
+        """Write a message and return it; ``encode`` fills the room that it is given and returns the message."""
         place = number % 2
         payload = encode(self.room[place])
         self.said[place] = generation, len(payload)
         return payload
 
     def message(self, number: int) -> bytes:
-        """One of the last two, by its number."""
+        """Return one of the last two messages, by its number."""
         place = number % 2
         return self._room[place][: self.said.item(place, 1)].tobytes()
 
     def of(self, generation: int) -> bytes | None:
-        """The message of a generation, if it is one of the last two."""
+        """Return the message of a generation; None if it is not one of the last two."""
         places = [place for place, (its, size) in enumerate(self.said.tolist()) if its == generation and size > 0]
         return self.message(places[0]) if places else None

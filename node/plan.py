@@ -1,4 +1,4 @@
-"""A job as every cell must understand it in the same way."""
+"""The plan of an epoch: everything about a job that all its cells must understand in the same way."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -21,15 +21,14 @@ _GOLDEN = 0x9E3779B97F4A7C15  # 2^64 divided by the golden ratio: multiples of i
 
 @dataclass(frozen=True)
 class Plan:
-    """What is to be solved, how it is bred, who neighbours whom and when it ends.
+    """What is to be solved in an epoch of a job, how it is bred, which cells are neighbours, and when it ends.
 
     Attributes:
-        epoch: its number in the row of epochs that a job lives in.
-        since: generations that the job had lived through when this epoch began.
-        attempt: how often it had begun anew by then, since the problem was last changed.
-
-    Raises:
-        BadInput: from `of`, if the problem file is wrong.
+        problem: the problem to solve.
+        run: the settings of the run.
+        epoch: the epoch's number in the job, from 0.
+        since: generations of the job before this epoch.
+        attempt: how often the job had been restarted by then, since the problem was last changed.
     """
 
     problem: Problem
@@ -40,72 +39,84 @@ class Plan:
 
     @staticmethod
     def of(file: ProblemFile, epoch: int = 0, since: int = 0, *, checked: bool = False) -> "Plan":
-        """The plan of a problem file, which another process has ``checked`` or not; this imports a user's module."""
+        """Return the plan of a problem file; if the problem is a user's own, this imports its module.
+
+        If another process has ``checked`` the file, checks that take long are skipped.
+
+        Raises:
+            BadInput: if the problem file is wrong.
+        """
         plan = Plan(file.problem(checked=checked), file.run, epoch, since, file.attempt)
-        _ = plan.target, plan.next_attempt  # asks a user's problem, so that a wrong answer is found now
+        _ = plan.target, plan.next_attempt  # calls a user's own code, so that its errors are reported now
         return plan
 
     @cached_property
     def topology(self) -> Topology:
-        """Who neighbours whom."""
+        """The neighbours of each cell."""
         return topologies.parse(self.run.topology)
 
     @cached_property
     def slots(self) -> int:
-        """The number of neighbours of each cell, repeats counted."""
+        """The number of slots of each cell; a neighbour may fill several."""
         return len(self.topology.neighbours(0))
 
     @cached_property
     def coding(self) -> Coding:
-        """How individuals are coded."""
+        """The coding of individuals as genomes."""
         return self.problem.coding
 
     @cached_property
     def recipe(self) -> Recipe:
-        """How they breed."""
+        """How individuals breed.
+
+        Raises:
+            ValueError: if the recipe does not suit the problem's coding.
+        """
         recipe = self.run.breeding(self.problem)
         self.coding.check(recipe)
         return recipe
 
     def keys(self, cells: Cells, generation: int) -> Keys:
-        """What the random draws of some cells in a generation are keyed by."""
+        """Return the keys of the random draws of some cells in a generation."""
         return Keys(cells, self.seed, generation)
 
     @cached_property
     def seed(self) -> np.uint64:
-        """Of this epoch: generations count from 0 in each, and are to draw other numbers in another."""
+        """The seed of this epoch. Each epoch counts generations from 0, and must not repeat another one's draws."""
         return seed_of(self.run, self.epoch)
 
     def deme_of(self, genomes: bytes) -> Genomes:
-        """The individuals that lie one after another in ``genomes``, shape (deme, genome_bytes)."""
+        """Return the individuals whose genomes follow one another in ``genomes``, shape (deme, genome_bytes)."""
         return np.frombuffer(genomes, np.uint8).reshape(self.run.deme, self.coding.genome_bytes)
 
     @cached_property
     def evaluate(self) -> Evaluate:
-        """The problem's fitness, guarded."""
+        """The problem's fitness function, which raises `EvaluationFailed` for any wrong result."""
         return guarded(self.problem)
 
     @cached_property
     def target(self) -> float | None:
-        """A fitness that ends the run."""
+        """The fitness that ends the run once it is reached; None if there is none."""
         return solved_at(self.problem) if self.run.target is None else self.run.target
 
     @property
     def solved_when(self) -> str | None:
-        """What the target means, in words, or why there is none."""
+        """The meaning of the target in words, or why there is none."""
         return solved_when(self.problem) if self.run.target is None else "as asked for"
 
     @cached_property
     def last_generation(self) -> int | None:
-        """Where every cell stops by itself, if anywhere; counted from this epoch's beginning."""
+        """The generation after which every cell stops by itself, counted from this epoch's beginning; None if none."""
         last = self.run.last_generation(self.recipe, self.epoch + 1)
         return None if last is None else max(0, last - self.since)
 
     @cached_property
     def next_attempt(self) -> dict[str, Any] | None:
-        """The fields to change for another attempt, if this one stalls without an answer; None if there will be none.
+        """The fields to change for another attempt if this one stalls without an answer; None if it is the last one.
 
-        A job that is kept alive is tried for as long as it takes.
+        A job that is kept alive is restarted without limit. Otherwise the setting ``restarts`` decides. Without that, a
+        run with a target is restarted as often as the problem proposes, at most `DEFAULT_RESTARTS` times unless another
+        limit ends the run.
         """
         run, number = self.run, self.attempt + 1
         if run.keep_alive:
@@ -118,22 +129,22 @@ class Plan:
 
     @cached_property
     def stall(self) -> int | None:
-        """Generations without a better champion after which the root proposes to stop, if that is to happen.
+        """Generations without a better champion after which the root proposes a stop; None if a stall ends nothing.
 
-        Where something else limits the run, a stall ends an attempt, but never the last one.
+        In a run with another limit the default stall ends an attempt, but never the last one.
         """
         given = self.run.stall_limit()
         seeks = self.target is not None or bool(self.run.restarts)
         return DEFAULT_STALL if given is None and seeks and self.next_attempt is not None else given
 
     def leaves_room(self, lived: int) -> bool:
-        """Whether the limits leave another epoch a generation, when the job has ``lived`` through so many."""
+        """Return whether the limits leave a generation to another epoch, after ``lived`` generations of the job."""
         last = self.run.last_generation(self.recipe, self.epoch + 2)
         return last is None or last > lived
 
     @cached_property
     def stop_distance(self) -> int:
-        """Generations between the proposal of a stop and the stop: by then every cell has heard of it.
+        """Generations between the proposal of a stop and the stop: by then every cell knows of it.
 
         A proposal leaves with the next exchange, at most one interval away, and crosses a link at each exchange.
         """
@@ -141,24 +152,24 @@ class Plan:
 
     @cached_property
     def limits(self) -> Limits:
-        """What a message of this job may hold."""
+        """What a message of this job may contain."""
         coding = self.coding
         return Limits(coding.genome_bytes, self.run.emigrants, self.topology.cells, coding.alphabet)
 
     @cached_property
     def evaluations_per_generation(self) -> int:
-        """By one cell."""
+        """Fitness calls of one cell in one generation."""
         return evaluations_per_generation(self.run.deme, self.slots, self.recipe)
 
 
 def seed_of(run: Run, epoch: int) -> np.uint64:
-    """The seed of an epoch: a run of its own with that seed draws the same numbers in its first one."""
+    """Return the seed of an epoch; a separate run with that seed draws the same numbers in its first epoch."""
     return np.uint64((run.seed + epoch * _GOLDEN) % (1 << 64))
 
 
 def retry(file: ProblemFile, epoch: int, fields: dict[str, Any]) -> dict[str, Any]:
-    """The directive of the attempt at ``file`` in the epoch of that number, which has changed ``fields``.
+    """Return the directive of a restart: the attempt of ``file`` in that epoch, for which ``fields`` were changed.
 
-    A run of its own that has the seed it says, and those fields, is the same.
+    A separate run with the directive's seed and fields breeds the same individuals.
     """
     return {"do": "retry", "attempt": file.attempt, "seed": int(seed_of(file.run, epoch)), "fields": fields}

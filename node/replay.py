@@ -1,7 +1,7 @@
-"""The same job in this process, through all the epochs that a run of processes has lived in.
+"""Replay of a job in this process, through all epochs of the original run.
 
-What came from outside, and after which generation, is what a result's directives say: another epoch, the replacement of
-a dead node, a stop. So do they of each attempt after the first. With them a lockstep run is repeated bit for bit.
+A result's directives record each change from outside, and after which generation it took effect: another epoch, the
+replacement of a node that died, a stop. Restarts are recorded too. With them a lockstep run is repeated bit for bit.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -21,22 +21,24 @@ from wire.report import Report
 
 _TURNS = ("update", "rewire", "replace", "retry")
 _LOST = {
-    "several": "it has lived in so many epochs that what is known of the first ones is put together",
+    "several": "it had so many epochs that the directives of the first ones were merged",
     "restart": "all its nodes died, and it began again",
 }
-"""Directives that say too little."""
+"""Directives that lack what a replay needs, and why."""
 
 
 @dataclass(frozen=True)
 class Epoch:
-    """One of the epochs, and how it ends.
+    """One epoch of a job to replay, and how it ends.
 
     Attributes:
-        since: generations of the job before it.
-        why: the directive that led to it; empty for the first.
-        left_at: after which generation each cell leaves it; None for the last epoch.
-        last: the generation after which it is stopped from outside, if it is.
-        donors: cells that lose their demes at its end, each with the one whose deme it gets.
+        number: the epoch's number in the job, from 0.
+        file: the problem file of the epoch.
+        since: generations of the job before the epoch.
+        why: the directive that led to the epoch; empty for the first.
+        left_at: the generation after which each cell leaves the epoch; None for the last epoch.
+        last: the generation after which the epoch is stopped from outside; None if it ends by itself.
+        donors: for each cell whose node died at the epoch's end, the cell whose deme the new node gets.
     """
 
     number: int
@@ -49,26 +51,27 @@ class Epoch:
 
     @property
     def is_fresh(self) -> bool:
-        """Whether it begins with new individuals."""
+        """Whether the epoch begins with new individuals."""
         return self.why.get("do") == "retry"
 
     @cached_property
     def plan(self) -> Plan:
-        """What its cells are to do; this imports a user's module."""
+        """The epoch's plan; if the problem is a user's own, this imports its module."""
         return Plan.of(self.file, self.number, self.since)
 
     @cached_property
     def ending(self) -> Plan:
-        """The same, with its stop."""
+        """The epoch's plan with the stop from outside as its limit."""
         if self.last is None:
             return self.plan
+        # A stop makes all cells end after the same generation, and so does a limit on generations.
         return replace(self.plan, run=self.file.with_run(generations=self.since + self.last).run)
 
     def retried(self, generation: int, fields: dict[str, Any]) -> "Epoch":
-        """Another attempt after this epoch, which has ended after ``generation``; it changes ``fields``.
+        """Return the epoch of another attempt, with changed ``fields``; this epoch ended after ``generation``.
 
         Raises:
-            BadInput: if the problem cannot be so.
+            BadInput: if the problem does not accept these fields.
         """
         file = self.file.next_attempt(fields)
         return Epoch(self.number + 1, file, self.since + generation, retry(file, self.number + 1, fields))
@@ -76,14 +79,14 @@ class Epoch:
     def live(
         self, demes: Genomes | None, watch: Watch = ignore, outside: Outside = never, snapshot: Snapshot = ignore
     ) -> list[Report]:
-        """Live through it as the last one, beginning with ``demes`` unless it is fresh."""
+        """Run the epoch as the job's last one, from ``demes`` unless it is fresh; return the reports of all cells."""
         return simulate(self.ending, watch, snapshot, outside, None if self.is_fresh else demes)
 
     def leave(self, demes: Genomes | None) -> tuple[list[Report], Genomes]:
-        """The same until cells go on to the next epoch, and the demes with which they do.
+        """Run the epoch until all cells have left it; return their reports and the demes for the next epoch.
 
         Raises:
-            BadInput: if it ends before.
+            BadInput: if the epoch ends before a cell is to leave it.
         """
         assert self.left_at is not None, "else nobody leaves it"
         leaving = _Leaving(self.left_at)
@@ -92,11 +95,13 @@ class Epoch:
 
 
 class Replayed(NamedTuple):
-    """One of the epochs, lived through.
+    """One epoch that has been replayed.
 
     Attributes:
-        reports: of all cells.
-        why: the directive that led to it; empty for the first.
+        file: the problem file of the epoch.
+        plan: the epoch's plan.
+        reports: the reports of all cells.
+        why: the directive that led to the epoch; empty for the first.
     """
 
     file: ProblemFile
@@ -111,15 +116,15 @@ def replay(
     watch: Watch = ignore,
     outside: Outside = never,
 ) -> list[Replayed]:
-    """Live through all epochs; see `epochs_of` and `live`."""
+    """Replay a job: run all its epochs, see `epochs_of` and `live`."""
     return live(epochs_of(file, directives), watch, outside)
 
 
 def epochs_of(file: ProblemFile, directives: Sequence[Mapping[str, Any]] = ()) -> list[Epoch]:
-    """The epochs that a job lives in, which begins as ``file`` says.
+    """Return the epochs of a job that begins with ``file`` and was changed by ``directives``.
 
     Raises:
-        BadInput: if there is something wrong with a directive.
+        BadInput: if a directive is malformed, or the run cannot be repeated.
     """
     turns, stop = _sorted(directives)
     if turns and file.run.mode != "lockstep":
@@ -129,7 +134,7 @@ def epochs_of(file: ProblemFile, directives: Sequence[Mapping[str, Any]] = ()) -
     for number, turn in enumerate(turns):
         cells = topologies.parse(file.run.topology).cells
         left_at, donors = _left_at(turn, cells), _donors(turn, cells)
-        last = max(left_at.values())
+        last = max(left_at.values())  # the others' demes are kept on the way, see `_Leaving`
         epochs.append(Epoch(number, file, since, why, left_at, last, donors))
         file = _after(turn, file, cells)
         since, why = since + last, dict(turn)
@@ -137,11 +142,11 @@ def epochs_of(file: ProblemFile, directives: Sequence[Mapping[str, Any]] = ()) -
 
 
 def live(epochs: Sequence[Epoch], watch: Watch = ignore, outside: Outside = never) -> list[Replayed]:
-    """Live through ``epochs``, one after another. ``watch`` and ``outside`` are called in the last one only.
+    """Run ``epochs`` one after another. ``watch`` and ``outside`` are called in the last one only.
 
     Raises:
         BadInput: if an epoch ends before it is to be left.
-        EvaluationFailed: if the problem breaks.
+        EvaluationFailed: if the problem's code fails.
     """
     lived: list[Replayed] = []
     demes: Genomes | None = None
@@ -155,7 +160,10 @@ def live(epochs: Sequence[Epoch], watch: Watch = ignore, outside: Outside = neve
 
 
 class _Leaving:
-    """Of each cell the deme that it has when it leaves an epoch."""
+    """Keeps the deme that each cell has when it leaves an epoch.
+
+    When a node died, the cells left a few generations apart, so the simulation runs on to the last of them.
+    """
 
     def __init__(self, left_at: Mapping[int, int]) -> None:
         self._cells_by_generation: dict[int, list[int]] = {}
@@ -164,22 +172,27 @@ class _Leaving:
         self._kept: dict[int, Genomes] = {}
 
     def see(self, generation: int, genomes: Genomes, _: Fitness) -> None:
-        """A generation of all cells."""
+        """Look at a generation of all cells; a `Snapshot`."""
         for cell in self._cells_by_generation.get(generation, ()):
             self._kept[cell] = genomes[cell].copy()
 
     def handed_on(self, epoch: Epoch, generation: int) -> Genomes:
-        """The demes of all cells, (cells, deme, genome_bytes), when the epoch has ended after ``generation``."""
+        """Return the demes of all cells, (cells, deme, genome_bytes), of an epoch that ended after ``generation``.
+
+        Raises:
+            BadInput: if the epoch ended before a cell was to leave it.
+        """
         if epoch.last is not None and generation < epoch.last:
             found = f"epoch {epoch.number} ends after generation {generation} already"
             raise BadInput(f"directives: expected cells to leave after generation {epoch.last}, but {found}")
+        # A new node begins with its donor's deme, as the donor had it when it left.
         self._kept |= {cell: self._kept[donor] for cell, donor in epoch.donors.items()}
         return np.stack([self._kept[cell] for cell in sorted(self._kept)])
 
 
 # What directives say --------------------------------------------------------------------------------------------------
 def _sorted(directives: Sequence[Mapping[str, Any]]) -> tuple[list[Mapping[str, Any]], int | None]:
-    """Those that lead to another epoch, in their order, and where the last one is stopped, if it is."""
+    """Return the directives that lead to another epoch, and the generation of the last epoch's stop, if any."""
     turns, stops = [], []
     for directive in directives:
         if not isinstance(directive, Mapping):
@@ -198,7 +211,7 @@ def _sorted(directives: Sequence[Mapping[str, Any]]) -> tuple[list[Mapping[str, 
 
 
 def _after(turn: Mapping[str, Any], file: ProblemFile, cells: int) -> ProblemFile:
-    """The problem file of the epoch that ``turn`` leads to."""
+    """Return the problem file of the epoch that the directive ``turn`` leads to."""
     if turn["do"] == "update":
         return file.changed(dict(_table(turn, "fields")), {})
     if turn["do"] == "retry":
@@ -215,18 +228,21 @@ def _after(turn: Mapping[str, Any], file: ProblemFile, cells: int) -> ProblemFil
 
 
 def _left_at(turn: Mapping[str, Any], cells: int) -> dict[int, int]:
-    """After which generation each cell left the epoch; when a node has died they are a few apart."""
+    """Return the generation after which each cell left the epoch, without cells whose node died.
+
+    All cells leave after the same generation unless a node died; then they were halted a few generations apart.
+    """
     if turn["do"] != "replace":
         return dict.fromkeys(range(cells), _count(turn, "generation"))
     left_at = dict(_by_cell(turn, "generations", cells))
     missing = set(range(cells)) - left_at.keys() - dict(_by_cell(turn, "demes_of", cells)).keys()
     if missing or not left_at:
-        raise BadInput(f"directives: generations: expected one of each cell, found none of {sorted(missing)}")
+        raise BadInput(f"directives: generations: expected one for each cell, found none for {sorted(missing)}")
     return left_at
 
 
 def _donors(turn: Mapping[str, Any], cells: int) -> dict[int, int]:
-    """Whose deme each new node has."""
+    """Return, for each cell whose node died, the cell whose deme the new node got."""
     if turn["do"] != "replace":
         return {}
     donors = dict(_by_cell(turn, "demes_of", cells))
@@ -237,6 +253,7 @@ def _donors(turn: Mapping[str, Any], cells: int) -> dict[int, int]:
 
 
 def _by_cell(turn: Mapping[str, Any], name: str, cells: int) -> Iterator[tuple[int, int]]:
+    """Return the entries of a table with cells as keys (texts in JSON) and counts as values."""
     table = _table(turn, name)
     for cell in table:
         if not (str(cell).isdecimal() and int(cell) < cells):

@@ -1,7 +1,7 @@
-"""The life of some rows of cells from generation to generation: breeding, champions and the agreement to stop.
+"""Rows of cells from generation to generation: breeding, champions and the agreement to stop.
 
-A node holds one row, the simulator one for each cell of the torus; the code is the same, and all of it is arrays and
-arithmetic. It knows nothing of how messages come: what neighbours said lies in arrays, wherever they are from.
+A node has one row, the simulator one for each cell of the torus. Both use the same code, which consists of arrays and
+arithmetic only. It does not know how messages arrive: it finds the neighbours' messages in arrays.
 """
 
 from dataclasses import dataclass, field
@@ -21,20 +21,26 @@ from wire.exchange_kernels import BIRTHPLACE, BORN, STOP_AT
 from wire.report import Birth, Proposal, Reason
 
 MOST_TOLD = 4096
-"""Rows, all of whose improvements are kept: more cells are no processes, and a million reports need the room."""
+"""The most rows of which all improvements are kept. More cells are only simulated, and reports need the memory."""
 
 
 @dataclass
 class Rows:
     """The demes of ``cells``, shape (rows,), all in the same generation.
 
+    `node.generation` uses the arrays by their addresses, so after `begin` they are changed in place only.
+
     Attributes:
-        problems: each row's own, if evaluating leaves a state; else all the same.
-        clock: their generation, (1,), for compiled code.
-        messages: the rows' own, and after them any others that there was room for. What a row knows is what it tells:
-            its message holds the champion, and the least stop, that it knows.
-        births: the improvements noted, generation by generation; of more than `MOST_TOLD` rows only the best of each.
-        noted: of each row, see `node.kernels.is_noted`, shape (rows, 2).
+        plan: the plan of the epoch.
+        cells: the cell of each row.
+        messages: the rows' own messages, then rows for other messages if there is room. A row's own message is also
+            what the row knows: the champion and the least stop.
+        proposals: the stops that these rows proposed.
+        births: the improvements noted, generation by generation; with more than `MOST_TOLD` rows only the best of each.
+        clock: the generation of all rows, shape (1,), an array so that compiled code can advance it.
+        limit: the generation after which all rows stop by themselves; `NEVER` if there is none.
+        noted: for each row what `node.kernels.is_noted` keeps, shape (rows, 2).
+        problems: each row's own problem object if evaluating leaves a state in it, else the same one for all.
     """
 
     plan: Plan
@@ -46,8 +52,8 @@ class Rows:
     clock: Cells = field(init=False)  # (1,)
     genomes: Genomes = field(init=False)  # (rows, deme, genome_bytes)
     fitness: Fitness = field(init=False)  # (rows, deme)
-    stop_at: Cells = field(init=False)  # (rows,): the least each row has heard of
-    better_at: Cells = field(init=False)  # (rows,): when its champion last became better
+    stop_at: Cells = field(init=False)  # (rows,): the least stop that each row knows, a view of its message
+    better_at: Cells = field(init=False)  # (rows,): the generation in which its champion last became fitter
     noted: Fitness = field(init=False)
 
     def __post_init__(self) -> None:
@@ -65,10 +71,10 @@ class Rows:
         self.noted[:, 0] = np.inf
         self._improved = np.zeros(rows + 1, np.int64)
         self.target = -np.inf if plan.target is None else plan.target
-        # Under the paper's spy only what has come past the root is known, so there the root says it for all.
+        # Under the paper's spy messages carry no champion, so only the root can say that the target is reached.
         self.target_reporter = ROOT if plan.run.spy == "root" else -1
         self.stall = plan.stall if self.cells[0] == ROOT else None
-        # Looked up once: a node asks for these in every generation.
+        # Looked up once, since a node needs these in every generation.
         self._first_evaluations, self._each_evaluations = plan.run.deme, plan.evaluations_per_generation
         self._interval, self._emigrants, self._alone = plan.run.interval, plan.run.emigrants, plan.run.deme == 1
         self._coding, self._recipe = plan.coding, plan.recipe
@@ -77,32 +83,40 @@ class Rows:
 
     @property
     def generation(self) -> int:
-        """That all rows are in."""
+        """The generation that all rows are in."""
         return self.clock.item()
 
     @property
     def evaluations(self) -> int:
-        """Fitness calls of one row so far."""
+        """The number of fitness calls of one row so far."""
         return self._first_evaluations + self.generation * self._each_evaluations
 
     @property
     def exchanging(self) -> bool:
-        """Whether emigrants leave in this generation."""
+        """Whether messages are exchanged after this generation."""
         return self.generation % self._interval == 0
 
     def begin(self, demes: Genomes | None = None) -> None:
-        """Draw the first demes, unless they are given, (rows, deme, genome_bytes), and evaluate them (§6, 1 and 2)."""
+        """Make and evaluate the first demes: the given ones, shape (rows, deme, genome_bytes), or random ones.
+
+        These are steps 1 and 2 of Ahuactzin et al. 1992, §6.
+        """
         plan = self.plan
         self.genomes = plan.coding.random(plan.keys(self.cells, 0), plan.run.deme) if demes is None else demes.copy()
         self.fitness = evaluate_all(self.genomes, self._evaluate)
-        self._tell()
+        self._update_messages()
 
     def advance(self, received: Messages | None, source_row: Cells | None = None) -> None:
-        """Take what the neighbours said (None in a generation without exchange) and breed the next generation.
+        """Breed the next generation, from the neighbours' messages after an exchange.
 
-        ``source_row``, (rows, slots), says which message came to each slot; a slot that names the row's own number
-        stands for the cell itself. Between exchanges an individual that lives alone breeds with the immigrants it had
-        last.
+        Args:
+            received: the messages; None in a generation without exchange. A single individual then breeds with its
+                latest immigrants again.
+            source_row: for each slot the row of its message, shape (rows, slots). A slot that names the row's own
+                number stands for the cell itself.
+
+        Raises:
+            EvaluationFailed: if the problem's fitness fails; the generation counts as begun then.
         """
         self.clock += 1
         if received is not None:
@@ -118,21 +132,27 @@ class Rows:
             self._evaluate,
             self.plan.keys(self.cells, self.generation),
         )
-        self._tell()
+        self._update_messages()
 
     def propose(self, row: int, reason: Reason) -> None:
-        """Let one row propose that all cells stop, as soon as all can have heard of it."""
+        """Let one row propose that all cells stop, as soon as all of them can know of it; a later stop is ignored."""
         stop_at = self.generation + self.plan.stop_distance
         if stop_at < self.stop_at[row]:
             self.stop_at[row] = stop_at
             self.note_proposal(row, reason)
 
     def note_proposal(self, row: int, reason: Reason) -> None:
-        """Keep in mind that the row's stop is its own proposal of this generation."""
+        """Record that the row's stop is its own proposal, made in this generation."""
         self.proposals.append(Proposal(int(self.stop_at[row]), reason, int(self.cells[row]), self.generation))
 
     def vitals(self) -> tuple[float, float, float, float, int, int]:
-        """How the first row's deme is, see `wire.news.Counters`; by a glance that breeding may go on beside."""
+        """Return figures of the first row's deme for `wire.news.Counters`.
+
+        The main thread may call this while the network thread breeds, so the figures may be of different generations.
+
+        Returns:
+            Best, median and worst fitness, the champion's fitness and age, and a checksum of the best genome.
+        """
         fitness, champion = np.sort(self.fitness[0]), self.messages.champion(0)
         spread = (float(fitness[0]), float(fitness[len(fitness) // 2]), float(fitness[-1]))
         digest = crc32(self.genomes[0, self.fitness[0].argmin()])
@@ -141,15 +161,15 @@ class Rows:
         return *spread, champion.fitness, max(0, self.generation - champion.generation), digest
 
     def _evaluators(self) -> Evaluators:
-        """One for all rows, unless that would not be the same as one for each."""
+        """Return one evaluator for all rows if that gives the same bits as one for each row, else one for each."""
         if any(each is not self.plan.problem for each in self.problems):
             return [guarded(each) for each in self.problems]
         if len(self.cells) > 1 and not self.plan.problem.batches_alike:
             return [self.plan.evaluate] * len(self.cells)
         return self.plan.evaluate
 
-    def _tell(self) -> None:
-        """Champions, emigrants and proposals."""
+    def _update_messages(self) -> None:
+        """Put champions and emigrants into the rows' messages, note improvements, and propose stops."""
         reached = prepare_messages(
             self.genomes,
             self.fitness,
@@ -168,7 +188,7 @@ class Rows:
         self._propose(reached)
 
     def _note(self, rows: Cells) -> None:
-        """Keep the improvements of these rows."""
+        """Keep the improvements of these rows; of very many rows only the best one."""
         if len(self.cells) > MOST_TOLD and len(rows) > 0:
             rows = rows[[self.messages.fitness[rows, -1].argmin()]]
         for row in rows.tolist():
@@ -176,7 +196,7 @@ class Rows:
             self.births.append(Birth(header.item(BORN), header.item(BIRTHPLACE), fitness))
 
     def _propose(self, reached: int) -> None:
-        """What cells propose by themselves: that the target is ``reached``, and the root a stall."""
+        """Propose stops: the first ``reached`` rows of `_reached` because of the target, the root after a stall."""
         for row in range(reached):
             self.propose(int(self._reached[row]), "target")
         if self.stall is not None and self.generation - self.better_at[0] >= self.stall:

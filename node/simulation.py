@@ -1,7 +1,8 @@
-"""The same job in this process: the simulator, without any message.
+"""The simulator: runs an epoch of a job within this process, without nodes.
 
-In lockstep all cells breed at once, as rows of the same kernels that nodes use; the result is bit-identical to a run of
-processes. Asynchronous runs are played by the cells' state machines over an in-process bus with seeded delays.
+In lockstep all cells are rows of the same kernels that nodes use, and breed together; the result is bit-identical to a
+run of processes. In async mode the cells' state machines exchange messages over an in-process bus with seeded delays;
+that models a run of processes, but does not repeat one.
 """
 
 import heapq
@@ -23,32 +24,32 @@ from wire.exchange_kernels import BIRTHPLACE, BORN, hear_emigrants_only
 from wire.report import Birth, Proposal, Reason, Report, Staleness
 
 Watch = Callable[[int, Champion], None]
-"""Called with the root's generation and champion, whenever the root knows of a better one."""
+"""Called with the root's generation and champion whenever the root learns of a better one."""
 Snapshot = Callable[[int, Genomes, Fitness], None]
-"""Called in each generation, after `Watch`, with all demes: (cells, deme, genome_bytes) and (cells, deme). In lockstep
-only."""
+"""Called in each generation, after `Watch`, with generation, genomes (cells, deme, genome_bytes) and fitness (cells,
+deme). These are the simulator's own arrays: copy what is to be kept. In lockstep only."""
 
 Outside = Callable[[], Reason | None]
-"""Asked in each generation whether somebody outside (a clock, a user) wants the run to stop."""
+"""Called in each generation; returns the reason if a deadline, a user or a program wants the run to stop, else None."""
 
-MEAN_LATENCY = 0.1  # of a message, in units of the mean time that a generation takes
+MEAN_LATENCY = 0.1  # of a message, in units of the mean duration of a generation
 
 
 def ignore(*_: object) -> None:
-    """Nobody watches."""
+    """Do nothing: the default `Watch` and `Snapshot`."""
 
 
 def never() -> Reason | None:
-    """Nobody wants the run to stop."""
+    """Return None, so that nothing outside stops the run: the default `Outside`."""
     return None
 
 
 class StopRequest:
-    """Whether somebody outside wants a run to stop: its deadline has passed, or it was cancelled.
+    """A request to stop a run from outside: after a deadline of so many ``seconds``, or once it is cancelled.
 
     Attributes:
-        began: when the deadline's time began, by the monotonic clock, s.
-        cancelled: whether a user or a program wants it.
+        began: when the deadline's time began, seconds on the monotonic clock.
+        cancelled: set this to stop the run.
     """
 
     def __init__(self, seconds: float | None) -> None:
@@ -57,7 +58,7 @@ class StopRequest:
         self._seconds = seconds
 
     def reason(self) -> Reason | None:
-        """Why to stop now, if at all."""
+        """Return why to stop now; None to go on. An `Outside`."""
         if self.cancelled:
             return "cancel"
         if self._seconds is not None and time.monotonic() - self.began >= self._seconds:
@@ -72,13 +73,18 @@ def simulate(
     outside: Outside = never,
     demes: Genomes | None = None,
 ) -> list[Report]:
-    """Run one epoch of a job to its end: one attempt at it. The reports are in the order of the cells.
+    """Run one epoch of a job to its end and return the reports of all cells, in the order of the cells.
 
-    ``demes``, (cells, deme, genome_bytes), are the first ones if they are given, such as the last of another epoch:
-    they are evaluated anew.
+    Args:
+        plan: the plan of the epoch.
+        watch: called when the root learns of a better champion.
+        snapshot: called in each generation; in lockstep only.
+        outside: asked in each generation whether to stop.
+        demes: the first demes, (cells, deme, genome_bytes), such as the last ones of another epoch, evaluated anew;
+            None for random ones.
 
     Raises:
-        EvaluationFailed: if the problem breaks.
+        EvaluationFailed: if the problem's code fails.
     """
     if plan.run.mode == "async":
         return _Delays(plan, watch, outside, demes).run()
@@ -89,9 +95,9 @@ def _lockstep(plan: Plan, watch: Watch, snapshot: Snapshot, outside: Outside, de
     cells = np.arange(plan.topology.cells)
     neighbours = plan.topology.table()
     rows = Rows(plan, cells, Messages.room(len(cells), plan.coding.genome_bytes, plan.run.emigrants))
-    heard = rows.messages.copy()
+    heard = rows.messages.copy()  # what neighbours receive; row c is the message of the cell c
     history = History(len(cells), plan.run.deme, plan.coding.genome_bytes)
-    published = 0
+    published = 0  # messages of each cell, if these were processes: reports are the same as theirs
     rows.begin(demes)
     while True:
         history.note(rows.generation, rows.genomes, rows.fitness)
@@ -99,7 +105,7 @@ def _lockstep(plan: Plan, watch: Watch, snapshot: Snapshot, outside: Outside, de
         if champion is not None and rows.better_at[ROOT] == rows.generation:
             watch(rows.generation, champion)
         snapshot(rows.generation, rows.genomes, rows.fitness)
-        if rows.generation >= rows.stop_at[ROOT]:
+        if rows.generation >= rows.stop_at[ROOT]:  # in lockstep all cells stop after the same generation
             break
         if (reason := outside()) is not None:
             rows.propose(ROOT, reason)
@@ -109,12 +115,15 @@ def _lockstep(plan: Plan, watch: Watch, snapshot: Snapshot, outside: Outside, de
             rows.advance(heard, neighbours)
         else:
             rows.advance(None)
-    del heard  # a million reports need room
+    del heard  # makes room in memory for the reports of a million cells
     return _reports(rows, history.digests(), published)
 
 
 def _hear(rows: Rows, heard: Messages) -> None:
-    """Copy what every row says into ``heard``: rows change what they know while they hear others."""
+    """Copy every row's message into ``heard``.
+
+    A copy is needed because rows change their own messages while they merge others'.
+    """
     heard.header[:] = rows.messages.header
     heard.genomes[:] = rows.messages.genomes
     heard.fitness[:] = rows.messages.fitness
@@ -123,12 +132,12 @@ def _hear(rows: Rows, heard: Messages) -> None:
 
 
 def _reports(rows: Rows, digests: list[bytes], published: int) -> list[Report]:
-    """What all cells have to say, with what they say alike made once."""
+    """Return the reports of all cells. Equal parts are made once and shared, to save memory with a million cells."""
     proposals: dict[int, list[Proposal]] = {}
     for each in rows.proposals:
         proposals.setdefault(each.cell, []).append(each)
     births: dict[int, list[Birth]] = {}
-    for birth in rows.births:  # under the paper's spy all are told by the root
+    for birth in rows.births:  # under the paper's spy the root alone reports them, wherever the individuals were born
         teller = ROOT if rows.plan.run.spy == "root" else birth.cell
         births.setdefault(teller, []).append(birth)
     staleness, generation, evaluations = Staleness(0, 0, 0, 0), rows.generation, rows.evaluations
@@ -158,7 +167,7 @@ def _reports(rows: Rows, digests: list[bytes], published: int) -> list[Report]:
 
 
 def _others(neighbours: Cells) -> Cells:
-    """How many cells beside itself each cell neighbours."""
+    """Return how many distinct cells each cell has as neighbours, without itself, shape (cells,)."""
     named = np.sort(neighbours, axis=1)
     is_new = np.diff(named, axis=1, prepend=-1) != 0
     count: Cells = np.count_nonzero(is_new & (named != np.arange(len(named))[:, None]), axis=1)
@@ -166,7 +175,7 @@ def _others(neighbours: Cells) -> Cells:
 
 
 def _champions(messages: Messages) -> Iterator[Champion | None]:
-    """Of all rows; those who believe in the same one share it, as most do in the end."""
+    """Yield the champion of each row; rows with the same champion share one object, as most do in the end."""
     header, known = messages.header, dict[tuple[int, int], Champion | None]()
     columns = (messages.fitness[:, -1], header[:, BORN], header[:, BIRTHPLACE])
     genomes = _bytes_of(messages.genomes[:, -1])
@@ -177,14 +186,18 @@ def _champions(messages: Messages) -> Iterator[Champion | None]:
 
 
 def _bytes_of(genomes: Genomes) -> list[bytes]:
-    """Each row as bytes."""
+    """Return each row as bytes, by one conversion of the whole array."""
     flat = np.ascontiguousarray(genomes).reshape(len(genomes), -1)
     whole: list[bytes] = flat.view(np.dtype((np.void, flat.shape[1])))[:, 0].tolist()
     return whole
 
 
 class _Delays:
-    """Cells in async mode: each generation takes an exponential time of mean 1, each message one of mean 0.1."""
+    """A discrete-event simulation of async mode.
+
+    Each generation takes an exponentially distributed time of mean 1, each message one of mean `MEAN_LATENCY`. The
+    delays are drawn from the seed, so a simulation is repeatable.
+    """
 
     def __init__(self, plan: Plan, watch: Watch, outside: Outside, demes: Genomes | None) -> None:
         self.watch = watch
@@ -195,10 +208,13 @@ class _Delays:
         self.reports: dict[int, Report] = {}
         self.best: Champion | None = None
         self._seed = plan.seed
-        self._agenda: list[tuple[float, int, int, Message | None]] = []  # time, order, cell, message or its turn
+        # A heap of (time, order, cell, message); without a message the cell takes a step. The order makes entries of
+        # the same time unique, so that messages are never compared.
+        self._agenda: list[tuple[float, int, int, Message | None]] = []
         self._order = 0
 
     def run(self) -> list[Report]:
+        """Run until no cell has anything left to do; return the reports in the order of the cells."""
         for cell in self.cells:
             self._later(0.0, cell.cell, None)
         while self._agenda:
@@ -240,4 +256,5 @@ class _Delays:
         heapq.heappush(self._agenda, (time, self._order, cell, message))
 
     def _delay(self, cell: int, index: int) -> float:
+        """Draw a time of mean 1: index 0 for a generation of the cell, 1 + n for its message to the neighbour n."""
         return float(delay(self._seed, cell, self.cells[cell].rows.generation, index))

@@ -1,6 +1,7 @@
-"""How a node takes turns on a core that many share: it breeds while it has the token, and tells the last of that.
+"""A node's turns on a core that many asynchronous nodes share: it breeds only while it has the core's token.
 
-Until its turn is over most of its neighbours cannot read anything, so all that it would tell them before is superseded.
+Of a turn only the last message is sent, when the node hands the token on. Most neighbours share the core, so they could
+read nothing before; earlier messages would be superseded unread.
 """
 
 import time
@@ -14,23 +15,28 @@ from node.cpu_affinity import LONG
 
 
 class TurnTaking:
-    """One node's part. Of nodes that hand no token on it only publishes what they tell.
+    """One node's turns. A node that hands no token on publishes every message at once.
+
+    Only the main thread uses it.
 
     Args:
-        core_tokens: those of the host's cores.
+        core_tokens: the tokens of the host's cores, by core.
 
     Attributes:
-        over_at: until when the node has the token, on the monotonic clock.
+        over_at: when the node's latest turn ends, seconds on the monotonic clock.
     """
 
     def __init__(self, core_tokens: CoreTokens) -> None:
         self._core_tokens = core_tokens
-        self._core_token: CoreToken | None = None  # the one that this node has,
+        self._core_token: CoreToken | None = None  # the token while this node has it
         self.over_at = 0.0
-        self._unsent: Callable[[], None] | None = None  # publishes its latest message
+        self._unsent: Callable[[], None] | None = None  # publishes the latest message of a turn, at its end
 
     def take_over(self, assignment: Assignment) -> None:
-        """Before a step: have the token, if one is handed on there; but with events, such as to halt, wait for none."""
+        """Before a step wait for the token if the node needs one, and drop the unsent message that the step supersedes.
+
+        With events, such as an order to halt, the step must not wait: it runs without the token.
+        """
         if assignment.hands_on and self._core_token is None and not assignment.events:
             assert assignment.core is not None, "a node that hands the token on keeps to a core"
             core_token = self._core_tokens.get(assignment.core)
@@ -40,9 +46,10 @@ class TurnTaking:
         self._supersede(assignment.cell)
 
     def publish(self, assignment: Assignment, payload: bytes) -> None:
-        """A message, at once or, in a turn, at its end.
+        """Publish a message now, or within a turn keep it until the turn ends.
 
-        Where some generations tell nothing, what is kept back might never be superseded.
+        With an interval above 1 it is published now: `_supersede` would drop a kept message although the next
+        generation may have none. The last message of a cell that has ended is published now too.
         """
         if self._core_token is None or assignment.cell.ended or assignment.cell.plan.run.interval > 1:
             assignment.links.publish(payload)
@@ -51,7 +58,7 @@ class TurnTaking:
 
     @property
     def has_turn(self) -> bool:
-        """Whether the node has the token, and nothing that it has to send before it breeds on."""
+        """Return whether the node has the token and no message to send before it goes on breeding."""
         return self._core_token is not None and self._unsent is None
 
     def step_is_done(self, assignment: Assignment) -> None:
@@ -60,14 +67,17 @@ class TurnTaking:
             self.hand_on()
 
     def hand_on(self) -> None:
-        """Let others breed, if this node has the token, and tell the last individual."""
+        """If this node has the token, publish its latest message and let another node breed."""
         if self._core_token is not None:
             self._send()
             core_token, self._core_token = self._core_token, None
             core_token.hand_on()
 
     def _supersede(self, cell: Cell) -> None:
-        """What was not sent yet will not be: the next generation has news, but for the last one, which tells none."""
+        """Drop the unsent message: the next generation's will replace it, with the same number.
+
+        If the next generation is the last one, it sends no message, so the unsent one is published instead.
+        """
         if self._unsent is None:
             return
         if cell.rows.generation + 1 < cell.rows.limit:

@@ -1,1 +1,1 @@
-"""The spy at the root: collect the best solutions, verify them, keep and show them."""
+"""The spy: a process at the root cell that collects the best solutions, verifies them, and judges the run."""

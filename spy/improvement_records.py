@@ -1,7 +1,8 @@
-"""The improvements of a run by generation, from what its cells noted: a function of the run, without a clock in it.
+"""Records of a run's improvements by generation, computed from what its cells noted: no clock enters them.
 
-The spy hears of a part of the improvements only, another part each time, since messages come as they come. What cells
-report when they stop is the same for equal lockstep runs, simulated or on processes, and so are these records.
+While a run goes on, the spy receives only some of the improvements, and other ones in each repetition, since that
+depends on when messages arrive. What cells report when they stop is the same for equal lockstep runs, simulated or on
+processes, and so are these records.
 """
 
 import math
@@ -17,14 +18,14 @@ from wire.report import Birth, Report
 
 
 class ImprovementRecord(NamedTuple):
-    """An individual that was better than all of its epoch that were born before.
+    """An individual that was fitter than all that were born before it in its epoch.
 
     Attributes:
-        epoch: in which it was born.
-        generation: of its birth, counted from the beginning of the epoch.
-        cell: of its birth.
-        evaluations: of all cells since the job began, up to the end of that generation.
-        fitness: of it, lower is better; as its cell says, without a check.
+        epoch: the epoch in which it was born.
+        generation: the generation of its birth, counted from the beginning of the epoch.
+        cell: the cell on which it was born.
+        evaluations: the fitness calls of all cells since the job began, up to the end of that generation.
+        fitness: its fitness, lower is better, as its cell reports it and without a check.
     """
 
     epoch: int
@@ -35,18 +36,19 @@ class ImprovementRecord(NamedTuple):
 
 
 def records_of(past: Past, epoch: Lived) -> list[ImprovementRecord]:
-    """Every improvement of an epoch that has ended, in the order of their births.
+    """Return every improvement of an epoch that has ended, in the order of births.
 
-    Under the paper's spy only what the root learned of counts. In async mode cells are not in the same generation: the
-    evaluations are those that all cells have made when each of them is there.
+    Under the paper's spy only what the root learned of counts. In async mode cells are in different generations: the
+    evaluations are those of all cells if each of them were in the generation of the birth.
 
     Args:
-        past: what the job had lived through before.
-        epoch: with the reports of its cells. Of a cell without one, nothing is known but what others had heard of it.
+        past: the job's earlier epochs.
+        epoch: the epoch with the reports of its cells. Of a cell without a report only those champions count that other
+            cells learned of.
     """
     run = epoch.file.run
     tellers = [report for report in epoch.reports if run.spy == "champion" or report.cell == ROOT]
-    first = topologies.parse(run.topology).cells * run.deme
+    first = topologies.parse(run.topology).cells * run.deme  # fitness calls of the first demes
     each = _evaluations_a_generation(epoch.reports, run.deme) * topologies.parse(run.topology).cells
     return [
         ImprovementRecord(
@@ -61,7 +63,11 @@ def records_of(past: Past, epoch: Lived) -> list[ImprovementRecord]:
 
 
 def worth_telling(records: Iterable[ImprovementRecord], least: float) -> list[ImprovementRecord]:
-    """Of each epoch the first and the last record, and those that are better by ``least`` than the one told before."""
+    """Return the records that deserve a line in a log.
+
+    These are the first and the last of each epoch, and those that are better than the last one returned before them by
+    more than ``least``, a share of its fitness.
+    """
     told: list[ImprovementRecord] = []
     for _, of_epoch in groupby(records, key=lambda record: record.epoch):
         one, *others = of_epoch
@@ -73,7 +79,10 @@ def worth_telling(records: Iterable[ImprovementRecord], least: float) -> list[Im
 
 
 def _births(tellers: Sequence[Report]) -> Iterator[Birth]:
-    """All that is known of; the champions are what cells know in the end, whatever they had room to note."""
+    """Yield all births that the reports know of: the noted ones, and each cell's last champion.
+
+    A cell has room for a limited number of notes, so its champion may not be among them.
+    """
     for report in tellers:
         yield from report.births
         if report.champion is not None:
@@ -81,7 +90,7 @@ def _births(tellers: Sequence[Report]) -> Iterator[Birth]:
 
 
 def _improvements(births: Iterable[Birth]) -> Iterator[Birth]:
-    """Those that were better than all before them; of one generation only the best, of equals the lowest cell's."""
+    """Yield the births fitter than all before; of one generation the fittest only, of equals the lowest cell's."""
     best = math.inf
     for birth in sorted(births, key=lambda birth: (birth.generation, birth.fitness, birth.cell)):
         if birth.fitness < best:
@@ -90,7 +99,7 @@ def _improvements(births: Iterable[Birth]) -> Iterator[Birth]:
 
 
 def _evaluations_a_generation(reports: Sequence[Report], deme: int) -> int:
-    """Of one cell; the same for all. 0 if no cell has come to a first generation, or says so."""
+    """Return the fitness calls of one cell in a generation, the same for all cells; 0 if no report tells."""
     for report in reports:
         if report.error is None and report.generation > 0:
             return (report.evaluations - deme) // report.generation

@@ -1,7 +1,7 @@
-"""What a job has lived through, added up epoch by epoch: of an epoch that has ended nothing else need be kept.
+"""The past of a job: its ended epochs added up, so that nothing else of them need be kept.
 
-A job that is kept alive while its world moves has as many epochs as it was told of updates; what is known of it must
-not grow with all that each of their cells had to report.
+A job that is kept alive while its world moves has an epoch for each update. What is kept of it must not grow with the
+reports of all cells in all these epochs.
 """
 
 import hashlib
@@ -18,22 +18,23 @@ from wire.exchange import Champion
 from wire.report import Report, Staleness
 
 MOST_BYTES = 4 << 20
-"""Of the directives of one job, as JSON; when there are more, the older ones are put together."""
+"""The most bytes of one job's directives, as JSON; beyond that the older ones are merged into one."""
 
 
 SEVERAL = "several"
-"""What a directive does that stands for those that were put together."""
+"""The ``do`` of a directive that stands for merged ones."""
 
-_FEWEST = 2  # directives that are never put together
+_FEWEST = 2  # directives that are never merged
 
 
 @dataclass(frozen=True)
 class Lived:
-    """What became of a job in one of its epochs.
+    """An epoch of a job that has ended.
 
     Attributes:
-        reports: of the cells that told of their end in it.
-        number: of the epoch.
+        file: the problem file of the epoch.
+        reports: the reports of its cells; a cell whose node died has none.
+        number: the epoch's number in the job, from 0.
     """
 
     file: ProblemFile
@@ -43,7 +44,7 @@ class Lived:
 
 @dataclass(frozen=True)
 class Messages:
-    """Counted over cells."""
+    """Messages to neighbours, summed over cells; see `wire.report.Report`."""
 
     sent: int = 0
     received: int = 0
@@ -53,18 +54,20 @@ class Messages:
 
 @dataclass(frozen=True)
 class Past:
-    """The epochs of a job so far.
+    """The ended epochs of a job, added up. Immutable: `and_then` and `led_on` return a longer past.
 
     Attributes:
-        epochs: how many.
-        generations: of all of them, as far as anybody has told.
-        evaluations: by all cells.
-        history: over the digests of all cells, epoch by epoch; None if not everything is known. Epochs that a node
-            died in are left out: what that node lived through nobody knows.
-        champion: the best that cells knew when they stopped, in epochs of the same problem as the next one. An epoch
-            that a node died in says nothing: what others knew then is another in each repetition.
-        texts: the directives, as JSON, which takes a tenth of the room.
-        text_bytes: what they come to.
+        epochs: the number of epochs.
+        generations: the generations of all epochs, as far as reports tell.
+        evaluations: the fitness calls of all cells.
+        messages: messages to neighbours.
+        staleness: of immigrants in async mode, see `wire.report.Staleness`.
+        history: SHA-256 over the digests of all cells, epoch by epoch, in hexadecimal; None if a digest is missing.
+            Epochs in which a node died are left out, since nothing is known of that node's generations.
+        champion: the best that cells knew when they stopped, in epochs of the same problem as the next one. An epoch in
+            which a node died does not count: what the other cells knew then differs from repetition to repetition.
+        texts: the directives as JSON texts, which need a tenth of the memory.
+        text_bytes: their length in total.
     """
 
     epochs: int = 0
@@ -79,11 +82,14 @@ class Past:
 
     @property
     def directives(self) -> list[dict[str, Any]]:
-        """How each epoch but the first followed the one before, and after which generation."""
+        """The directives: what led to each epoch but the first, and after which generation."""
         return [json.loads(text) for text in self.texts]
 
     def and_then(self, epoch: Lived, why: Mapping[str, Any] | None = None) -> "Past":
-        """With another epoch that has ended, and ``why`` there is one after it, if there is, as a directive."""
+        """Return this past with one more ended epoch.
+
+        ``why`` is the directive that led from it to the next epoch; None if it is the job's last one.
+        """
         reports = epoch.reports
         died = why is not None and why.get("do") == "replace"
         generations = lived_for(reports, died) if reports else 0
@@ -100,13 +106,15 @@ class Past:
         return past if why is None else past.led_on({"epoch": epoch.number + 1, "generation": generations, **why})
 
     def _champion_after(self, epoch: Lived, do: str | None) -> Champion | None:
-        if do in (None, "update", "retry"):  # an attempt was judged at its end, and may be coded otherwise
+        # The last epoch has no next one. An update changes the problem. A restart may change the coding, and the spy
+        # has judged the attempt before it.
+        if do in (None, "update", "retry"):
             return None
         return self.champion if do == "replace" else self.or_better(epoch)
 
     def _history_with(self, epoch: Lived) -> str | None:
         whole = len(epoch.reports) == topologies.parse(epoch.file.run.topology).cells
-        if epoch.file.run.mode == "lockstep":  # else it was halted somewhere on the way, as when a node dies
+        if epoch.file.run.mode == "lockstep":  # cells halted in different generations would not do so again
             whole = whole and len({report.generation for report in epoch.reports}) == 1
         if self.history is None or not whole or epoch.number > self.epochs:
             return None
@@ -114,14 +122,14 @@ class Past:
         return hashlib.sha256(bytes.fromhex(self.history) + digests).hexdigest()
 
     def or_better(self, epoch: Lived) -> Champion | None:
-        """The best that cells know at the end of an ``epoch`` of the same problem, or knew before."""
+        """Return the best champion known at the end of ``epoch``, or of earlier epochs of the same problem."""
         now, before = best_known(epoch.reports, epoch.file.run.spy), self.champion
         if before is None or (now is not None and now.fitness <= before.fitness):
             return now
-        return before._replace(generation=0)  # there it is known from the beginning
+        return before._replace(generation=0)  # in this epoch it has been known from the beginning
 
     def led_on(self, *directives: Mapping[str, Any]) -> "Past":
-        """With more directives, the latest."""
+        """Return this past with more directives, after those that it has."""
         texts = (*self.texts, *map(json.dumps, directives))
         size = self.text_bytes + sum(map(len, texts[len(self.texts) :]))
         while size > MOST_BYTES and len(texts) > _FEWEST:
@@ -130,7 +138,7 @@ class Past:
         return replace(self, texts=texts, text_bytes=size)
 
     def to_json(self) -> str:
-        """All but the directives."""
+        """Return everything but the directives as JSON; those are stored in rows of their own."""
         messages = [self.messages.sent, self.messages.received, self.messages.lost, self.messages.rejected]
         champion = None if self.champion is None else [*self.champion[:-1], self.champion.genome.hex()]
         counts = [self.epochs, self.generations, self.evaluations, messages, self.staleness]
@@ -138,7 +146,7 @@ class Past:
 
     @staticmethod
     def from_json(text: str) -> "Past":
-        """The inverse of `to_json`."""
+        """Return the past that `to_json` has written, without directives."""
         epochs, generations, evaluations, messages, staleness, history, champion = json.loads(text)
         known = None
         if champion is not None:
@@ -148,18 +156,18 @@ class Past:
 
 
 def best_known(reports: Sequence[Report], spy: str) -> Champion | None:
-    """The best champion that the cells know at the end; under the paper's spy only what the root knows counts."""
+    """Return the best champion that the cells know at the end; under the paper's ``spy`` only the root's counts."""
     known = [report.champion for report in reports if spy == "champion" or report.cell == ROOT]
     return min((champion for champion in known if champion is not None), default=None)
 
 
 def stopped_after(reports: Sequence[Report]) -> int:
-    """The generation after which the cells stopped; in async mode the (lower) median."""
+    """Return the generation after which the cells stopped; in async mode, where they differ, the lower median."""
     return statistics.median_low(report.generation for report in reports)
 
 
 def lived_for(reports: Sequence[Report], halted: bool) -> int:
-    """Generations of an epoch. Where cells halted since one had died, the next epoch counts from the furthest."""
+    """Return the number of generations of an epoch; if its cells were ``halted`` because a node died, the largest."""
     return max(report.generation for report in reports) if halted else stopped_after(reports)
 
 
@@ -183,7 +191,7 @@ def _added(before: Staleness, reports: Sequence[Report]) -> Staleness:
 
 
 def _shortened(texts: tuple[str, ...]) -> tuple[str, ...]:
-    """The older half put together: what they come to is known, but not how to repeat them."""
+    """Return the directives with the older half merged into one: their sums stay known, but they cannot be replayed."""
     half = (len(texts) + 1) // 2
     older = [json.loads(text) for text in texts[:half]]
     updates = [directive for directive in older if directive["do"] in ("update", SEVERAL)]

@@ -1,10 +1,15 @@
 """The process of the spy: linked to the root cell like a fifth neighbour, as in figure 7 of Ahuactzin et al. 1992.
 
-It hears what the root publishes, believes a champion once it has evaluated and checked it, and tells the epoch. The
-root publishes thousands of messages a second, most of them with the same champion as before: they are read on the
-network thread, and only a new champion is queued for the main thread. Several jobs may run at once, each with a root of
-its own. The control session also gathers the nodes' counters. Twice a second it adds up the counters,
-and passes them on together: who shows them would have to wake for each of 256 a second otherwise.
+The spy receives what the root publishes, evaluates and checks each new champion itself, and publishes it as an
+improvement of its epoch. The root publishes thousands of messages a second, most of them with the same champion as
+before. The network thread therefore decodes them, and queues only new champions for the main thread. Several jobs may
+run at once, each with a root of its own.
+
+The control session also collects the nodes' counters, up to 256 a second. Twice a second the spy publishes those that
+have come, together, and their sums: a receiver would otherwise wake up for each of them.
+
+The network thread writes `_Root`, `_Assignment.latest`, `SpyProcess._counted` and `SpyProcess.alive`, and appends to
+the queue. The main thread does everything else.
 """
 
 import contextlib
@@ -32,19 +37,26 @@ from wire.news import Counters, Improvement
 from wire.seal import Seal
 from wire.strict import Rejected
 
-STATISTICS_PERIOD = 0.5  # seconds
+STATISTICS_PERIOD = 0.5  # s between two statistics
 
-_LINKED_WITHIN = 5.0  # seconds; the root is there before it is said to be, unless it has died, when others wait
+# Seconds to wait for the link to the root. The root is there before the spy looks for it, unless it has just died; then
+# the spy must not wait long, because other jobs wait for the spy.
+_LINKED_WITHIN = 5.0
 
 
 def watch(config: NodeConfig) -> None:
-    """Be the spy until the process is ended; ``config.node`` is the root's number."""
+    """Run the spy in this process; does not return. ``config.node`` is the root's number."""
     sessions.use_runtime(sessions.NODE_RUNTIME)
     SpyProcess(config).run()
 
 
 class _Root:
-    """What the root says in one epoch of a job."""
+    """Decodes the root's messages in one epoch of a job.
+
+    Attributes:
+        generation: the root's latest generation.
+        rejected: the number of malformed messages.
+    """
 
     def __init__(self, plan: Plan, job: int) -> None:
         self.generation = 0
@@ -53,10 +65,10 @@ class _Root:
         self._epoch = plan.epoch
         self._limits = plan.limits
         self._message = Messages.room(1, plan.limits.genome_bytes, plan.limits.emigrants)
-        self._told: tuple[int, int] | None = None  # birth of the latest champion
+        self._latest_birth: tuple[int, int] | None = None  # generation and cell of birth of the latest champion
 
     def hear(self, payload: bytes) -> Champion | None:
-        """Its champion, if it is another than the last one."""
+        """Return the message's champion if it is another than the last one, else None."""
         message = self._message
         if message.decode(0, payload, self._limits) is not None:
             self.rejected += 1
@@ -65,33 +77,46 @@ class _Root:
         if (job, epoch) != (self._job, self._epoch):
             return None
         self.generation = generation
-        if self._told == (born, birthplace):
+        if self._latest_birth == (born, birthplace):
             return None
-        self._told = (born, birthplace)
+        self._latest_birth = (born, birthplace)
         return message.champion(0)
 
 
 @dataclass(eq=False)
 class _Assignment:
-    """An epoch of a job that is being watched; in the queue: the root has told of a new champion.
+    """An epoch of a job that the spy watches; in the queue it means that the root has a new champion.
 
-    Only the ``latest`` is looked at: a check may take longer than it takes to find something better.
+    The main thread takes only the ``latest`` champion, since a better one may be found while it checks another.
+
+    Attributes:
+        job: the job's number.
+        plan: the epoch's plan.
+        problem: the digest of the problem file.
+        wiring: the node on each cell.
+        collector: keeps the best verified champion.
+        root: decodes the root's messages.
+        latest: the root's latest champion.
+        began: when the epoch began, on the monotonic clock; None before.
+        counters: the latest counters of each node.
+        heard: when these came, on the monotonic clock.
+        rates: messages a second of each node, between its latest two counters.
     """
 
     job: int
     plan: Plan
-    problem: str  # its digest
+    problem: str
     wiring: Wiring
     collector: Collector
     root: _Root
     latest: Champion | None = None
-    began: float | None = None  # on the monotonic clock
-    counters: dict[int, Counters] = field(default_factory=dict)  # the latest of each node,
-    heard: dict[int, float] = field(default_factory=dict)  # when they came,
-    rates: dict[int, float] = field(default_factory=dict)  # and messages a second since those before
+    began: float | None = None
+    counters: dict[int, Counters] = field(default_factory=dict)
+    heard: dict[int, float] = field(default_factory=dict)
+    rates: dict[int, float] = field(default_factory=dict)
 
     def hear(self, counters: Counters, now: float) -> None:
-        """A node's counters have come."""
+        """Take a node's counters, which arrived at ``now``."""
         node, before = counters.node, self.counters.get(counters.node)
         if before is not None and now > self.heard[node]:
             self.rates[node] = max(0, counters.sent - before.sent) / (now - self.heard[node])
@@ -99,21 +124,28 @@ class _Assignment:
 
     @property
     def seconds(self) -> float:
-        """Since the job began."""
+        """Seconds since the epoch began."""
         return 0.0 if self.began is None else time.monotonic() - self.began
 
 
 class _Link:
-    """The session that is linked to the root of a job, and what is heard by it."""
+    """The link to the root of a job, by a session of its own or through the router.
+
+    Attributes:
+        wiring: the wiring that the link belongs to.
+        listening: the epochs whose messages are decoded. The network thread iterates over this list, so the main thread
+            replaces it as a whole instead of changing it.
+    """
 
     def __init__(
         self, config: NodeConfig, wiring: Wiring, queue: "queue.SimpleQueue[Any]", routed: zenoh.Session
     ) -> None:
         root = wiring.nodes[ROOT]
         self.wiring = wiring
-        self.listening: list[_Assignment] = []  # epochs of the job at that root; replaced as a whole
+        self.listening: list[_Assignment] = []
         self._queue = queue
-        # A spy that has joined a cluster is nowhere near the root, which then publishes through the router too.
+        # A spy of a cluster of several hosts may not reach the root directly; the root then publishes through the
+        # router too.
         self._own = None if config.host else sessions.peer([], [config.data_endpoint(root, wiring.number)])
         session = self._own or routed
         self._root = session.declare_subscriber(config.keys.out(root), frequent(self._listen))
@@ -125,7 +157,7 @@ class _Link:
         watcher.undeclare()  # type: ignore[no-untyped-call]
 
     def _listen(self, sample: zenoh.Sample) -> None:
-        """On the network thread."""
+        """Decode a message of the root, on the network thread; each epoch ignores messages of others."""
         payload = sample.payload.to_bytes()
         for assignment in self.listening:
             champion = assignment.root.hear(payload)
@@ -134,24 +166,32 @@ class _Link:
                 self._queue.put(assignment)
 
     def close(self) -> None:
-        """Hear nothing any more."""
+        """Stop receiving."""
         self._root.undeclare()  # type: ignore[no-untyped-call]
         if self._own is not None:
             self._own.close()  # type: ignore[no-untyped-call]
 
 
 class SpyProcess:
-    """Mail in, verified improvements and statistics out."""
+    """The spy: takes commands and messages, publishes verified improvements, counters and statistics.
+
+    Attributes:
+        queue: work for the main thread: an epoch whose root has a new champion, a command, or None when counters have
+            come after a silence.
+        alive: the liveliness tokens of all nodes.
+        assignments: the latest epoch of each job, by the job's number.
+        links: the links to roots, by the number of the root's node.
+    """
 
     def __init__(self, config: NodeConfig) -> None:
         self.config = config
         self.keys = config.keys
         self.queue: queue.SimpleQueue[_Assignment | zenoh.Query | None] = queue.SimpleQueue()
-        self._counted: list[tuple[bytes, float]] = []  # counters, with their times; the network thread appends
+        self._counted: list[tuple[bytes, float]] = []  # encoded counters with their arrival; the network thread appends
         self.alive: set[str] = set()
-        self.assignments: dict[int, _Assignment] = {}  # by job: its latest epoch
-        self.links: dict[int, _Link] = {}  # by root: its node's number
-        self._due = 0.0
+        self.assignments: dict[int, _Assignment] = {}
+        self.links: dict[int, _Link] = {}
+        self._due = 0.0  # when the next statistics are due, on the monotonic clock
         self._seal = Seal(config.secret)
         self.control = sessions.client(config.router)
         if config.topology:
@@ -160,7 +200,7 @@ class SpyProcess:
         self._register()
 
     def _link(self, wiring: Wiring) -> _Link:
-        """To the root of a job: the link that there is, or a new one."""
+        """Return the link to the root of a job: the present one, or a new one if the wiring has changed."""
         root = wiring.nodes[ROOT]
         link = self.links.get(root)
         if link is None or link.wiring.number != wiring.number:
@@ -170,6 +210,7 @@ class SpyProcess:
         return link
 
     def _register(self) -> None:
+        """Declare what the spy receives and answers; its liveliness tokens come last, since they mean "ready"."""
         liveliness = self.control.liveliness()
         self._subscribers = [
             self.control.declare_subscriber(self.keys.any_stats, direct(self._count)),
@@ -181,7 +222,7 @@ class SpyProcess:
         ]
 
     def _count(self, sample: zenoh.Sample) -> None:
-        """They are not opened at once; the first one is queued, so that somebody looks at the clock."""
+        """Keep counters, undecoded; with the first ones wake the main thread, so that it looks at the clock again."""
         self._counted.append((sample.payload.to_bytes(), time.monotonic()))
         if len(self._counted) == 1:
             self.queue.put(None)
@@ -193,7 +234,7 @@ class SpyProcess:
             self.alive.discard(str(sample.key_expr))
 
     def run(self) -> None:
-        """Handle what is queued for ever; the coordinator ends the process."""
+        """Handle the queue and publish statistics forever; the coordinator ends the process."""
         while True:
             left = max(0.0, self._due - time.monotonic())
             with contextlib.suppress(queue.Empty):
@@ -203,18 +244,19 @@ class SpyProcess:
                 self._due = now + STATISTICS_PERIOD
                 self._pass_on_counters()
                 for assignment in self._watched():
-                    self._tell_statistics(assignment)
+                    self._publish_statistics(assignment)
 
     def _watched(self) -> list[_Assignment]:
+        """Return the epochs that have begun and of which there are counters."""
         return [each for each in self.assignments.values() if each.began is not None and each.counters]
 
     def _pass_on_counters(self) -> None:
-        """All that have come meanwhile."""
+        """Decode the counters that have come meanwhile, and publish the latest of each node in few messages."""
         came = self._counted[:]
-        del self._counted[: len(came)]
+        del self._counted[: len(came)]  # only what was copied: the network thread may have appended more
         latest: dict[int, Counters] = {}
         for payload, at in came:
-            with contextlib.suppress(Rejected):  # not one of ours
+            with contextlib.suppress(Rejected):  # malformed, so from no node of this cluster
                 counters = Counters.decode(payload)
                 latest[counters.node] = counters
                 watched = self.assignments.get(counters.job)
@@ -224,19 +266,20 @@ class SpyProcess:
             self.control.put(self.keys.spy_counters, message)
 
     def _open(self, queued: _Assignment | zenoh.Query | None) -> None:
-        if queued is None:  # after a silence: the others' counters are on their way
+        if queued is None:
+            # Counters have come after a silence. Other nodes' are on their way: wait, to pass them on together.
             self._due = max(self._due, time.monotonic() + STATISTICS_PERIOD / 2)
         elif isinstance(queued, zenoh.Query):
             self._open_command(queued)
-        elif self.assignments.get(queued.job) is queued:
+        elif self.assignments.get(queued.job) is queued:  # otherwise the epoch is over by now
             self._hear(queued, queued.latest)
 
     def _hear(self, assignment: _Assignment, champion: Champion | None) -> None:
         better = assignment.collector.hear(champion, assignment.seconds)
         if better is not None:
-            self._tell(better)
+            self._publish(better)
 
-    def _tell(self, better: Improvement) -> None:
+    def _publish(self, better: Improvement) -> None:
         self.control.put(self.keys.best, better.encode())
 
     def _open_command(self, query: zenoh.Query) -> None:
@@ -266,16 +309,17 @@ class SpyProcess:
         assignment.began = time.monotonic()
         plan, best = assignment.plan, assignment.collector.best
         if best is not None and best.epoch == plan.epoch:  # an answer in this epoch too
-            self._tell(best)
+            self._publish(best)
         return Done()
 
     def _prepare(self, command: Prepare) -> Done | Refused:
-        """Watch an epoch of a job, instead of the one before if there was one."""
+        """Get ready to watch an epoch of a job; stop watching the epoch before, if there was one."""
         before = self.assignments.get(command.job)
         try:
             file = self.config.modules.read(command.file)
             plan = Plan.of(file, command.epoch)
             best = _better(command.best, before, file.sha256)
+            # With the demes the individual behind the answer moves along; a restart draws new ones.
             if best is not None and not command.fresh:
                 best = best.carried_to(command.epoch)
         except BadInput as error:
@@ -288,7 +332,7 @@ class SpyProcess:
         return Done()
 
     def _listen_to(self, assignment: _Assignment) -> None:
-        """Not before the nodes are prepared: the root may have to link itself anew."""
+        """Listen to the root in this epoch; only once all nodes are prepared, since the root may have to link anew."""
         link = self._link(assignment.wiring)
         link.listening = [*(each for each in link.listening if each is not assignment), assignment]
 
@@ -297,15 +341,16 @@ class SpyProcess:
             link.listening = [each for each in link.listening if each is not assignment]
 
     def _finish(self, assignment: _Assignment, command: Finish) -> Judged:
-        """Judge; the job may go on with another epoch."""
+        """Judge the epoch, whose cells have stopped; the job may go on with another one."""
+        # The root's messages may have skipped the best champion, or be under way still; the reports hold it.
         self._hear(assignment, command.champion)
         collector, reasons = assignment.collector, command.reasons
         self._pass_on_counters()
-        if assignment.counters:  # of a job that took no second these may be the only ones
+        if assignment.counters:  # a job of less than a second may have no other statistics than these
             # The root has sent no counters of its last generation.
             assignment.root.generation = max(assignment.root.generation, command.generation)
-            self._tell_statistics(assignment)
-        assignment.rates.clear()  # nobody sends any more, though the job may be kept alive
+            self._publish_statistics(assignment)
+        assignment.rates.clear()  # no cell sends any more, though the job may be kept alive
         judgement = verify(collector, command.generation, reasons, command.error, dict(command.states), command.since)
         return judgement.answer()
 
@@ -314,7 +359,7 @@ class SpyProcess:
         if assignment is not None:
             self._stop_listening_to(assignment)
 
-    def _tell_statistics(self, assignment: _Assignment) -> None:
+    def _publish_statistics(self, assignment: _Assignment) -> None:
         counters, root = list(assignment.counters.values()), assignment.root
         statistics = added_up(counters, assignment.job, assignment.plan.epoch, root.generation)._replace(
             rejected=root.rejected + sum(each.rejected for each in counters),
@@ -325,7 +370,13 @@ class SpyProcess:
 
 
 def _better(told: bytes, before: _Assignment | None, problem: str) -> Improvement | None:
-    """The better answer of what the coordinator has ``told`` and what was known in the epoch ``before``, if any."""
+    """Return the better of two answers: the coordinator's, encoded in ``told``, and that of the epoch ``before``.
+
+    Args:
+        told: an encoded improvement; empty if the coordinator knows of none.
+        before: the epoch before; it counts only if its problem was the same.
+        problem: the digest of the problem file.
+    """
     known = [Improvement.decode(told)] if told else []
     if before is not None and before.problem == problem and before.collector.best is not None:
         known.append(before.collector.best)

@@ -1,4 +1,4 @@
-"""The result of a run, as `--json` prints it and Python users get it."""
+"""The result of a job, as `--json` prints it and Python users get it."""
 
 import math
 from collections.abc import Sequence
@@ -13,40 +13,53 @@ from topologies import Topology
 from wire.news import Improvement
 from wire.report import Reason, Report, Staleness
 
+# Reasons that do not follow from the seed: a replay needs to know when the run was stopped for one of them.
 _FROM_OUTSIDE: tuple[Reason, ...] = ("deadline", "cancel", "infeasible")
 
 
 @dataclass(frozen=True)
 class Result:
-    """What came of a job.
+    """The outcome of a job.
 
     Attributes:
+        job: the job's name.
+        kind: the kind of the problem.
         status: "solved", "optimal", "infeasible", "stalled", "exhausted", "deadline", "cancelled" or "failed".
         solved: whether the target was reached.
         feasible: whether the planner's independent check accepts what was found.
-        fitness: of the solution, or without one of the best attempt; +inf if there is neither.
-        solution: the planner's own plain values; None unless the check accepts them.
+        fitness: the fitness of the solution, or without one of the best attempt; +inf if there is neither.
+        solution: the solution as the planner's own plain values; None unless the check accepts them.
         found_at: cell and generation of the birth of the solution, or of the best attempt.
-        generations: after which all cells stopped; in async mode the median over cells.
-        evaluations: all fitness calls in nodes.
-        seconds: from the start to the last stop.
-        seconds_to_ready: from the call to the ready cluster.
-        cpu_seconds: of all processes.
-        run: the settings of the first epoch; `directives` say what came after it. All else is of the last one.
-        directives: what came from outside, and after which generation.
+        generations: the generation after which all cells stopped; in async mode the median over cells.
+        evaluations: the number of fitness calls of all nodes.
+        seconds: seconds from the start to the last stop.
+        seconds_to_ready: seconds from the call until the cluster was ready.
+        cpu_seconds: processor time of all processes.
+        nodes: the number of nodes.
+        topology: the topology, as text.
+        deme: the number of individuals on each node.
+        mode: "lockstep" or "async".
+        seed: the seed of the run.
+        run: the settings of the first epoch; `directives` say what came after it. All other fields are of the last one.
+        problem_sha256: the digest of the problem file.
+        versions: versions and processor of the nodes, see `node.fingerprint`.
+        directives: the changes and stops that a replay repeats, and after which generation each took effect.
+        messages: how many messages were sent, received, lost and rejected.
         staleness: in async mode, how many generations the immigrants bred with were behind their cells (mean, max), and
             the share of them that had been bred with before (again); None in lockstep, where all are of one generation.
-        history_sha256: equal for equal lockstep runs; None if the run failed, or not all of it is known.
-        message: why it failed, or what the check has against the solution.
+        history_sha256: equal for equal lockstep runs; None if the run failed, or part of its history is unknown.
+        message: why the run failed, or the check's objections to the solution.
         target: the fitness that counts as solved, if there is one.
         clearance: how close the solution, or the best attempt, comes to what it must not touch: the ``"least"``
             distance (None if there is nothing to come close to), ``"where"`` that is, what was ``"required"``, and the
-            ``"unit"`` of both; None if this kind has none.
-        best_attempt: the best that was found, in the shape of a solution, if the check does not accept it; else None.
+            ``"unit"`` of both; None if problems of this kind have no clearance.
+        best_attempt: the best that was found, in the form of a solution, if the check does not accept it; else None.
         solved_when: what the target means, in words, or why there is none.
-        oracle: what an exact method says, in words: that there is no way, or that this is the optimum, or which one is;
-            None if there is none, or it did not come to an answer.
-        advice: what to turn, if the run has stalled, a line each.
+        oracle: what an exact method says, in words: that there is no solution, or that this is the optimum, or what the
+            optimum is; None if there is no such method, or it did not finish.
+        advice: settings to change if the run has stalled, one line each.
+        words: the solution in words.
+        demes: the last individuals of each cell, for pictures.
     """
 
     job: str
@@ -81,16 +94,16 @@ class Result:
     solved_when: str | None = None
     oracle: str | None = None
     advice: list[str] = field(default_factory=list)
-    words: str | None = field(default=None, repr=False)  # the solution in words
-    demes: list[bytes] = field(default_factory=list, repr=False)  # the last individuals of each cell, for pictures
+    words: str | None = field(default=None, repr=False)
+    demes: list[bytes] = field(default_factory=list, repr=False)
 
     @property
     def found(self) -> dict[str, Any] | None:
-        """The solution, or without one the best attempt."""
+        """The solution, or the best attempt if there is no solution."""
         return self.best_attempt if self.solution is None else self.solution
 
     def to_json(self) -> dict[str, Any]:
-        """Plain JSON values; +inf becomes null."""
+        """Return the result as plain JSON values; a fitness of +inf becomes null. Words and demes are left out."""
         values = asdict(self)
         del values["demes"], values["words"]
         if not math.isfinite(self.fitness):
@@ -100,7 +113,7 @@ class Result:
 
 @dataclass(frozen=True)
 class Clocks:
-    """Seconds that a run took, see `Result`."""
+    """How long a run took, in seconds; see `Result`."""
 
     seconds: float
     seconds_to_ready: float
@@ -108,7 +121,10 @@ class Clocks:
 
 
 def stop_reasons(reports: Sequence[Report], mode: str) -> tuple[Reason, ...]:
-    """Why the cells stopped: the reasons proposed for the generation of the stop (in async mode, all)."""
+    """Return why the cells stopped: the reasons of the proposals for the generation of the stop, each once.
+
+    In async mode cells share no such generation, so all proposals count.
+    """
     if not reports:
         return ()
     stop = stopped_after(reports)
@@ -117,16 +133,23 @@ def stop_reasons(reports: Sequence[Report], mode: str) -> tuple[Reason, ...]:
 
 
 def states_of(reports: Sequence[Report]) -> dict[int, bytes]:
-    """What the cells have to say of their problems' states, where they have something to say."""
+    """Return the states that cells report of their problem objects, by cell; cells without one are left out."""
     return {report.cell: report.state for report in reports if report.state}
 
 
 def result_of(
     job: str, first: Run, past: Past, epoch: Lived, judgement: Judgement, versions: dict[str, str], clocks: Clocks
 ) -> Result:
-    """Put together what the cells of the last ``epoch`` report, what came before it, and what the spy verifies.
+    """Return the result of a job, from the reports of its last epoch, its past, and the spy's judgement.
 
-    ``first`` are the settings that the job began with.
+    Args:
+        job: the job's name.
+        first: the settings that the job began with.
+        past: the epochs before the last one.
+        epoch: the last epoch with the reports of its cells.
+        judgement: the spy's judgement of the last epoch.
+        versions: versions and processor of the nodes.
+        clocks: how long the run took.
     """
     file, best, whole = epoch.file, judgement.best, past.and_then(epoch)
     run, found = file.run, None if best is None else best.solution
@@ -170,7 +193,7 @@ def result_of(
 
 
 def _staleness(staleness: Staleness) -> dict[str, float] | None:
-    """Over all cells; None if there were no immigrants at all."""
+    """Return the staleness over all cells as results have it; None if there were no immigrants at all."""
     immigrants = staleness.immigrants
     if immigrants == 0:
         return None
@@ -182,12 +205,12 @@ def _staleness(staleness: Staleness) -> dict[str, float] | None:
 
 
 def _found_at(best: Improvement, topology: Topology) -> dict[str, Any]:
-    """Generations count from 0 in each epoch; the first epoch goes without saying."""
+    """Return where an individual was born. Generations count from 0 in each epoch, and epoch 0 is left out."""
     place = {"cell": list(topology.place(best.cell)), "generation": best.generation}
     return place | ({"epoch": best.epoch} if best.epoch else {})
 
 
 def _stops(reports: Sequence[Report]) -> list[dict[str, Any]]:
-    """Who stopped the last epoch from outside, and when."""
+    """Return the directives of the stops from outside that were proposed in the last epoch."""
     proposals = [each for report in reports for each in report.proposals if each.reason in _FROM_OUTSIDE]
     return [{"do": "stop", "generation": each.stop_at, "reason": each.reason} for each in proposals]

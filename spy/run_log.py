@@ -1,7 +1,7 @@
-"""The run log: one JSON object a line, for people who plot runs afterwards.
+"""The run log: a file with one JSON object in each line, for plotting a run afterwards.
 
-Lines of `improvement` are a function of the run: they have no time, and are the same, byte for byte, in the logs of
-equal lockstep runs. All other lines say when something was heard, and what they say differs from run to run.
+Lines of the event `improvement` are a function of the run: they have no time, and are the same byte for byte in the
+logs of equal lockstep runs. All other lines say when something was received, and differ from run to run.
 """
 
 import contextlib
@@ -22,14 +22,14 @@ from wire.news import Improvement, LogRecord, Statistics
 from wire.plain import plain
 
 IMPROVEMENT = "improvement"
-"""The event of lines that are a function of the run."""
+"""The event of those lines that are a function of the run."""
 
 
 class RunLog:
-    """Appends events to a file, or nowhere if there is no path; any thread may.
+    """Appends events to a file, or discards them if there is no path. Thread-safe.
 
     Args:
-        path: of the file, which is begun anew.
+        path: the file, which is overwritten; None to discard all events.
         least: the least improvement that is worth a line, as a share of the fitness before.
 
     Raises:
@@ -47,7 +47,7 @@ class RunLog:
                 raise BadInput(f"--log: expected a file that can be written, found {path}: {error.strerror}") from None
 
     def write(self, event: str, **values: Any) -> None:
-        """One line, with the wall-clock time."""
+        """Append a line with an event, its values, and the wall-clock time."""
         self._write({"time": round(time.time(), 6), "event": event, **plain(values)})
 
     def _write(self, line: dict[str, Any]) -> None:
@@ -56,16 +56,16 @@ class RunLog:
                 return
             try:
                 self._file.write(json.dumps(line) + "\n")
-            except OSError as error:  # an answer matters more than its log
+            except OSError as error:  # such as a full disk: the run goes on, since its answer matters more than its log
                 sys.stderr.write(f"warning: the run log ends here: {error.strerror}\n")
                 self.close()
 
     def start(self, job: int | str, epoch: int, run: Run) -> None:
-        """An epoch of the job begins, with these settings."""
+        """Log that an epoch of the job begins, with its settings."""
         self.write("start", job=job, epoch=epoch, run=run.model_dump())
 
     def news(self, topology: Topology, better: Improvement) -> None:
-        """A verified champion that was heard of; of several that come at once only the best is."""
+        """Log an improvement that the spy has verified; of several that come at once the spy takes only the last."""
         self.write(
             "news",
             epoch=better.epoch,
@@ -77,21 +77,21 @@ class RunLog:
         )
 
     def improvements(self, topology: Topology, records: Iterable[ImprovementRecord]) -> None:
-        """What cells noted in an epoch that has ended, as far as it is worth a line."""
+        """Log the improvements that cells noted in an epoch that has ended, as far as they are worth a line."""
         for record in worth_telling(records, self._least):
             self._write({"event": IMPROVEMENT, **record._asdict(), "cell": list(topology.place(record.cell))})
 
     def statistics(self, statistics: Statistics) -> None:
-        """How the job is."""
+        """Log the statistics of a running job."""
         values = statistics._asdict()
         self.write("statistics", epoch=values.pop("epoch"), **values)
 
     def record(self, record: LogRecord) -> None:
-        """What a process has to say."""
+        """Log a record that a process has published."""
         self.write("log", **(record._asdict() | {"at": round(record.at, 6)}))
 
     def end(self, judgement: Judgement, generations: int) -> None:
-        """What came of an epoch."""
+        """Log the judgement of an epoch, which ended after so many generations."""
         best = judgement.best
         self.write(
             "end",
@@ -103,7 +103,7 @@ class RunLog:
         )
 
     def close(self) -> None:
-        """Close the file."""
+        """Close the file; later events are discarded. Idempotent."""
         with self._turn:
             if self._file is not None:
                 with contextlib.suppress(OSError):

@@ -1,4 +1,4 @@
-"""What the counters of all nodes of a job come to."""
+"""The statistics of a job: the counters of all its nodes, added up."""
 
 import math
 from collections.abc import Sequence
@@ -9,14 +9,15 @@ from wire.news import Counters, Statistics
 
 
 def added_up(counters: Sequence[Counters], job: int, epoch: int, generation: int) -> Statistics:
-    """The sums, and how the individuals are spread; of no node at all, as if there were none.
+    """Return the sums of counters and the spread of fitness; ``messages_per_second`` is left 0 for the caller to set.
 
     Args:
-        counters: the latest of each node.
-        job: its number.
-        epoch: of it, that they are of.
-        generation: of the root.
+        counters: the latest counters of each node; may be empty, then fitness figures are +inf.
+        job: the job's number.
+        epoch: the epoch that the counters are of.
+        generation: the root's generation.
     """
+    # The age is that of the root's champion, which all cells come to know.
     champion = next((each for each in counters if each.cell == ROOT), None)
     return Statistics(
         job,
@@ -33,6 +34,6 @@ def added_up(counters: Sequence[Counters], job: int, epoch: int, generation: int
         median(each.median for each in counters) if counters else math.inf,
         max((each.worst for each in counters), default=math.inf),
         0 if champion is None else champion.age,
-        len({each.digest for each in counters}) / max(1, len(counters)),
+        len({each.digest for each in counters}) / max(1, len(counters)),  # distinct best genomes, for each node
         median(each.exchange_seconds for each in counters) if counters else math.inf,
     )

@@ -1,4 +1,4 @@
-"""How a run is judged when it has ended: its status, and whether an independent check accepts the answer."""
+"""The judgement of an epoch that has ended: its status, and whether an independent check accepts the answer."""
 
 import json
 import math
@@ -24,27 +24,28 @@ STATUS_OF: dict[Reason, Status] = {
     "deadline": "deadline",
     "cancel": "cancelled",
 }
-"""How a run ends that was stopped for a reason other than its target."""
+"""The status of a run that was stopped for a reason other than its target; of several reasons the first one counts."""
 
-_TOLERANCE = 1e-6
+_TOLERANCE = 1e-6  # relative and absolute, between fitness values computed in different ways
 
 
 @dataclass(frozen=True)
 class Judgement:
-    """What a run came to.
+    """The judgement of a run.
 
     Attributes:
+        status: how the run ended.
         feasible: whether the planner's check accepts the solution.
-        message: why the run failed, or what the check has against the solution.
+        message: why the run failed, or the check's objections to the solution.
         best: the best verified answer, if there is one.
         words: the solution in words.
         target: the fitness that counts as solved, if there is one.
-        clearance: of the solution, see `problems.guard.cleared`.
-        next_attempt: if the job is to begin anew, the fields of the problem to change for that.
+        clearance: the clearance of the solution, see `problems.guard.cleared`.
+        next_attempt: the fields of the problem to change, if the job is to be restarted; None if it is not.
         solved_when: what the target means, in words, or why there is none.
-        advice: what to turn, if the run has stalled for good.
-        has_oracle: whether the problem has an oracle that can tell whether there is a way.
-        oracle: what it has told, in words, if it has.
+        advice: settings to change, if the run has stalled for good.
+        has_oracle: whether the problem has an oracle, which can tell whether there is a solution at all.
+        oracle: the oracle's answer in words, if there is one.
     """
 
     status: Status
@@ -61,7 +62,7 @@ class Judgement:
     oracle: str | None = None
 
     def answer(self) -> Judged:
-        """As it travels."""
+        """Return the judgement as the spy's answer on the wire. The oracle's answer is added later, elsewhere."""
         best = None if self.best is None else self.best.encode()
         fields = None if self.next_attempt is None else json.dumps(self.next_attempt)
         told = self.words, self.target, self.clearance, fields, self.solved_when, self.advice, self.has_oracle
@@ -84,11 +85,11 @@ class Judgement:
 
     @property
     def is_open(self) -> bool:
-        """Whether it depends on the oracle, if there is one, what the run came to."""
+        """Whether the oracle's answer may still change the status."""
         return self.has_oracle and self.status in ("stalled", "infeasible") and self.next_attempt is None
 
     def in_the_light_of(self, foretold: Foretold) -> "Judgement":
-        """The same with what is surely true of every solution: there is none, or this is the best one."""
+        """Return the judgement completed by the oracle's answer: infeasible, optimal, or only its words."""
         if foretold.hopeless:
             return replace(self, status="infeasible", oracle=foretold.words, advice=())
         if self.feasible and self.best is not None and foretold.is_reached_by(self.best.fitness):
@@ -104,9 +105,15 @@ def verify(
     states: Mapping[int, bytes] | None = None,
     since: int = 0,
 ) -> Judgement:
-    """Judge what the spy has collected of an epoch that stopped after ``generation`` for ``reasons``, or by an error.
+    """Judge an epoch that has ended.
 
-    What the cells' ``states`` have to say goes into the solution; ``since`` generations the job had lived before.
+    Args:
+        collector: what the spy has collected of the epoch.
+        generation: the generation after which it stopped.
+        reasons: the reasons of the stop.
+        error: why a node failed; None if none did.
+        states: the states that cells report of their problem objects, to be merged into the solution.
+        since: generations of the job before the epoch.
     """
     best = collector.best
     if error is not None:
@@ -119,7 +126,7 @@ def verify(
         nothing = Judgement(status, False, None, None, None, plan.target, solved_when=plan.solved_when)
         return _going_on(plan, nothing, since + generation)
     try:
-        if best.epoch == plan.epoch:  # else cells of this epoch have nothing to say of it
+        if best.epoch == plan.epoch:  # the states of this epoch's cells do not belong to an earlier epoch's answer
             best = replace(best, solution=merged(plan.problem, best.solution, states or {}, best.cell))
     except EvaluationFailed as failure:
         return Judgement("failed", False, str(failure), best)
@@ -129,13 +136,12 @@ def verify(
 
 
 def _going_on(plan: Plan, judgement: Judgement, lived: int) -> Judgement:
-    """The same, with what the next attempt changes, if there is to be one and the limits leave room for it.
+    """Return the judgement of a stalled run with the next attempt's fields, or with advice if there is none.
 
-    If there is none, with what to turn. What an oracle tells bears on both.
-
-    A job that is kept alive and has no target seeks a feasible answer.
+    Any other judgement only learns whether there is an oracle to ask. ``lived`` is the number of the job's generations.
     """
     judgement = replace(judgement, has_oracle=plan.run.oracle and has_oracle(type(plan.problem)))
+    # A job that is kept alive and has no target is content with any feasible answer.
     found = plan.run.keep_alive and plan.target is None and judgement.feasible
     if judgement.status != "stalled":
         return judgement
@@ -148,10 +154,12 @@ def _going_on(plan: Plan, judgement: Judgement, lived: int) -> Judgement:
 
 
 def _status(plan: Plan, best: Improvement | None, generation: int, reasons: set[Reason]) -> Status:
+    """Return how the run ended; what came of its answer counts before the reasons of the stop."""
     if best is not None and plan.target is not None and best.fitness <= plan.target:
         return "solved"
     if generation == plan.last_generation or (not reasons and plan.last_generation is not None):
-        return "exhausted"  # in async mode cells begin a later epoch at generations of their own
+        # In async mode cells begin a later epoch in different generations, so they need not end in the last one.
+        return "exhausted"
     for reason, status in STATUS_OF.items():
         if reason in reasons:
             return status
@@ -159,7 +167,7 @@ def _status(plan: Plan, best: Improvement | None, generation: int, reasons: set[
 
 
 def _checked(plan: Plan, status: Status, best: Improvement) -> Judgement:
-    """The judgement once the planner's check has spoken: its status, whether ``best`` is feasible, and the message."""
+    """Let the planner's check examine ``best``; return the judgement: its status, whether feasible, and the message."""
     try:
         verdict = checked(plan.problem, best.solution)
     except BadInput as error:
@@ -168,6 +176,8 @@ def _checked(plan: Plan, status: Status, best: Improvement) -> Judgement:
         return Judgement("failed", False, str(error), best)
     objections, clearance = "; ".join(verdict.objections) or None, cleared(plan.problem, verdict)
     judgement = Judgement(status, verdict.feasible, objections, best, clearance=clearance)
+    # In both cases below the problem contradicts itself: the search and the check compute different things. A target
+    # that the user has loosened is no such contradiction.
     if not same_fitness(verdict.fitness, best.fitness):
         message = f"the check finds a fitness of {verdict.fitness:.9g}, the run claims {best.fitness:.9g}"
     elif status == "solved" and not verdict.feasible and _is_claim(plan, best):
@@ -178,11 +188,11 @@ def _checked(plan: Plan, status: Status, best: Improvement) -> Judgement:
 
 
 def same_fitness(one: float, other: float) -> bool:
-    """Whether two fitness values, computed in different ways, agree."""
+    """Return whether two fitness values, computed in different ways, agree."""
     return math.isclose(one, other, rel_tol=_TOLERANCE, abs_tol=_TOLERANCE)
 
 
 def _is_claim(plan: Plan, best: Improvement) -> bool:
-    """Whether the problem itself calls this fitness solved (a looser --target may accept less)."""
+    """Return whether the problem itself counts this fitness as solved; a looser --target may accept a worse one."""
     claimed = solved_at(plan.problem)
     return claimed is None or best.fitness <= claimed

@@ -204,7 +204,7 @@ def without(directive, name):
         (without(REPLACE, "generations"), "generations: expected a table, found null"),
         (
             REPLACE | {"generations": {"0": 3, "1": 3}},
-            "generations: expected one of each cell, found none of [2, 3, 5]",
+            "generations: expected one for each cell, found none for [2, 3, 5]",
         ),
         (REPLACE | {"generations": {}, "demes_of": {str(cell): 0 for cell in range(6)}}, "generations: expected one"),
         (

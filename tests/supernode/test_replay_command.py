@@ -117,7 +117,7 @@ def test_another_history_is_an_error_after_the_result(simulate, kept, problem):
         ({"run": {"mode": "lockstep", "deme": 0}}, "run: deme: expected"),
         ({"directives": 3}, "expected a result as `solve --json` prints it"),
         ({"directives": [3]}, "directives: expected tables, found 3"),
-        ({"directives": [{"do": "several", "epoch": 9}]}, "such a run cannot be repeated: it has lived in so many"),
+        ({"directives": [{"do": "several", "epoch": 9}]}, "such a run cannot be repeated: it had so many epochs"),
         ({"directives": [{"do": "stop", "generation": 3}]}, "directives: reason: expected one, found null"),
         ({"directives": [{"do": "stop", "reason": "cancel"}]}, "directives: generation: expected a whole number"),
         (
