@@ -157,7 +157,8 @@ def _status(plan: Plan, best: Improvement | None, generation: int, reasons: set[
     """Return how the run ended; what came of its answer counts before the reasons of the stop."""
     if best is not None and plan.target is not None and best.fitness <= plan.target:
         return "solved"
-    if generation == plan.last_generation or (not reasons and plan.last_generation is not None):
+    last = plan.last_generation  # counted from the plan's epoch, which a spy's plan does not know: its `since` is 0
+    if last is not None and (generation == plan.since + last or not reasons):
         # In async mode cells begin a later epoch in different generations, so they need not end in the last one.
         return "exhausted"
     for reason, status in STATUS_OF.items():

@@ -186,3 +186,15 @@ def test_a_class_of_a_script_is_solved(tmp_path):
     )
     done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, timeout=60, check=False)
     assert (done.stdout, done.stderr) == ("solved\n", "")
+
+
+def test_a_limit_on_generations_is_one_on_those_of_all_attempts(tmp_path):
+    """A stall counts as one even where its generation is what the limit leaves: the next attempt still has room."""
+    path = tmp_path / "hopeless.toml"
+    path.write_text('kind = "function"\nname = "onemax"\ndimension = 20\n')
+    settings = {"seed": 3, "topology": "torus 2x2", "target": -1.0, "stall": 5, "restarts": 2}
+    stalls = [turn["generation"] for turn in supernode.simulate(path, **settings).directives if turn["do"] == "retry"]
+    assert len(stalls) == 2
+    first, second = stalls
+    result = supernode.simulate(path, **settings, generations=2 * first + second)
+    assert [turn["generation"] for turn in result.directives if turn["do"] == "retry"] == stalls
