@@ -19,10 +19,13 @@ Count = Annotated[int, Field(ge=0, lt=MOST_GENERATIONS)]
 
 
 def with_topology(settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Settings in which a ``torus``, "RxC" or a pair of rows and columns, is written as the ``topology`` that it is.
+    """Return settings with the shorthand ``torus`` replaced by the ``topology`` that it stands for.
+
+    Args:
+        settings: settings by name; ``torus`` may be "RxC" or a pair (rows, columns).
 
     Raises:
-        ValueError: if it is none, or there is a topology beside it; the message begins with the field.
+        ValueError: if the torus is invalid or a topology is given, too; the message begins with the field.
     """
     others = {name: value for name, value in settings.items() if name != "torus"}
     if settings.get("torus") is None:
@@ -36,7 +39,7 @@ def with_topology(settings: Mapping[str, Any]) -> dict[str, Any]:
 
 
 class Run(Table):
-    """How a problem is run. Limits that are None do not end the run."""
+    """The settings of a run. A limit that is None does not end the run."""
 
     shorthands: ClassVar[tuple[str, ...]] = ("torus",)  # names that `with_topology` replaces before validation
 
@@ -76,15 +79,18 @@ class Run(Table):
 
     @property
     def is_limited(self) -> bool:
-        """Whether generations, evaluations or seconds end it, however it goes."""
+        """Whether a limit of generations, evaluations or seconds certainly ends the run."""
         return not (self.generations is None and self.evaluations is None and self.seconds is None)
 
     def stall_limit(self) -> int | None:
-        """The stall that ends the run: 200 only if nothing else limits it."""
+        """Return the number of generations without a better champion that ends the run, or None.
+
+        The default applies only to runs that nothing else would end.
+        """
         return DEFAULT_STALL if self.stall is None and not self.is_limited else self.stall
 
     def breeding(self, problem: Problem) -> Recipe:
-        """The problem's recipe with this run's own choices put in."""
+        """Return the problem's recipe, with the mutation and replacement of this run if it sets them."""
         base = problem.recipe(self.recipe, self.deme)
         return replace(
             base,
@@ -93,10 +99,14 @@ class Run(Table):
         )
 
     def last_generation(self, recipe: Recipe, epochs: int = 1) -> int | None:
-        """The generation of the job after which every cell stops by itself in the last of so many epochs, or None.
+        """Return the last generation of the job that the limits allow, or None if they allow any number.
 
-        Every cell makes the same number of evaluations a generation, so a limit on those is a limit on generations. In
-        each epoch the first individuals are evaluated too.
+        All cells make the same number of evaluations per generation, so a limit of evaluations is a limit of
+        generations, which every cell can apply without communication.
+
+        Args:
+            recipe: the recipe, which decides how many evaluations a generation takes.
+            epochs: the number of epochs of the job; each also evaluates a first population.
         """
         limits = [] if self.generations is None else [self.generations]
         if self.evaluations is not None:
