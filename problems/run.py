@@ -43,17 +43,17 @@ class Run(Table):
 
     shorthands: ClassVar[tuple[str, ...]] = ("torus",)  # names that `with_topology` replaces before validation
 
-    topology: str = Field("torus 4x4", description="who neighbours whom")
+    topology: str = Field("torus 4x4", description="which cells are neighbours")
     deme: int = Field(1, ge=1, le=MOST_DEME, description="individuals on each node")
     interval: int = Field(1, ge=1, lt=MOST_GENERATIONS, description="generations between two exchanges")
     emigrants: int = Field(1, ge=1, le=MOST_DEME, description="individuals sent in an exchange")
     mode: Literal["lockstep", "async"] = Field("lockstep", description="wait for neighbours, or do not")
-    recipe: RecipeName = Field("tuned", description="the paper's operators, or the best known here")
+    recipe: RecipeName = Field("tuned", description="the paper's operators, or those that performed best here")
     replacement: Replacement | None = Field(None, description="instead of the recipe's")
     mutation: Annotated[float, Field(ge=0, le=1)] | Literal["one-bit"] | None = Field(
         None, description="probability that a bit changes, instead of the recipe's"
     )
-    spy: Literal["champion", "root"] = Field("champion", description="what news reaches the root")
+    spy: Literal["champion", "root"] = Field("champion", description="which news reaches the root cell")
     seed: int = Field(1, ge=0, lt=1 << 64, description="the same seed gives the same run")
     generations: Count | None = Field(None, description="end after this generation")
     evaluations: Count | None = Field(None, description="end before this many fitness calls are exceeded")
@@ -61,10 +61,10 @@ class Run(Table):
     target: float | None = Field(None, description="fitness that ends the run, instead of the problem's own")
     keep_alive: bool = Field(False, description="stay after the end, for the next update of the world")
     stall: Annotated[int, Field(ge=1, lt=MOST_GENERATIONS)] | None = Field(
-        None, description="end, or begin anew, after this many generations without a better champion"
+        None, description="end, or restart, after this many generations without a better champion"
     )
-    oracle: bool = Field(True, description="ask the problem's oracle, if it has one, whether there is a way")
-    restarts: Count | None = Field(None, description="begin anew at most so often when it stalls without an answer")
+    oracle: bool = Field(True, description="ask the problem's oracle, if it has one, whether a solution exists")
+    restarts: Count | None = Field(None, description="restart at most so often after a stall without an answer")
 
     @field_validator("topology")
     @classmethod
