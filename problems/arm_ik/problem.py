@@ -37,7 +37,7 @@ _FLIPS_ON_ISLANDS = 4.0  # more, as islands lose diversity sooner: the best of a
 
 
 class Arm(Table):
-    """A planar arm of revolute joints. Joint angle j is relative to link j − 1; with all at 0, the arm lies along +x."""
+    """A planar arm of revolute joints. Joint angle j is relative to link j − 1; at all zeros it lies along +x."""
 
     links: list[Length] = quantity("m", "lengths from the base outwards, at least one", min_length=1, max_length=100)
     base: Place = quantity("m", "where the first joint stands", default=(0.0, 0.0))
