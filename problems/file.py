@@ -94,7 +94,7 @@ class ProblemFile:
             raise BadInput(f"{self.name}: kind: expected {self.kind!r} as before, found {shorten(fields['kind'])}")
         if "run" in fields:
             raise BadInput(f"{self.name}: run: expected no [run] in an update, it is for the problem alone")
-        # The individuals are coded as the last attempt left them, so its changes stay, unless the update sets them.
+        # The individuals are coded as the last attempt has it, so its changes stay, unless the update sets them.
         kept = {name: value for name, value in self.attempt_fields.items() if name not in fields}
         attempt = 0 if fields else self.attempt  # a changed problem has all of its attempts before it
         other = replace(self, fields=self._worked_out(self.fields | fields), attempt=attempt).with_run(**run)
@@ -113,7 +113,7 @@ class ProblemFile:
         Raises:
             BadInput: if a built-in problem refuses these fields. A user's own problem is not validated here.
         """
-        for name in ("kind", "run"):
+        for name in ("kind", "run"):  # `next_attempt` may be a user's code
             if name in fields:
                 raise BadInput(f"{self.name}: next_attempt: expected fields of the problem, found {name}")
         other = replace(self, attempt=self.attempt + 1)
@@ -228,6 +228,7 @@ class ProblemFile:
 
     def to_json(self) -> str:
         """Return the file as JSON, for a message to another process."""
+        # Unset settings are left out: the other process then knows, too, which ones the user has chosen.
         values = [self.name, self.fields, self.run.model_dump(exclude_unset=True), str(self.folder)]
         of_attempt = [self.attempt, self.attempt_fields] if self.attempt or self.attempt_fields else []
         return json.dumps(values + of_attempt)
@@ -325,6 +326,7 @@ def parse(text: str, name: str, folder: Path) -> ProblemFile:
     if not isinstance(plain.get("kind"), str):
         found = shorten(plain["kind"]) if "kind" in plain else "nothing"
         raise BadInput(f'{name}: kind: expected a kind of problem such as "arm-ik", found {found}')
+    # Without this field angles are radians already, and the kind need not be imported for them.
     if "unit" in plain and registry.is_built_in(plain["kind"]):
         try:
             plain = registry.find(plain["kind"]).read_angles(plain)

@@ -83,9 +83,9 @@ def meaning(answer: Answer, target: float | None) -> Foretold:
             counts as none: setting one that cannot be reached is the way to search until a limit.
     """
     method = answer.method[:_LONGEST]
-    if answer.meaning == "upper bound":
+    if answer.meaning == "upper bound":  # it excludes nothing: better solutions may exist
         return Foretold(False, None, False, method)
-    if math.isinf(answer.fitness):
+    if math.isinf(answer.fitness):  # no solution is feasible
         return Foretold(True, None, False, method)
     hopeless = target is not None and answer.fitness > target + _tolerance(target)
     return Foretold(hopeless, float(answer.fitness), answer.meaning == "optimum", method)

@@ -100,6 +100,7 @@ def checked(problem: Problem, solution: Solution) -> Verdict:
         raise
     except _ANYTHING as error:
         raise _raised(problem, "check", error) from error
+    # Type annotations do not bind a user's class, so test what was actually returned.
     good = isinstance(verdict, Verdict) and isinstance(verdict.fitness, float | int) and not math.isnan(verdict.fitness)
     if not good or not all(isinstance(each, str) for each in verdict.objections):
         raise EvaluationFailed(
@@ -125,6 +126,7 @@ def cleared(problem: Problem, verdict: Verdict) -> dict[str, Any] | None:
         return None
     required = getattr(problem, "clearance", 0.0)
     return {
+        # JSON has no infinity.
         "least": float(clearance.least) if math.isfinite(clearance.least) else None,
         "where": clearance.where,
         "required": float(required) if isinstance(required, float | int) else 0.0,
@@ -195,6 +197,7 @@ def described(problem: Problem, solution: Solution) -> str:
 def advised(problem: Problem, found: Solution | None, run: Run) -> tuple[str, ...]:
     """Call ``problem.advice`` and return its lines; none if the method raises."""
     try:
+        # Advice is a courtesy: a failure here must not change the outcome of a run.
         lines = [one_line(each) for each in problem.advice(found, run) if isinstance(each, str) and each]
     except _ANYTHING:
         return ()
@@ -213,6 +216,7 @@ def solved_at(problem: Problem) -> float | None:
         raise BadInput(f"{problem.kind}: solved_at raised {type(error).__name__}: {error}") from error
     if fitness is None:
         return None
+    # Python counts True and False as numbers, but as a target they are a mistake.
     if isinstance(fitness, bool) or not isinstance(fitness, float | int | np.floating) or math.isnan(fitness):
         raise BadInput(f"{problem.kind}: solved_at must be a number or None, got {fitness!r}")
     return float(fitness)

@@ -33,7 +33,7 @@ class Modules:
             BadInput: if ``text`` is no problem file, or its kind is in a module that is not allowed.
         """
         file = ProblemFile.from_json(text)
-        module, own, _ = file.kind.partition(":")
+        module, own, _ = file.kind.partition(":")  # built-in kinds have no colon, and are always allowed
         if own and module not in self.allowed:
             raise BadInput(
                 f"{file.name}: kind: this cluster does not run {file.kind!r}: it was not started with"

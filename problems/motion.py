@@ -258,11 +258,13 @@ class Pace:
         """
         knots = _apart(np.unique(knots))
         rate = RATE if self.rate is None else self.rate
+        # Count before allocating: a tiny speed makes a motion of years.
         count = float(knots[-1]) * rate + len(knots)
         if not count <= MOST_ROWS:  # written so that NaN and infinity are refused, too
             found = f"{count:.4g}: {rate:g} a second for {knots[-1]:g} s"
             raise BadInput(f"--rate: expected at most {MOST_ROWS:,} rows, found {found}")
         even = np.arange(int(knots[-1] * rate) + 1) / rate
+        # The distance of each even moment from the nearest knot; too close ones would give very short steps.
         following = np.minimum(np.searchsorted(knots, even), len(knots) - 1)
         away = np.minimum(np.abs(knots[following] - even), np.abs(even - knots[following - 1]))
         return np.unique(np.concatenate([knots, even[away > _NEAR / rate]]))

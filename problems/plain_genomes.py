@@ -49,7 +49,7 @@ def from_plain(coding: Coding, plain: dict[str, Any]) -> Genomes:
         genome = _genome_of(coding, plain[name])
     except (KeyError, TypeError, ValueError, OverflowError):
         genome = None
-    if genome is None or not coding.alphabet.admits(genome):
+    if genome is None or not coding.alphabet.admits(genome):  # right in form, but perhaps out of bounds
         raise ValueError(f"expected a field {name!r} with {_expected(coding)}")
     return genome
 

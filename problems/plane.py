@@ -73,6 +73,7 @@ class _Solid(Table):
     def covers(self, point: Point) -> bool:
         """Return whether ``point`` lies inside, deeper than `CONTACT`."""
         place = shapely.Point(point)
+        # Contact is free, so the point must also be away from the outline.
         return bool(self.polygon.contains(place) and self.polygon.exterior.distance(place) > CONTACT)
 
 
@@ -148,7 +149,7 @@ def simple_polygon(vertices: list[Point]) -> list[Point]:
     Raises:
         ValueError: if they are no simple polygon with an area; the message says what was found.
     """
-    if len(vertices) > 3 and vertices[0] == vertices[-1]:
+    if len(vertices) > 3 and vertices[0] == vertices[-1]:  # many formats close a polygon so
         vertices = vertices[:-1]
     if len(vertices) < 3:
         raise ValueError(f"expected at least 3 vertices, found {len(vertices)}")

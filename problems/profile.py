@@ -39,6 +39,7 @@ class Profile:
     @cached_property
     def peaks(self) -> Floats:
         """The greatest speed that each piece reaches, units/s; less than its limit on a short piece."""
+        # Accelerating up to the middle of the piece reaches v with v² / 2a = length / 2.
         return np.minimum(self.speeds, np.sqrt(self.lengths * self.accelerations))
 
     @cached_property
@@ -97,7 +98,7 @@ class Profile:
         left = np.maximum(far[piece] - ways, 0.0)
         gone = np.maximum(self.lengths[piece] - left, 0.0)
         peak, ramp, gain = self.peaks[piece], self.ramps[piece], self.accelerations[piece]
-        on_ramp = gain * ramp**2 / 2.0
+        on_ramp = gain * ramp**2 / 2.0  # the length of a ramp
         late = np.where(left < on_ramp, self.seconds[piece] - np.sqrt(2.0 * left / gain), ramp / 2.0 + gone / peak)
         moments: Floats = self.begins[piece] + np.where(gone < on_ramp, np.sqrt(2.0 * gone / gain), late)
         return moments
@@ -112,6 +113,7 @@ class Profile:
         """
         if len(times) == 1 or len(self.lengths) == 0:
             return np.zeros(len(times)), np.zeros(len(times), np.int64)
+        # Between two moments nothing changes, so the middle decides which acceleration begins at the first of them.
         middles = np.append(times[:-1] + times[1:], times[-2] + times[-1]) / 2.0
         piece = np.maximum(np.searchsorted(self.begins, middles, side="left") - 1, 0)
         gone, left, ramp = middles - self.begins[piece], self.ends[piece] - middles, self.ramps[piece]
@@ -161,6 +163,7 @@ def ride(path: Floats, lengths: Floats, speeds: Floats, accelerations: Floats, p
     directions = np.diff(path, axis=0)[moving] / lengths[moving, None]
     speeds, accelerations = (np.broadcast_to(each, lengths.shape)[moving] for each in (speeds, accelerations))
     ways = np.concatenate([[0.0], np.cumsum(lengths[moving])])
+    # One piece of the profile for each run of the same direction; the first speed of a run holds for all of it.
     firsts = _turns(directions)
     profile = Profile(np.diff(ways[np.append(firsts, len(moving))]), speeds[firsts], accelerations[firsts])
     times = pace.moments(np.unique(np.concatenate([profile.knots, profile.when(ways[1:-1])])))

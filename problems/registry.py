@@ -53,7 +53,7 @@ def find(kind: str, folder: Path | None = None) -> type[Problem]:
     Raises:
         BadInput: if there is no such kind, module or class.
     """
-    if kind not in _BUILT_IN and ":" not in kind:
+    if kind not in _BUILT_IN and ":" not in kind:  # a user's own kind always has a colon
         raise BadInput(
             f'kind: expected one of {", ".join(_BUILT_IN)} or "module:Class", found {kind!r}'
             + did_you_mean(kind, _BUILT_IN)
@@ -61,7 +61,7 @@ def find(kind: str, folder: Path | None = None) -> type[Problem]:
     module_name, _, class_name = _BUILT_IN.get(kind, kind).partition(":")
     try:
         found = getattr(_module(module_name, None if is_built_in(kind) else folder), class_name)
-    except (Exception, SystemExit) as error:
+    except (Exception, SystemExit) as error:  # a user's module may raise anything, or call sys.exit
         raise BadInput(f"kind: cannot import {kind!r}: {type(error).__name__}: {error}") from error
     if not (isinstance(found, type) and issubclass(found, Problem)):
         raise BadInput(f"kind: expected a subclass of supernode.Problem, found {kind!r}, which is {found!r}")
@@ -79,11 +79,12 @@ def _module(name: str, folder: Path | None) -> ModuleType:
     if folder is None:
         return importlib.import_module(name)
     if str(folder) not in sys.path:
-        sys.path.insert(0, str(folder))
+        sys.path.insert(0, str(folder))  # so that a user's module can import others beside it
     beside = folder / f"{name}.py"
     if not beside.is_file():
         return importlib.import_module(name)
     old = sys.modules.get(name)
+    # Replacing a module that this process uses itself, such as one of the standard library, would break it.
     if (
         old is not None
         and name not in _read
@@ -98,7 +99,7 @@ def _module(name: str, folder: Path | None) -> ModuleType:
     try:
         spec.loader.exec_module(module)
     except BaseException:
-        del sys.modules[name]
+        del sys.modules[name]  # as the import statement does: a half-initialised module must not be found later
         raise
     _read.add(name)
     return module

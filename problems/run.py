@@ -10,8 +10,8 @@ import topologies
 from genetics.recipe import Recipe, Replacement, evaluations_per_generation
 from problems.problem import Problem, RecipeName, Table
 
-DEFAULT_STALL = 200
-DEFAULT_RESTARTS = 8
+DEFAULT_STALL = 200  # generations
+DEFAULT_RESTARTS = 8  # of a run that nothing else limits
 MOST_DEME = 1 << 16
 MOST_GENERATIONS = 1 << 31
 
@@ -69,7 +69,7 @@ class Run(Table):
     @field_validator("topology")
     @classmethod
     def _known_topology(cls, spec: str) -> str:
-        return topologies.parse(spec).spec
+        return topologies.parse(spec).spec  # in its canonical form, so that equal topologies compare equal
 
     @model_validator(mode="after")
     def _emigrants_live_in_the_deme(self) -> "Run":
@@ -111,8 +111,9 @@ class Run(Table):
         limits = [] if self.generations is None else [self.generations]
         if self.evaluations is not None:
             topology = topologies.parse(self.topology)
-            slots = len(topology.neighbours(0))
+            slots = len(topology.neighbours(0))  # the same for all cells: each has as many slots
             first = epochs * topology.cells * self.deme
             each = topology.cells * evaluations_per_generation(self.deme, slots, recipe)
+            # Rounded down: the limit is never exceeded, not even by a part of a generation.
             limits.append(max(0, (self.evaluations - first) // each))
         return min(limits, default=None)

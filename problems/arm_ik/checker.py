@@ -63,7 +63,7 @@ def is_free(problem: ArmIk, configuration: Sequence[float]) -> bool:
 
 def joints_of(arm: Arm, configuration: Sequence[float]) -> Joints:
     """Return the base, the joints and the tip as complex numbers, m."""
-    turns = np.cumprod(np.exp(1j * np.array(configuration)))
+    turns = np.cumprod(np.exp(1j * np.array(configuration)))  # the direction of each link
     return complex(*arm.base) + np.concatenate([[0], np.cumsum(arm.links * turns)])
 
 
@@ -125,7 +125,7 @@ def _links_touching(problem: ArmIk, links: list[shapely.LineString]) -> Iterator
     if not problem.self_collision:
         return
     for one in range(len(links)):
-        for other in range(one + 2, len(links)):
+        for other in range(one + 2, len(links)):  # neighbours share a joint, so they always touch
             if _are_in_each_other(links[one], links[other], 2 * problem.arm.radius + problem.clearance):
                 touch = f"come nearer than the clearance {problem.clearance:g} m" if problem.clearance else "touch"
                 yield f"links {one + 1} and {other + 1} {touch}"

@@ -150,6 +150,7 @@ def _exact_solutions(problem: ArmIk) -> NDArray[np.float64]:
     cosine = (away @ away - one * one - two * two) / (2 * one * two)
     if abs(cosine) > 1:
         return np.empty((0, 2))
+    # By the law of cosines, with the elbow bent to either side.
     elbows = np.array([1, -1]) * np.arccos(cosine)
     first = np.arctan2(away[1], away[0]) - np.arctan2(two * np.sin(elbows), one + two * np.cos(elbows))
     lowest, ranges = problem.joint_ranges

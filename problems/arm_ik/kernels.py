@@ -84,6 +84,7 @@ def clearance(ax: Any, ay: Any, bx: Any, by: Any, cx: Any, cy: Any, dx: Any, dy:
             gap_squared(dx, dy, ax, ay, bx, by),
         )
     )
+    # The segments cross if the ends of each lie on different sides of the other.
     apart = (
         _side(ax, ay, cx, cy, dx, dy) * _side(bx, by, cx, cy, dx, dy) >= 0.0
         or _side(cx, cy, ax, ay, bx, by) * _side(dx, dy, ax, ay, bx, by) >= 0.0
@@ -207,6 +208,7 @@ def touches_itself(joints: Any, apart: Any) -> Any:
         ax, ay, bx, by = joints[one, 0], joints[one, 1], joints[one + 1, 0], joints[one + 1, 1]
         for other in range(one + 2, links):
             cx, cy, dx, dy = joints[other, 0], joints[other, 1], joints[other + 1, 0], joints[other + 1, 1]
+            # Bounding boxes that are far enough apart exclude most pairs cheaply.
             if max(ax, bx) + limit < min(cx, dx) or max(cx, dx) + limit < min(ax, bx):
                 continue
             if max(ay, by) + limit < min(cy, dy) or max(cy, dy) + limit < min(ay, by):

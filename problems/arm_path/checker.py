@@ -92,6 +92,7 @@ def _parsed(problem: ArmPath, solution: Solution) -> PathSolution:
     for row in claimed.path:
         if len(row) != links:
             raise BadInput(f"solution: path: expected {links} angles in each row, found {len(row)}")
+    # Two links list their slices, more links only count them; see `ArmPath.decode`.
     if (links == 2) == isinstance(claimed.slices, int):
         expected = "two lists of codes" if links == 2 else "a number"
         raise BadInput(f"solution: slices: expected {expected} for {links} links")
@@ -133,7 +134,7 @@ def _collisions(problem: ArmPath, path: Angles) -> Iterator[str]:
         turn = np.clip(following - row, -_FULL_TURN, _FULL_TURN)  # more than that covers nothing new
         samples = 1 + int(_SAMPLES_A_RADIAN * np.abs(turn).max())
         joints = _joints(problem, row + np.linspace(0.0, 1.0, samples + 1)[:, None] * turn)
-        moved = int(np.argmax(np.abs(turn)))
+        moved = int(np.argmax(np.abs(turn)))  # `_wrong_rows` objects if several joints move
         # The arc between two samples rises above the hull, or the hull above an inner arc, by at most r φ² / 8:
         allowed = TOLERANCE + sum(problem.arm.links) * (np.abs(turn).max() / samples) ** 2 / 8
         swept = _swept(joints[:, moved:])
@@ -264,6 +265,7 @@ def _hits_itself(joints: Joints, moved: int, limit: float) -> bool:
 def _wrong_share(problem: ArmPath, claimed: PathSolution) -> Iterator[str]:
     levels, links = 1 << problem.bits, len(problem.arm.links)
     if isinstance(claimed.slices, int):
+        # A slice has `levels` cells at most. Which slices they were is not known, so no more can be checked.
         if claimed.cspace_evaluated > claimed.slices / levels ** (links - 1) * (1 + TOLERANCE):
             yield f"{claimed.slices} slices are less than the share {claimed.cspace_evaluated:g} of configuration space"
         return

@@ -36,6 +36,7 @@ class CoarseToFine(BitString):
 
     def recombine(self, couples: Genomes, recipe: Recipe, keys: Keys) -> Genomes:
         """Recombine as bit strings, then clear the bits that are not yet used in this generation."""
+        # Mutation draws as if all bits were in use, so this agrees with the kernel bit for bit.
         offspring: Genomes = super().recombine(couples, recipe, keys) & self.masks[self.stage(keys.generation)]
         return offspring
 

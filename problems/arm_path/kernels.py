@@ -214,7 +214,7 @@ def _move(task: Any, move: Any, places: Any, following: Any) -> Any:
 def _away(task: Any, places: Any) -> Any:
     """Return the distance of a configuration from the goal, rad."""
     squared = 0.0
-    for joint in range(places.size):
+    for joint in range(places.size):  # `levels + 1` is the place of the goal
         squared += _difference(task, joint, places[joint], task.levels + 1) ** 2
     return np.sqrt(squared)
 
@@ -315,12 +315,13 @@ def follow(genome: Genomes, table: Table) -> Floats:
     for move in range(moves):
         row = _go_on(path, row, move % links, task.turned[move])
     task.places[:] = corners[moves]
+    # MP's turns lead to the goal or, if the scan met one, to the corner that the moves from the goal have reached.
     for number in range(links if order != 0 else 0):
         joint = number if order > 0 else links - 1 - number
         end = corners[-1 - backward, joint]
         row = _go_on(path, row, joint, _turn(task, joint, task.places, end)[1])
         task.places[joint] = end
-    for move in range(forward + backward - 1, forward - 1, -1):
+    for move in range(forward + backward - 1, forward - 1, -1):  # the moves from the goal, undone
         row = _go_on(path, row, move % links, -task.turned[move])
     return path[: row + 1].copy()
 

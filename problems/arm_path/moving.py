@@ -28,7 +28,7 @@ def motion(problem: ArmPath, solution: Solution, pace: Pace) -> Motion:
     speeds, gains = _limits(problem, pace)
     path = np.array(solution["path"], np.float64)
     turns = np.abs(np.diff(path, axis=0))
-    joint = np.argmax(turns, axis=1)
+    joint = np.argmax(turns, axis=1)  # of each move, the only one that turns
     way = ride(path, turns.sum(axis=1), np.array(speeds.values)[joint], np.array(gains.values)[joint], pace)
     links = planar_links(arm.links, arm.base, way.rows)
     track = Joints("", joint_names(len(arm.links)), way.rows, way.velocities, way.accelerations, links=links)

@@ -86,6 +86,7 @@ def fill(problem: ArmPath) -> Grid:
         )
     one, two = problem.arm.links
     halves = problem.joint_ranges[1] / problem.steps / 2
+    # Half a step of joint 1 moves all links, at most by its angle times their reach; of joint 2 only the second link.
     sweeps = (one * halves[0], (one + two) * halves[0] + two * halves[1])
     surely, maybe = (_free(problem, sign * np.array(sweeps)) for sign in (1, -1))
     start, goal = (_cell(problem, configuration) for configuration in (problem.start, problem.goal))
@@ -153,11 +154,13 @@ def move_counts(grid: Grid) -> NDArray[np.int64]:
     runs = [_runs(grid.surely_free, joint, grid.is_torus) for joint in (0, 1)]
     counts = np.full((2, *grid.surely_free.shape), -1)
     newest = [np.zeros_like(grid.surely_free) for _ in (0, 1)]
+    # No joint has moved last at the start, so either may move first.
     newest[0][grid.start] = newest[1][grid.start] = grid.surely_free[grid.start]
     counts[:, grid.start[0], grid.start[1]] = np.where(grid.surely_free[grid.start], 0, -1)
     moves = 0
     while newest[0].any() or newest[1].any():
         moves += 1
+        # Two moves of one joint in a row are one move, so joints alternate on every path with the fewest moves.
         reached = [_along(runs[joint], newest[1 - joint]) & (counts[joint] < 0) for joint in (0, 1)]
         for joint in (0, 1):
             counts[joint][reached[joint]] = moves

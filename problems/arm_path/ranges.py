@@ -78,6 +78,7 @@ def _meet_corners(contacts: Any, count: Any, px: Any, py: Any, cx: Any, cy: Any,
     reach, away = np.hypot(px, py), np.hypot(cx, cy)
     if reach == 0.0 or away == 0.0:
         return count
+    # The law of cosines in the triangle of the pivot, p and c.
     cosine = (reach * reach + away * away - limit * limit) / (2.0 * reach * away)
     if abs(cosine) > 1.0:
         return count
@@ -216,14 +217,14 @@ def _block_by(
         return count
     contacts, blocked = room.contacts, room.blocked
     touches = _contacts(contacts, px, py, qx, qy, corners, first, last, pivot, touching)
-    if touches == 0:
+    if touches == 0:  # then the segment collides at every angle, or at none
         if _hits_when_turned(0.0, px, py, qx, qy, corners, first, last, pivot, limit):
             return _block(blocked, count, 0.0, FULL_TURN)
         return count
     _sort(contacts, touches)
     for touch in range(touches):
         low = contacts[touch]
-        high = contacts[touch + 1] if touch + 1 < touches else contacts[0] + FULL_TURN
+        high = contacts[touch + 1] if touch + 1 < touches else contacts[0] + FULL_TURN  # the last one goes around
         if high - low < _NARROWEST:
             continue
         if _hits_when_turned((low + high) / 2.0, px, py, qx, qy, corners, first, last, pivot, limit):
@@ -259,7 +260,7 @@ def _rest(blocked: Any, count: Any, ranges: Any) -> Any:
     kept, free_from = 0, 0.0
     first_low = blocked[0, 0]
     for place_ in range(count):
-        if blocked[place_, 0] > free_from > 0.0:
+        if blocked[place_, 0] > free_from > 0.0:  # what is free before the first one belongs to the last range
             kept = _keep(ranges, kept, free_from, blocked[place_, 0])
         free_from = max(free_from, blocked[place_, 1])
     if free_from < FULL_TURN or first_low > 0.0:

@@ -218,7 +218,7 @@ def _sweeps(robot: Robot) -> Floats:
     step = motion.length / (robot.cells - 1)
     cells = np.arange(robot.cells)
     before, here, after = (motion.turned(step * (cells + shift)) for shift in (-0.5, 0.0, 0.5))
-    turns = np.maximum(here - before, after - here)
+    turns = np.maximum(here - before, after - here)  # the path may have a corner in either half
     upto = np.cumsum(robot.lengths)
     reach = upto[None, :] - np.concatenate([[0.0], upto[:-1]])[:, None]  # (turning joint, capsule)
     sweeps: Floats = turns @ np.triu(reach)
@@ -228,7 +228,7 @@ def _sweeps(robot: Robot) -> Floats:
 def _upright(axis: Floats) -> Floats:
     """Return a rotation matrix that turns +z to a direction."""
     z = axis / np.linalg.norm(axis)
-    aside = np.eye(3)[np.argmin(np.abs(z))]
+    aside = np.eye(3)[np.argmin(np.abs(z))]  # far from parallel to z, so that the cross product is well conditioned
     x = np.cross(aside, z)
     x /= np.linalg.norm(x)
     return np.column_stack([x, np.cross(z, x), z])

@@ -201,7 +201,7 @@ class _Nearest:
             links = [arm.number_of(each) for arm, each in zip(self._arms, (link, facing), strict=True)]
             self.gap = least
             self.where = {"rectangle": int(pairs[pair, 0]), "cells": pairs[pair, 1:3].tolist(), "links": links}
-        if least - half * self._ways.max() < self.gap - self._accuracy:
+        if least - half * self._ways.max() < self.gap - self._accuracy:  # else no pair can have a bound that low
             bounds = (gaps - half * self._ways).min(axis=(1, 2))
             near = bounds < self.gap - self._accuracy
             left.append(np.column_stack([pairs[near], bounds[near]]))

@@ -31,7 +31,7 @@ class SynchronisationPoints(Sequence):
     crossovers: ClassVar[tuple[str, ...]] = ("sp", "sp-tuned")
 
     def __init__(self, arrays: Arrays, points: int, variable: bool) -> None:
-        cells = len(arrays[0]), len(arrays[1])
+        cells = len(arrays[0]), len(arrays[1])  # N1 and N2: there is a move time for each number of cells
         least, most = (1, ROOM * points) if variable else (points, points)
         super().__init__(least, most, [(0, side - 1) for side in cells])
         self._arrays = arrays

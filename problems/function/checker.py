@@ -89,6 +89,7 @@ def _verify_bits(problem: Function, solution: Solution) -> Verdict:
     claim = _parsed(BitsClaim, solution, "bits", problem.dimension, "digits")
     if problem.name == "onemax":
         return _verdict(claim.bits.count("0"), claim, [])
+    # The lengths match: `_parsed` has compared the number of bits with the dimension, a multiple of the block.
     blocks = np.array([int(bit) for bit in claim.bits]).reshape(-1, problem.block)
     ones = blocks.sum(axis=1)
     return _verdict(float(np.sum(np.where(ones == problem.block, 0, 1 + ones))), claim, [])

@@ -33,6 +33,7 @@ class Graph(Table):
     @cached_property
     def planted(self) -> Integers:
         """The part in which each vertex was planted, shape (vertices,): sizes as equal as possible, in random order."""
+        # Sorting the vertices by random numbers shuffles them.
         order = np.argsort(self._generator(0).random(self.vertices), kind="stable")
         planted = np.empty(self.vertices, np.int64)
         planted[order] = np.arange(self.vertices) % self.parts

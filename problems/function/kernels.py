@@ -120,7 +120,7 @@ def _ones(octet: Any) -> Any:
 @kernel(FITNESS, may_be_long=True)
 def onemax(genomes: Genomes, fitness: Fitness, table: Table) -> None:
     """Compute the number of zeros. Genomes are packed, eight bits to a byte; the last byte may be partly used."""
-    length, last = integers(table, 0)[0, 2], genomes.shape[1] - 1
+    length, last = integers(table, 0)[0, 2], genomes.shape[1] - 1  # 8 · (last + 1) − length bits at the end are unused
     for row in range(fitness.size):
         zeros = length - _ones(genomes[row, last] >> (8 * (last + 1) - length))
         for place in range(last):
@@ -189,6 +189,7 @@ def costly(genomes: Genomes, fitness: Fitness, table: Table) -> None:
     The table holds the other function's address and the nanoseconds for each genome, then the other function's table.
     """
     time = np.zeros(2, np.int64)
+    # Processor time, not wall-clock time: on a busy machine an evaluation must cost the same amount of work.
     until = _thread_nanoseconds(time) + integers(table, 0)[0, 1] * fitness.size
     while _thread_nanoseconds(time) < until:
         pass
