@@ -67,7 +67,10 @@ class WithAngles(Problem):
 
     @classmethod
     def read_angles(cls, fields: Fields, world: Mapping[str, Any] | None = None) -> Fields:
-        """See `Problem.read_angles`."""
+        """Return the fields in radians if the file, or the file of an update, is in degrees; see `Problem.read_angles`.
+
+        The converted fields of a problem file record the unit in ``written_in``, for later updates.
+        """
         world = world or {}
         unit = fields.get("unit", world.get("written_in"))
         if unit == "deg":

@@ -336,6 +336,7 @@ def parse(text: str, name: str, folder: Path) -> ProblemFile:
 
 
 def _text(path: Path, what: str = "problem file") -> str:
+    """Read a text file; errors call it ``what``."""
     try:
         return path.read_text(encoding="utf-8")
     except FileNotFoundError:

@@ -122,6 +122,7 @@ def _obstacles_hit(problem: ArmIk, links: list[shapely.LineString]) -> Iterator[
 
 
 def _links_touching(problem: ArmIk, links: list[shapely.LineString]) -> Iterator[str]:
+    """Yield an objection for each pair of links that touch, or are nearer to each other than the clearance."""
     if not problem.self_collision:
         return
     for one in range(len(links)):

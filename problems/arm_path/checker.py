@@ -127,6 +127,7 @@ def _wrong_rows(problem: ArmPath, path: Angles) -> Iterator[str]:
 
 
 def _collisions(problem: ArmPath, path: Angles) -> Iterator[str]:
+    """Yield an objection for each move, and each obstacle or the arm itself, that collide."""
     objection = objection_to(problem, path[0].tolist())
     if objection is not None:
         yield f"at the start {objection}"
@@ -263,6 +264,7 @@ def _hits_itself(joints: Joints, moved: int, limit: float) -> bool:
 
 # What was evaluated ---------------------------------------------------------------------------------------------------
 def _wrong_share(problem: ArmPath, claimed: PathSolution) -> Iterator[str]:
+    """Yield an objection if ``cspace_evaluated`` does not agree with ``slices``."""
     levels, links = 1 << problem.bits, len(problem.arm.links)
     if isinstance(claimed.slices, int):
         # A slice has `levels` cells at most. Which slices they were is not known, so no more can be checked.

@@ -95,6 +95,7 @@ seed = 1
 
     @model_validator(mode="after")
     def _one_source(self) -> Self:
+        """Refuse more or fewer than one source of the diagram, and a clearance without arms to keep it."""
         given = [name for name in ("diagram", "random", "robots") if getattr(self, name) is not None]
         if len(given) != 1:
             raise ValueError(f"expected one of diagram, random, robots, found {' and '.join(given) or 'none'}")
