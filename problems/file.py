@@ -17,7 +17,7 @@ from problems.errors import BadInput, blaming_the_update, first_line, shorten
 from problems.problem import CHECKED, Problem
 from problems.run import Run, with_topology
 
-_FOR_PEOPLE = (BadInput, ValueError)
+_COMPLETE = (BadInput, ValueError)
 """Exceptions whose messages are complete; for any other one the type is worth showing, too."""
 
 
@@ -188,7 +188,7 @@ class ProblemFile:
         except ValidationError as error:
             raise first_line(error, model, self.name) from None
         except Exception as error:  # a user's class may be abstract, or its validators may raise anything
-            raise BadInput(f"{self.name}: kind: cannot make a {self.kind!r}: {_said(error)}") from error
+            raise BadInput(f"{self.name}: kind: cannot make a {self.kind!r}: {_message_of(error)}") from error
         return self._with_recipe(problem)
 
     def refuse_unreachable(self) -> None:
@@ -222,8 +222,8 @@ class ProblemFile:
             _ = ready.coding.genome_bytes  # a user's coding that fails shall fail here, not later in every node
             ready.coding.check(self.run.breeding(ready))
         except Exception as error:
-            why = None if type(error) in _FOR_PEOPLE else error  # a fault of a user's class: keep its traceback
-            raise BadInput(f"{self.name}: {_said(error)}") from why
+            why = None if type(error) in _COMPLETE else error  # a fault of a user's class: keep its traceback
+            raise BadInput(f"{self.name}: {_message_of(error)}") from why
         return ready
 
     def to_json(self) -> str:
@@ -356,9 +356,9 @@ def _plain(text: str, name: str) -> dict[str, Any]:
     return plain
 
 
-def _said(error: Exception) -> str:
-    """Return the message of ``error``, preceded by its type unless it is one of `_FOR_PEOPLE`."""
-    return str(error) if type(error) in _FOR_PEOPLE else f"{type(error).__name__}: {error}"
+def _message_of(error: Exception) -> str:
+    """Return the message of ``error``, preceded by its type unless it is one of `_COMPLETE`."""
+    return str(error) if type(error) in _COMPLETE else f"{type(error).__name__}: {error}"
 
 
 def _run(settings: dict[str, Any], name: str, given: frozenset[str] = frozenset()) -> Run:

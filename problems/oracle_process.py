@@ -24,11 +24,11 @@ def main() -> None:
     """Write the answer to standard output, or nothing if the oracle has none."""
     answer = child_process.begin(int(sys.argv[1]))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))  # exceeding the processor time would otherwise dump core
-    os.write(answer, _answered(sys.stdin.read()).encode())
+    os.write(answer, _answer_to(sys.stdin.read()).encode())
     os._exit(0)
 
 
-def _answered(text: str) -> str:
+def _answer_to(text: str) -> str:
     """Return the oracle's `Foretold` as JSON; an empty text if there is no oracle or it fails."""
     from problems.errors import BadInput, EvaluationFailed
     from problems.file import ProblemFile

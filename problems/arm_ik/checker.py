@@ -127,12 +127,12 @@ def _links_touching(problem: ArmIk, links: list[shapely.LineString]) -> Iterator
         return
     for one in range(len(links)):
         for other in range(one + 2, len(links)):  # neighbours share a joint, so they always touch
-            if _are_in_each_other(links[one], links[other], 2 * problem.arm.radius + problem.clearance):
+            if _overlap(links[one], links[other], 2 * problem.arm.radius + problem.clearance):
                 touch = f"come nearer than the clearance {problem.clearance:g} m" if problem.clearance else "touch"
                 yield f"links {one + 1} and {other + 1} {touch}"
 
 
-def _are_in_each_other(one: shapely.LineString, other: shapely.LineString, thickness: float) -> bool:
+def _overlap(one: shapely.LineString, other: shapely.LineString, thickness: float) -> bool:
     """Return whether two axes are nearer than ``thickness``, m, or, if that is 0, cross each other."""
     if thickness > _LENIENCE:
         return bool(one.distance(other) < thickness - _LENIENCE)

@@ -36,7 +36,7 @@ def reach_of(arm: Arm) -> Range:
 def missed_by(problem: ArmIk) -> float:
     """Return a lower bound of the distance between tip and target, m, and so of the fitness; 0 within reach."""
     nearest, farthest = reach_of(problem.arm)
-    away = _away(problem)
+    away = _distance_to_target(problem)
     return max(0.0, away - farthest, nearest - away)
 
 
@@ -45,7 +45,7 @@ def complaint(problem: ArmIk) -> str | None:
     missed, asked = missed_by(problem), problem.solved_at
     if asked is None or missed <= asked:
         return None
-    (nearest, farthest), away, links = reach_of(problem.arm), _away(problem), problem.arm.links
+    (nearest, farthest), away, links = reach_of(problem.arm), _distance_to_target(problem), problem.arm.links
     reached = f"at most {farthest:.6g}" if away > farthest else f"at least {nearest:.6g}"
     accepting = np.ceil((missed + asked) * 1e3) / 1e3  # some coded configuration is within `asked` of the nearest pose
     return (
@@ -55,7 +55,8 @@ def complaint(problem: ArmIk) -> str | None:
     )
 
 
-def _away(problem: ArmIk) -> float:
+def _distance_to_target(problem: ArmIk) -> float:
+    """Return the distance of the target from the arm's base, m."""
     return float(np.hypot(*np.subtract(problem.target, problem.arm.base)))
 
 

@@ -52,7 +52,7 @@ def verify(problem: ArmPath, solution: Solution) -> Verdict:
     """
     claimed = _parsed(problem, solution)
     path = np.array(claimed.path)
-    away = _away(problem, path[-1])
+    away = _distance_to_goal(problem, path[-1])
     objections = [
         *_wrong_start(problem, path[0]),
         *_wrong_rows(problem, path),
@@ -104,7 +104,7 @@ def _parsed(problem: ArmPath, solution: Solution) -> PathSolution:
 
 
 # The path -------------------------------------------------------------------------------------------------------------
-def _away(problem: ArmPath, configuration: Angles) -> float:
+def _distance_to_goal(problem: ArmPath, configuration: Angles) -> float:
     """Return the distance to the goal, rad; without joint limits, on the torus of angles."""
     difference = np.array(problem.goal) - configuration
     if problem.arm.limits is None:

@@ -211,7 +211,7 @@ def _move(task: Any, move: Any, places: Any, following: Any) -> Any:
 
 
 @subroutine
-def _away(task: Any, places: Any) -> Any:
+def _distance_to_goal(task: Any, places: Any) -> Any:
     """Return the distance of a configuration from the goal, rad."""
     squared = 0.0
     for joint in range(places.size):  # `levels + 1` is the place of the goal
@@ -238,7 +238,7 @@ def _scan_from_start(task: Any) -> Any:
             order = _order(task, corners[move], goal)
             if order != 0:
                 return 0.0, move, order
-            away = _away(task, corners[move])
+            away = _distance_to_goal(task, corners[move])
             if away < nearest or not sizes.skips:
                 nearest, where = away, move
         if move < sizes.forward:

@@ -79,7 +79,7 @@ def _pairs(moves: _Moves) -> Iterator[tuple[int, int]]:
                 break
 
 
-def _with_left(moves: _Moves, first: int, second: int, turn: float) -> _Moves:
+def _transferred(moves: _Moves, first: int, second: int, turn: float) -> _Moves:
     """Return the moves with ``turn``, rad, transferred from the first of two moves of a joint to the second."""
     changed = list(moves)
     changed[first] = moves[first]._replace(turn=moves[first].turn - turn)
@@ -95,7 +95,7 @@ def _dropped(problem: ArmPath, start: Path, moves: _Moves) -> _Moves | None:
     """Return the moves with two of a joint replaced by one, if that is legal and no longer; None if no pair allows."""
     for first, second in _pairs(moves):
         for turn in (moves[first].turn, -moves[second].turn):
-            fewer = _with_left(moves, first, second, turn)
+            fewer = _transferred(moves, first, second, turn)
             if _length(fewer) <= _length(moves) + _NO_TURN and _is_legal(problem, start, fewer):
                 return fewer
     return None
@@ -113,10 +113,10 @@ def _slid(problem: ArmPath, start: Path, moves: _Moves) -> _Moves | None:
         low, high = 0.0, np.copysign(min(abs(forth), abs(back)), forth)
         for _ in range(_HALVINGS):
             middle = (low + high) / 2.0
-            if _is_legal(problem, start, _with_left(moves, first, second, middle)):
+            if _is_legal(problem, start, _transferred(moves, first, second, middle)):
                 low = middle
             else:
                 high = middle
         if abs(low) > abs(forth) * 2.0**-_HALVINGS and abs(low) > _NO_TURN * 1e3:
-            return _with_left(moves, first, second, low)
+            return _transferred(moves, first, second, low)
     return None
