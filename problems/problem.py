@@ -121,7 +121,7 @@ class Problem(Table):
     meaning of its own, override `decode` and `check`, always both. Every other member has a default.
 
     Every process of a cluster makes its own instance from the problem file, so all members must give the same results
-    everywhere. Instances are immutable; put derived values into cached properties::
+    everywhere. Fields cannot be assigned; keep derived values in cached properties. For example::
 
         class Knapsack(supernode.Problem):
             weights: list[float]

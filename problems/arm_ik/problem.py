@@ -166,7 +166,7 @@ seed = 1
     batches_alike: ClassVar[bool] = True
     any_thread: ClassVar[bool] = True
 
-    target: Place = quantity("m", "where the tip shall be, [x, y]")
+    target: Place = quantity("m", "where the tip is to be, [x, y]")
 
     @cached_property
     def coding(self) -> BitString:

@@ -50,7 +50,7 @@ def complaint(problem: ArmIk) -> str | None:
     accepting = np.ceil((missed + asked) * 1e3) / 1e3  # some coded configuration is within `asked` of the nearest pose
     return (
         f"target: expected a point {reached} m from arm.base {list(problem.arm.base)}, the reach of links "
-        f"{shorten(links)}, found {list(problem.target)}, {away:.6g} m from it; for the nearest pose all the same, set "
+        f"{shorten(links)}, found {list(problem.target)}, {away:.6g} m from it; to get the nearest pose instead, set "
         f"the run's target to {accepting:g} (--target)"
     )
 
