@@ -131,7 +131,7 @@ class ArmIk(ArmProblem):
     about: ClassVar[str] = "inverse kinematics of a planar arm among obstacles"
     template: ClassVar[str] = """\
 kind = "arm-ik"
-target = [1.2, 0.9]             # m, where the tip shall be
+target = [1.2, 0.9]             # m, where the tip is to be
 bits = 8                        # of each joint angle
 # code = "gray"                 # or "binary"; if not given, the recipe's
 # self_collision = true         # links that are not neighbours must not touch

@@ -26,7 +26,7 @@ from problems.arm_path.ranges import FULL_TURN, MOST_RANGES, Arm, Obstacles, Roo
 Floats = NDArray[np.float64]
 
 _NO_TURN = 1e-12  # rad, less is rounding
-_MULTIPLIER = np.uint64(0x9E3779B97F4A7C15)
+_MULTIPLIER = np.uint64(0x9E3779B97F4A7C15)  # 2^64 divided by the golden ratio: it mixes the bits of a hash
 
 
 class Sizes(NamedTuple):

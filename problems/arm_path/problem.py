@@ -69,7 +69,7 @@ kind = "arm-path"
 # unit = "deg"                  # of all angles in this file; "rad" if not given
 start = [0.3, 0.4]              # rad, one angle a joint
 goal = [2.9, -0.5]              # rad
-rounds = 24                     # k: each joint is moved so often, in turn
+rounds = 24                     # k: how often each joint is moved, in turn
 bits = 8                        # of each move: the angle where it ends
 # scan = "from-start"           # or "from-both-ends"; if not given, the recipe's
 # self_collision = true         # links that are not neighbours must not touch
@@ -81,8 +81,8 @@ links = [1.0, 0.8]              # m, from the base outwards; two to six
 base = [0.0, 0.0]               # m
 radius = 0.04                   # m, half the thickness of a link
 # limits = [[-3.1, 3.1], [-2.6, 2.6]]   # rad, one pair a joint; full circles if not given
-# velocity = [1.0, 1.5]         # rad/s, the greatest of each joint when the motion is exported
-# acceleration = [2.0, 4.0]     # rad/s², likewise
+# velocity = [1.0, 1.5]         # rad/s, greatest one of each joint in an exported motion
+# acceleration = [2.0, 4.0]     # rad/s², greatest one of each joint in an exported motion
 
 [[obstacles]]
 shape = "circle"

@@ -44,7 +44,7 @@ class Coordination(WithAngles):
     template: ClassVar[str] = """\
 kind = "coordination"
 coding = "variable"             # of the synchronisation points; or "fixed", "binary"
-points = 20                     # how many of them; for "variable" the most of a first individual
+points = 20                     # how many of them; for "variable" the most at first
 
 [diagram]                       # cell (i, j): robot 1 is in stretch i of its path, robot 2 in stretch j
 cells = [60, 40]                # stretches of the paths
@@ -60,7 +60,7 @@ obstacles = [                   # where the robots would collide: [i0, j0, i1, j
 # layout = "mirrored"           # or "scattered"
 
 # clearance = 0.02              # m, between two arms; above the tables
-# [[robots]]                    # twice, instead of [diagram]: arms, SCORBOT-like ones unless told otherwise
+# [[robots]]                    # twice, instead of [diagram]: arms, by default SCORBOT-like
 # path = [[0.0, 0.5, -0.9, 0.4, 0.0], [1.4, 0.5, -0.9, 0.4, 0.0]]   # rad
 # base = [0.0, 0.0, 0.0, 0.0]   # m, m, m, rad; with unit = "deg" above, all angles are in degrees
 

@@ -52,7 +52,7 @@ name = "rastrigin"      # or sphere, ackley, rosenbrock, onemax, trap, graph-par
 dimension = 10          # parameters, or bits of onemax and trap; graph-partition has its vertices instead
 bits = 0                # of each parameter; 0: real numbers
 # code = "gray"         # or "binary"; if not given, the recipe's
-# cost_us = 500         # microseconds of processor time that each evaluation takes longer
+# cost_us = 500         # microseconds of processor time added to each evaluation
 
 # [graph]               # for graph-partition
 # vertices = 64
