@@ -1,4 +1,4 @@
-"""The planners and their worlds: what a problem is, how its file is read, and which kinds there are."""
+"""The planners: the base class of problems, the reading of problem files, and the built-in kinds."""
 
 from problems.errors import BadInput, EvaluationFailed
 from problems.file import ProblemFile, load

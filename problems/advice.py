@@ -1,4 +1,4 @@
-"""Advises what to turn when a run has stalled: each setting with a value to try, and the one that the run had."""
+"""Hints for a run that has stalled: each names a setting, a value to try and the value that the run had."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from problems.run import DEFAULT_STALL, Run
 if TYPE_CHECKING:
     from problems.problem import Problem
 
-_MOST_NODES = 1024  # that a machine is asked to hold unasked
-_MORE_DEMES = 4
-_MORE_PATIENCE = 5
+_MOST_NODES = 1024  # no larger torus is suggested: each cell may be a process of its own
+_MORE_DEMES = 4  # factor of the suggested deme size
+_MORE_PATIENCE = 5  # factor of the suggested stall limit
 
 
 class _Length(NamedTuple):
-    """The field of a kind that says how long a coded solution may be.
+    """The field of a kind that limits the length of a coded solution.
 
     Attributes:
-        field: in the problem file.
-        value: the attribute that has its value, also where the file leaves it open.
-        why: what a longer one may do.
+        field: the field's name in the problem file.
+        value: the attribute of the problem that holds the field's value, even if the file does not set it.
+        why: what a longer solution can achieve, in words.
     """
 
     field: str
@@ -40,7 +40,7 @@ _LENGTHS = {
 
 
 def advice_on_run(run: Run) -> str:
-    """Larger populations and more patience, as options; with what the run had."""
+    """Return a hint with options for a larger population and a longer stall limit, and the run's own values."""
     tried, used = [], []
     torus = re.fullmatch(r"torus (\d+)x(\d+)", run.topology)
     rows, columns = (int(side) for side in torus.groups()) if torus else (0, 0)
@@ -54,7 +54,7 @@ def advice_on_run(run: Run) -> str:
 
 
 def advice_on_length(problem: Problem) -> str | None:
-    """A longer coded solution, for kinds that have such a field; None for others, or if it is the longest already."""
+    """Return a hint to allow longer solutions; None if the kind has no such field or it is at its maximum."""
     length = _LENGTHS.get(problem.kind)
     value = None if length is None else getattr(problem, length.value, None)
     if length is None or value is None:

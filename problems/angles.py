@@ -1,4 +1,7 @@
-"""Angles of problem files: in radians, or in degrees if the file says so. Where a file is read, all become radians."""
+"""Angles of problem files, in radians or in degrees. Degrees are converted once, where the file is read.
+
+Everything after reading (validation, nodes, results) works in radians only.
+"""
 
 from __future__ import annotations
 
@@ -12,19 +15,19 @@ from problems.errors import BadInput, tables_in
 from problems.problem import Problem, quantity
 
 MOST = 4.0 * np.pi
-"""No angle of a problem file is farther from 0, rad: what is, is most likely meant in degrees."""
+"""The largest absolute value of an angle in a problem file, rad. A larger number was probably meant in degrees."""
 
 _ROUNDING = 1e-9  # rad
-_PER_DEGREE = np.pi / 180.0
-_MOST_DEGREES = 720.0
+_PER_DEGREE = np.pi / 180.0  # rad
+_MOST_DEGREES = 720.0  # `MOST`, in degrees
 Fields = dict[str, Any]
 
 
 def plausible(angle: float) -> float:
-    """An angle, rad, as it is.
+    """Return the angle, rad, unchanged.
 
     Raises:
-        ValueError: if it is more than two turns.
+        ValueError: if its absolute value exceeds two turns.
     """
     if abs(angle) > MOST + _ROUNDING:
         raise ValueError(
@@ -44,12 +47,12 @@ class WithAngles(Problem):
     unit: Literal["rad", "deg"] = quantity(
         "",
         'of all angles in the file: with "deg" they are in degrees, and speeds in degrees per second, whatever unit is '
-        "told here; results are in radians all the same",
+        "listed here; results are always in radians",
         default="rad",
     )
     written_in: Literal["deg"] | None = quantity(
         "",
-        "the unit of the file that was read, and so of files of updates; not to be written",
+        "the unit of the file that was read, which files of updates share; set by the program, not in a file",
         default=None,
     )
 
@@ -57,12 +60,17 @@ class WithAngles(Problem):
     @classmethod
     def _is_read(cls, unit: str) -> str:
         if unit == "deg":
-            raise ValueError('expected "rad", since degrees are only read in a file, found "deg"')
+            # `read_angles` removes the field. A "deg" that arrives here was not converted: the problem was made in
+            # Python, or is of a user's own kind.
+            raise ValueError('expected "rad", as only problem files may use degrees, found "deg"')
         return unit
 
     @classmethod
     def read_angles(cls, fields: Fields, world: Mapping[str, Any] | None = None) -> Fields:
-        """See `Problem.read_angles`."""
+        """Return the fields in radians if the file, or the file of an update, is in degrees; see `Problem.read_angles`.
+
+        The converted fields of a problem file record the unit in ``written_in``, for later updates.
+        """
         world = world or {}
         unit = fields.get("unit", world.get("written_in"))
         if unit == "deg":
@@ -73,20 +81,22 @@ class WithAngles(Problem):
 
     @classmethod
     def from_degrees(cls, fields: Fields, problem: Mapping[str, Any]) -> Fields:
-        """With all angles turned from degrees into radians: those in fields whose unit is rad, or rad/s and the like.
+        """Return the fields with all angles converted from degrees to radians.
+
+        An angle is any number in a field whose unit starts with ``rad``, which includes rad/s and rad/s².
 
         Args:
-            fields: plain values, not yet checked.
-            problem: all fields of the problem; ``fields`` may be a few of them.
+            fields: plain values, not yet validated.
+            problem: all fields of the problem; ``fields`` may be only some of them.
 
         Raises:
-            BadInput: names an angle of more than two turns.
+            BadInput: if an angle exceeds two turns; the message names the field.
         """
         return _table([cls], fields, "")
 
 
 def _table(models: list[type[BaseModel]], values: Fields, at: str) -> Fields:
-    """A table in radians that is one of some ``models``."""
+    """Return a table in radians. It is an instance of one of ``models``, but not yet known to be of which."""
     known: dict[str, tuple[type[BaseModel], str]] = {}
     for model in models:
         for name, field in model.model_fields.items():
@@ -98,7 +108,9 @@ def _table(models: list[type[BaseModel]], values: Fields, at: str) -> Fields:
 
 
 def _field(model: type[BaseModel], name: str, value: Any, at: str) -> Any:
+    """Return the value of one field in radians; ``at`` is its place in the file, for messages."""
     extra = model.model_fields[name].json_schema_extra
+    # A field with several units, such as "m, m, m, rad", is a list with one unit for each element.
     units = str(extra.get("unit", "")).split(", ") if isinstance(extra, dict) else [""]
     if len(units) > 1 and isinstance(value, list):
         return [each if number >= len(units) else in_unit(units[number], each, f"{at}[{number}]")
@@ -109,17 +121,22 @@ def _field(model: type[BaseModel], name: str, value: Any, at: str) -> Any:
 
 
 def _tables(models: list[type[BaseModel]], value: Any, at: str) -> Any:
-    """What holds tables, if it does."""
+    """Return a value in which every table, at any depth of lists, is converted; other values stay as they are."""
     if isinstance(value, list):
         return [_tables(models, each, f"{at}[{number}]") for number, each in enumerate(value)]
     return _table(models, value, at + ".") if isinstance(value, dict) else value
 
 
 def in_unit(unit: str, value: Any, at: str) -> Any:
-    """Numbers, in lists of lists if need be, of a field ``at`` some place in radians, if its unit is of angles.
+    """Return a number, or nested lists of numbers, in radians if ``unit`` is a unit of angles.
+
+    Args:
+        unit: the field's unit.
+        value: the plain value; anything that is no number is returned unchanged, for validation to refuse.
+        at: the value's place in the file, for messages.
 
     Raises:
-        BadInput: names an angle of more than two turns.
+        BadInput: if an angle exceeds two turns; the message names its place.
     """
     if isinstance(value, list):
         return [in_unit(unit, each, f"{at}[{number}]") for number, each in enumerate(value)]

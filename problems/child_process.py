@@ -1,4 +1,4 @@
-"""What a process does first that another one has started for a single answer: see `begin`."""
+"""Start-up code of child processes that compute one answer for their parent; see `begin`."""
 
 import os
 
@@ -6,10 +6,13 @@ from lowlevel import linux
 
 
 def begin(parent: int) -> int:
-    """Die with the thread that started this process; returns a descriptor for the answer.
+    """Prepare this process to write one answer, and return the file descriptor to write it to.
 
-    Standard output becomes standard error, so that nothing that a user's module prints is taken for the answer. Exits
-    at once if the process ``parent`` has died already: then nobody would end this one.
+    The kernel will kill this process when the thread that started it exits. Standard output is redirected to standard
+    error, so that nothing that a user's module prints is taken for the answer.
+
+    Args:
+        parent: the id of the process that started this one. If it has exited already, this process exits, too.
     """
     linux.end_with_parent(parent)
     answer = os.dup(1)

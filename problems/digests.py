@@ -1,4 +1,4 @@
-"""Digests of plain values, which tell whether two are the same whatever the order of their keys."""
+"""Digests of JSON values. Two values have the same digest if they differ only in the order of their keys."""
 
 import hashlib
 import json
@@ -6,5 +6,5 @@ from typing import Any
 
 
 def digest(value: Any) -> str:
-    """SHA-256 of a JSON value, in hexadecimal digits."""
+    """Return the SHA-256 of a JSON value with sorted keys, in hexadecimal digits."""
     return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()

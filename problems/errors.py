@@ -1,4 +1,4 @@
-"""What is said of input that cannot be used, and of a problem that breaks while it runs."""
+"""Errors about unusable input and failing problems, and the helpers that phrase their one-line messages."""
 
 import contextlib
 import difflib
@@ -14,9 +14,9 @@ _TYPES = ("bool", "float", "int", "str")  # as pydantic names them where a field
 
 
 class BadInput(ValueError):  # noqa: N818 - it is the user's input that is bad, and people read the name
-    """Input that cannot be used; the message names the file and field, what was expected and what was found.
+    """Input that cannot be used.
 
-    It is always one line, whatever was put into it.
+    The message names the file and the field, what was expected and what was found. Line breaks are removed from it.
     """
 
     def __init__(self, message: str) -> None:
@@ -24,19 +24,19 @@ class BadInput(ValueError):  # noqa: N818 - it is the user's input that is bad, 
 
 
 class EvaluationFailed(RuntimeError):  # noqa: N818
-    """A problem's evaluation raised, or returned something that is no fitness; the message is one line."""
+    """A method of a problem raised, or returned something it must not; line breaks are removed from the message."""
 
     def __init__(self, message: str) -> None:
         super().__init__(one_line(message))
 
 
 UPDATE_OF = "update of "
-"""Before the name of a problem file, where an update of it is wrong and not the file."""
+"""Prefix of a message about an update of a problem file, so that the file itself is not blamed."""
 
 
 @contextlib.contextmanager
 def blaming_the_update(is_one: bool = True) -> Iterator[None]:
-    """Say of bad input that it is an update of the problem file named in the message, if this ``is_one``."""
+    """Prefix a `BadInput` raised in this context with `UPDATE_OF`, if ``is_one``: if the input is an update."""
     try:
         yield
     except BadInput as error:
@@ -46,22 +46,28 @@ def blaming_the_update(is_one: bool = True) -> Iterator[None]:
 
 
 def one_line(text: str) -> str:
-    """``text`` without line breaks."""
+    """Return ``text`` with its lines stripped and joined by spaces."""
     return " ".join(line.strip() for line in text.splitlines())
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:
-    """A suggestion such as ``"; did you mean 'arm-ik'?"``, or nothing."""
+    """Return a suggestion such as ``"; did you mean 'arm-ik'?"``, or an empty string if no known word is close."""
     close = difflib.get_close_matches(word, list(known), n=1, cutoff=0.55)
     return f"; did you mean {close[0]!r}?" if close else ""
 
 
 def first_line(error: ValidationError, model: type[BaseModel], where: str) -> BadInput:
-    """The first complaint of a failed validation as one line that begins with ``where`` (a file, or an option)."""
-    by_field: dict[str, list[Any]] = {}  # a field of several types has a complaint from each of them
+    """Return the most useful complaint of a failed validation as a `BadInput`.
+
+    Args:
+        error: the failed validation.
+        model: the class that was validated, for its field names.
+        where: the start of the message: a file, or an option.
+    """
+    by_field: dict[str, list[Any]] = {}  # for a field of a union type, pydantic complains once for each member type
     for complaint in error.errors(include_url=False):
         by_field.setdefault(_field(complaint), []).append(complaint)
-    # An unknown field comes first: written right, it may be the one that is missing.
+    # Prefer an unknown field to a missing one: it may be the missing field, misspelt.
     unknown = (item for item in by_field.items() if item[1][0]["type"] == "extra_forbidden")
     field, complaints = next(unknown, None) or next(iter(by_field.items()))
     first = complaints[0]
@@ -83,19 +89,21 @@ def first_line(error: ValidationError, model: type[BaseModel], where: str) -> Ba
 
 
 def _too_few(complaints: list[Any], error: ValidationError) -> str:
-    """Of an array that is too short: each element that it lacks has a complaint, whose input is the array."""
+    """Return the complaint about an array that is too short."""
+    # Pydantic complains once for each missing element; the input of each complaint is the whole array.
     found, place = complaints[0]["input"], complaints[0]["loc"][:-1]
     missing = [each for each in error.errors() if each["type"] == "missing" and each["loc"][:-1] == place]
     return f"expected {len(found) + len(missing)} values, found {len(found)}: {shorten(found)}"
 
 
 def shorten(value: Any) -> str:
-    """``value`` as a message shows it."""
+    """Return ``value`` as JSON for a message, cut to a readable length."""
     text = json.dumps(value, default=str)
     return text if len(text) <= _LONGEST_FOUND else text[: _LONGEST_FOUND - 1] + "…"
 
 
 def _expectation(complaint: Any) -> str:
+    """Return pydantic's message in the form "expected …", which all messages here share."""
     message = str(complaint["msg"]).removeprefix("Value error, ")
     message = re.sub(r"^\w+ should have (.*?)( after validation, not .*)?$", r"expected \1", message)
     message = re.sub(r"^\w+ should be", "expected", message)
@@ -104,6 +112,7 @@ def _expectation(complaint: Any) -> str:
 
 
 def _field(complaint: Any) -> str:
+    """Return the field that a complaint is about, such as ``obstacles[2].radius``."""
     location = list(complaint["loc"])
     last = len(location) - 1
     named = complaint["type"] in ("missing", "extra_forbidden")
@@ -113,15 +122,16 @@ def _field(complaint: Any) -> str:
             text += f"[{part}]"
         elif place == 0 or (named and place == last) or (part.isidentifier() and part not in _TYPES):
             text += f".{part}" if text else part
-        # else it is no field but the name of one of a field's types, such as "constrained-float"
+        # Any other part is no field: pydantic adds the name of a member type of a union, such as "constrained-float".
     if complaint["type"].startswith("union_tag"):
         text += "." + complaint["ctx"]["discriminator"].strip("'")
     return text
 
 
 def _siblings(model: type[BaseModel], location: tuple[int | str, ...]) -> str:
+    """Return the known fields beside an unknown one at ``location``, and a suggestion if one of them is close."""
     tables = [model]
-    for part in location[:-1]:
+    for part in location[:-1]:  # a field, a list index, or the tag of a discriminated union
         inner = [each for table in tables if part in table.model_fields for each in tables_in(table, str(part))]
         chosen = [table for table in tables if _is_tagged(table, part)]
         tables = inner or chosen or tables
@@ -132,7 +142,7 @@ def _siblings(model: type[BaseModel], location: tuple[int | str, ...]) -> str:
 
 
 def tables_in(table: type[BaseModel], field: str) -> list[type[BaseModel]]:
-    """The tables that a field of a table may hold: one, one of some, or the elements of a list."""
+    """Return the table classes that a field may hold, whether directly, in a union, or as elements of a list."""
     found, left = [], [table.model_fields[field].annotation]
     while left:
         annotation = left.pop(0)
@@ -143,4 +153,5 @@ def tables_in(table: type[BaseModel], field: str) -> list[type[BaseModel]]:
 
 
 def _is_tagged(table: type[BaseModel], tag: int | str) -> bool:
+    """Return whether ``table`` is the member of a discriminated union that has this tag."""
     return any(tag in get_args(field.annotation) for field in table.model_fields.values())

@@ -1,4 +1,4 @@
-"""Problem files: TOML in, a checked problem and its run settings out."""
+"""Read problem files: from TOML to a validated problem and its run settings."""
 
 import json
 import tomllib
@@ -17,21 +17,25 @@ from problems.errors import BadInput, blaming_the_update, first_line, shorten
 from problems.problem import CHECKED, Problem
 from problems.run import Run, with_topology
 
-_FOR_PEOPLE = (BadInput, ValueError)
-"""Errors whose messages say all that there is to know."""
+_COMPLETE = (BadInput, ValueError)
+"""Exceptions whose messages are complete; for any other one the type is worth showing, too."""
 
 
 @dataclass(frozen=True)
 class ProblemFile:
-    """A problem as its file states it, and how it is to be run.
+    """A problem as plain values, and the settings of its run.
+
+    This is what travels between processes: every process makes its own `Problem` of it, see `problem`.
 
     Attributes:
         name: the file's name, for messages.
-        fields: the problem's own fields, plain values; a user's problem is checked only where its module may run.
+        fields: the problem's own fields as plain values. The fields of a user's own problem are validated only in
+            processes that may import its module.
         run: the settings of the ``[run]`` table.
-        folder: where a user's module is looked for first.
-        attempt: how often the run has begun anew since the problem was last changed.
-        attempt_fields: what that has changed of the fields, see `Problem.next_attempt`; the problem is the same.
+        folder: the folder in which a user's module is looked up first.
+        attempt: the number of restarts since the problem was last changed.
+        attempt_fields: the fields that these restarts have changed, see `Problem.next_attempt`. They are kept apart,
+            since they do not change which problem it is: `sha256` leaves them out.
     """
 
     name: str
@@ -48,11 +52,14 @@ class ProblemFile:
 
     @property
     def sha256(self) -> str:
-        """A digest of the problem (not of how it is run, or of an attempt), whatever its order and comments."""
+        """A digest of the problem's fields, independent of their order, the run's settings and the attempt."""
         return digest(self.fields)
 
     def with_run(self, **settings: Any) -> "ProblemFile":
-        """The same problem, run with other settings where one is given (not None); a ``torus`` is a topology.
+        """Return the same problem with some settings of the run replaced.
+
+        Args:
+            settings: new values by name; None keeps the old value. ``torus`` is shorthand for a ``topology``.
 
         Raises:
             BadInput: if a setting is unknown or wrong.
@@ -66,13 +73,18 @@ class ProblemFile:
         return replace(self, run=_run(merged, self.name, frozenset(given)))
 
     def changed(self, fields: dict[str, Any], run: dict[str, Any]) -> "ProblemFile":
-        """Another world: each of the problem's fields, and of the run's settings, that is given replaces the old one.
+        """Return this problem after an update.
 
-        A user's own problem is not checked here. No file is read: what others hold is in the fields already.
+        Individuals survive an update, so it must not change how they are coded. A user's own problem is not validated
+        here. No file is read: `filled_in` has replaced the names of files by their contents already.
+
+        Args:
+            fields: the problem's fields to replace.
+            run: the settings of the run to replace.
 
         Raises:
-            BadInput: if a field is unknown or wrong, or the individuals of the old world could not live in the new one;
-                it says that the update is wrong, not this file.
+            BadInput: if a field is unknown or wrong, or the coding would change; the message blames the update, not
+                this file.
         """
         with blaming_the_update(bool(fields)):
             return self._changed(fields, run)
@@ -82,8 +94,9 @@ class ProblemFile:
             raise BadInput(f"{self.name}: kind: expected {self.kind!r} as before, found {shorten(fields['kind'])}")
         if "run" in fields:
             raise BadInput(f"{self.name}: run: expected no [run] in an update, it is for the problem alone")
+        # The individuals are coded as the last attempt has it, so its changes stay, unless the update sets them.
         kept = {name: value for name, value in self.attempt_fields.items() if name not in fields}
-        attempt = 0 if fields else self.attempt
+        attempt = 0 if fields else self.attempt  # a changed problem has all of its attempts before it
         other = replace(self, fields=self._worked_out(self.fields | fields), attempt=attempt).with_run(**run)
         other = other._with_attempt_fields(kept)
         if registry.is_built_in(self.kind):
@@ -92,12 +105,15 @@ class ProblemFile:
         return other
 
     def next_attempt(self, fields: dict[str, Any]) -> "ProblemFile":
-        """The same problem for another attempt, which changes ``fields``, beside what those before it have changed.
+        """Return the same problem for the next attempt.
+
+        Args:
+            fields: the fields that this attempt changes, in addition to those that earlier attempts have changed.
 
         Raises:
-            BadInput: if the problem cannot be so. A user's own one is not checked here.
+            BadInput: if a built-in problem refuses these fields. A user's own problem is not validated here.
         """
-        for name in ("kind", "run"):
+        for name in ("kind", "run"):  # `next_attempt` may be a user's code
             if name in fields:
                 raise BadInput(f"{self.name}: next_attempt: expected fields of the problem, found {name}")
         other = replace(self, attempt=self.attempt + 1)
@@ -109,7 +125,7 @@ class ProblemFile:
         return other
 
     def tried(self, directives: Sequence[Mapping[str, Any]]) -> "ProblemFile":
-        """The same problem after the attempts that a result's directives tell of."""
+        """Return the same problem after all restarts recorded in a result's directives."""
         file = self
         for directive in directives:
             if directive["do"] == "retry":
@@ -117,6 +133,7 @@ class ProblemFile:
         return file
 
     def _with_attempt_fields(self, fields: dict[str, Any]) -> "ProblemFile":
+        """Return the same problem with ``fields``, and all derived fields that depend on them, as attempt fields."""
         if not fields:
             return replace(self, attempt_fields={})
         whole = self._worked_out(self.fields | fields)
@@ -124,22 +141,26 @@ class ProblemFile:
         return replace(self, attempt_fields=changed)
 
     def _worked_out(self, fields: dict[str, Any]) -> dict[str, Any]:
-        """See `Problem.work_out`; a user's module is not imported for it."""
+        """Return the fields with derived ones, see `Problem.work_out`; those of a user's own kind stay unchanged."""
         return registry.find(self.kind).work_out(fields) if registry.is_built_in(self.kind) else fields
 
     def go_on_from(self, before: "ProblemFile", problem: Problem) -> None:
-        """Make sure that the individuals of the world ``before`` can live in this one, whose problem is ``problem``.
+        """Refuse to continue with the individuals of another problem if this one codes them differently.
+
+        Args:
+            before: the problem before the update.
+            problem: this file's problem.
 
         Raises:
-            BadInput: if they are coded otherwise.
+            BadInput: if the codings differ.
         """
         self.keep_coding(before.problem().coding, problem.coding)
 
     def keep_coding(self, old: Coding, new: Coding) -> None:
-        """The same, when both codings are known.
+        """Refuse an update that changes the coding from ``old`` to ``new``.
 
         Raises:
-            BadInput: if they differ.
+            BadInput: if the codings differ in type, genome size or alphabet.
         """
         pairs: list[tuple[Any, Any]] = list(zip(old.alphabet, new.alphabet, strict=True))
         alike = type(old) is type(new) and old.genome_bytes == new.genome_bytes
@@ -149,30 +170,31 @@ class ProblemFile:
             )
 
     def problem(self, *, checked: bool = False) -> Problem:
-        """The problem itself, for the recipe and deme of the run.
+        """Make the problem, for the recipe and deme size of the run. For a user's own kind, this imports its module.
 
-        If it was ``checked`` by another process, it need not do again what costs time.
+        Args:
+            checked: True if another process has validated it already; costly validators may then skip their work.
 
         Raises:
-            BadInput: names this file and the field that is wrong.
+            BadInput: if a field is wrong; the message names this file and the field.
         """
         try:
             model = self.find_model()
         except BadInput as error:
-            raise BadInput(f"{self.name}: {error}") from error.__cause__  # what a user's module raised, if it did
+            raise BadInput(f"{self.name}: {error}") from error.__cause__  # the exception of a user's module, if any
         try:
             fields, context = json.dumps(self.fields | self.attempt_fields), CHECKED if checked else None
             problem = model.model_validate_json(fields, strict=True, context=context)
         except ValidationError as error:
             raise first_line(error, model, self.name) from None
-        except Exception as error:  # from a user's class, which may be abstract or raise as it likes
-            raise BadInput(f"{self.name}: kind: cannot make a {self.kind!r}: {_said(error)}") from error
+        except Exception as error:  # a user's class may be abstract, or its validators may raise anything
+            raise BadInput(f"{self.name}: kind: cannot make a {self.kind!r}: {_message_of(error)}") from error
         return self._with_recipe(problem)
 
     def refuse_unreachable(self) -> None:
-        """Refuse a problem that surely has no solution as fit as it asks for; a run with a target of its own may try.
+        """Refuse a built-in problem that certainly has no solution as good as it asks for, see `Problem.unreachable`.
 
-        A user's own problem is not asked.
+        A run that sets its own target is not refused: it may look for the best that is possible.
 
         Raises:
             BadInput: names this file and the field.
@@ -180,13 +202,13 @@ class ProblemFile:
         if self.run.target is not None or not registry.is_built_in(self.kind):
             return
         if self.find_model().unreachable is Problem.unreachable:
-            return  # to make the problem would be in vain, and may cost much
+            return  # the kind never objects, so do not make the problem, which may be costly
         why = self.problem(checked=True).unreachable
         if why is not None:
             raise BadInput(f"{self.name}: {why}")
 
     def find_model(self) -> type[Problem]:
-        """The problem's class; this imports a user's module.
+        """Return the problem's class. For a user's own kind, this imports its module.
 
         Raises:
             BadInput: if there is no such kind, module or class.
@@ -194,27 +216,29 @@ class ProblemFile:
         return registry.find(self.kind, self.folder)
 
     def _with_recipe(self, problem: Problem) -> Problem:
+        """Return the problem for the run's recipe, once its coding and the recipe are known to fit."""
         try:
             ready = problem.for_recipe(self.run.recipe, self.run.deme)
-            _ = ready.coding.genome_bytes
+            _ = ready.coding.genome_bytes  # a user's coding that fails shall fail here, not later in every node
             ready.coding.check(self.run.breeding(ready))
         except Exception as error:
-            why = None if type(error) in _FOR_PEOPLE else error  # else a user's class is wrong, and they look for where
-            raise BadInput(f"{self.name}: {_said(error)}") from why
+            why = None if type(error) in _COMPLETE else error  # a fault of a user's class: keep its traceback
+            raise BadInput(f"{self.name}: {_message_of(error)}") from why
         return ready
 
     def to_json(self) -> str:
-        """For a message to another process."""
+        """Return the file as JSON, for a message to another process."""
+        # Unset settings are left out: the other process then knows, too, which ones the user has chosen.
         values = [self.name, self.fields, self.run.model_dump(exclude_unset=True), str(self.folder)]
         of_attempt = [self.attempt, self.attempt_fields] if self.attempt or self.attempt_fields else []
         return json.dumps(values + of_attempt)
 
     @staticmethod
     def from_json(text: str) -> "ProblemFile":
-        """The inverse of `to_json`.
+        """Return the file that `to_json` has encoded.
 
         Raises:
-            BadInput: if the text is something else.
+            BadInput: if ``text`` is not the output of `to_json`.
         """
         try:
             name, fields, run, folder, *attempt = json.loads(text)
@@ -229,10 +253,12 @@ class ProblemFile:
 
 
 def load(path: str | Path) -> ProblemFile:
-    """Read a problem file and check it, but for a user's own problem, whose module is not imported here.
+    """Read and validate a problem file.
+
+    The fields of a user's own problem are not validated, since its module is not imported here.
 
     Raises:
-        BadInput: one line that names the file and field, what was expected and what was found.
+        BadInput: if the file cannot be used; one line names the file, the field, what was expected and what was found.
     """
     path = Path(path)
     loaded = parse(_text(path), str(path), path.resolve().parent)
@@ -244,15 +270,15 @@ def load(path: str | Path) -> ProblemFile:
             raise BadInput(f"{path}: {error}") from None
         loaded.problem()
     elif ":" not in loaded.kind:
-        loaded.problem()  # says which kinds there are
+        loaded.problem()  # no such kind: this raises an error that lists the known ones
     return loaded
 
 
 def load_patch(path: str | Path) -> dict[str, Any]:
-    """Read the keys that an update gives a problem; see `filled_in`.
+    """Read the file of an update: the fields of a problem that it changes, as written. See `filled_in`.
 
     Raises:
-        BadInput: one line that names the file.
+        BadInput: if the file cannot be read or is empty; one line that names it.
     """
     path = Path(path)
     patch = _plain(_text(path, "patch of a problem file"), str(path))
@@ -262,15 +288,16 @@ def load_patch(path: str | Path) -> dict[str, Any]:
 
 
 def filled_in(patch: dict[str, Any], world: ProblemFile, path: str | Path) -> dict[str, Any]:
-    """The patch in the file ``path`` of a problem: its angles in radians, and what other files hold for their names.
+    """Return an update's fields with angles in radians and names of other files replaced by their contents.
 
     Args:
-        patch: see `load_patch`.
-        world: the problem before; its file's unit of angles is the patch's too, unless that says another.
-        path: of the patch.
+        patch: the fields that `load_patch` has read.
+        world: the problem before the update. Its file's unit of angles holds for the patch, unless the patch sets one.
+        path: the file of the patch.
 
     Raises:
-        BadInput: names the patch, the field, and the file that cannot be read.
+        BadInput: if an angle is out of range or a file cannot be read; the message names the patch, the field and the
+            file.
     """
     if not registry.is_built_in(world.kind):
         return patch
@@ -282,7 +309,16 @@ def filled_in(patch: dict[str, Any], world: ProblemFile, path: str | Path) -> di
 
 
 def parse(text: str, name: str, folder: Path) -> ProblemFile:
-    """A problem file's text; see `load`."""
+    """Parse the text of a problem file. Its problem is not yet validated, and other files are not read; see `load`.
+
+    Args:
+        text: TOML.
+        name: the file's name, for messages.
+        folder: the file's folder.
+
+    Raises:
+        BadInput: if the text is not TOML, or its kind, run settings or angles are wrong.
+    """
     plain = _plain(text, name)
     run = plain.pop("run", {})
     if not isinstance(run, dict):
@@ -290,6 +326,7 @@ def parse(text: str, name: str, folder: Path) -> ProblemFile:
     if not isinstance(plain.get("kind"), str):
         found = shorten(plain["kind"]) if "kind" in plain else "nothing"
         raise BadInput(f'{name}: kind: expected a kind of problem such as "arm-ik", found {found}')
+    # Without this field angles are radians already, and the kind need not be imported for them.
     if "unit" in plain and registry.is_built_in(plain["kind"]):
         try:
             plain = registry.find(plain["kind"]).read_angles(plain)
@@ -299,6 +336,7 @@ def parse(text: str, name: str, folder: Path) -> ProblemFile:
 
 
 def _text(path: Path, what: str = "problem file") -> str:
+    """Read a text file; errors call it ``what``."""
     try:
         return path.read_text(encoding="utf-8")
     except FileNotFoundError:
@@ -310,21 +348,27 @@ def _text(path: Path, what: str = "problem file") -> str:
 
 
 def _plain(text: str, name: str) -> dict[str, Any]:
-    """What TOML says, in plain values."""
+    """Parse TOML and return plain JSON values; dates become strings."""
     try:
         plain: dict[str, Any] = json.loads(json.dumps(tomllib.loads(text), default=str))
-    except (ValueError, RecursionError) as error:  # also for numbers too long, or tables too deep, to read at all
+    except (ValueError, RecursionError) as error:  # raised, too, for numbers too long and tables nested too deep
         raise BadInput(f"{name}: expected TOML, found {error}") from None
     return plain
 
 
-def _said(error: Exception) -> str:
-    """What ``error`` says; its type too, unless it is of those whose message is meant for people."""
-    return str(error) if type(error) in _FOR_PEOPLE else f"{type(error).__name__}: {error}"
+def _message_of(error: Exception) -> str:
+    """Return the message of ``error``, preceded by its type unless it is one of `_COMPLETE`."""
+    return str(error) if type(error) in _COMPLETE else f"{type(error).__name__}: {error}"
 
 
 def _run(settings: dict[str, Any], name: str, given: frozenset[str] = frozenset()) -> Run:
-    """The settings; a complaint names the file, but not for what was ``given`` beside it."""
+    """Validate the settings of a run.
+
+    Args:
+        settings: plain values by name.
+        name: the problem file, which errors name.
+        given: the settings that did not come from the file; errors about them say "options" instead.
+    """
     try:
         return Run.model_validate_json(json.dumps(with_topology(settings), default=str), strict=True)
     except ValidationError as error:

@@ -1,4 +1,7 @@
-"""A fence around a problem's own code: whatever it does, the caller gets what it asked for or one clear error."""
+"""Call the methods of problems, which may be a user's own code, and validate what they return.
+
+Whatever a method does, the caller gets a value of the expected type or one exception with a clear message.
+"""
 
 import json
 import math
@@ -13,16 +16,19 @@ from problems.motion import Motion, Pace
 from problems.problem import MOST_REPORT_BYTES, Answer, Clearance, Problem, Solution, Verdict
 from problems.run import Run
 
-_ANYTHING = (Exception, SystemExit)
+_ANYTHING = (Exception, SystemExit)  # a user's code may call sys.exit; KeyboardInterrupt still ends the process
 
 
 def guarded(problem: Problem) -> Evaluate:
-    """``problem.evaluate`` that raises `EvaluationFailed` if it raises or returns NaN, or not one value for each."""
+    """Return a guarded version of ``problem.evaluate``.
+
+    It raises `EvaluationFailed` if the method raises, returns NaN or -inf, or not one value for each genome.
+    """
     from genetics.selection import unsound
 
     def evaluate(genomes: Genomes) -> Fitness:
         try:
-            # A copy: what the problem returned may be read-only, or an array that it will use again.
+            # Copy: the returned array may be read-only, or a buffer that the problem will reuse.
             fitness = np.array(problem.evaluate(genomes), dtype=np.float64, order="C")
         except _ANYTHING as error:
             raise _raised(problem, "evaluate", error) from error
@@ -41,10 +47,10 @@ def guarded(problem: Problem) -> Evaluate:
 
 
 def decoded(problem: Problem, genome: Genomes) -> Solution:
-    """What ``problem.decode`` returns, if it is a table of plain JSON values.
+    """Call ``problem.decode`` and return the solution.
 
     Raises:
-        EvaluationFailed: if it raises, or returns something else.
+        EvaluationFailed: if the method raises, or does not return a dict of plain JSON values.
     """
     try:
         solution = problem.decode(genome)
@@ -54,10 +60,10 @@ def decoded(problem: Problem, genome: Genomes) -> Solution:
 
 
 def reported(problem: Problem) -> bytes:
-    """What ``problem.report`` returns.
+    """Call ``problem.report`` and return the report.
 
     Raises:
-        EvaluationFailed: if it raises, or returns something else than a few bytes.
+        EvaluationFailed: if the method raises, or does not return at most `MOST_REPORT_BYTES` bytes.
     """
     try:
         report = problem.report()
@@ -69,10 +75,10 @@ def reported(problem: Problem) -> bytes:
 
 
 def merged(problem: Problem, solution: Solution, reports: Mapping[int, bytes], finder: int) -> Solution:
-    """What ``problem.merge`` returns, if it is a table of plain JSON values.
+    """Call ``problem.merge`` and return the completed solution.
 
     Raises:
-        EvaluationFailed: if it raises, or returns something else.
+        EvaluationFailed: if the method raises, or does not return a dict of plain JSON values.
     """
     try:
         whole = problem.merge(solution, reports, finder)
@@ -82,11 +88,11 @@ def merged(problem: Problem, solution: Solution, reports: Mapping[int, bytes], f
 
 
 def checked(problem: Problem, solution: Solution) -> Verdict:
-    """What ``problem.check`` returns.
+    """Call ``problem.check`` and return the verdict.
 
     Raises:
-        BadInput: if it says that this is no solution of such a problem.
-        EvaluationFailed: if it raises anything else, or returns no verdict.
+        BadInput: if the method raises it, because ``solution`` is not in the format of this kind of problem.
+        EvaluationFailed: if the method raises anything else, or returns no valid `Verdict`.
     """
     try:
         verdict = problem.check(solution)
@@ -94,6 +100,7 @@ def checked(problem: Problem, solution: Solution) -> Verdict:
         raise
     except _ANYTHING as error:
         raise _raised(problem, "check", error) from error
+    # Type annotations do not bind a user's class, so test what was actually returned.
     good = isinstance(verdict, Verdict) and isinstance(verdict.fitness, float | int) and not math.isnan(verdict.fitness)
     if not good or not all(isinstance(each, str) for each in verdict.objections):
         raise EvaluationFailed(
@@ -108,17 +115,18 @@ def checked(problem: Problem, solution: Solution) -> Verdict:
 
 
 def cleared(problem: Problem, verdict: Verdict) -> dict[str, Any] | None:
-    """The clearance that a verdict tells, as results hold it.
+    """Return a verdict's clearance in the format of results.
 
     Returns:
-        ``"least"`` (None if there is nothing to come close to), ``"where"``, ``"required"``, which is the field
-        ``clearance`` of the problem, or 0, and the ``"unit"`` of both; None if the verdict tells of no clearance.
+        ``"least"`` (None if there is nothing to come close to), ``"where"``, ``"required"`` (the problem's field
+        ``clearance``, or 0) and the ``"unit"`` of both; None if the verdict has no clearance.
     """
     clearance = verdict.clearance
     if clearance is None:
         return None
     required = getattr(problem, "clearance", 0.0)
     return {
+        # JSON has no infinity.
         "least": float(clearance.least) if math.isfinite(clearance.least) else None,
         "where": clearance.where,
         "required": float(required) if isinstance(required, float | int) else 0.0,
@@ -127,11 +135,11 @@ def cleared(problem: Problem, verdict: Verdict) -> dict[str, Any] | None:
 
 
 def foretold(problem: Problem) -> Answer:
-    """What ``problem.oracle`` returns.
+    """Call ``problem.oracle`` and return its answer.
 
     Raises:
         BadInput: if there is no oracle for this problem.
-        EvaluationFailed: if it raises anything else, or returns no answer.
+        EvaluationFailed: if the method raises anything else, or returns no valid `Answer`.
     """
     try:
         answer = problem.oracle()
@@ -149,14 +157,15 @@ def foretold(problem: Problem) -> Answer:
 
 
 def moved(problem: Problem, solution: Solution, pace: Pace) -> Motion | None:
-    """What ``problem.motion`` returns.
+    """Call ``problem.motion`` and return the motion, or None if solutions of this kind are no motions.
 
     Raises:
-        BadInput: if it says that the pace does not suit.
-        EvaluationFailed: if it raises anything else, or returns no motion of finite numbers.
+        BadInput: if ``pace`` does not suit the solution.
+        EvaluationFailed: if the method raises anything else, or returns no valid motion of finite numbers.
     """
     try:
-        with np.errstate(all="ignore"):  # of speeds beyond reason, too many rows are all there is to say
+        # Extreme speeds overflow; the error that matters, too many rows, is raised without numpy's warnings.
+        with np.errstate(all="ignore"):
             motion = problem.motion(solution, pace)
         if motion is None:
             return None
@@ -174,7 +183,10 @@ def moved(problem: Problem, solution: Solution, pace: Pace) -> Motion | None:
 
 
 def described(problem: Problem, solution: Solution) -> str:
-    """What ``problem.describe`` returns, or the solution as it is if that is no text."""
+    """Call ``problem.describe``; fall back to `Problem.describe` if it raises or returns no text.
+
+    A solution that was found must not be lost because it cannot be described.
+    """
     try:
         words = problem.describe(solution)
     except _ANYTHING:
@@ -183,8 +195,9 @@ def described(problem: Problem, solution: Solution) -> str:
 
 
 def advised(problem: Problem, found: Solution | None, run: Run) -> tuple[str, ...]:
-    """What ``problem.advice`` says, each in one line, if it says anything."""
+    """Call ``problem.advice`` and return its lines; none if the method raises."""
     try:
+        # Advice is a courtesy: a failure here must not change the outcome of a run.
         lines = [one_line(each) for each in problem.advice(found, run) if isinstance(each, str) and each]
     except _ANYTHING:
         return ()
@@ -192,10 +205,10 @@ def advised(problem: Problem, found: Solution | None, run: Run) -> tuple[str, ..
 
 
 def solved_at(problem: Problem) -> float | None:
-    """What ``problem.solved_at`` is.
+    """Return ``problem.solved_at``.
 
     Raises:
-        BadInput: if it raises, or is neither a number nor None.
+        BadInput: if the property raises, or is neither a number nor None.
     """
     try:
         fitness = problem.solved_at
@@ -203,13 +216,14 @@ def solved_at(problem: Problem) -> float | None:
         raise BadInput(f"{problem.kind}: solved_at raised {type(error).__name__}: {error}") from error
     if fitness is None:
         return None
+    # Python counts True and False as numbers, but as a target they are a mistake.
     if isinstance(fitness, bool) or not isinstance(fitness, float | int | np.floating) or math.isnan(fitness):
         raise BadInput(f"{problem.kind}: solved_at must be a number or None, got {fitness!r}")
     return float(fitness)
 
 
 def solved_when(problem: Problem) -> str | None:
-    """What ``problem.solved_when`` says, in one line, if it says anything."""
+    """Return ``problem.solved_when`` in one line; None if it raises or is no text."""
     try:
         words = problem.solved_when
     except _ANYTHING:
@@ -218,7 +232,7 @@ def solved_when(problem: Problem) -> str | None:
 
 
 def _is_measured(clearance: Any) -> bool:
-    """Whether this is a clearance that can be told: a number, though perhaps +inf, at a place of JSON values."""
+    """Return whether this is a valid clearance: a number or +inf, a text as unit, and a place of JSON values."""
     told = isinstance(clearance, Clearance) and isinstance(clearance.least, float | int)
     if not (told and isinstance(clearance.unit, str)):
         return False
@@ -232,10 +246,10 @@ def _is_measured(clearance: Any) -> bool:
 
 
 def next_attempt(problem: Problem, attempt: int) -> dict[str, Any] | None:
-    """What ``problem.next_attempt`` returns.
+    """Call ``problem.next_attempt`` and return the fields to change, or None.
 
     Raises:
-        BadInput: if it raises, or returns neither None nor a table of plain JSON values.
+        BadInput: if the method raises, or returns neither None nor a dict of plain JSON values.
     """
     try:
         fields = problem.next_attempt(attempt)
@@ -247,6 +261,7 @@ def next_attempt(problem: Problem, attempt: int) -> dict[str, Any] | None:
 
 
 def _plain(problem: Problem, what: str, solution: Solution) -> Solution:
+    """Return a copy of the ``solution`` that the method ``what`` has returned, as it will be after a trip as JSON."""
     try:
         plain: Any = json.loads(json.dumps(solution, allow_nan=False))
     except (TypeError, ValueError, RecursionError) as error:

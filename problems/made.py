@@ -1,4 +1,4 @@
-"""A problem that was made in Python, without a file."""
+"""Problems that were made in Python instead of read from a file."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,22 +11,22 @@ from problems.run import Run
 
 @dataclass(frozen=True)
 class MadeProblem(ProblemFile):
-    """A problem that was made in Python, where one from a file is expected.
+    """A problem made in Python, for functions that expect a problem file.
 
     Attributes:
-        model: its class, which need not be in a module that can be imported.
+        model: the problem's class. It is kept, because it need not be in a module that can be imported.
     """
 
     model: type[Problem] = field(kw_only=True)
 
     @staticmethod
     def of(problem: Problem) -> "MadeProblem":
-        """With the fields of ``problem``; the kind of a user's own one is the name of its class."""
+        """Return a problem file with the fields of ``problem``; a user's own kind is named after its class."""
         model = type(problem)
         kind = problem.kind if registry.is_built_in(problem.kind) else f"{model.__module__}:{model.__qualname__}"
         fields = problem.model_dump(mode="json", exclude_unset=True) | {"kind": kind}
         return MadeProblem(model.__name__, fields, Run.model_validate({}), Path(), model=model)
 
     def find_model(self) -> type[Problem]:
-        """The class that it was made of."""
+        """Return the class of the problem that this was made of, without an import."""
         return self.model

@@ -1,4 +1,7 @@
-"""Which users' modules a process may run: those that it was started with, whatever a message says."""
+"""The users' modules that a process may import: those it was started with, whatever a message names.
+
+Importing a module runs its code, so a client of a cluster must not choose which one.
+"""
 
 from collections.abc import Collection
 from dataclasses import replace
@@ -9,11 +12,11 @@ from problems.file import ProblemFile
 
 
 class Modules:
-    """The modules that a process of a cluster may import, and where they lie.
+    """The modules that a process of a cluster may import, and their folder.
 
     Args:
-        allowed: their names.
-        folder: where they lie, if not on ``sys.path``; None: the folder that the process was started in.
+        allowed: the names of the modules.
+        folder: the folder in which they are looked up before ``sys.path``; None for the process's working directory.
     """
 
     def __init__(self, allowed: Collection[str] = (), folder: Path | None = None) -> None:
@@ -21,15 +24,16 @@ class Modules:
         self.folder = Path.cwd() if folder is None else folder
 
     def read(self, text: str) -> ProblemFile:
-        """Return the problem file that ``text`` is as JSON, if it may be run here; its problem is not yet checked.
+        """Return the problem file in the JSON ``text`` if this process may run it; its problem is not yet validated.
 
-        The folder that it names, where a module would be looked for, is replaced by that of this process.
+        The folder that the text names is replaced by this process's own, so that a client cannot choose which file is
+        imported.
 
         Raises:
-            BadInput: if it is none, or of a user's module that is not allowed.
+            BadInput: if ``text`` is no problem file, or its kind is in a module that is not allowed.
         """
         file = ProblemFile.from_json(text)
-        module, own, _ = file.kind.partition(":")
+        module, own, _ = file.kind.partition(":")  # built-in kinds have no colon, and are always allowed
         if own and module not in self.allowed:
             raise BadInput(
                 f"{file.name}: kind: this cluster does not run {file.kind!r}: it was not started with"
@@ -39,8 +43,11 @@ class Modules:
 
 
 class AnyModules(Modules):
-    """All of them, wherever a file says: for the processes of one user's own, which nobody else can reach."""
+    """Permission to import any module from the folder that a file names.
+
+    Only for processes that serve the user who started them, and that nobody else can reach.
+    """
 
     def read(self, text: str) -> ProblemFile:
-        """See `Modules`."""
+        """Return the problem file in the JSON ``text``, see `Modules.read`."""
         return ProblemFile.from_json(text)

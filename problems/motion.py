@@ -1,7 +1,7 @@
-"""Motions over time: what an exported solution is made of, whichever planner found it.
+"""Motions over time: the common format of exported solutions, whichever planner found them.
 
-A planner says where its robots are at which moments; who writes a file needs to know no more. Rows of a motion are
-moments; each of its tracks is what moves as one: an arm, a body, or numbers that are neither.
+A planner converts its solution to a `Motion`, and the writers of file formats know nothing else. The rows of a motion
+are moments. Each track describes one thing that moves: an arm, a rigid body, or plain numbers that are neither.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from problems.errors import BadInput
 Floats = NDArray[np.float64]
 
 MOST_ROWS = 1_000_000
-RATE = 50.0  # rows a second, unless told
-RAMP = 0.5  # s, after which a path's speed is reached unless told
-_CORNERS = 48  # of the line that stands for a circle
-_TICK = 1e-9  # s
-_NEAR = 0.1  # of a period: an even moment so near to another row is left out
+RATE = 50.0  # rows per second by default
+RAMP = 0.5  # s, the default time to reach full speed
+_CORNERS = 48  # of the polygon that approximates a circle
+_TICK = 1e-9  # s, the least time between two rows
+_NEAR = 0.1  # share of a period: an evenly spaced row that is this close to a knot is left out
 
 
 class Column(NamedTuple):
-    """Some number over time, shape (rows,)."""
+    """One quantity over time; ``values`` has the shape (rows,)."""
 
     name: str
     unit: str
@@ -35,7 +35,7 @@ class Column(NamedTuple):
 
 @dataclass(frozen=True)
 class Values:
-    """Numbers that are neither joint angles nor a pose, such as the place in an abstract configuration space."""
+    """Numbers that are neither joint angles nor a pose, such as a point in an abstract configuration space."""
 
     name: str
     columns: tuple[Column, ...]
@@ -43,16 +43,16 @@ class Values:
 
 @dataclass(frozen=True)
 class Joints:
-    """An arm by its joints.
+    """The motion of an arm, by its joints. All arrays of joint values have the shape (rows, joints).
 
     Attributes:
-        name: of the arm; empty if there is but one.
-        joints: their names.
-        position: rad, shape (rows, joints), as the following.
+        name: the arm's name; empty if there is only one arm.
+        joints: the names of the joints.
+        position: rad.
         velocity: rad/s, if known.
         acceleration: rad/s², if known.
         effort: N·m, if known.
-        links: where the joints and the tip are, shape (rows, points, 3), m, if known.
+        links: the positions of the joints and the tip, m, shape (rows, points, 3), if known.
     """
 
     name: str
@@ -65,7 +65,7 @@ class Joints:
 
     @property
     def quantities(self) -> dict[str, tuple[str, Floats]]:
-        """Unit and values of whatever is known of each joint."""
+        """The unit and the values of each known quantity, by its name."""
         known = {
             "position": ("rad", self.position),
             "velocity": ("rad/s", self.velocity),
@@ -76,7 +76,7 @@ class Joints:
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """One for each quantity of each joint."""
+        """One column for each known quantity of each joint."""
         return tuple(
             Column(f"{joint}.{name}", unit, values[:, number])
             for name, (unit, values) in self.quantities.items()
@@ -86,14 +86,14 @@ class Joints:
 
 @dataclass(frozen=True)
 class Body:
-    """A body that moves and turns.
+    """The motion of a rigid body.
 
     Attributes:
-        name: of the body; empty if there is but one.
-        columns: its pose as the planner's own solution tells it.
+        name: the body's name; empty if there is only one body.
+        columns: the body's pose in the coordinates of the planner's solution.
         places: x, y and z, shape (rows, 3).
-        angles: roll, pitch and yaw, rad, about axes that stand still, x first; shape (rows, 3).
-        outline: a closed line in its own frame, shape (corners, 3), if it has one.
+        angles: roll, pitch and yaw about fixed axes, in this order, rad; shape (rows, 3).
+        outline: the body's outline in its own frame, a closed line of shape (corners, 3), if it has one.
     """
 
     name: str
@@ -108,13 +108,13 @@ Track = Values | Joints | Body
 
 @dataclass(frozen=True)
 class Limit:
-    """What a motion keeps to.
+    """A limit that a motion respects.
 
     Attributes:
-        name: of what is limited, such as ``"speed"``.
-        values: the limit, or one for each joint.
-        unit: of the values.
-        source: who says so: an option, a field of the problem file, or a default.
+        name: the limited quantity, such as ``"speed"``.
+        values: one value, or one for each joint.
+        unit: the unit of the values.
+        source: where the limit comes from: an option, a field of the problem file, or a default.
     """
 
     name: str
@@ -124,7 +124,11 @@ class Limit:
 
     @property
     def value(self) -> float:
-        """The limit, if it is one."""
+        """The value of a limit that has only one.
+
+        Raises:
+            ValueError: if there is one for each of several joints.
+        """
         (value,) = self.values
         return value
 
@@ -135,14 +139,14 @@ class Limit:
 
 @dataclass(frozen=True)
 class Motion:
-    """What moves, and when.
+    """Everything that moves, and when.
 
     Attributes:
-        times: of the rows, s, increasing, the first 0; shape (rows,).
+        times: the moments of the rows, s, strictly increasing from 0; shape (rows,).
         tracks: what moves.
-        obstacles: closed lines around what stands still, each of shape (corners, 3), for a picture.
-        limits: what the motion keeps to.
-        notes: what else who drives it must know.
+        obstacles: outlines of what stands still, closed lines of shape (corners, 3), for pictures.
+        limits: the limits that the motion respects.
+        notes: further remarks for the user of the motion, such as where it stops.
     """
 
     times: Floats
@@ -152,7 +156,7 @@ class Motion:
     notes: tuple[str, ...] = ()
 
     def columns(self) -> Iterator[Column]:
-        """The time, and all that moves; names say of which track, if there are several."""
+        """Yield the column of times, then those of all tracks, their names prefixed with the track's name if any."""
         yield Column("t", "s", self.times)
         for track in self.tracks:
             prefix = f"{track.name}." if track.name else ""
@@ -162,14 +166,14 @@ class Motion:
 
 @dataclass(frozen=True)
 class Pace:
-    """How quick a motion shall be, where the solution does not say, and how densely it is told.
+    """The user's options for a motion: speeds where the solution has no times, and the sampling rate.
 
     Attributes:
-        speed: the greatest along a path without times, in the path's unit per second.
-        turn_speed: the greatest of a body that turns, rad/s.
-        acceleration: with which speed is gained and lost, in the path's unit per second².
-        turn_acceleration: likewise of turns, rad/s².
-        rate: rows a second, for motions that can be told at any moment.
+        speed: the greatest speed along a path without times, in the path's unit per second.
+        turn_speed: the greatest speed of a body that turns, rad/s.
+        acceleration: the acceleration and deceleration along the path, in the path's unit per second².
+        turn_acceleration: the acceleration and deceleration of turns, rad/s².
+        rate: rows per second, for motions that can be sampled at any moment.
     """
 
     speed: float | None = None
@@ -179,20 +183,20 @@ class Pace:
     rate: float | None = None
 
     def along(self, kind: str, unit: str) -> float:
-        """The greatest speed along a path without times.
+        """Return the greatest speed along a path without times.
 
         Raises:
-            BadInput: if there is none: to invent one would look like a plan.
+            BadInput: if the user gave none. There is no default: an invented speed would look like part of the plan.
         """
         if self.speed is None:
             raise BadInput(f"--speed: expected a speed in {unit}, as a path of {kind} has no times, found nothing")
         return self.speed
 
     def moving(self, kind: str, unit: str) -> tuple[Limit, Limit]:
-        """Speed and acceleration along a path without times: full speed after `RAMP` unless told.
+        """Return the limits of speed and acceleration along a path without times; by default full speed after `RAMP`.
 
         Raises:
-            BadInput: if there is no speed.
+            BadInput: if the user gave no speed.
         """
         speed = self.along(kind, unit + "/s")
         gain, source = self.acceleration, "--acceleration"
@@ -204,10 +208,15 @@ class Pace:
         )
 
     def turning(self, speed: float, gain: float, reach: float) -> tuple[Limit, Limit]:
-        """Speed and acceleration of turns on the spot.
+        """Return the limits of speed and acceleration of turns on the spot.
 
-        Unless told, no point within ``reach`` of the axis is quicker than ``speed``, and turns take as long as moves to
-        reach their speed.
+        By default no point of the body is faster than ``speed`` while it turns, and a turn reaches full speed as soon
+        as a move does.
+
+        Args:
+            speed: the greatest speed along the path, in its unit per second.
+            gain: the acceleration along the path.
+            reach: the greatest distance of a point of the body from its axis, in the path's unit.
         """
         turn, source = self.turn_speed, "--turn-speed"
         if turn is None:
@@ -224,10 +233,14 @@ class Pace:
         )
 
     def refuse(self, kind: str, **reasons: str) -> None:
-        """Complain of what is given, but means nothing for such a motion.
+        """Refuse options that mean nothing for a motion.
+
+        Args:
+            kind: the kind of problem, for the message.
+            reasons: for each meaningless option of this class, why it is meaningless.
 
         Raises:
-            BadInput: with the reason.
+            BadInput: if one of these options was given; the message names the reason.
         """
         for name, reason in reasons.items():
             value = getattr(self, name)
@@ -235,36 +248,44 @@ class Pace:
                 raise BadInput(f"--{name.replace('_', '-')}: expected none for {kind}, {reason}, found {value:g}")
 
     def moments(self, knots: Floats) -> Floats:
-        """Moments to tell a motion at: evenly, and the knots (increasing, the first 0), at which something changes.
+        """Return the moments of a motion's rows, s: all knots, and evenly spaced moments between them.
+
+        Args:
+            knots: the moments at which an acceleration changes, s; the least is 0.
 
         Raises:
-            BadInput: if they are too many.
+            BadInput: if there would be more than `MOST_ROWS`.
         """
         knots = _apart(np.unique(knots))
         rate = RATE if self.rate is None else self.rate
+        # Count before allocating: a tiny speed makes a motion of years.
         count = float(knots[-1]) * rate + len(knots)
-        if not count <= MOST_ROWS:
+        if not count <= MOST_ROWS:  # written so that NaN and infinity are refused, too
             found = f"{count:.4g}: {rate:g} a second for {knots[-1]:g} s"
             raise BadInput(f"--rate: expected at most {MOST_ROWS:,} rows, found {found}")
         even = np.arange(int(knots[-1] * rate) + 1) / rate
+        # The distance of each even moment from the nearest knot; too close ones would give very short steps.
         following = np.minimum(np.searchsorted(knots, even), len(knots) - 1)
         away = np.minimum(np.abs(knots[following] - even), np.abs(even - knots[following - 1]))
         return np.unique(np.concatenate([knots, even[away > _NEAR / rate]]))
 
 
 def _apart(knots: Floats) -> Floats:
-    """Increasing knots without those that a clock of nanoseconds cannot tell from the one before, or from the last."""
+    """Return increasing knots without those that are within `_TICK` of the one before, or of the last."""
     first, inner, last = knots[:1], knots[1:-1], knots[-1:]
     return np.unique(np.concatenate([first, inner[(inner - knots[:-2] > _TICK) & (last - inner > _TICK)], last]))
 
 
 def joint_names(count: int) -> tuple[str, ...]:
-    """Of an arm whose joints have no names of their own."""
+    """Return names for the joints of an arm whose problem file does not name them."""
     return tuple(f"joint_{number}" for number in range(1, count + 1))
 
 
 def planar_links(lengths: list[float], base: tuple[float, float], angles: Floats) -> Floats:
-    """Where joints and tip of a planar arm are: angles of shape (rows, joints) to (rows, joints + 1, 3)."""
+    """Return the positions of a planar arm's joints and tip, m: angles (rows, joints), rad, to (rows, joints + 1, 3).
+
+    Each angle is relative to the link before; z is 0.
+    """
     headings = np.cumsum(angles, axis=1)
     links = np.zeros((len(angles), len(lengths) + 1, 3))
     links[:, :, :2] = base
@@ -274,7 +295,10 @@ def planar_links(lengths: list[float], base: tuple[float, float], angles: Floats
 
 
 def loop(corners: Floats, thickness: float = 0.0) -> Floats:
-    """A closed line in the plane z = 0, shape (corners, 3); around a disc if there is one corner, and a thickness."""
+    """Return the outline of a shape in the plane z = 0, shape (corners, 3).
+
+    A single corner with a thickness is a disc, whose outline is approximated by a polygon.
+    """
     if len(corners) == 1:
         bearing = np.arange(_CORNERS) * (2.0 * np.pi / _CORNERS)
         corners = corners + thickness * np.column_stack([np.cos(bearing), np.sin(bearing)])

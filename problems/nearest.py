@@ -1,28 +1,29 @@
-"""The least of a distance along motions, to a stated accuracy: the method of Piyavskii (1972) and Shubert (1972).
+"""The least distance along motions, to a stated accuracy: the method of Piyavskii (1972) and Shubert (1972).
 
-Nothing of a body moves farther than a known way on a stretch of a motion, so a distance changes by no more than that on
-it. Two distances at the ends of a stretch bound all between them from below; stretches whose bound is least are halved.
+If no point of a body moves farther than w during a stretch of a motion, distances change by at most w during it. The
+distances at both ends of a stretch therefore bound all distances between from below. The stretch with the least bound
+is halved until no bound is below the best measured distance by more than the accuracy.
 """
 
 import heapq
 from collections.abc import Callable, Sequence
 
 MOST = 20_000
-"""Distances that are measured at most; then the bound that is known by then is the answer."""
+"""The most halvings; after these, the answer follows from the lower bound known by then."""
 
 
 def least_along(
     measure: Callable[[int, float], float], ways: Sequence[float], accuracy: float
 ) -> tuple[float, int, float]:
-    """The least distance on some motions, and where it is.
+    """Return the least distance on some motions, and where it was measured.
 
     Args:
-        measure: the distance at a motion, by its number, and the share of it that is done, from 0 to 1.
-        ways: how far anything moves at most on each motion, in the unit of the distance.
-        accuracy: by which the answer may be more than the least distance; never by more.
+        measure: returns the distance, given the number of a motion and the share of it that is done, from 0 to 1.
+        ways: for each motion a bound of how far any point moves on it, in the unit of the distance.
+        accuracy: the most by which the answer may exceed the least distance.
 
     Returns:
-        the distance, and the number of the motion and its share at which the least was measured.
+        the distance, and the number of the motion and the share at which the least distance was measured.
     """
     best, where = float("inf"), (0, 0.0)
     stretches: list[tuple[float, int, tuple[float, float], tuple[float, float]]] = []
@@ -35,6 +36,7 @@ def least_along(
         return distance
 
     def push(motion: int, ends: tuple[float, float], distances: tuple[float, float]) -> None:
+        # Two lines, falling from one end and rising to the other with the greatest slope, cross at this height.
         bound = (sum(distances) - ways[motion] * (ends[1] - ends[0])) / 2
         heapq.heappush(stretches, (bound, motion, ends, distances))
 
@@ -48,5 +50,6 @@ def least_along(
         distance = at(motion, middle)
         push(motion, (begin, middle), (first, distance))
         push(motion, (middle, end), (distance, last))
+    # Once converged, the least bound is at least best - accuracy, and this is `best`. Out of halvings it may be less.
     least = min(best, stretches[0][0] + accuracy) if stretches else best
     return least, *where

@@ -1,8 +1,8 @@
-"""The process in which the oracle of a problem is asked: ``python -m problems.oracle_process PARENT``.
+"""The process in which a problem's oracle runs: ``python -m problems.oracle_process PARENT``.
 
-The problem file comes as JSON on standard input; what is foretold goes to standard output, as JSON. An oracle may take
-hours and gigabytes, so the kernel ends this process when it has used up its processor time, and refuses it more memory;
-it also ends it with the thread that started it. Whoever asks then hears nothing, as if there were no oracle.
+It reads a problem file as JSON from standard input and writes a `Foretold` as JSON to standard output. An oracle may
+need hours and gigabytes. The kernel therefore limits this process's processor time and memory, and kills it when the
+thread that started it exits. If it is killed, the parent reads no answer, as if the problem had no oracle.
 """
 
 import math
@@ -14,21 +14,22 @@ import time
 from problems import child_process
 
 CPU_SECONDS = 1.5
-"""For making the problem and for its oracle; rounded up to whole seconds of the process, as the kernel counts them."""
+"""Processor time for making the problem and running its oracle; the kernel counts in whole seconds, so round up."""
 
-_MEMORY = 1 << 30  # bytes beyond what is loaded
+_MEMORY = 1 << 30  # bytes, in addition to what the process has mapped when the limit is set
 _PAGE = os.sysconf("SC_PAGE_SIZE")
 
 
 def main() -> None:
-    """Answer, or say nothing where there is nothing to say."""
+    """Write the answer to standard output, or nothing if the oracle has none."""
     answer = child_process.begin(int(sys.argv[1]))
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    os.write(answer, _answered(sys.stdin.read()).encode())
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))  # exceeding the processor time would otherwise dump core
+    os.write(answer, _answer_to(sys.stdin.read()).encode())
     os._exit(0)
 
 
-def _answered(text: str) -> str:
+def _answer_to(text: str) -> str:
+    """Return the oracle's `Foretold` as JSON; an empty text if there is no oracle or it fails."""
     from problems.errors import BadInput, EvaluationFailed
     from problems.file import ProblemFile
     from problems.foretelling import has_oracle, solve_exactly
@@ -44,7 +45,7 @@ def _answered(text: str) -> str:
 
 
 def _limit() -> None:
-    """From now on; what has been loaded does not count."""
+    """Limit processor time and memory from now on, not counting what imports have used."""
     seconds = math.ceil(time.process_time() + CPU_SECONDS)
     resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 1))
     with open("/proc/self/statm", encoding="ascii") as file:  # noqa: PTH123 - a file of the kernel's

@@ -1,4 +1,4 @@
-"""Genomes as plain values that people can read, for problems that do not say what an individual means."""
+"""Convert genomes to readable plain values and back, for problems that do not define `decode` and `check`."""
 
 from typing import Any
 
@@ -14,15 +14,15 @@ from genetics.sequence import Sequence
 
 
 def field_of(coding: Coding) -> str:
-    """The field of a solution that holds the individual: as the coding calls what it codes, else ``"genome"``."""
+    """Return the field of a solution that holds the individual: the coding's own term, else ``"genome"``."""
     names = {BitString: "integers", RealVector: "genes", Permutation: "order", Sequence: "items"}
     return next((name for kind, name in names.items() if isinstance(coding, kind)), "genome")
 
 
 def to_plain(coding: Coding, genome: Genomes) -> dict[str, Any]:
-    """The individual that a genome, shape (genome_bytes,), codes: its integers, genes, order or items.
+    """Return the integers, genes, order or items that a genome of shape (genome_bytes,) codes.
 
-    A coding that a user has made gives the genome's bytes, as integers: nobody else knows what they mean.
+    For a user's own coding, return the genome's bytes as integers: their meaning is not known here.
     """
     match coding:
         case BitString():
@@ -39,17 +39,17 @@ def to_plain(coding: Coding, genome: Genomes) -> dict[str, Any]:
 
 
 def from_plain(coding: Coding, plain: dict[str, Any]) -> Genomes:
-    """The inverse of `to_plain`; further keys do not matter.
+    """Return the genome of an individual in the format of `to_plain`; other keys of ``plain`` are ignored.
 
     Raises:
-        ValueError: says what was expected in the field if no individual is coded so.
+        ValueError: if the coding has no such individual; the message says what was expected.
     """
     name = field_of(coding)
     try:
         genome = _genome_of(coding, plain[name])
     except (KeyError, TypeError, ValueError, OverflowError):
         genome = None
-    if genome is None or not coding.alphabet.admits(genome):
+    if genome is None or not coding.alphabet.admits(genome):  # right in form, but perhaps out of bounds
         raise ValueError(f"expected a field {name!r} with {_expected(coding)}")
     return genome
 
@@ -73,7 +73,11 @@ def _genome_of(coding: Coding, values: Any) -> Genomes:
 
 
 def _integers(values: Any) -> NDArray[np.int64]:
-    """An array of integers, of which JSON knows two kinds that Python takes for them: booleans, and floats."""
+    """Return an array of integers.
+
+    Raises:
+        ValueError: if a value is no integer, or is a bool or a float, both of which numpy would convert silently.
+    """
     array = np.array(values, dtype=object)
     if not all(type(value) is int for value in array.flat):
         raise ValueError
@@ -81,6 +85,7 @@ def _integers(values: Any) -> NDArray[np.int64]:
 
 
 def _expected(coding: Coding) -> str:
+    """Return what a valid individual consists of, for an error message."""
     match coding:
         case BitString():
             return f"{coding.parameters} integers from 0 to {(1 << coding.bits) - 1}"

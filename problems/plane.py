@@ -1,4 +1,4 @@
-"""Worlds in the plane: the obstacles of a problem file, as arrays for kernels, as shapely shapes and as patches."""
+"""Obstacles in the plane: their tables in problem files, and their forms for kernels, shapely and matplotlib."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from problems.problem import Table, quantity
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-# What is finite may still be too great to be squared: all numbers have bounds beyond which no plan makes sense.
+# A finite number may still overflow when it is squared, so all numbers have bounds beyond which no plan makes sense.
 Metres = Annotated[float, Field(ge=-1e6, le=1e6)]
 Size = Annotated[float, Field(ge=1e-6, le=1e6)]  # m
 Point = tuple[Metres, Metres]
 
 CONTACT = 1e-9
-"""Shapes that overlap by no more than this (m) only touch, which is free."""
+"""Shapes that overlap by no more than this, m, only touch, which counts as free."""
 
 
 class Circle(Table):
@@ -37,21 +37,21 @@ class Circle(Table):
 
     @property
     def corners(self) -> NDArray[np.float64]:
-        """The centre alone, shape (1, 2): a disc is a point, thickened."""
+        """The centre, shape (1, 2): a disc is a thickened point."""
         return np.array([self.center])
 
     @property
     def thickness(self) -> float:
-        """By how much the corners are thickened, m."""
+        """The distance by which the corners are thickened, m."""
         return self.radius
 
     def covers(self, point: Point) -> bool:
-        """Whether ``point`` lies inside, deeper than contact."""
+        """Return whether ``point`` lies inside, deeper than `CONTACT`."""
         return bool(np.hypot(point[0] - self.center[0], point[1] - self.center[1]) < self.radius - CONTACT)
 
 
 class _Solid(Table):
-    """What polygons and boxes share: corners, anticlockwise."""
+    """The common base of polygons and boxes, which have corners and no thickness."""
 
     @property
     def outline(self) -> Sequence[Point]:
@@ -63,7 +63,7 @@ class _Solid(Table):
 
     @cached_property
     def corners(self) -> NDArray[np.float64]:
-        """The corners, anticlockwise, shape (n, 2)."""
+        """The corners in anticlockwise order, m, shape (n, 2)."""
         return anticlockwise(self.outline)
 
     @property
@@ -71,8 +71,9 @@ class _Solid(Table):
         return 0.0
 
     def covers(self, point: Point) -> bool:
-        """Whether ``point`` lies inside, deeper than contact."""
+        """Return whether ``point`` lies inside, deeper than `CONTACT`."""
         place = shapely.Point(point)
+        # Contact is free, so the point must also be away from the outline.
         return bool(self.polygon.contains(place) and self.polygon.exterior.distance(place) > CONTACT)
 
 
@@ -80,7 +81,7 @@ class Polygon(_Solid):
     """A solid simple polygon, convex or not."""
 
     shape: Literal["polygon"]
-    vertices: list[Point] = quantity("m", "its corners in order, either way round; at least 3")
+    vertices: list[Point] = quantity("m", "its corners in order, clockwise or anticlockwise; at least 3")
 
     @field_validator("vertices")
     @classmethod
@@ -89,7 +90,7 @@ class Polygon(_Solid):
 
     @property
     def outline(self) -> Sequence[Point]:
-        """Its corners in order."""
+        """The corners in the order of the file."""
         return self.vertices
 
 
@@ -103,7 +104,7 @@ class Box(_Solid):
 
     @property
     def outline(self) -> Sequence[Point]:
-        """Its corners in order."""
+        """The corners in anticlockwise order."""
         half = np.array(self.size) / 2
         corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half
         cosine, sine = np.cos(self.angle), np.sin(self.angle)
@@ -116,9 +117,10 @@ Obstacle = Annotated[Circle | Polygon | Box, Field(discriminator="shape")]
 
 @dataclass(frozen=True)
 class Shapes:
-    """Obstacles as arrays: shape i has the corners ``corners[starts[i]:starts[i + 1]]``, thickened by ``thickness[i]``.
+    """Obstacles as arrays, for compiled code.
 
-    A disc is one thickened corner; a polygon has its corners anticlockwise and thickness 0.
+    Shape i has the corners ``corners[starts[i]:starts[i + 1]]``, thickened by ``thickness[i]``. A disc is one thickened
+    corner; a polygon has anticlockwise corners and thickness 0.
     """
 
     corners: NDArray[np.float64]  # (all corners, 2), m
@@ -127,7 +129,7 @@ class Shapes:
 
     @staticmethod
     def of(obstacles: Sequence[Circle | Polygon | Box]) -> Shapes:
-        """The arrays of some obstacles, in order."""
+        """Return the arrays of some obstacles, in the same order."""
         corners = [obstacle.corners for obstacle in obstacles]
         return Shapes(
             np.concatenate([np.empty((0, 2)), *corners]),
@@ -137,17 +139,17 @@ class Shapes:
 
 
 def outlines(obstacles: Sequence[Circle | Polygon | Box]) -> tuple[NDArray[np.float64], ...]:
-    """Closed lines around obstacles, each of shape (corners, 3)."""
+    """Return closed lines around obstacles in the plane z = 0, each of shape (corners, 3)."""
     return tuple(loop(obstacle.corners, obstacle.thickness) for obstacle in obstacles)
 
 
 def simple_polygon(vertices: list[Point]) -> list[Point]:
-    """``vertices`` if they bound an area and do not cross; a last one that repeats the first is left out.
+    """Return ``vertices`` without a last one that repeats the first.
 
     Raises:
-        ValueError: says what was found instead.
+        ValueError: if they are no simple polygon with an area; the message says what was found.
     """
-    if len(vertices) > 3 and vertices[0] == vertices[-1]:
+    if len(vertices) > 3 and vertices[0] == vertices[-1]:  # many formats close a polygon so
         vertices = vertices[:-1]
     if len(vertices) < 3:
         raise ValueError(f"expected at least 3 vertices, found {len(vertices)}")
@@ -160,15 +162,15 @@ def simple_polygon(vertices: list[Point]) -> list[Point]:
 
 
 def anticlockwise(vertices: Sequence[Point]) -> NDArray[np.float64]:
-    """The corners of a simple polygon, anticlockwise, shape (n, 2)."""
+    """Return the corners of a simple polygon in anticlockwise order, shape (n, 2)."""
     corners = np.array(vertices, dtype=np.float64)
     x, y = corners[:, 0], corners[:, 1]
-    doubled_area = np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y)
+    doubled_area = np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y)  # positive if anticlockwise
     return corners if doubled_area > 0 else corners[::-1].copy()
 
 
 def draw_obstacles(axes: Axes, obstacles: Sequence[Circle | Polygon | Box]) -> None:
-    """Dark solid patches."""
+    """Add obstacles to a picture as dark, filled patches."""
     from matplotlib import patches
 
     for obstacle in obstacles:

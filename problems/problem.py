@@ -1,7 +1,7 @@
-"""What a planner is: a coding, an evaluation, a decoder, a checker and a drawing, described by a typed schema.
+"""Define `Problem`, the base class of every planner, and the values that its methods return.
 
-A problem is a pydantic model whose fields are those of the problem file, so the schema, its validation and the planner
-that uses it are one thing.
+A problem is a pydantic model whose fields are the fields of the problem file. Schema, validation and planner are
+therefore one class: a file that validates is a problem that can be run.
 """
 
 from __future__ import annotations
@@ -34,21 +34,21 @@ Solution = dict[str, Any]  # plain JSON values
 Populations = Mapping[int, Genomes]  # generation to genomes, shape (n, genome_bytes)
 
 CHECKED = {"checked": True}
-"""The context of a validation that may leave out what costs time, since another process has done it."""
+"""Validation context: costly validators may skip their work, because another process has already done it."""
 
-MOST_REPORT_BYTES = 1 << 12  # a thousand cells report at once
+MOST_REPORT_BYTES = 1 << 12  # per cell; a thousand cells may report at the same time
 
 
 @dataclass(frozen=True)
 class Clearance:
-    """How close a solution comes to an obstacle, or to whatever else it must not touch.
+    """The least distance between a solution and an obstacle, or anything else that it must not touch.
 
     Attributes:
-        least: the least distance, in the unit of the planner's space (m where there is one); negative where bodies
-            overlap, if the planner measures by how much; +inf if there is nothing to come close to.
-        where: what is that close, and at which point of the solution, as plain JSON values such as
+        least: the least distance, in ``unit``. It is negative where bodies overlap, if the planner measures the depth,
+            and +inf if there is nothing to come close to.
+        where: which bodies are that close, and at which point of the solution, as plain JSON values such as
             ``{"configuration": [0.1, 0.2], "link": 2, "obstacle": 0}``.
-        unit: of the distance; empty if the planner's space has none.
+        unit: the unit of ``least``; an empty string if the planner's space has no unit.
     """
 
     least: float
@@ -58,12 +58,12 @@ class Clearance:
 
 @dataclass(frozen=True)
 class Verdict:
-    """What a check found.
+    """The outcome of `Problem.check`.
 
     Attributes:
-        fitness: the fitness of the solution, computed without the code that found it.
-        objections: why the solution is not acceptable, in words; none if it is feasible.
-        clearance: of the solution, as the check measured it; None if this kind of problem has none.
+        fitness: the solution's fitness, computed independently of the code that found it.
+        objections: the reasons why the solution is not acceptable, in words; empty if it is feasible.
+        clearance: the solution's clearance as the check measured it; None if this kind of problem has none.
     """
 
     fitness: float
@@ -72,21 +72,21 @@ class Verdict:
 
     @property
     def feasible(self) -> bool:
-        """Whether the solution is acceptable."""
+        """Whether the check accepts the solution: there are no objections."""
         return not self.objections
 
 
 @dataclass(frozen=True)
 class Answer:
-    """What an oracle knows of a problem.
+    """The result of `Problem.oracle`.
 
     Attributes:
-        meaning: what the figure is: the ``"optimum"`` among all coded solutions or all solutions at all, as the
-            ``method`` says; or a ``"lower bound"`` or ``"upper bound"`` of it.
-        fitness: the figure; +inf if there is surely no feasible solution.
-        method: how it was got, in words.
-        solution: one that has that fitness, as `Problem.decode` would say it, if the method finds any.
-        figures: whatever else it tells, such as the fewest moves of any path.
+        meaning: what ``fitness`` is: the ``"optimum"`` (over coded solutions or over all solutions, as ``method``
+            says), or a ``"lower bound"`` or an ``"upper bound"`` of the optimum.
+        fitness: the optimum or bound; +inf if there is certainly no feasible solution.
+        method: how the value was obtained, in words.
+        solution: a solution with that fitness, in the format of `Problem.decode`, if the method finds one.
+        figures: further results by name, such as the fewest moves of any path.
     """
 
     meaning: Literal["optimum", "lower bound", "upper bound"]
@@ -97,27 +97,31 @@ class Answer:
 
 
 class Table(BaseModel):  # noqa: PLW1641 - pydantic hashes what is frozen, by its fields
-    """A table of a problem file: unknown fields, wrong types and numbers that are not finite are refused."""
+    """A table of a problem file. Validation refuses unknown fields, wrong types, NaN and infinity."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     def __eq__(self, other: object) -> bool:
-        """By the fields alone: what was worked out of them and kept may be arrays, which do not compare as a whole."""
+        """Compare the fields only: cached properties may hold arrays, whose ``==`` is not a single boolean."""
         if type(other) is not type(self):
             return NotImplemented
         return all(getattr(self, name) == getattr(other, name) for name in type(self).model_fields)
 
 
 def quantity(unit: str, description: str, **options: Any) -> Any:
-    """A field with a unit, as `supernode problems` shows it."""
+    """Return a pydantic field with a unit and a description, which `supernode problems KIND` shows."""
     return Field(description=description, json_schema_extra={"unit": unit}, **options)
 
 
 class Problem(Table):
-    """What to optimise. Lower fitness is better; +inf is infeasible.
+    """A problem to optimise: its fields, the coding of its individuals and their fitness.
 
-    A subclass declares the fields of its problem file and implements `coding`, `evaluate` and, to say more than the
-    coded numbers, `decode` and `check` (both or neither)::
+    Fitness is minimised; +inf marks an infeasible individual and NaN is an error. A subclass declares the fields of
+    its problem file and implements `coding` and `evaluate`. By default a solution holds the coded numbers; to give it a
+    meaning of its own, override `decode` and `check`, always both. Every other member has a default.
+
+    Every process of a cluster makes its own instance from the problem file, so all members must give the same results
+    everywhere. Fields cannot be assigned; keep derived values in cached properties. For example::
 
         class Knapsack(supernode.Problem):
             weights: list[float]
@@ -133,124 +137,136 @@ class Problem(Table):
     """
 
     about: ClassVar[str] = ""
-    """One line for `supernode problems`."""
+    """One line that `supernode problems` shows for this kind."""
     template: ClassVar[str] = ""
-    """A commented problem file, for `supernode init`."""
+    """A commented problem file, which `supernode init` writes."""
 
     batches_alike: ClassVar[bool] = False
-    """Whether `evaluate` gives the same bits however genomes are batched (matrix products do not)."""
+    """Whether `evaluate` returns bit-identical values however genomes are batched.
+
+    Sums over rows do; matrix products do not. If True, the simulator evaluates all cells in one batch.
+    """
 
     any_thread: ClassVar[bool] = False
-    """Whether `evaluate` may be called on any thread (one at a time): small generations cost less then."""
+    """Whether `evaluate` may be called on any thread, one call at a time. If True, small generations cost less."""
 
     oracle_decides: ClassVar[bool] = True
-    """Whether bounds that `oracle` tells hold for the fitness of every solution, however a further attempt codes it.
+    """Whether the bounds of `oracle` hold for every solution, however `next_attempt` changes the coding.
 
-    A run ends when such a bound says that there is no way, and one that has come to it ends as optimal. False where the
-    oracle is a yardstick: a figure of the literature, or of a narrower set of solutions.
+    If True, a run ends as infeasible when the bound rules out the target, and as optimal when its champion reaches the
+    bound. Set it to False where the oracle is only a reference: a value of the literature, or of fewer solutions.
     """
 
     kind: str = Field(description="the kind of problem")
 
     @classmethod
     def __pydantic_init_subclass__(cls, **_: Any) -> None:
-        """A compiled fitness is not inherited by who evaluates, or codes, in a way of their own."""
-        own = vars(cls)
+        """Reset `fitness_kernel` in a subclass that overrides `evaluate` or `coding` but not the kernel."""
+        own = vars(cls)  # an inherited kernel would silently compute the fitness of the base class
         if "fitness_kernel" not in own and ("evaluate" in own or "coding" in own):
             cls.fitness_kernel = Problem.fitness_kernel  # type: ignore[method-assign]
 
     @classmethod
     def read_angles(cls, fields: dict[str, Any], world: Mapping[str, Any] | None = None) -> dict[str, Any]:
-        """The fields of a problem file with angles in radians, whatever the unit that the file says.
+        """Return the fields of a problem file with all angles converted to radians.
 
-        Called where a file is read, before `gather`, for built-in kinds.
+        Called for built-in kinds where a file is read, before `gather`.
 
         Args:
-            fields: plain values as they were written, not yet checked.
-            world: of the file of an update, the fields of the problem that it changes.
+            fields: plain values as written in the file, not yet validated.
+            world: for an update, the fields of the problem that it changes; None for a problem file.
 
         Raises:
-            BadInput: names an angle that is none.
+            BadInput: if an angle is out of range; the message names the field.
         """
         return fields
 
     @classmethod
     def gather(cls, fields: dict[str, Any], folder: Path) -> dict[str, Any]:
-        """The fields of a problem file with what other files hold in the place of their names (maps, meshes, paths).
+        """Return the fields with the names of other files (maps, meshes, paths) replaced by those files' contents.
 
-        Called once, where a problem file is read, for built-in kinds: what nodes get, and what a problem's digest is
-        made of, then names no file. ``fields`` are as they were written, not yet checked.
+        Called once for built-in kinds, where a problem file is read. Afterwards no field names a file: nodes need no
+        access to the file system, and the problem's digest covers the contents.
 
         Args:
-            fields: plain values.
-            folder: of the problem file; names of others are relative to it.
+            fields: plain values, not yet validated.
+            folder: the problem file's folder, to which other file names are relative.
 
         Raises:
-            BadInput: names the field, and the file that cannot be read.
+            BadInput: if a file cannot be read; the message names the field and the file.
         """
         return fields
 
     @classmethod
     def work_out(cls, fields: dict[str, Any]) -> dict[str, Any]:
-        """With what takes long to be worked out of them, so that nodes need not do it again; no file is read.
+        """Return the fields plus derived fields that are costly to compute, so that nodes need not compute them again.
 
-        Called where a problem file is read, after `gather`, and where its world has moved. Fields that are wrong are
-        left to whoever makes the problem of them.
+        Called for built-in kinds after `gather` and after each update; it reads no file. Wrong fields do not raise
+        here: validation reports them.
         """
         return fields
 
     @property
     @abstractmethod
     def coding(self) -> Coding:
-        """How individuals are coded; cheap to ask for (use a cached property)."""
+        """The coding of individuals, such as `BitString`. It is read often: make it a cached property."""
 
     @abstractmethod
     def evaluate(self, genomes: Genomes) -> Fitness:
-        """The fitness of each genome: (n, genome_bytes) to (n,), never NaN; the same for the same genome."""
+        """Return the fitness of each genome: (n, genome_bytes) uint8 to (n,) float64.
+
+        Lower is better, +inf is infeasible; NaN and -inf fail the job. The value depends on the genome alone.
+        """
 
     @property
     def fitness_kernel(self) -> Operator | None:
-        """`evaluate` as compiled code, of signature `genetics.operators.FITNESS`, if there is such; both must agree."""
+        """`evaluate` as compiled code of signature `genetics.operators.FITNESS`, or None.
+
+        With a kernel, a node breeds a whole generation in one compiled call. It must agree with `evaluate` bit for bit.
+        """
         return None
 
     @property
     def solved_at(self) -> float | None:
-        """A champion of this fitness or less solves the problem; None if there is no such figure."""
+        """The fitness at or below which a champion solves the problem; None if there is no such value."""
         return None
 
     @property
     def solved_when(self) -> str | None:
-        """What solves the problem, in words that follow the figure of `solved_at`; or why there is no such figure."""
+        """What `solved_at` means, as words that results print after its value; or why there is no such value."""
         return None
 
     @property
     def unreachable(self) -> str | None:
-        """Why no solution can be as fit as `solved_at` asks, as a complaint about a field; None if that is not known.
+        """Why no solution can be as good as `solved_at`, as an error about a field; None if that is not known.
 
-        For built-in kinds. A file is refused for it before anything is run, unless the run has a target of its own; so
-        it must be surely true, and cheap: a closed form, not a search.
+        Used for built-in kinds only. The file is refused before anything runs, unless the run sets its own target. The
+        claim must therefore be certain, and cheap to compute: a closed form, not a search.
         """
         return None
 
     def next_attempt(self, attempt: int) -> dict[str, Any] | None:
-        """The fields to change for another attempt at this problem; ``{}``: none; None: it is not tried again.
+        """Return the fields to change for the next attempt after a stall without reaching the target.
 
-        Asked of the problem of the attempt before, which may stall without reaching its target. The next attempt begins
-        with new individuals, and with another seed. What is changed may alter how solutions are coded, not what they
-        are: the fitness stays comparable, and `check` of the problem without these changes accepts what is found with
-        them. Every process asks, some more than once: this is to be cheap, and the same each time.
+        It is called on the problem of the previous attempt. The next attempt starts with new individuals and another
+        seed. The changes may alter how solutions are coded, but not what a solution is: fitness must stay comparable,
+        and `check` of the unchanged problem must accept what is found. Every process calls this, some of them more than
+        once, so it must be cheap and deterministic.
 
         Args:
-            attempt: its number; 1 is the first restart.
+            attempt: the number of the next attempt; 1 is the first restart.
+
+        Returns:
+            the fields to change, ``{}`` to try again unchanged, or None to make no further attempt.
         """
         return None
 
     def for_recipe(self, name: RecipeName, deme: int) -> Self:
-        """This problem with whatever the recipe leaves open filled in (such as the code of its bits)."""
+        """Return this problem with the fields that the file leaves to the recipe filled in, such as ``code``."""
         return self
 
     def recipe(self, name: RecipeName, deme: int) -> Recipe:
-        """The operators of a recipe for demes of that size."""
+        """Return the genetic operators of the recipe ``name`` for demes of ``deme`` individuals."""
         from genetics.bit_string import BitString
         from genetics.permutation import Permutation
 
@@ -261,39 +277,39 @@ class Problem(Table):
         return Recipe("blend", 0.1, "elitist")
 
     def decode(self, genome: Genomes) -> Solution:
-        """The solution that a genome, shape (genome_bytes,), stands for, as plain JSON values."""
+        """Return the solution that a genome of shape (genome_bytes,) codes, as a dict of plain JSON values."""
         return to_plain(self.coding, genome)
 
     def for_cell(self) -> Self:
-        """This problem with a state of its own, if evaluating leaves a state: each cell then has one.
+        """Return an instance for one cell; override it if `evaluate` keeps state, so that every cell has its own.
 
-        A state is for what is worth keeping from one evaluation to the next; it must not show in any fitness.
+        State is for results worth reusing in later evaluations, such as a cache. No fitness may depend on it.
         """
         return self
 
     def report(self) -> bytes:
-        """What a cell has to say of its state when it stops, at most `MOST_REPORT_BYTES`."""
+        """Return a summary of this cell's state when the cell stops, at most `MOST_REPORT_BYTES`."""
         return b""
 
     def merge(self, solution: Solution, reports: Mapping[int, bytes], finder: int) -> Solution:
-        """The solution with whatever the cells' reports add to it.
+        """Return the solution, completed with the reports of the cells.
 
         Args:
-            solution: as `decode` made it.
-            reports: of the cells that had something to report, by their numbers.
+            solution: the result of `decode`.
+            reports: non-empty reports by cell number.
             finder: the cell that found the solution.
         """
         return solution
 
     def describe(self, solution: Solution) -> str:
-        """The solution in words, a line or a few."""
+        """Return the solution in words, in one or a few lines."""
         return "\n".join(f"{name}: {json.dumps(value)}" for name, value in solution.items())
 
     def check(self, solution: Solution) -> Verdict:
-        """Judge a solution, if possible without any code that `evaluate` uses.
+        """Judge a solution, preferably without any code that `evaluate` uses. The default evaluates it again.
 
         Raises:
-            BadInput: if this is not a solution of such a problem at all.
+            BadInput: if ``solution`` does not have the format that `decode` returns.
         """
         try:
             genome = from_plain(self.coding, solution)
@@ -303,19 +319,19 @@ class Problem(Table):
         return Verdict(fitness, () if np.isfinite(fitness) else ("the individual is infeasible",))
 
     def oracle(self) -> Answer:
-        """The optimum, or a bound, by an exact method that shares no code with `evaluate` and is no genetic algorithm.
+        """Return the optimum, or a bound of it, by an exact method that shares no code with `evaluate`.
 
         Raises:
-            BadInput: if there is none for this problem.
+            BadInput: if there is no such method for this problem.
         """
         raise BadInput(f"problems of kind {self.kind!r} have no oracle")
 
     def motion(self, solution: Solution, pace: Pace) -> Motion | None:
-        """The solution as a motion over time, for `supernode export`; None if solutions of this kind are none.
+        """Return the solution as a motion over time, for `supernode export`; None if such solutions are no motions.
 
         Args:
-            solution: one that `check` accepts.
-            pace: speed and acceleration along a path without times, and how densely the motion is told.
+            solution: a solution that `check` accepts.
+            pace: speed and acceleration for paths without times, and the sampling rate.
 
         Raises:
             BadInput: if ``pace`` does not suit the solution.
@@ -323,10 +339,10 @@ class Problem(Table):
         return None
 
     def advice(self, found: Solution | None, run: Run) -> list[str]:
-        """What to turn when a run has stalled, a line each: a setting, a value to try, and the one that the run had.
+        """Return hints for a run that has stalled, one line each: a setting, a value to try and the current value.
 
         Args:
-            found: the best that was found, as `decode` said it, feasible or not; None if there is nothing.
+            found: the best solution found, feasible or not, in the format of `decode`; None if there is none.
             run: the settings of the run.
         """
         from problems.advice import advice_on_length, advice_on_run
@@ -335,12 +351,12 @@ class Problem(Table):
         return [advice_on_run(run), *([] if length is None else [length])]
 
     def draw(self, figure: Figure, solution: Solution | None, populations: Populations) -> None:
-        """Draw the problem's world, and the solution in it if there is one, onto an empty figure.
+        """Draw the problem, and the solution if there is one, onto an empty figure.
 
         Args:
             figure: an empty figure; its size may be changed.
-            solution: as `decode` made it.
-            populations: all individuals of the torus at some generations, for a picture of how they converge.
+            solution: the result of `decode`; None if nothing was found.
+            populations: all individuals of the cluster at some generations, to show how they converge.
 
         Raises:
             BadInput: if this kind of problem has no picture.
@@ -349,23 +365,24 @@ class Problem(Table):
 
 
 class CodedProblem(Problem):
-    """A problem whose individuals are integers written in bits, by a code that the file or the recipe chooses."""
+    """A problem whose individuals are bit-coded integers; the file or the recipe chooses binary or Gray code."""
 
     code: Literal["binary", "gray"] | None = quantity(
         "", 'how an integer is written in bits; if not given, the recipe\'s: tuned "gray", paper "binary"', default=None
     )
 
     def for_recipe(self, name: RecipeName, deme: int) -> Self:
-        """The paper's binary code, or the tuned recipe's Gray code, unless the file chooses."""
+        """Return this problem with a code: the file's, else binary for the paper's recipe and Gray for the tuned."""
         return self.filled_in(code="gray" if name == "tuned" else "binary")
 
     def filled_in(self, **choices: Any) -> Self:
-        """This problem with these choices of the recipe, but for those that the file has made."""
+        """Return this problem with the fields that are None set to ``choices``; fields set in the file are kept."""
         left_open = {name: choice for name, choice in choices.items() if getattr(self, name) is None}
         if not left_open:
             return self
-        # Not validated anew: these fields decide nothing that a validation looks at, and a thousand nodes wait for it.
+        # Not validated again: no validator looks at these fields, and a thousand nodes would wait for it.
         chosen = self.model_copy(update=left_open)
+        # The copy shares the cached properties of the original, which may depend on the fields just set.
         for cached in chosen.__dict__.keys() - type(self).model_fields.keys():
             del chosen.__dict__[cached]
         return chosen

@@ -1,21 +1,24 @@
-"""Tells people what takes long, if the program that uses these packages wants them told."""
+"""Report steps that take long to a listener, such as a program that prints them. Without a listener, do nothing."""
 
 import contextlib
 import threading
 from collections.abc import Callable, Iterator
 
-AFTER = 1.0  # seconds
+AFTER = 1.0  # seconds, before a step is reported
 _listeners: list[Callable[[str], None]] = []
 
 
 def tell(listener: Callable[[str], None]) -> None:
-    """From now on call ``listener``, on a thread of its own, with one line about each thing that takes long."""
+    """Set the listener, which is called with one line about each step that takes long.
+
+    It replaces an earlier one. It is called on a timer's thread, not on the thread that is busy.
+    """
     _listeners[:] = [listener]
 
 
 @contextlib.contextmanager
 def telling(what: str) -> Iterator[None]:
-    """Tell ``what`` is being done, if it is not done within `AFTER` seconds."""
+    """Report ``what`` to the listener if the body of this context takes longer than `AFTER` seconds."""
     timer = threading.Timer(AFTER, lambda: [listener(f"{what} ...") for listener in _listeners])
     timer.daemon = True
     if _listeners:

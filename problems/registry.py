@@ -1,4 +1,4 @@
-"""Which kinds of problem there are, and how a user's own is found."""
+"""The built-in kinds of problem, and the import of a user's own kind."""
 
 import importlib
 import importlib.util
@@ -20,24 +20,24 @@ _BUILT_IN = {
     "sphere-path": "problems.sphere_path:SpherePath",
     "terrain": "problems.terrain:Terrain",
 }
-_read: set[str] = set()  # the names of modules that were read from beside problem files
+_read: set[str] = set()  # the names of modules that were loaded from the folder of a problem file
 
 
 def kinds() -> tuple[str, ...]:
-    """The built-in kinds, sorted."""
+    """Return the names of the built-in kinds, sorted."""
     return tuple(_BUILT_IN)
 
 
 def is_built_in(kind: str) -> bool:
-    """Whether ``kind`` is this project's own, so that loading it runs no user's code."""
+    """Return whether ``kind`` is built in, so that importing it runs no user's code."""
     return kind in _BUILT_IN
 
 
 def find_built_in(kind: str) -> type[Problem]:
-    """The class of a built-in kind.
+    """Return the class of a built-in kind; this never imports a user's module.
 
     Raises:
-        BadInput: if there is no such kind.
+        BadInput: if there is no such built-in kind.
     """
     if not is_built_in(kind):
         raise BadInput(f"expected one of {', '.join(_BUILT_IN)}, found {kind!r}" + did_you_mean(kind, _BUILT_IN))
@@ -45,12 +45,16 @@ def find_built_in(kind: str) -> type[Problem]:
 
 
 def find(kind: str, folder: Path | None = None) -> type[Problem]:
-    """The class of a kind; ``"my_module:MyProblem"`` is looked up in ``folder``, then on ``sys.path``.
+    """Return the class of a kind; for a user's own kind, import its module.
+
+    Args:
+        kind: a built-in kind, or ``"my_module:MyProblem"``.
+        folder: where a user's module is looked up before ``sys.path``; None: on ``sys.path`` only.
 
     Raises:
         BadInput: if there is no such kind, module or class.
     """
-    if kind not in _BUILT_IN and ":" not in kind:
+    if kind not in _BUILT_IN and ":" not in kind:  # a user's own kind always has a colon
         raise BadInput(
             f'kind: expected one of {", ".join(_BUILT_IN)} or "module:Class", found {kind!r}'
             + did_you_mean(kind, _BUILT_IN)
@@ -58,7 +62,7 @@ def find(kind: str, folder: Path | None = None) -> type[Problem]:
     module_name, _, class_name = _BUILT_IN.get(kind, kind).partition(":")
     try:
         found = getattr(_module(module_name, None if is_built_in(kind) else folder), class_name)
-    except (Exception, SystemExit) as error:
+    except (Exception, SystemExit) as error:  # a user's module may raise anything, or call sys.exit
         raise BadInput(f"kind: cannot import {kind!r}: {type(error).__name__}: {error}") from error
     if not (isinstance(found, type) and issubclass(found, Problem)):
         raise BadInput(f"kind: expected a subclass of supernode.Problem, found {kind!r}, which is {found!r}")
@@ -66,15 +70,22 @@ def find(kind: str, folder: Path | None = None) -> type[Problem]:
 
 
 def _module(name: str, folder: Path | None) -> ModuleType:
-    """The module, read anew if it lies in ``folder``: there may be others of that name, or it may have been edited."""
+    """Import a module; one that lies in ``folder`` is loaded again even if it is loaded already.
+
+    It may have been edited since, or the module of that name may have come from another folder.
+
+    Raises:
+        ImportError: if another module of that name is in use that did not come from the folder of a problem file.
+    """
     if folder is None:
         return importlib.import_module(name)
     if str(folder) not in sys.path:
-        sys.path.insert(0, str(folder))
+        sys.path.insert(0, str(folder))  # so that a user's module can import others beside it
     beside = folder / f"{name}.py"
     if not beside.is_file():
         return importlib.import_module(name)
     old = sys.modules.get(name)
+    # Replacing a module that this process uses itself, such as one of the standard library, would break it.
     if (
         old is not None
         and name not in _read
@@ -89,14 +100,14 @@ def _module(name: str, folder: Path | None) -> ModuleType:
     try:
         spec.loader.exec_module(module)
     except BaseException:
-        del sys.modules[name]
+        del sys.modules[name]  # as the import statement does: a half-initialised module must not be found later
         raise
     _read.add(name)
     return module
 
 
 def kernels() -> tuple[str, ...]:
-    """The modules that compile something, those first that others use."""
+    """Return the names of the modules with compiled kernels; a module that others import comes before them."""
     shared = ("bit_kernels", "real_kernels", "selection", "replacement", "sequence_kernels", "permutation_kernels")
     names = [*(f"genetics.{name}" for name in shared), *_in_packages("kernels"), *_in_packages("coding_kernels")]
     if capabilities().numba_calls:
@@ -105,12 +116,12 @@ def kernels() -> tuple[str, ...]:
 
 
 def _in_packages(module: str) -> list[str]:
-    """The modules of that name; to look for them imports the packages."""
+    """Return the full names of the modules called ``module`` in the built-in packages, which this imports."""
     names = [f"{target.partition(':')[0]}.{module}" for target in _BUILT_IN.values()]
     return [name for name in names if importlib.util.find_spec(name)]
 
 
 def warm_up() -> None:
-    """Import every built-in kind with all that breeding needs, so that a forked process has it."""
+    """Import every built-in kind with all kernels and codings, so that processes forked from this one share them."""
     for name in (*kernels(), *_in_packages("coding")):
         importlib.import_module(name)

@@ -10,8 +10,8 @@ import topologies
 from genetics.recipe import Recipe, Replacement, evaluations_per_generation
 from problems.problem import Problem, RecipeName, Table
 
-DEFAULT_STALL = 200
-DEFAULT_RESTARTS = 8
+DEFAULT_STALL = 200  # generations
+DEFAULT_RESTARTS = 8  # of a run that nothing else limits
 MOST_DEME = 1 << 16
 MOST_GENERATIONS = 1 << 31
 
@@ -19,10 +19,13 @@ Count = Annotated[int, Field(ge=0, lt=MOST_GENERATIONS)]
 
 
 def with_topology(settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Settings in which a ``torus``, "RxC" or a pair of rows and columns, is written as the ``topology`` that it is.
+    """Return settings with the shorthand ``torus`` replaced by the ``topology`` that it stands for.
+
+    Args:
+        settings: settings by name; ``torus`` may be "RxC" or a pair (rows, columns).
 
     Raises:
-        ValueError: if it is none, or there is a topology beside it; the message begins with the field.
+        ValueError: if the torus is invalid or a topology is given, too; the message begins with the field.
     """
     others = {name: value for name, value in settings.items() if name != "torus"}
     if settings.get("torus") is None:
@@ -36,21 +39,21 @@ def with_topology(settings: Mapping[str, Any]) -> dict[str, Any]:
 
 
 class Run(Table):
-    """How a problem is run. Limits that are None do not end the run."""
+    """The settings of a run. A limit that is None does not end the run."""
 
     shorthands: ClassVar[tuple[str, ...]] = ("torus",)  # names that `with_topology` replaces before validation
 
-    topology: str = Field("torus 4x4", description="who neighbours whom")
+    topology: str = Field("torus 4x4", description="which cells are neighbours")
     deme: int = Field(1, ge=1, le=MOST_DEME, description="individuals on each node")
     interval: int = Field(1, ge=1, lt=MOST_GENERATIONS, description="generations between two exchanges")
     emigrants: int = Field(1, ge=1, le=MOST_DEME, description="individuals sent in an exchange")
     mode: Literal["lockstep", "async"] = Field("lockstep", description="wait for neighbours, or do not")
-    recipe: RecipeName = Field("tuned", description="the paper's operators, or the best known here")
+    recipe: RecipeName = Field("tuned", description="the paper's operators, or those that performed best here")
     replacement: Replacement | None = Field(None, description="instead of the recipe's")
     mutation: Annotated[float, Field(ge=0, le=1)] | Literal["one-bit"] | None = Field(
         None, description="probability that a bit changes, instead of the recipe's"
     )
-    spy: Literal["champion", "root"] = Field("champion", description="what news reaches the root")
+    spy: Literal["champion", "root"] = Field("champion", description="which news reaches the root cell")
     seed: int = Field(1, ge=0, lt=1 << 64, description="the same seed gives the same run")
     generations: Count | None = Field(None, description="end after this generation")
     evaluations: Count | None = Field(None, description="end before this many fitness calls are exceeded")
@@ -58,15 +61,15 @@ class Run(Table):
     target: float | None = Field(None, description="fitness that ends the run, instead of the problem's own")
     keep_alive: bool = Field(False, description="stay after the end, for the next update of the world")
     stall: Annotated[int, Field(ge=1, lt=MOST_GENERATIONS)] | None = Field(
-        None, description="end, or begin anew, after this many generations without a better champion"
+        None, description="end, or restart, after this many generations without a better champion"
     )
-    oracle: bool = Field(True, description="ask the problem's oracle, if it has one, whether there is a way")
-    restarts: Count | None = Field(None, description="begin anew at most so often when it stalls without an answer")
+    oracle: bool = Field(True, description="ask the problem's oracle, if it has one, whether a solution exists")
+    restarts: Count | None = Field(None, description="restart at most so often after a stall without an answer")
 
     @field_validator("topology")
     @classmethod
     def _known_topology(cls, spec: str) -> str:
-        return topologies.parse(spec).spec
+        return topologies.parse(spec).spec  # in its canonical form, so that equal topologies compare equal
 
     @model_validator(mode="after")
     def _emigrants_live_in_the_deme(self) -> "Run":
@@ -76,15 +79,18 @@ class Run(Table):
 
     @property
     def is_limited(self) -> bool:
-        """Whether generations, evaluations or seconds end it, however it goes."""
+        """Whether a limit of generations, evaluations or seconds certainly ends the run."""
         return not (self.generations is None and self.evaluations is None and self.seconds is None)
 
     def stall_limit(self) -> int | None:
-        """The stall that ends the run: 200 only if nothing else limits it."""
+        """Return the number of generations without a better champion that ends the run, or None.
+
+        The default applies only to runs that nothing else would end.
+        """
         return DEFAULT_STALL if self.stall is None and not self.is_limited else self.stall
 
     def breeding(self, problem: Problem) -> Recipe:
-        """The problem's recipe with this run's own choices put in."""
+        """Return the problem's recipe, with the mutation and replacement of this run if it sets them."""
         base = problem.recipe(self.recipe, self.deme)
         return replace(
             base,
@@ -93,16 +99,21 @@ class Run(Table):
         )
 
     def last_generation(self, recipe: Recipe, epochs: int = 1) -> int | None:
-        """The generation of the job after which every cell stops by itself in the last of so many epochs, or None.
+        """Return the last generation of the job that the limits allow, or None if they allow any number.
 
-        Every cell makes the same number of evaluations a generation, so a limit on those is a limit on generations. In
-        each epoch the first individuals are evaluated too.
+        All cells make the same number of evaluations per generation, so a limit of evaluations is a limit of
+        generations, which every cell can apply without communication.
+
+        Args:
+            recipe: the recipe, which decides how many evaluations a generation takes.
+            epochs: the number of epochs of the job; each also evaluates a first population.
         """
         limits = [] if self.generations is None else [self.generations]
         if self.evaluations is not None:
             topology = topologies.parse(self.topology)
-            slots = len(topology.neighbours(0))
+            slots = len(topology.neighbours(0))  # the same for all cells: each has as many slots
             first = epochs * topology.cells * self.deme
             each = topology.cells * evaluations_per_generation(self.deme, slots, recipe)
+            # Rounded down: the limit is never exceeded, not even by a part of a generation.
             limits.append(max(0, (self.evaluations - first) // each))
         return min(limits, default=None)

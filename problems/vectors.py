@@ -1,4 +1,4 @@
-"""Vectors of three numbers for compiled code: as tuples, which unlike arrays are not allocated."""
+"""Vectors of three numbers for compiled code. They are tuples, because arrays would be allocated on the heap."""
 
 from typing import Any
 
@@ -7,19 +7,19 @@ from lowlevel.compiled import subroutine
 
 @subroutine
 def difference(begin: Any, end: Any) -> Any:
-    """From ``begin`` to ``end``."""
+    """Return the vector from ``begin`` to ``end``."""
     return end[0] - begin[0], end[1] - begin[1], end[2] - begin[2]
 
 
 @subroutine
 def dot(one: Any, other: Any) -> Any:
-    """The scalar product."""
+    """Return the scalar product of two vectors."""
     return one[0] * other[0] + one[1] * other[1] + one[2] * other[2]
 
 
 @subroutine
 def cross(one: Any, other: Any) -> Any:
-    """The vector product."""
+    """Return the vector product of two vectors."""
     return (
         one[1] * other[2] - one[2] * other[1],
         one[2] * other[0] - one[0] * other[2],

@@ -1,7 +1,7 @@
-"""The verify of arm-ik solutions: its own kinematics in complex numbers, and shapely; nothing that `evaluate` uses.
+"""Verify arm-ik solutions with kinematics in complex numbers and shapely; nothing here is used by `evaluate`.
 
-It is more lenient than the evaluation by one more `CONTACT`, so that rounding never makes the two disagree about shapes
-that only touch.
+The check allows overlaps of twice `CONTACT`, the evaluation of only one, so that rounding never makes the check refuse
+what the evaluation accepts.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ Coordinate = Annotated[float, Field(ge=-1e9, le=1e9)]
 Joints = NDArray[np.complex128]  # (links + 1,), m
 
 _LENIENCE = 2 * CONTACT
-_ROUNDING = 1e-9  # of angles (rad), and of lengths as a share of the arm's
+_ROUNDING = 1e-9  # rad, for angles; for lengths, a share of the arm's length
 
 
 class ArmSolution(Table):
-    """What a solution of arm-ik is made of."""
+    """The format of an arm-ik solution."""
 
     configuration: list[float]
     tip: tuple[Coordinate, Coordinate]
@@ -39,7 +39,11 @@ class ArmSolution(Table):
 
 
 def verify(problem: ArmIk, solution: Solution) -> Verdict:
-    """The distance of the tip to the target, inf in collision, and all that is wrong with the solution."""
+    """Return the tip's distance to the target, m (inf in collision), all objections, and the clearance.
+
+    Raises:
+        BadInput: if this is no solution of arm-ik for this arm.
+    """
     claimed = _parsed(problem.arm, solution)
     joints = joints_of(problem.arm, claimed.configuration)
     distance = float(abs(joints[-1] - complex(*problem.target)))
@@ -53,24 +57,24 @@ def verify(problem: ArmIk, solution: Solution) -> Verdict:
 
 
 def is_free(problem: ArmIk, configuration: Sequence[float]) -> bool:
-    """Whether the arm touches nothing there."""
+    """Return whether the arm in a configuration, rad, touches neither an obstacle nor itself."""
     return next(_collisions(problem, joints_of(problem.arm, configuration)), None) is None
 
 
 def joints_of(arm: Arm, configuration: Sequence[float]) -> Joints:
-    """The base, the joints and the tip, as complex numbers, m."""
-    turns = np.cumprod(np.exp(1j * np.array(configuration)))
+    """Return the base, the joints and the tip as complex numbers, m."""
+    turns = np.cumprod(np.exp(1j * np.array(configuration)))  # the direction of each link
     return complex(*arm.base) + np.concatenate([[0], np.cumsum(arm.links * turns)])
 
 
 def links_of(joints: Joints) -> list[shapely.LineString]:
-    """The links, without their thickness."""
+    """Return the axes of the links, m."""
     points = np.column_stack([joints.real, joints.imag])
     return [shapely.LineString(points[link : link + 2]) for link in range(len(points) - 1)]
 
 
 def obstacle_at_base(problem: ArmProblem) -> int | None:
-    """The first obstacle that the arm's first joint stands in, so that no configuration is free."""
+    """Return the index of an obstacle at the arm's base, with which every configuration collides; None if none is."""
     for number, obstacle in enumerate(problem.obstacles):
         if obstacle.covers(problem.arm.base) or _is_near(
             shapely.Point(problem.arm.base), obstacle, problem.arm.radius + problem.clearance - CONTACT
@@ -96,7 +100,7 @@ def _collisions(problem: ArmIk, joints: Joints) -> Iterator[str]:
 
 
 def _is_near(shape: shapely.Geometry, obstacle: Obstacle, limit: float) -> bool:
-    """Whether ``shape`` comes nearer to the obstacle than ``limit``."""
+    """Return whether ``shape`` is nearer to the obstacle than ``limit``, m."""
     if isinstance(obstacle, Circle):
         return bool(shape.distance(shapely.Point(obstacle.center)) < obstacle.radius + limit)
     return bool(shape.distance(obstacle.polygon) < limit)
@@ -105,7 +109,8 @@ def _is_near(shape: shapely.Geometry, obstacle: Obstacle, limit: float) -> bool:
 def _is_hit(link: shapely.LineString, obstacle: Obstacle, radius: float) -> bool:
     if isinstance(obstacle, Circle) or radius > _LENIENCE:
         return _is_near(link, obstacle, radius - _LENIENCE)
-    core = obstacle.polygon.buffer(-_LENIENCE, join_style="mitre")  # what a bare link must not reach
+    # A distance from a polygon is never negative, so for a bare link shrink the polygon instead.
+    core = obstacle.polygon.buffer(-_LENIENCE, join_style="mitre")
     return bool(link.intersects(core))
 
 
@@ -117,30 +122,36 @@ def _obstacles_hit(problem: ArmIk, links: list[shapely.LineString]) -> Iterator[
 
 
 def _links_touching(problem: ArmIk, links: list[shapely.LineString]) -> Iterator[str]:
+    """Yield an objection for each pair of links that touch, or are nearer to each other than the clearance."""
     if not problem.self_collision:
         return
     for one in range(len(links)):
-        for other in range(one + 2, len(links)):
-            if _are_in_each_other(links[one], links[other], 2 * problem.arm.radius + problem.clearance):
+        for other in range(one + 2, len(links)):  # neighbours share a joint, so they always touch
+            if _overlap(links[one], links[other], 2 * problem.arm.radius + problem.clearance):
                 touch = f"come nearer than the clearance {problem.clearance:g} m" if problem.clearance else "touch"
                 yield f"links {one + 1} and {other + 1} {touch}"
 
 
-def _are_in_each_other(one: shapely.LineString, other: shapely.LineString, thickness: float) -> bool:
+def _overlap(one: shapely.LineString, other: shapely.LineString, thickness: float) -> bool:
+    """Return whether two axes are nearer than ``thickness``, m, or, if that is 0, cross each other."""
     if thickness > _LENIENCE:
         return bool(one.distance(other) < thickness - _LENIENCE)
+    # Bare links that touch are free: an end must stick out beyond the other link.
     ends = [*shapely.points(one.coords), *shapely.points(other.coords)]
     stick_out = min(max(end.distance(one), end.distance(other)) for end in ends)
     return bool(one.crosses(other)) and stick_out > _LENIENCE
 
 
 def _near(problem: ArmIk, touching: str) -> str:
-    """A verb for what comes nearer to something than it may."""
+    """Return the verb of an objection: ``touching``, or one about the clearance if the problem has one."""
     return f"comes nearer than the clearance {problem.clearance:g} m to" if problem.clearance else touching
 
 
 def _clearance(problem: ArmIk, claimed: ArmSolution, joints: Joints) -> Clearance:
-    """The least gap between links and obstacles, and between links that are no neighbours, by shapely: exact, m."""
+    """Return the least gap between links and obstacles, and between links that are not neighbours, m.
+
+    It is exact where bodies do not overlap.
+    """
     links, radius = links_of(joints), problem.arm.radius
     found: list[tuple[float, dict[str, Any]]] = []
     for number, link in enumerate(links, start=1):

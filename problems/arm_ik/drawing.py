@@ -1,4 +1,4 @@
-"""Pictures of arm-ik: the arm in its world, and the configuration space of two links (figures 1 to 3 of the paper)."""
+"""Pictures of arm-ik: the arm among obstacles, and the configuration space of two links (figures 1 to 3)."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ if TYPE_CHECKING:
 ARM = "#1f5fa8"
 TARGET = "#c8321e"
 FIRST = "0.3"
-_PIXELS = 361  # of the configuration space, each way
+_PIXELS = 361  # of the configuration space, along each axis
 
 
 def draw(problem: ArmIk, figure: Figure, solution: Solution | None, populations: Populations) -> None:
-    """Fill an empty figure; see `problems.problem.Problem.draw`."""
+    """Draw onto an empty figure; see `problems.problem.Problem.draw`."""
     figure.set_layout_engine("constrained")
     if len(problem.arm.links) == 2:
         figure.set_size_inches(11.5, 6.4)
@@ -63,7 +63,7 @@ def _draw_world(problem: ArmIk, axes: Axes, solution: Solution | None) -> None:
 
 
 def _draw_arm(problem: ArmIk, axes: Axes, solution: Solution) -> None:
-    """Links as thick as they are, at least thick enough to be seen, with their joints."""
+    """Draw the links with their true thickness, their axes as lines that are always visible, and the joints."""
     points = _joints(problem, np.array(solution["configuration"]))
     for start, end in pairwise(points):
         outline = capsule(start, end, problem.arm.radius)
@@ -78,16 +78,16 @@ def _unit(angles: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _joints(problem: ArmIk, configuration: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The base, the joints and the tip, shape (links + 1, 2)."""
+    """Return the base, the joints and the tip, m, shape (links + 1, 2)."""
     steps = np.array(problem.arm.links)[:, None] * _unit(np.cumsum(configuration))
     joints: NDArray[np.float64] = np.cumsum(np.concatenate([[problem.arm.base], steps]), axis=0)
     return joints
 
 
 def _draw_space(problem: ArmIk, axes: Axes, solution: Solution | None, populations: Populations) -> list[Line2D]:
-    """Joint angle 1 to the right, 2 upwards: collisions shaded, solutions as circles, individuals as dots.
+    """Draw configuration space, joint 1 to the right and joint 2 upwards, and return the legend's handles.
 
-    Returns what the legend is to explain.
+    Collisions are shaded; exact solutions, individuals and the solution found are marked.
     """
     lowest, ranges = problem.joint_ranges
     _draw_collisions(problem, axes)
@@ -144,12 +144,13 @@ def _mark(
 
 
 def _exact_solutions(problem: ArmIk) -> NDArray[np.float64]:
-    """The free ones of the two configurations that reach the target exactly, in closed form, shape (0 to 2, 2)."""
+    """Return the free ones of the two configurations that reach the target exactly, rad, shape (0 to 2, 2)."""
     one, two = problem.arm.links
     away = np.array(problem.target) - problem.arm.base
     cosine = (away @ away - one * one - two * two) / (2 * one * two)
     if abs(cosine) > 1:
         return np.empty((0, 2))
+    # By the law of cosines, with the elbow bent to either side.
     elbows = np.array([1, -1]) * np.arccos(cosine)
     first = np.arctan2(away[1], away[0]) - np.arctan2(two * np.sin(elbows), one + two * np.cos(elbows))
     lowest, ranges = problem.joint_ranges

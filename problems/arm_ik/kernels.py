@@ -1,13 +1,18 @@
-"""The compiled fitness of coded arm configurations: forward kinematics, then collisions, without allocation per arm.
+"""The compiled fitness of coded arm configurations: forward kinematics, then collisions.
 
-The table (see `genetics.operators`): bits of each angle, whether by Gray code, whether the arm must be clear of itself;
-lengths (m), lowest angles and their ranges (rad), shape (3, links); base and target (m), half a link's thickness with
-the clearance to obstacles (m), the code steps in a range, and a link's thickness with the clearance of links that are
-no neighbours (m); and the fields of `Obstacles`.
+Arrays are allocated once per call, not once per configuration.
 
-A clearance here is signed: the gap between two shapes, or, if they overlap, minus the depth. Two shapes collide if
-their clearance falls below a limit; for links of thickness that limit is the sum of their radii less `CONTACT`, so the
-shapes of bare links, of radius 0, may overlap by no more than `CONTACT`.
+The table of an operator (see `genetics.operators`) holds, by place:
+
+0. the bits of each angle, whether they are in Gray code, whether the arm must not touch itself;
+1. link lengths (m), lowest angles and widths of the ranges (rad), shape (3, links);
+2. base x, y and target x, y (m), the radius of a link plus clearance (m), the code steps in a range, and the least
+   distance between the axes of links that are not neighbours (m);
+3. and up: the four fields of `Obstacles`.
+
+A clearance here is signed: the gap between two shapes or, if they overlap, minus the depth of the overlap. Two shapes
+collide if their clearance is below a limit, which is the sum of their thicknesses less `CONTACT`. For bare links
+(radius 0) the limit is negative: they may enter a polygon by up to `CONTACT`.
 """
 
 from typing import Any, NamedTuple
@@ -29,14 +34,14 @@ _NOWHERE = (2.0, -1.0)  # an empty interval of [0, 1]
 
 
 class Arm(NamedTuple):
-    """What a configuration is judged by, but for the obstacles."""
+    """An arm and its target."""
 
     lengths: Any  # (links,), m
     base: Any  # (2,), m
     target: Any  # (2,), m
-    radius: Any  # m, of a link and its clearance
-    apart: Any  # m, at least between the axes of links that are no neighbours
-    self_collision: Any
+    radius: Any  # m, the radius of a link plus the clearance
+    apart: Any  # m, the least distance between the axes of links that are not neighbours
+    self_collision: Any  # whether links that are not neighbours must not touch
 
 
 class Obstacles(NamedTuple):
@@ -50,7 +55,7 @@ class Obstacles(NamedTuple):
 
 @subroutine
 def gap_squared(px: Any, py: Any, ax: Any, ay: Any, bx: Any, by: Any) -> Any:
-    """The squared distance of the point p to the segment ab."""
+    """Return the squared distance of the point p from the segment ab, which may have the length 0."""
     dx, dy = bx - ax, by - ay
     length_squared = dx * dx + dy * dy
     share = 0.0
@@ -62,13 +67,16 @@ def gap_squared(px: Any, py: Any, ax: Any, ay: Any, bx: Any, by: Any) -> Any:
 
 @subroutine
 def _side(px: Any, py: Any, ax: Any, ay: Any, bx: Any, by: Any) -> Any:
-    """Positive if p lies to the left of the line from a to b."""
+    """Return a number that is positive if p lies to the left of the line from a to b, negative if to the right."""
     return (bx - ax) * (py - ay) - (by - ay) * (px - ax)
 
 
 @subroutine
 def clearance(ax: Any, ay: Any, bx: Any, by: Any, cx: Any, cy: Any, dx: Any, dy: Any) -> Any:
-    """The signed clearance of the segments ab and cd; the depth of a crossing is how far its nearest end sticks out."""
+    """Return the signed clearance of the segments ab and cd.
+
+    The depth of a crossing is the distance of the end nearest to the other segment: so far it sticks out beyond it.
+    """
     nearest = np.sqrt(
         min(
             gap_squared(ax, ay, cx, cy, dx, dy),
@@ -77,6 +85,7 @@ def clearance(ax: Any, ay: Any, bx: Any, by: Any, cx: Any, cy: Any, dx: Any, dy:
             gap_squared(dx, dy, ax, ay, bx, by),
         )
     )
+    # The segments cross if the ends of each lie on different sides of the other.
     apart = (
         _side(ax, ay, cx, cy, dx, dy) * _side(bx, by, cx, cy, dx, dy) >= 0.0
         or _side(cx, cy, ax, ay, bx, by) * _side(dx, dy, ax, ay, bx, by) >= 0.0
@@ -86,7 +95,7 @@ def clearance(ax: Any, ay: Any, bx: Any, by: Any, cx: Any, cy: Any, dx: Any, dy:
 
 @subroutine
 def _inside(px: Any, py: Any, corners: Any, first: Any, last: Any) -> Any:
-    """Whether p lies inside the polygon; p must not be on its outline."""
+    """Return whether p lies inside the polygon (even-odd rule); p must not be on its outline."""
     within = False
     previous = last - 1
     for corner in range(first, last):
@@ -100,7 +109,10 @@ def _inside(px: Any, py: Any, corners: Any, first: Any, last: Any) -> Any:
 
 @subroutine
 def _clip(enter: Any, leave: Any, start: Any, slope: Any, low: Any, high: Any) -> Any:
-    """The part of [enter, leave] in which low <= start + slope * t <= high."""
+    """Return the part of the interval [enter, leave] in which low <= start + slope * t <= high.
+
+    If there is none, the first number returned is greater than the second.
+    """
     if slope == 0.0:
         return (enter, leave) if low <= start <= high else _NOWHERE
     one, other = (low - start) / slope, (high - start) / slope
@@ -109,7 +121,10 @@ def _clip(enter: Any, leave: Any, start: Any, slope: Any, low: Any, high: Any) -
 
 @subroutine
 def _along_edge(ax: Any, ay: Any, bx: Any, by: Any, cx: Any, cy: Any, dx: Any, dy: Any, depth: Any) -> Any:
-    """Where on ab, as an interval of [0, 1], its points are within ``depth`` of the edge cd."""
+    """Return the interval of [0, 1] in which the points of ab are near the edge cd.
+
+    Near means within a rectangle that reaches ``depth`` beyond cd on all sides.
+    """
     length = np.hypot(dx - cx, dy - cy)
     if length == 0.0:
         return _NOWHERE
@@ -122,12 +137,13 @@ def _along_edge(ax: Any, ay: Any, bx: Any, by: Any, cx: Any, cy: Any, dx: Any, d
 
 @subroutine
 def _enters(ax: Any, ay: Any, bx: Any, by: Any, corners: Any, first: Any, last: Any, depth: Any) -> Any:
-    """Whether the bare segment ab has a point inside the polygon, deeper than ``depth``.
+    """Return whether the bare segment ab has a point inside the polygon that is deeper than ``depth``.
 
-    Walks along ab from one stretch that is clear of the outline to the next: one point tells for all of a stretch.
+    Walk along ab from one stretch that is not near the outline to the next. Such a stretch does not cross the outline,
+    so its middle tells whether all of it is inside.
     """
     at = 0.0
-    while at < 1.0:
+    while at < 1.0:  # all of ab before ``at`` is known to be outside, or near the outline
         until = 1.0
         near = False
         previous = last - 1
@@ -150,7 +166,7 @@ def _enters(ax: Any, ay: Any, bx: Any, by: Any, corners: Any, first: Any, last: 
 
 @subroutine
 def hits_polygon(ax: Any, ay: Any, bx: Any, by: Any, corners: Any, first: Any, last: Any, limit: Any) -> Any:
-    """Whether the clearance of the segment ab and a polygon falls below ``limit``."""
+    """Return whether the clearance between the segment ab and a polygon is below ``limit``."""
     if limit <= 0.0:
         return _enters(ax, ay, bx, by, corners, first, last, -limit)
     previous = last - 1
@@ -159,17 +175,18 @@ def hits_polygon(ax: Any, ay: Any, bx: Any, by: Any, corners: Any, first: Any, l
         if clearance(ax, ay, bx, by, cx, cy, dx, dy) < limit:
             return True
         previous = corner
+    # The segment keeps clear of the outline, so it is all inside or all outside.
     return _inside(ax, ay, corners, first, last)
 
 
 @subroutine
 def link_hits(ax: Any, ay: Any, bx: Any, by: Any, radius: Any, obstacles: Any) -> Any:
-    """Whether the link ab, thickened by ``radius``, is in any of the obstacles."""
+    """Return whether the link ab, thickened by ``radius``, collides with any obstacle."""
     corners, starts, thickness = obstacles.corners, obstacles.starts, obstacles.thickness
     left, right = min(ax, bx) - radius, max(ax, bx) + radius
     low, high = min(ay, by) - radius, max(ay, by) + radius
     for shape in range(thickness.size):
-        box = obstacles.boxes[shape]
+        box = obstacles.boxes[shape]  # a cheap test that excludes most obstacles
         if right < box[0] or high < box[1] or left > box[2] or low > box[3]:
             continue
         first, last = starts[shape], starts[shape + 1]
@@ -185,13 +202,14 @@ def link_hits(ax: Any, ay: Any, bx: Any, by: Any, radius: Any, obstacles: Any) -
 
 @subroutine
 def touches_itself(joints: Any, apart: Any) -> Any:
-    """Whether the axes of two links that are not neighbours come nearer to each other than ``apart``."""
+    """Return whether the axes of two links that are not neighbours are nearer to each other than ``apart``, m."""
     limit = apart - CONTACT
     links = joints.shape[0] - 1
     for one in range(links - 2):
         ax, ay, bx, by = joints[one, 0], joints[one, 1], joints[one + 1, 0], joints[one + 1, 1]
         for other in range(one + 2, links):
             cx, cy, dx, dy = joints[other, 0], joints[other, 1], joints[other + 1, 0], joints[other + 1, 1]
+            # Bounding boxes that are far enough apart exclude most pairs cheaply.
             if max(ax, bx) + limit < min(cx, dx) or max(cx, dx) + limit < min(ax, bx):
                 continue
             if max(ay, by) + limit < min(cy, dy) or max(cy, dy) + limit < min(ay, by):
@@ -203,7 +221,7 @@ def touches_itself(joints: Any, apart: Any) -> Any:
 
 @subroutine
 def place(joints: Any, angles: Any, links: Any) -> Any:
-    """Forward kinematics: fill ``joints``, whose first row is the base, shape (links + 1, 2)."""
+    """Compute forward kinematics: fill the rows of ``joints``, shape (links + 1, 2), after the first, the base."""
     heading = 0.0
     for link in range(links.size):
         heading += angles[link]
@@ -224,7 +242,7 @@ def _obstacles_of(table: Any) -> Any:
 
 @subroutine
 def _turn(codes: Any, table: Any, angles: Any) -> Any:
-    """Fill ``angles`` with those that coded integers stand for, rad, both of shape (links,)."""
+    """Fill ``angles``, rad, with those that coded integers stand for; both have the shape (links,)."""
     joints, steps = reals(table, 1), reals(table, 2)[0, 5]
     for joint in range(codes.size):
         angles[joint] = joints[1, joint] + joints[2, joint] * codes[joint] / steps
@@ -232,7 +250,10 @@ def _turn(codes: Any, table: Any, angles: Any) -> Any:
 
 @subroutine
 def _distance(angles: Any, arm: Any, obstacles: Any, joints: Any) -> Any:
-    """f(θ) of §3.1: the tip's distance to the target, m, +inf in collision; ``joints`` as for `place`."""
+    """Return f(θ) of §3.1: the tip's distance to the target, m, or +inf in collision.
+
+    ``joints`` is working memory for `place`; its first row must be the base.
+    """
     place(joints, angles, arm.lengths)
     if arm.self_collision and touches_itself(joints, arm.apart):
         return np.inf
@@ -245,6 +266,7 @@ def _distance(angles: Any, arm: Any, obstacles: Any, joints: Any) -> Any:
 
 @subroutine
 def _joints_of(arm: Any) -> Any:
+    """Return working memory for `place`."""
     joints = np.empty((arm.lengths.size + 1, 2))
     joints[0] = arm.base
     return joints
@@ -252,7 +274,7 @@ def _joints_of(arm: Any) -> Any:
 
 @kernel(FITNESS, may_be_long=True)
 def evaluate(genomes: Genomes, fitness: Fitness, table: Table) -> None:
-    """f(θ) of §3.1 for coded configurations, m."""
+    """Compute f(θ) of §3.1, m, for coded configurations."""
     layout, arm, obstacles = integers(table, 0)[0], _arm_of(table), _obstacles_of(table)
     codes, angles, joints = np.empty(arm.lengths.size, np.int64), np.empty(arm.lengths.size), _joints_of(arm)
     for row in range(fitness.size):
@@ -263,7 +285,7 @@ def evaluate(genomes: Genomes, fitness: Fitness, table: Table) -> None:
 
 @kernel("float64[::1](float64[:,::1], int64[:,::1])")
 def distances(configurations: Floats, table: Table) -> Fitness:
-    """f(θ) of §3.1 for joint angles, rad: (n, links) to (n,), m."""
+    """Return f(θ) of §3.1, m, for joint angles, rad: (n, links) to (n,)."""
     arm, obstacles = _arm_of(table), _obstacles_of(table)
     joints = _joints_of(arm)
     fitness = np.empty(configurations.shape[0])
@@ -274,7 +296,7 @@ def distances(configurations: Floats, table: Table) -> Fitness:
 
 @kernel("float64[:,::1](int64[:,::1], int64[:,::1])")
 def configurations(codes: Integers, table: Table) -> Floats:
-    """The joint angles, rad, that coded integers stand for: (n, links) to (n, links)."""
+    """Return the joint angles, rad, that coded integers stand for: (n, links) to (n, links)."""
     angles = np.empty(codes.shape)
     for row in range(codes.shape[0]):
         _turn(codes[row], table, angles[row])

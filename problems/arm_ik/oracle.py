@@ -1,6 +1,6 @@
-"""The exact answers that arm-ik is held against: enumeration, reach in closed form, and a local solver.
+"""Exact answers to compare arm-ik with: enumeration, the arm's reach in closed form, and a local solver.
 
-No genetic algorithm here, and nothing that `evaluate` uses: kinematics and collisions are those of the verify.
+Nothing here is used by `evaluate`: kinematics and collisions are those of `problems.arm_ik.checker`.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 MOST_BITS = 22
-"""Of a genome, so that all that there are can be tried."""
+"""The longest genome for which all coded configurations are enumerated."""
 
-_CLOSE = 1e-6  # m: a local solver has hit a target that is missed by no more
-_SAMPLES = 4000
-_STARTS = 40
+_CLOSE = 1e-6  # m: a local solution this close to the lower bound counts as the optimum
+_SAMPLES = 4000  # random configurations, of which the best free ones are starts
+_STARTS = 40  # of the local solver
 
 
 def solve_exactly(problem: ArmIk) -> Answer:
-    """The optimum of all coded configurations, if these are few; else what bounds that of all configurations."""
+    """Return the optimum over all coded configurations if these are few, else bounds over all configurations."""
     bits = len(problem.arm.links) * problem.bits
     if bits <= MOST_BITS:
         fitness, configuration = enumerate_best(problem)
@@ -41,6 +41,7 @@ def solve_exactly(problem: ArmIk) -> Answer:
 
 
 def _bounds(problem: ArmIk) -> Answer:
+    """Return an upper bound, with a lower one beside it; an optimum if they meet; a lower bound if nothing is found."""
     least = missed_by(problem)
     configuration = solve_locally(problem)
     if configuration is None:
@@ -57,12 +58,15 @@ def _bounds(problem: ArmIk) -> Answer:
 
 
 def enumerate_best(problem: ArmIk) -> tuple[float, Floats | None]:
-    """The least distance of all coded configurations that are free, m, and the first configuration that has it.
+    """Return the least distance of all free coded configurations, m, and the first configuration that has it.
 
-    They are tried in the order of their distance; +inf and None if none is free.
+    Configurations are tried in the order of their distance, so only few are tested for collisions.
+
+    Returns:
+        +inf and None if no coded configuration is free.
 
     Raises:
-        BadInput: if the codes are too many.
+        BadInput: if a genome has more than `MOST_BITS` bits.
     """
     bits = len(problem.arm.links) * problem.bits
     if bits > MOST_BITS:
@@ -70,7 +74,9 @@ def enumerate_best(problem: ArmIk) -> tuple[float, Floats | None]:
     codes = np.arange(1 << problem.bits)
     lowest, ranges = problem.joint_ranges
     angles = lowest + ranges * codes[:, None] / problem.steps  # (codes, joints)
-    beyond: Any = np.zeros(1, np.complex128)  # from a joint to the tip, for all angles of the joints from there on
+    # From a joint to the tip in the frame of the link before, for all codes of the joints from that one on. The first
+    # of these joints varies slowest, so an index unravels into the codes of joint 1, joint 2, ..
+    beyond: Any = np.zeros(1, np.complex128)
     for length, turns in zip(problem.arm.links[::-1], np.exp(1j * angles.T[::-1]), strict=True):
         beyond = (turns[:, None] * (length + beyond)).ravel()
     distances = np.abs(complex(*problem.arm.base) + beyond - complex(*problem.target))
@@ -83,9 +89,10 @@ def enumerate_best(problem: ArmIk) -> tuple[float, Floats | None]:
 
 
 def solve_locally(problem: ArmIk) -> Floats | None:
-    """The best configuration that a local solver finds from many starts: those free ones of random ones that are best.
+    """Return the best free configuration, rad, that a local solver finds from many starts.
 
-    None if not even a random one is free.
+    The starts are the best free ones of many random configurations, which compete, too. Return None if no random
+    configuration is free.
     """
     lowest, ranges = problem.joint_ranges
     samples = lowest + ranges * np.random.default_rng(1992).random((_SAMPLES, len(ranges)))
@@ -102,7 +109,10 @@ def solve_locally(problem: ArmIk) -> Floats | None:
 
 
 def _descend(problem: ArmIk, start: Floats) -> Floats:
-    """A local minimum of the squared distance, within the limits and clear of everything."""
+    """Return where SLSQP ends from ``start``: in a local minimum of the squared distance, if it converges.
+
+    The clearances are constraints, but the result may violate them slightly, so the caller must test it.
+    """
     from scipy.optimize import minimize
 
     lowest, ranges = problem.joint_ranges
@@ -126,17 +136,20 @@ def _distance(problem: ArmIk, configuration: Floats) -> float:
 
 
 def _squared_distance(problem: ArmIk, configuration: Floats) -> tuple[float, Floats]:
-    """With its gradient: a joint turns the tip about itself."""
+    """Return the squared distance of the tip to the target, m², and its gradient by the joint angles."""
     joints = checker.joints_of(problem.arm, configuration.tolist())
     missed = joints[-1] - complex(*problem.target)
-    turning = 1j * (joints[-1] - joints[:-1])
+    turning = 1j * (joints[-1] - joints[:-1])  # how the tip moves per rad of each joint: in a circle around it
     return float(abs(missed) ** 2), 2.0 * (missed.conjugate() * turning).real
 
 
 def _clearances(problem: ArmIk, configuration: Floats) -> Floats:
-    """Of each link from each obstacle and from links that are no neighbours, m; negative if they overlap."""
+    """Return the clearances of links from obstacles and from links that are not neighbours, m, less those required.
+
+    A bare link in a polygon has minus the length inside, not the depth: that is cheap, and grows with the overlap.
+    """
     links = np.array(checker.links_of(checker.joints_of(problem.arm, configuration.tolist())))
-    gaps = [np.full(1, 1.0)]
+    gaps = [np.full(1, 1.0)]  # a constraint that always holds, so that there is one even without obstacles
     for obstacle in problem.obstacles:
         if isinstance(obstacle, Circle):
             gaps.append(

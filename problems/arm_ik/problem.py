@@ -1,4 +1,7 @@
-"""The arm-ik planner: which joint angles bring an arm's tip to a target, clear of obstacles and of itself?"""
+"""The arm-ik planner: find joint angles that bring an arm's tip to a target, clear of obstacles and of itself.
+
+This module also defines `Arm` and `ArmProblem`, which arm-path shares.
+"""
 
 from __future__ import annotations
 
@@ -27,14 +30,14 @@ Place = tuple[Metres, Metres]
 Configurations = NDArray[np.float64]  # (n, links), rad
 
 MILLIMETRE = 1e-3
-"""How near to its target a tip has to come at least, m, however fine the code."""
+"""The distance to the target that counts as solved, m, if the code is fine enough for it."""
 
-_FLIPS = 2.4  # bits changed in an offspring, on average, by the tuned recipe: 0.15 a bit for two joints of 8 bits
-_FLIPS_ON_ISLANDS = 4.0  # which lose their diversity sooner, as the best of a family replaces all of it
+_FLIPS = 2.4  # mean number of bits that mutation flips per offspring (tuned): 0.15 per bit for two joints of 8 bits
+_FLIPS_ON_ISLANDS = 4.0  # more, as islands lose diversity sooner: the best of a family takes the couple's place
 
 
 class Arm(Table):
-    """A planar arm of revolute joints; joint angle j is relative to link j − 1, all zero points along +x."""
+    """A planar arm of revolute joints. Joint angle j is relative to link j − 1; at all zeros it lies along +x."""
 
     links: list[Length] = quantity("m", "lengths from the base outwards, at least one", min_length=1, max_length=100)
     base: Place = quantity("m", "where the first joint stands", default=(0.0, 0.0))
@@ -58,12 +61,12 @@ class Arm(Table):
 
 
 class ArmProblem(CodedProblem, WithAngles):
-    """What all problems of planar arms among obstacles share."""
+    """The common base of all problems of planar arms among obstacles."""
 
     bits: int = quantity("bit", "bits of each joint angle", default=8, ge=1, le=62)
     clearance: float = quantity(
         "m",
-        "what links keep at least from obstacles, and from links that are not their neighbours",
+        "least distance of links from obstacles, and from links that are not their neighbours",
         default=0.0,
         ge=0,
         le=1e6,
@@ -74,6 +77,7 @@ class ArmProblem(CodedProblem, WithAngles):
 
     @model_validator(mode="after")
     def _some_configuration_may_be_free(self) -> Self:
+        """Refuse arms that collide in every configuration: at the base, or by links too short to keep apart."""
         hit = checker.obstacle_at_base(self)
         if hit is not None:
             raise ValueError(
@@ -83,8 +87,8 @@ class ArmProblem(CodedProblem, WithAngles):
         shortest = min(self.arm.links[1:-1], default=np.inf)
         if self.self_collision and shortest < self.apart:
             raise ValueError(
-                f"arm.links: expected links between others at least twice the radius {self.arm.radius:g}"
-                f"{self._and_clearance} long, else these would always touch, found {shortest:g}"
+                f"arm.links: expected inner links at least as long as twice the radius {self.arm.radius:g}"
+                f"{self._and_clearance}, as the links on either side would always touch, found {shortest:g}"
             )
         return self
 
@@ -94,23 +98,27 @@ class ArmProblem(CodedProblem, WithAngles):
 
     @property
     def reach_of_links(self) -> float:
-        """How far obstacles have to be from the axis of a link, m: half its thickness, and the clearance."""
+        """The least distance between an obstacle and the axis of a link, m: the link's radius plus the clearance."""
         return self.arm.radius + self.clearance
 
     @property
     def apart(self) -> float:
-        """How far the axes of links that are no neighbours have to be from each other, m."""
+        """The least distance between the axes of two links that are not neighbours, m."""
         return 2.0 * self.arm.radius + self.clearance
 
     @cached_property
     def joint_ranges(self) -> tuple[Configurations, Configurations]:
-        """The lowest angle of each joint and its range, rad, shape (links,) each."""
+        """The lowest angle of each joint, and the width of its range, rad; shape (links,) each."""
         limits = np.array(self.arm.limits or [(0.0, 2.0 * np.pi)] * len(self.arm.links))
         return limits[:, 0], limits[:, 1] - limits[:, 0]
 
     @property
     def steps(self) -> int:
-        """Code steps in a joint's range: on a full circle the step after the last leads back to the first."""
+        """The number of code steps in a joint's range.
+
+        Within limits, 2^q codes span 2^q − 1 steps. On a full circle one more step leads from the last code back to the
+        first.
+        """
         return (1 << self.bits) - (0 if self.arm.limits is None else 1)
 
 
@@ -123,7 +131,7 @@ class ArmIk(ArmProblem):
     about: ClassVar[str] = "inverse kinematics of a planar arm among obstacles"
     template: ClassVar[str] = """\
 kind = "arm-ik"
-target = [1.2, 0.9]             # m, where the tip shall be
+target = [1.2, 0.9]             # m, where the tip is to be
 bits = 8                        # of each joint angle
 # code = "gray"                 # or "binary"; if not given, the recipe's
 # self_collision = true         # links that are not neighbours must not touch
@@ -158,41 +166,42 @@ seed = 1
     batches_alike: ClassVar[bool] = True
     any_thread: ClassVar[bool] = True
 
-    target: Place = quantity("m", "where the tip shall be, [x, y]")
+    target: Place = quantity("m", "where the tip is to be, [x, y]")
 
     @cached_property
     def coding(self) -> BitString:
-        """One integer a joint (§3.1 step 1)."""
+        """One integer for each joint (§3.1 step 1)."""
         from genetics.bit_string import BitString
 
         return BitString(len(self.arm.links), self.bits, gray=self.code != "binary")
 
     @property
     def code_step(self) -> float:
-        """The tip's displacement if each joint of the arm at full stretch is off by half a code step, m.
+        """The displacement of the stretched arm's tip if every joint is off by half a code step, m.
 
-        Some coded configuration is that near to any other in every joint, so that near to any reachable target.
+        Every configuration has a coded one within half a step in each joint. So without obstacles, every reachable
+        target has a coded configuration whose tip is at most this far away.
         """
         return self._sweep / self.steps / 2
 
     @cached_property
     def _sweep(self) -> float:
-        """How far the tip of the arm at full stretch goes if each joint turns by all of its range, m."""
+        """The distance that the stretched arm's tip travels if each joint turns through its whole range, m."""
         stretch_beyond = np.cumsum(self.arm.links[::-1])[::-1]
         return float(np.sum(stretch_beyond * self.joint_ranges[1]))
 
     @property
     def solved_at(self) -> float | None:
-        """1 mm, or the code's step if that is more, m; None if that is half of the arm's reach or more.
+        """1 mm, or `code_step` if that is more, m; None if `code_step` is half of the arm's reach or more.
 
-        With such a code nearly any configuration would be near enough: that would be no target.
+        With such a coarse code nearly any configuration would count as solved.
         """
         step = self.code_step
         return None if 2.0 * step >= sum(self.arm.links) else max(MILLIMETRE, step)
 
     @property
     def solved_when(self) -> str:
-        """Which of the two it is, and why."""
+        """Which of the two distances `solved_at` is, and why."""
         step, share = self.code_step, self.code_step / sum(self.arm.links)
         coded = f"half a step of {self.bits} bits in each joint moves the stretched arm's tip by {step:.3g} m"
         if self.solved_at is None:
@@ -204,14 +213,15 @@ seed = 1
 
     @property
     def unreachable(self) -> str | None:
-        """A target farther from the base than the arm reaches, or nearer; see `problems.arm_ik.reach`."""
+        """An error about a target that is too far from the base, or too near to it; see `problems.arm_ik.reach`."""
         return reach.complaint(self)
 
     def recipe(self, name: RecipeName, deme: int) -> Recipe:
-        """The paper's: §3.1 and §6 to the letter. Tuned: elitist, uniform crossover and more mutation.
+        """Return the paper's operators (§3.1, §6), or the tuned ones: elitist, uniform crossover and more mutation.
 
-        Two links of 8 bits on an 8 × 8 torus find the discretised optimum of 91 % of random worlds with a mutation of
-        0.05 and one-point crossover, of 98.9 % with 0.1, and of 99.8 % with 0.15 and uniform crossover.
+        How the tuned ones were chosen: two links of 8 bits on an 8 × 8 torus found the discretised optimum in 91 % of
+        random worlds with mutation 0.05 and one-point crossover, in 98.9 % with 0.1, and in 99.8 % with 0.15 and
+        uniform crossover.
         """
         if name == "paper":
             return Recipe("one-point", ONE_BIT if deme > 1 else 1.0 / self.coding.length, "offspring")
@@ -219,32 +229,32 @@ seed = 1
         return Recipe("uniform", min(0.5, flips / self.coding.length), "elitist")
 
     def configurations(self, integers: NDArray[np.int64]) -> Configurations:
-        """The joint angles that coded integers stand for, rad: (n, links) to (n, links)."""
+        """Return the joint angles that coded integers stand for, rad: (n, links) to (n, links)."""
         from problems.arm_ik import kernels
 
         return kernels.configurations(np.require(integers, np.int64, ["C", "W"]), self._compiled.table)
 
     def angles(self, genomes: Genomes) -> Configurations:
-        """The joint angles that genomes code, rad: (n, genome_bytes) to (n, links)."""
+        """Return the joint angles that genomes code, rad: (n, genome_bytes) to (n, links)."""
         return self.configurations(self.coding.integers(genomes))
 
     def distances(self, configurations: Configurations) -> Fitness:
-        """The tip's distance to the target, m, +inf in collision: (n, links) to (n,)."""
+        """Return the tip's distance to the target, m, or +inf in collision: (n, links), rad, to (n,)."""
         from problems.arm_ik import kernels
 
         return kernels.distances(np.require(configurations, np.float64, ["C", "W"]), self._compiled.table)
 
     def evaluate(self, genomes: Genomes) -> Fitness:
-        """See `distances`: (n, genome_bytes) to (n,)."""
+        """Return the `distances` of coded configurations: (n, genome_bytes) to (n,)."""
         return self._compiled.fitness(genomes)
 
     @property
     def fitness_kernel(self) -> Operator:
-        """`evaluate` as compiled code, whatever the fields: nothing of it is left to Python."""
+        """`evaluate` as compiled code, for every combination of fields."""
         return self._compiled
 
     def decode(self, genome: Genomes) -> Solution:
-        """``{"configuration": [..], "tip": [x, y], "distance": d}``."""
+        """Return ``{"configuration": [..], "tip": [x, y], "distance": d}``, in rad and m."""
         angles = self.angles(genome[None])[0]
         headings = np.cumsum(angles)
         tip = self.arm.base + np.array(self.arm.links) @ np.column_stack([np.cos(headings), np.sin(headings)])
@@ -255,30 +265,30 @@ seed = 1
         }
 
     def describe(self, solution: Solution) -> str:
-        """Where the tip is, and the joint angles."""
+        """Return the place of the tip and the joint angles in words."""
         x, y = solution["tip"]
         angles = ", ".join(f"{angle:.4f}" for angle in solution["configuration"])
         return f"tip at ({x:.4f}, {y:.4f}) m, {solution['distance']:.4g} m from the target\njoints at {angles} rad"
 
     def check(self, solution: Solution) -> Verdict:
-        """See `problems.arm_ik.checker`, which shares no code with `evaluate`."""
+        """Judge a solution with `problems.arm_ik.checker`, which shares no code with `evaluate`."""
         return checker.verify(self, solution)
 
     def oracle(self) -> Answer:
-        """See `problems.arm_ik.oracle`: enumeration of few codes, else the arm's reach and a local solver."""
+        """Return the optimum by enumeration if there are few codes, else bounds; see `problems.arm_ik.oracle`."""
         from problems.arm_ik import oracle
 
         return oracle.solve_exactly(self)
 
     def draw(self, figure: Figure, solution: Solution | None, populations: Populations) -> None:
-        """The arm in its world; for two links beside it the configuration space (figures 1 to 3 of the paper)."""
+        """Draw the arm among its obstacles and, for two links, its configuration space (figures 1 to 3)."""
         from problems.arm_ik import drawing
 
         drawing.draw(self, figure, solution, populations)
 
     @cached_property
     def _compiled(self) -> Operator:
-        """The fitness, and the table of all kernels."""
+        """The fitness as an operator. Its table, laid out as `problems.arm_ik.kernels` says, serves all kernels."""
         from genetics.operators import Operator
         from problems.arm_ik import kernels
 
@@ -296,7 +306,7 @@ seed = 1
 
 
 def _bounding_boxes(shapes: Shapes) -> NDArray[np.float64]:
-    """The left, lower, right and upper bound of each shape, shape (shapes, 4)."""
+    """Return the left, lower, right and upper bound of each shape, m, shape (shapes, 4)."""
     boxes = np.empty((len(shapes.thickness), 4))
     for number, thickness in enumerate(shapes.thickness):
         corners = shapes.corners[shapes.starts[number] : shapes.starts[number + 1]]

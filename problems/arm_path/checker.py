@@ -1,7 +1,7 @@
-"""The verify of arm-path solutions: its own kinematics in complex numbers, and shapely; nothing that `evaluate` uses.
+"""Verify arm-path solutions with kinematics in complex numbers and shapely; nothing here is used by `evaluate`.
 
-A motion turns what lies beyond one joint. It is sampled, and the hull of a link at two neighbouring samples covers all
-that it sweeps between them, up to a few micrometres: overlaps up to that are allowed.
+A move turns everything beyond one joint. It is sampled, and the convex hull of a link at two consecutive samples covers
+what the link sweeps between them up to a few micrometres. Overlaps up to that amount are allowed.
 """
 
 from __future__ import annotations
@@ -29,15 +29,15 @@ Joints = NDArray[np.complex128]  # (samples, links + 1), m
 Lines = NDArray[Any]  # shapely geometries, (samples, links)
 Code = Annotated[int, Field(ge=0)] | Literal["start", "goal"]
 
-TOLERANCE = 1e-6  # rad, and m where the arm stands still
+TOLERANCE = 1e-6  # of angles, rad, and of distances, m
 _SAMPLES_A_RADIAN = 400
-_SHARE = 1e-3  # of configuration space: cells that only touch may be verified either way
+_SHARE = 1e-3  # of configuration space: for cells that only touch an obstacle, this check and the kernels may differ
 _FULL_TURN = 2.0 * np.pi
-_ACCURACY = 1e-3  # of the clearance, as a share of the arm's reach
+_ACCURACY = 1e-3  # of the measured clearance, as a share of the arm's reach
 
 
 class PathSolution(Table):
-    """What a solution of arm-path is made of."""
+    """The format of an arm-path solution."""
 
     path: Annotated[list[list[float]], Field(min_length=1)]
     cspace_evaluated: Annotated[float, Field(ge=0, le=1)]
@@ -45,10 +45,14 @@ class PathSolution(Table):
 
 
 def verify(problem: ArmPath, solution: Solution) -> Verdict:
-    """How far the path ends from the goal, rad, and all that is wrong with the solution."""
+    """Return the distance of the path's end from the goal, rad, all objections, and the clearance.
+
+    Raises:
+        BadInput: if this is no solution of arm-path for this arm.
+    """
     claimed = _parsed(problem, solution)
     path = np.array(claimed.path)
-    away = _away(problem, path[-1])
+    away = _distance_to_goal(problem, path[-1])
     objections = [
         *_wrong_start(problem, path[0]),
         *_wrong_rows(problem, path),
@@ -61,7 +65,7 @@ def verify(problem: ArmPath, solution: Solution) -> Verdict:
 
 
 def objection_to(problem: ArmPath, configuration: Sequence[float]) -> str | None:
-    """Why the arm cannot stand there, if it cannot."""
+    """Return why the arm cannot stand in a configuration, rad; None if it can."""
     for joint, ((lowest, highest), angle) in enumerate(zip(problem.arm.limits or [], configuration, strict=False)):
         if not lowest <= angle <= highest:
             return f"joint {joint + 1} is beyond its limits [{lowest:g}, {highest:g}]"
@@ -75,7 +79,7 @@ def objection_to(problem: ArmPath, configuration: Sequence[float]) -> str | None
 
 
 def _near(problem: ArmPath, touching: str) -> str:
-    """A verb for what comes nearer to something than it may."""
+    """Return the verb of an objection: ``touching``, or one about the clearance if the problem has one."""
     return f"comes nearer than the clearance {problem.clearance:g} m to" if problem.clearance else touching
 
 
@@ -88,6 +92,7 @@ def _parsed(problem: ArmPath, solution: Solution) -> PathSolution:
     for row in claimed.path:
         if len(row) != links:
             raise BadInput(f"solution: path: expected {links} angles in each row, found {len(row)}")
+    # Two links list their slices, more links only count them; see `ArmPath.decode`.
     if (links == 2) == isinstance(claimed.slices, int):
         expected = "two lists of codes" if links == 2 else "a number"
         raise BadInput(f"solution: slices: expected {expected} for {links} links")
@@ -99,8 +104,8 @@ def _parsed(problem: ArmPath, solution: Solution) -> PathSolution:
 
 
 # The path -------------------------------------------------------------------------------------------------------------
-def _away(problem: ArmPath, configuration: Angles) -> float:
-    """The distance to the goal, rad: on the torus of angles where joints turn all the way round."""
+def _distance_to_goal(problem: ArmPath, configuration: Angles) -> float:
+    """Return the distance to the goal, rad; without joint limits, on the torus of angles."""
     difference = np.array(problem.goal) - configuration
     if problem.arm.limits is None:
         difference = (difference + np.pi) % _FULL_TURN - np.pi
@@ -122,6 +127,7 @@ def _wrong_rows(problem: ArmPath, path: Angles) -> Iterator[str]:
 
 
 def _collisions(problem: ArmPath, path: Angles) -> Iterator[str]:
+    """Yield an objection for each move, and each obstacle or the arm itself, that collide."""
     objection = objection_to(problem, path[0].tolist())
     if objection is not None:
         yield f"at the start {objection}"
@@ -129,8 +135,8 @@ def _collisions(problem: ArmPath, path: Angles) -> Iterator[str]:
         turn = np.clip(following - row, -_FULL_TURN, _FULL_TURN)  # more than that covers nothing new
         samples = 1 + int(_SAMPLES_A_RADIAN * np.abs(turn).max())
         joints = _joints(problem, row + np.linspace(0.0, 1.0, samples + 1)[:, None] * turn)
-        moved = int(np.argmax(np.abs(turn)))
-        # The arc between two samples rises above their hull, and the hull beyond an inner arc, by at most that:
+        moved = int(np.argmax(np.abs(turn)))  # `_wrong_rows` objects if several joints move
+        # The arc between two samples rises above the hull, or the hull above an inner arc, by at most r φ² / 8:
         allowed = TOLERANCE + sum(problem.arm.links) * (np.abs(turn).max() / samples) ** 2 / 8
         swept = _swept(joints[:, moved:])
         for index, obstacle in enumerate(problem.obstacles):
@@ -142,9 +148,9 @@ def _collisions(problem: ArmPath, path: Angles) -> Iterator[str]:
 
 
 def _clearance(problem: ArmPath, path: Angles) -> Clearance:
-    """The least on the way, m: at most `_ACCURACY` of the arm's reach more than it is.
+    """Return the least clearance on the whole path, m. It exceeds the true one by at most `_ACCURACY` times the reach.
 
-    By shapely; what turns goes no farther than its angle times the arm's reach.
+    No point moves farther than the angle of the move times the arm's reach, which is what `least_along` needs to know.
     """
     moves = [(path[0], path[0])] if len(path) == 1 else list(pairwise(path))
 
@@ -161,7 +167,7 @@ def _clearance(problem: ArmPath, path: Angles) -> Clearance:
 
 
 def _gaps(problem: ArmPath, configuration: Angles) -> tuple[float, dict[str, Any]]:
-    """The least gap of a configuration, m, and of what."""
+    """Return the least gap of a configuration, m, and between which bodies it is."""
     links, radius = _lines(_joints(problem, configuration[None]))[0], problem.arm.radius
     found: list[tuple[float, dict[str, Any]]] = []
     for index, obstacle in enumerate(problem.obstacles):
@@ -176,6 +182,7 @@ def _gaps(problem: ArmPath, configuration: Angles) -> tuple[float, dict[str, Any
 
 
 def _joints(problem: ArmPath, configurations: Angles) -> Joints:
+    """Return the base, the joints and the tip of each configuration: (n, links) to (n, links + 1)."""
     turns = np.exp(1j * np.cumsum(configurations, axis=1))
     steps = np.array(problem.arm.links) * turns
     start = np.full((len(configurations), 1), complex(*problem.arm.base))
@@ -184,20 +191,21 @@ def _joints(problem: ArmPath, configurations: Angles) -> Joints:
 
 
 def _lines(joints: Joints) -> Lines:
+    """Return the axes of all links."""
     ends = np.stack([joints[:, :-1], joints[:, 1:]], axis=-1)
     lines: Lines = shapely.linestrings(np.stack([ends.real, ends.imag], axis=-1))
     return lines
 
 
 def _swept(joints: Joints) -> Lines:
-    """What each link sweeps between two samples, shape (samples - 1, links)."""
+    """Return the hulls that contain what each link sweeps between two samples, shape (samples - 1, links)."""
     corners = np.stack([joints[:-1, :-1], joints[:-1, 1:], joints[1:, :-1], joints[1:, 1:]], axis=-1)
     swept: Lines = shapely.convex_hull(shapely.multipoints(np.stack([corners.real, corners.imag], axis=-1)))
     return swept
 
 
 def _hits(shapes: Lines, obstacle: Obstacle, limit: float) -> NDArray[np.bool_]:
-    """Which shapes come nearer to an obstacle than ``limit``; if that is negative, deeper into it than that."""
+    """Return which shapes are nearer to an obstacle than ``limit``, m, or, if that is negative, deeper in it."""
     if isinstance(obstacle, Circle):
         core, limit = shapely.Point(obstacle.center), limit + obstacle.radius
     else:
@@ -212,7 +220,7 @@ def _hits(shapes: Lines, obstacle: Obstacle, limit: float) -> NDArray[np.bool_]:
 
 
 def _touching(problem: ArmPath, links: Lines) -> bool:
-    """Whether links that are not neighbours touch, all standing still."""
+    """Return whether links that are not neighbours touch in one configuration."""
     limit = 2 * problem.arm.radius + problem.clearance - 2 * CONTACT
     return any(
         _overlap(links[one], links[other], limit) for one in range(len(links)) for other in range(one + 2, len(links))
@@ -220,7 +228,10 @@ def _touching(problem: ArmPath, links: Lines) -> bool:
 
 
 def _overlap(one: Lines, other: Lines, limit: float) -> bool:
-    """Whether a link comes nearer to another, or to any of several, than ``limit``; if negative, crosses it deeper."""
+    """Return whether a link is nearer than ``limit``, m, to any of some others.
+
+    If the limit is negative: whether it crosses one of them, and ends of both stick out by more than -``limit``.
+    """
     if limit >= 0.0:
         return bool(np.any(shapely.dwithin(one, other, limit)))
     ends = [
@@ -232,12 +243,13 @@ def _overlap(one: Lines, other: Lines, limit: float) -> bool:
 
 
 def _hits_itself(joints: Joints, moved: int, limit: float) -> bool:
-    """Whether a motion makes links that are not neighbours touch.
+    """Return whether a move makes links that are not neighbours touch.
 
     Args:
-        joints: of all samples.
-        moved: the joint that turns; the links before it stand still, and those beyond among themselves.
-        limit: as for `_overlap`. Links without thickness are verified at the samples alone: what touches may pass.
+        joints: the positions of all samples.
+        moved: the joint that turns. Only links before it can meet links beyond it.
+        limit: see `_overlap`. If it is negative (bare links, which may touch), only the samples are tested, not the
+            hulls between them.
     """
     lines = _lines(joints)
     turning = (
@@ -252,8 +264,10 @@ def _hits_itself(joints: Joints, moved: int, limit: float) -> bool:
 
 # What was evaluated ---------------------------------------------------------------------------------------------------
 def _wrong_share(problem: ArmPath, claimed: PathSolution) -> Iterator[str]:
+    """Yield an objection if ``cspace_evaluated`` does not agree with ``slices``."""
     levels, links = 1 << problem.bits, len(problem.arm.links)
     if isinstance(claimed.slices, int):
+        # A slice has `levels` cells at most. Which slices they were is not known, so no more can be checked.
         if claimed.cspace_evaluated > claimed.slices / levels ** (links - 1) * (1 + TOLERANCE):
             yield f"{claimed.slices} slices are less than the share {claimed.cspace_evaluated:g} of configuration space"
         return
@@ -263,7 +277,7 @@ def _wrong_share(problem: ArmPath, claimed: PathSolution) -> Iterator[str]:
 
 
 def _evaluated(problem: ArmPath, slices: tuple[list[Code], list[Code]]) -> float:
-    """The share of the cells of two joints that lie in legal ranges of these slices."""
+    """Return the share of all cells of two joints that lie in the legal ranges of some slices."""
     levels = 1 << problem.bits
     limits = np.array(problem.arm.limits or [(0.0, _FULL_TURN)] * 2)
     steps = (limits[:, 1] - limits[:, 0]) / (levels if problem.arm.limits is None else levels - 1)
@@ -282,7 +296,7 @@ def _evaluated(problem: ArmPath, slices: tuple[list[Code], list[Code]]) -> float
 
 
 def _clear(problem: ArmPath, configurations: Angles) -> NDArray[np.bool_]:
-    """Which configurations of two joints are clear of the obstacles."""
+    """Return which configurations of two joints are clear of the obstacles."""
     lines = _lines(_joints(problem, configurations))
     clear = np.ones(len(lines), np.bool_)
     for obstacle in problem.obstacles:

@@ -1,4 +1,4 @@
-"""Bit strings whose numbers grow finer from generation to generation, so that few slices are computed at first."""
+"""Bit strings whose numbers get finer in later generations, so that the first generations need only few slices."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -16,30 +16,32 @@ if TYPE_CHECKING:
     from genetics.operators import Operator
 
 FINER_AT = (8, 16, 64)
-"""The generations from which on each number has one more bit; from the last of them on it has all."""
+"""The generations at which each number gets one more bit; at the last of them it gets all bits."""
 
 
 @dataclass(frozen=True)
 class CoarseToFine(BitString):
-    """Bit strings of which only the ``coarse`` leading bits of each number are used at first; the others are 0.
+    """Bit strings that at first use only the ``coarse`` leading bits of each number; the others are 0.
 
-    Few numbers are in use then, evenly spaced, and all individuals share them. It is for the plain binary code.
+    All individuals then share a few, evenly spaced numbers, and so the slices of these. The code must be plain binary:
+    in Gray code, masked numbers would not be evenly spaced.
     """
 
     coarse: int = 4
 
     def random(self, keys: Keys, deme: int) -> Genomes:
-        """Uniformly random leading bits."""
+        """Return first demes whose leading bits are uniformly random."""
         demes: Genomes = super().random(keys, deme) & self.masks[0]
         return demes
 
     def recombine(self, couples: Genomes, recipe: Recipe, keys: Keys) -> Genomes:
-        """As bit strings are recombined, but for the bits that are not yet used."""
+        """Recombine as bit strings, then clear the bits that are not yet used in this generation."""
+        # Mutation draws as if all bits were in use, so this agrees with the kernel bit for bit.
         offspring: Genomes = super().recombine(couples, recipe, keys) & self.masks[self.stage(keys.generation)]
         return offspring
 
     def variation(self, recipe: Recipe) -> "Operator":
-        """`recombine` for one row, compiled."""
+        """Return `recombine` for one row as compiled code."""
         from genetics.operators import Operator
         from problems.arm_path import kernels
 
@@ -48,12 +50,12 @@ class CoarseToFine(BitString):
         return Operator.of(kernels.variation, choices, rate, FINER_AT, self.masks.astype(np.int64))
 
     def stage(self, generation: int) -> int:
-        """How often numbers have become finer."""
+        """Return how many of the generations `FINER_AT` have been reached."""
         return sum(generation >= finer for finer in FINER_AT)
 
     @cached_property
     def masks(self) -> NDArray[np.uint8]:
-        """The bits that are used at each stage, shape (stages, genome_bytes)."""
+        """The bits that are used at each stage, shape (stages, genome_bytes); a stage is a result of `stage`."""
         leading = [min(self.bits, self.coarse + stage) for stage in range(len(FINER_AT))] + [self.bits]
         used = np.arange(self.bits) < np.array(leading)[:, None]
         return np.packbits(np.tile(used, (1, self.parameters)), axis=1)

@@ -1,4 +1,4 @@
-"""Pictures of arm-path: the path in workspace and configuration space, with what was evaluated (figures 4 and 5)."""
+"""Pictures of arm-path: the path in workspace and configuration space, and what was evaluated (figures 4 and 5)."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ Rows = NDArray[np.float64]  # (n, links), rad
 
 ARM = "#1f5fa8"
 SWEPT = (0.12, 0.37, 0.66)
-_THROUGH = 0.35  # of the opacity of a line has the link around it: many lie over each other
+_THROUGH = 0.35  # opacity of a link, as a share of its axis's: many links are drawn over each other
 START = "#2a8c4a"
 GOAL = "#c8321e"
 FREE, BLOCKED, UNKNOWN = (1.0, 1.0, 1.0), (0.62, 0.62, 0.62), (0.90, 0.90, 0.88)
@@ -39,7 +39,7 @@ _STEP = 0.18  # rad, from one drawn arm to the next
 
 
 def draw(problem: ArmPath, figure: Figure, solution: Solution | None) -> None:
-    """Fill an empty figure; see `problems.problem.Problem.draw`."""
+    """Draw onto an empty figure; see `problems.problem.Problem.draw`."""
     figure.set_layout_engine("constrained")
     path = None if solution is None else np.array(solution["path"])
     if problem.is_flat:
@@ -83,7 +83,7 @@ def _draw_world(problem: ArmPath, axes: Axes, path: Rows | None) -> None:
 def _draw_links(
     problem: ArmPath, axes: Axes, arms: NDArray[np.float64], colors: Sequence[ColorType], zorder: float = 2
 ) -> None:
-    """Links as thick as they are, of arms of shape (n, links + 1, 2), each arm in its colour."""
+    """Draw the links of several arms with their true thickness; ``arms`` has the shape (n, links + 1, 2)."""
     if problem.arm.radius == 0.0:
         return
     outlines = [capsule(*ends, problem.arm.radius) for arm in arms for ends in pairwise(arm)]
@@ -93,6 +93,7 @@ def _draw_links(
 
 
 def _title(problem: ArmPath, path: Rows | None) -> str:
+    """Return the number of moves, the sum of all turns and, if the goal is missed, the distance from it."""
     if path is None:
         return "no path found"
     turned = np.abs(np.diff(path, axis=0)).sum()
@@ -104,7 +105,7 @@ def _title(problem: ArmPath, path: Rows | None) -> str:
 
 
 def _joints(problem: ArmPath, configurations: Rows) -> NDArray[np.float64]:
-    """The base, the joints and the tip, shape (n, links + 1, 2)."""
+    """Return the base, the joints and the tip of each configuration, m, shape (n, links + 1, 2)."""
     headings = np.cumsum(configurations, axis=1)
     steps = np.array(problem.arm.links)[:, None] * np.stack([np.cos(headings), np.sin(headings)], axis=-1)
     base = np.broadcast_to(problem.arm.base, (len(steps), 1, 2))
@@ -113,7 +114,7 @@ def _joints(problem: ArmPath, configurations: Rows) -> NDArray[np.float64]:
 
 
 def _along(path: Rows) -> Rows:
-    """Configurations on the way, at even steps."""
+    """Return the corners of a path, and configurations between them at most `_STEP` apart."""
     rows = [path[:1]]
     for row, following in pairwise(path):
         count = max(1, int(np.ceil(np.abs(following - row).max() / _STEP)))
@@ -122,7 +123,7 @@ def _along(path: Rows) -> Rows:
 
 
 def _draw_space(problem: ArmPath, axes: Axes, solution: Solution | None) -> list[Artist]:
-    """Joint angle 1 to the right, 2 upwards: what was evaluated, and the path. Returns what the legend explains."""
+    """Draw what was evaluated and the path, joint 1 to the right and joint 2 upwards; return the legend's handles."""
     lowest, ranges = problem.joint_ranges
     extent = (lowest[0], lowest[0] + ranges[0], lowest[1], lowest[1] + ranges[1])
     axes.imshow(_cells(problem, solution), extent=extent, origin="lower", aspect="auto", interpolation="nearest")
@@ -152,8 +153,9 @@ def _draw_space(problem: ArmPath, axes: Axes, solution: Solution | None) -> list
 
 
 def _cells(problem: ArmPath, solution: Solution | None) -> NDArray[np.float64]:
-    """A colour for each cell, as pictures have them: joint 2 from row to row."""
+    """Return the colour of each cell as an image, (levels, levels, 3), whose rows are the codes of joint 2."""
     levels = problem.levels
+    # The slices of joint 1 at all codes of joint 2 are the whole of free space.
     all_of_joint_1 = np.zeros((2, levels + 2), np.uint8)
     all_of_joint_1[0, :levels] = 1
     picture = np.where(problem.cells_in(all_of_joint_1)[..., None], UNKNOWN, BLOCKED)
@@ -167,7 +169,7 @@ def _cells(problem: ArmPath, solution: Solution | None) -> NDArray[np.float64]:
 
 
 def _wrapped(path: Rows, lowest: Rows, ranges: Rows, is_torus: bool) -> list[Rows]:
-    """The path as lines within the picture: on the torus a copy for each time that it leaves at one side."""
+    """Return the path as lines: on the torus, one copy for each full turn, shifted so that the picture shows a part."""
     if not is_torus:
         return [path]
     least = np.floor((path.min(axis=0) - lowest) / ranges).astype(int)
@@ -176,7 +178,7 @@ def _wrapped(path: Rows, lowest: Rows, ranges: Rows, is_torus: bool) -> list[Row
 
 
 def _draw_angles(problem: ArmPath, axes: Axes, path: Rows | None) -> None:
-    """Of more than two joints: each joint's angle along the path, move by move."""
+    """Draw each joint's angle after each move, for arms of more than two links."""
     if path is not None:
         for joint in range(path.shape[1]):
             axes.plot(path[:, joint], "-o", markersize=3.5, label=f"joint {joint + 1}")

@@ -1,15 +1,15 @@
 """The compiled scan of Manhattan motions over lazily computed slices (Ahuactzin, Talbi, Bessière, Mazer 1992, §4).
 
-A joint's *place* is a number: that of one of its 2^q coded angles, or of the start (2^q) or the goal (2^q + 1), which
-need be none of them. All configurations that a scan meets are made of places, so a slice, the legal ranges of one joint
-with the others fixed, has the places of the others for a key. Slices are computed when they are first asked for, and
-kept: for ever if there are two links, so that each slice has a slot of its own; else until another one needs the slot.
-What is kept never shows in a fitness.
+A joint's *place* is a number: one of its 2^q codes, or 2^q for the angle of the start, or 2^q + 1 for that of the goal,
+which need not be coded angles. Every configuration of a scan consists of places. A *slice*, the legal ranges of one
+joint with the others fixed, therefore has the places of the other joints as its key. A slice is computed on first use
+and cached. With two links every slice has a slot of its own and stays; with more, another slice may evict it. The cache
+never changes a fitness.
 
-The table (see `genetics.operators`): the fields of `Sizes`; the numbers of the coded angles next to start and goal,
-shape (2, links); lengths (m); the angle of each place (rad), shape (links, places); base, half a link's thickness with
-the clearance, and its thickness with that (m); the obstacles' corners, starts and thickness; the arrays of `Slices`;
-and those that are only written to.
+The table (see `genetics.operators`) holds the fields of `Sizes`; the codes nearest to start and goal, shape (2, links);
+link lengths (m); the angle of each place (rad), shape (links, places); base x, y, the radius of a link plus clearance,
+and the least distance between axes of links that are not neighbours (m); the obstacles' corners, starts and thickness;
+the arrays of `Slices`; and working memory.
 """
 
 from typing import Any, NamedTuple
@@ -26,47 +26,47 @@ from problems.arm_path.ranges import FULL_TURN, MOST_RANGES, Arm, Obstacles, Roo
 
 Floats = NDArray[np.float64]
 
-_NO_TURN = 1e-12  # rad
-_MULTIPLIER = np.uint64(0x9E3779B97F4A7C15)
+_NO_TURN = 1e-12  # rad, less is rounding
+_MULTIPLIER = np.uint64(0x9E3779B97F4A7C15)  # 2^64 divided by the golden ratio: it mixes the bits of a hash
 
 
 class Sizes(NamedTuple):
-    """Numbers at the head of the table."""
+    """The numbers at the first place of the table."""
 
     bits: Any
     gray: Any
     self_collision: Any
-    turns: Any  # whether joints turn all the way round
-    skips: Any  # whether a blocked move is left out, else it ends the scan
-    forward: Any  # moves from the start on; the others lead away from the goal
+    turns: Any  # whether joints turn full circles, without limits
+    skips: Any  # whether a blocked move is left out; otherwise it ends the scan
+    forward: Any  # the number of moves that lead away from the start; the others lead away from the goal
 
 
 class Slices(NamedTuple):
-    """The slices that are kept."""
+    """The cache of slices."""
 
-    keys: Any  # (slots, links + 1): the places of all joints, that of the slice's own left out, and its number, from 1
-    counts: Any  # (slots,): how many ranges
+    keys: Any  # (slots, links + 1): the places of all joints (its own is ignored), and its joint from 1; 0 if empty
+    counts: Any  # (slots,): the number of ranges
     ranges: Any  # (slots, 2 * MOST_RANGES), rad
-    tally: Any  # (2,): slices computed so far, and the coded cells in their ranges
+    tally: Any  # (2,): the number of slices computed so far, and of the coded angles in their ranges
 
 
 class Task(NamedTuple):
-    """What a scan needs."""
+    """The views of the table that a scan needs. The arrays from ``room`` on are working memory, reused by each scan."""
 
     sizes: Any
     arm: Any
     obstacles: Any
-    nearest: Any  # (2, links): the coded angles next to start and goal
+    nearest: Any  # (2, links): the codes nearest to start and goal
     angles: Any  # (links, places), rad
-    levels: Any  # 2^q; the places of start and goal follow
+    levels: Any  # 2^q, which is also the place of the start; that of the goal follows
     slices: Any
     room: Any
-    places: Any  # (links,): where the arm stands
-    between: Any  # (links,): a configuration of `_sees`
-    corners: Any  # (moves + 2, links): from the start on, and, from the last row back, from the goal on
-    codes: Any  # (moves,)
-    turned: Any  # (moves,): by how much each move turned its joint, rad
-    standing: Any  # (links,): angles, rad
+    places: Any  # (links,): a configuration
+    between: Any  # (links,): the configuration that `_sees` looks at
+    corners: Any  # (moves + 2, links): those from the start are filled from the first row, from the goal from the last
+    codes: Any  # (moves,): the decoded genome
+    turned: Any  # (moves,): the angle by which each move turned its joint, rad; 0 if it was blocked
+    standing: Any  # (links,): the angles at which a slice is computed, rad
 
 
 @subroutine
@@ -98,7 +98,7 @@ def _task_of(table: Any) -> Any:
 
 @subroutine
 def _slot(joint: Any, places: Any, slices: Any, levels: Any) -> Any:
-    """Where the slice of a joint with the others at their places is kept."""
+    """Return the slot for the slice of a joint: unique for two links, a hash of its key for more."""
     if places.size == 2:
         return joint * (levels + 2) + places[1 - joint]
     mixed = np.uint64(joint)
@@ -111,6 +111,7 @@ def _slot(joint: Any, places: Any, slices: Any, levels: Any) -> Any:
 
 @subroutine
 def _is_kept(key: Any, joint: Any, places: Any) -> Any:
+    """Return whether a slot's key is that of the slice of a joint with the others at their places."""
     if key[places.size] != joint + 1:
         return False
     same = True
@@ -121,7 +122,7 @@ def _is_kept(key: Any, joint: Any, places: Any) -> Any:
 
 @subroutine
 def _slice(task: Any, joint: Any, places: Any) -> Any:
-    """The slot of a joint's legal ranges with the others at their places, computed now if it is not kept."""
+    """Return the slot with a joint's legal ranges, which are computed now if they are not cached."""
     slices = task.slices
     slot = _slot(joint, places, slices, task.levels)
     if not _is_kept(slices.keys[slot], joint, places):
@@ -139,20 +140,23 @@ def _slice(task: Any, joint: Any, places: Any) -> Any:
 
 @subroutine
 def _shorter(angle: Any) -> Any:
-    """The same angle in (-π, π]."""
+    """Return the same angle in (-π, π]."""
     return angle - FULL_TURN * np.ceil((angle - np.pi) / FULL_TURN)
 
 
 @subroutine
 def _difference(task: Any, joint: Any, begin: Any, end: Any) -> Any:
-    """By how much a joint turns from one place to another, the shorter way if it can choose, rad."""
+    """Return the turn of a joint from one place to another, rad: by the shorter sense if it has no limits."""
     turn = task.angles[joint, end] - task.angles[joint, begin]
     return _shorter(turn) if task.sizes.turns else turn
 
 
 @subroutine
 def _turn(task: Any, joint: Any, places: Any, end: Any) -> Any:
-    """Turn a joint to another place by the shorter sense, else by the other; whether one is free, and the turn, rad."""
+    """Return whether a joint can turn to the place ``end``, and the turn, rad.
+
+    The shorter sense is tried first; then, without limits, the other one.
+    """
     turn = _difference(task, joint, places[joint], end)
     if turn == 0.0:
         return True, turn
@@ -169,9 +173,10 @@ def _turn(task: Any, joint: Any, places: Any, end: Any) -> Any:
 
 @subroutine
 def _sees(task: Any, places: Any, target: Any, ascending: Any) -> Any:
-    """Whether the joints can turn to a target one after another, the first first or the last first.
+    """Return whether the joints can turn to a target one after another, in ascending or descending order.
 
-    The last turn is looked at first: the nearer to the goal, the more individuals share a slice.
+    The turns are tested from the last one back: the nearer to the goal, the more individuals share the slice, so it is
+    more likely to be cached.
     """
     between, links = task.between, places.size
     between[:] = target
@@ -185,7 +190,7 @@ def _sees(task: Any, places: Any, target: Any, ascending: Any) -> Any:
 
 @subroutine
 def _order(task: Any, places: Any, target: Any) -> Any:
-    """MP(places, target) of §4: 1 if the first joint may turn first, -1 if the last one may, else 0."""
+    """Return MP(places, target) of §4: 1 if the ascending order of joints is free, -1 if the descending is, else 0."""
     if _sees(task, places, target, True):
         return 1
     return -1 if _sees(task, places, target, False) else 0
@@ -193,7 +198,10 @@ def _order(task: Any, places: Any, target: Any) -> Any:
 
 @subroutine
 def _move(task: Any, move: Any, places: Any, following: Any) -> Any:
-    """Carry a coded move out from some places to the ``following``, if it is free; returns whether it is."""
+    """Fill ``following`` with the places after a coded move, and return whether the move is free.
+
+    After a blocked move the places are unchanged.
+    """
     joint = move % places.size
     free, turn = _turn(task, joint, places, task.codes[move])
     task.turned[move] = turn if free else 0.0
@@ -204,20 +212,22 @@ def _move(task: Any, move: Any, places: Any, following: Any) -> Any:
 
 
 @subroutine
-def _away(task: Any, places: Any) -> Any:
-    """How far places are from the goal, rad."""
+def _distance_to_goal(task: Any, places: Any) -> Any:
+    """Return the distance of a configuration from the goal, rad."""
     squared = 0.0
-    for joint in range(places.size):
+    for joint in range(places.size):  # `levels + 1` is the place of the goal
         squared += _difference(task, joint, places[joint], task.levels + 1) ** 2
     return np.sqrt(squared)
 
 
 @subroutine
 def _scan_from_start(task: Any) -> Any:
-    """The scan of §4, through the moves from the start on.
+    """Scan the moves from the start on (§4).
 
-    Returns the fitness, the number of the corner where it was found, and how MP leads from there to the goal. If
-    blocked moves are left out, the corner nearest to the goal counts.
+    Returns:
+        the fitness, the corner that determines it, and the order of MP from there (see `_order`). That is the first
+        corner that sees the goal; if there is none, the last corner or, if blocked moves are left out, the corner
+        nearest to the goal.
     """
     corners, sizes = task.corners, task.sizes
     goal = corners[-1]
@@ -225,11 +235,11 @@ def _scan_from_start(task: Any) -> Any:
     corners[0] = task.levels  # S_0
     moved = True
     for move in range(sizes.forward + 1):
-        if moved:
+        if moved:  # otherwise this corner is the one before
             order = _order(task, corners[move], goal)
             if order != 0:
                 return 0.0, move, order
-            away = _away(task, corners[move])
+            away = _distance_to_goal(task, corners[move])
             if away < nearest or not sizes.skips:
                 nearest, where = away, move
         if move < sizes.forward:
@@ -241,9 +251,11 @@ def _scan_from_start(task: Any) -> Any:
 
 @subroutine
 def _scan(task: Any) -> Any:
-    """Scan from the start on and, if that does not see the goal, from the goal on, until the two see each other.
+    """Scan from the start and, if no corner sees the goal, from the goal backwards until two corners see each other.
 
-    Returns the fitness, the moves from the start, how MP goes on, and the moves from the goal.
+    Returns:
+        the fitness, the number of moves from the start, the order of MP after them, and the number of moves from the
+        goal.
     """
     corners, forward = task.corners, task.sizes.forward
     corners[-1] = task.levels + 1
@@ -254,7 +266,7 @@ def _scan(task: Any) -> Any:
             if not _move(task, move, corners[here], corners[here - 1]):
                 continue
             for corner in range(forward + 1):
-                if corner == 0 or task.turned[corner - 1] != 0.0:
+                if corner == 0 or task.turned[corner - 1] != 0.0:  # skip corners that repeat the one before
                     order = _order(task, corners[corner], corners[here - 1])
                     if order != 0:
                         return 0.0, corner, order, move + 1 - forward
@@ -263,14 +275,14 @@ def _scan(task: Any) -> Any:
 
 @subroutine
 def _carry_out(genome: Any, task: Any) -> Any:
-    """`_scan` for the moves that a genome codes."""
+    """Decode a genome and `_scan` its moves."""
     integers_of(genome, task.sizes.bits, task.sizes.gray, task.codes)
     return _scan(task)
 
 
 @kernel(FITNESS, may_be_long=True)
 def evaluate(genomes: Genomes, fitness: Fitness, table: Table) -> None:
-    """How far each coded motion ends from the goal, rad; 0 if the goal is seen from one of its corners (§4)."""
+    """Compute the fitness of coded motions (§4): 0 if a corner sees the goal, else the distance from it, rad."""
     task = _task_of(table)
     for row in range(fitness.size):
         fitness[row] = _carry_out(genomes[row], task)[0]
@@ -278,7 +290,7 @@ def evaluate(genomes: Genomes, fitness: Fitness, table: Table) -> None:
 
 @subroutine
 def _go_on(path: Any, row: Any, joint: Any, turn: Any) -> Any:
-    """Turn a joint at the end of a path, in the last move if that turned the same joint; returns the last row."""
+    """Append a turn to a path, merged with the last move if that is of the same joint; return the last row."""
     if row > 0 and path[row, joint] != path[row - 1, joint]:
         path[row, joint] += turn
         return row - 1 if abs(path[row, joint] - path[row - 1, joint]) < _NO_TURN else row
@@ -291,7 +303,10 @@ def _go_on(path: Any, row: Any, joint: Any, turn: Any) -> Any:
 
 @kernel("float64[:,::1](uint8[::1], int64[:,::1])")
 def follow(genome: Genomes, table: Table) -> Floats:
-    """The path of a coded motion, with what leads from its end to the goal: unwrapped joint angles, (rows, links)."""
+    """Return the path of a coded motion with its final moves to the goal, if it sees the goal.
+
+    The path consists of unwrapped joint angles, rad, shape (rows, links).
+    """
     task = _task_of(table)
     _, moves, order, backward = _carry_out(genome, task)
     corners, links, forward = task.corners, task.places.size, task.sizes.forward
@@ -301,22 +316,25 @@ def follow(genome: Genomes, table: Table) -> Floats:
     for move in range(moves):
         row = _go_on(path, row, move % links, task.turned[move])
     task.places[:] = corners[moves]
+    # MP's turns lead to the goal or, if the scan met one, to the corner that the moves from the goal have reached.
     for number in range(links if order != 0 else 0):
         joint = number if order > 0 else links - 1 - number
         end = corners[-1 - backward, joint]
         row = _go_on(path, row, joint, _turn(task, joint, task.places, end)[1])
         task.places[joint] = end
-    for move in range(forward + backward - 1, forward - 1, -1):
+    for move in range(forward + backward - 1, forward - 1, -1):  # the moves from the goal, undone
         row = _go_on(path, row, move % links, -task.turned[move])
     return path[: row + 1].copy()
 
 
 @kernel("void(uint8[::1], uint8[:,::1], int64[:,::1])")
 def mark(computed: Genomes, cells: Genomes, table: Table) -> None:
-    """Mark the cells in the legal ranges of some slices of two joints with 1, (levels, levels).
+    """Set the cells of two joints to 1 that lie in the legal ranges of some slices.
 
-    ``computed`` says of each slot whether that slice counts. A cell is a pair of coded angles, with what is nearest to
-    it.
+    Args:
+        computed: whether each slot's slice counts, shape (2 * (levels + 2),).
+        cells: shape (levels, levels). A cell is a pair of codes; it stands for all angles that are nearest to them.
+        table: see the module.
     """
     task = _task_of(table)
     for slot in range(computed.size):
@@ -334,7 +352,11 @@ def mark(computed: Genomes, cells: Genomes, table: Table) -> None:
 
 @kernel(MATING)
 def variation(couples: Genomes, offspring: Genomes, seed: np.uint64, cell: int, generation: int, table: Table) -> None:
-    """`coding.CoarseToFine.recombine` for one row; its table: length and uniform, rate, `coding.FINER_AT`, masks."""
+    """Recombine couples as `coding.CoarseToFine.recombine` does.
+
+    The table of this operator holds the length and whether crossover is uniform, the mutation rate, `coding.FINER_AT`
+    and the masks.
+    """
     choices, finer_at, masks = integers(table, 0)[0], integers(table, 2)[0], integers(table, 3)
     rate = reals(table, 1)[0, 0]
     recombine_row(couples, offspring, seed, cell, generation, choices[0], choices[1] != 0, rate)
@@ -348,7 +370,10 @@ def variation(couples: Genomes, offspring: Genomes, seed: np.uint64, cell: int, 
 
 @kernel("float64[:,::1](int64, float64[::1], int64[:,::1])")
 def ranges_at(joint: int, configuration: Floats, table: Table) -> Floats:
-    """The legal ranges of a joint with the others as in any free configuration, rad, shape (ranges, 2)."""
+    """Return the legal ranges of a joint with the others as in a free configuration, rad, shape (ranges, 2).
+
+    The configuration need not consist of places, so the ranges are not cached.
+    """
     task = _task_of(table)
     ranges = np.empty((MOST_RANGES, 2))
     task.standing[:] = configuration
@@ -358,6 +383,6 @@ def ranges_at(joint: int, configuration: Floats, table: Table) -> Floats:
 
 @kernel("boolean(float64[:,::1], float64, float64)")
 def may_turn(ranges: Floats, angle: float, turn: float) -> bool:
-    """Whether a joint that stands at ``angle`` and turns by ``turn``, rad, keeps within one of its legal ranges."""
+    """Return whether a joint that stands at ``angle`` and turns by ``turn``, rad, stays in one of its legal ranges."""
     free: bool = stays(ranges, ranges.shape[0], angle, turn)
     return free

@@ -1,4 +1,4 @@
-"""An arm-path solution over time: one joint turns after another, each from rest to rest."""
+"""Convert an arm-path solution to a motion over time: one joint turns after another, each from rest to rest."""
 
 from __future__ import annotations
 
@@ -17,14 +17,18 @@ if TYPE_CHECKING:
 
 
 def motion(problem: ArmPath, solution: Solution, pace: Pace) -> Motion:
-    """Each joint turns as fast as --speed and the arm's own limits allow."""
+    """Return the motion in which each joint turns as fast as --speed and the arm's own limits allow.
+
+    Raises:
+        BadInput: if neither the command line nor the problem file states a speed, or an option does not apply.
+    """
     none = "whose joints turn at --speed"
     pace.refuse(problem.kind, turn_speed=none, turn_acceleration=none)
     arm = problem.arm
     speeds, gains = _limits(problem, pace)
     path = np.array(solution["path"], np.float64)
     turns = np.abs(np.diff(path, axis=0))
-    joint = np.argmax(turns, axis=1)
+    joint = np.argmax(turns, axis=1)  # of each move, the only one that turns
     way = ride(path, turns.sum(axis=1), np.array(speeds.values)[joint], np.array(gains.values)[joint], pace)
     links = planar_links(arm.links, arm.base, way.rows)
     track = Joints("", joint_names(len(arm.links)), way.rows, way.velocities, way.accelerations, links=links)
@@ -32,10 +36,10 @@ def motion(problem: ArmPath, solution: Solution, pace: Pace) -> Motion:
 
 
 def _limits(problem: ArmPath, pace: Pace) -> tuple[Limit, Limit]:
-    """Speed and acceleration of each joint.
+    """Return the limits of speed and acceleration of each joint.
 
     Raises:
-        BadInput: if nobody states a speed.
+        BadInput: if neither the command line nor the problem file states a speed.
     """
     arm, joints = problem.arm, len(problem.arm.links)
     speed, speed_source = _least(pace.speed, arm.velocity, ("--speed", "arm.velocity"), joints)
@@ -56,7 +60,10 @@ def _limits(problem: ArmPath, pace: Pace) -> tuple[Limit, Limit]:
 def _least(
     option: float | None, field: list[float] | None, names: tuple[str, str], joints: int
 ) -> tuple[Floats | None, str]:
-    """The lesser of what the command line and the problem file state, for each joint, and who states it."""
+    """Return the lesser of the command line's and the problem file's limit for each joint, and its sources.
+
+    Return None and an empty text if neither states a limit.
+    """
     known: list[tuple[str, Floats]] = []
     if option is not None:
         known.append((names[0], np.full(joints, option)))

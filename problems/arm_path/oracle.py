@@ -1,8 +1,9 @@
-"""What arm-path is held against for two links: the whole configuration space, filled in twice with shapely.
+"""Exact answers to compare arm-path with, for two links: the whole configuration space, tested twice with shapely.
 
-A cell is a pair of coded angles with all that is within half a code step of it. With links thickened by the greatest
-sweep of half a step, a free cell is free all over, so a path of free cells is a motion: surely solvable. With links
-thinned by it, a blocked cell is blocked all over: without a path of free cells there surely is no motion at all.
+A cell is a pair of coded angles with all angles within half a code step of them. With links thickened by the greatest
+sweep of half a step, a free cell is free everywhere, so a path of free cells is a motion: the problem is solvable. With
+links thinned by that sweep, a blocked cell is blocked everywhere: without a path of free cells there is no motion.
+Between the two the answer is unknown.
 """
 
 from __future__ import annotations
@@ -34,11 +35,11 @@ class Grid(NamedTuple):
     """The cells of a configuration space.
 
     Attributes:
-        surely_free: all over.
-        maybe_free: somewhere, as far as one can tell.
+        surely_free: which cells are certainly free everywhere.
+        maybe_free: which cells are not certainly blocked everywhere.
         start: the cell of the start.
-        goal: and of the goal.
-        is_torus: whether joints turn all the way round.
+        goal: the cell of the goal.
+        is_torus: whether joints turn full circles, without limits.
     """
 
     surely_free: Free
@@ -49,10 +50,10 @@ class Grid(NamedTuple):
 
 
 def solve_exactly(problem: ArmPath) -> Answer:
-    """Whether the goal can be reached at all; and bounds from above of the fewest moves and the shortest way there.
+    """Return whether the goal can be reached, with upper bounds of the fewest moves and the shortest way.
 
     Raises:
-        BadInput: if the arm has not two links, or the codes are too many.
+        BadInput: if the arm does not have two links, or there are too many codes.
     """
     grid = fill(problem)
     corners = fewest_moves(grid)
@@ -60,7 +61,7 @@ def solve_exactly(problem: ArmPath) -> Answer:
     if corners:
         solution = _solution(problem, grid, corners)
         moves, length = len(solution["path"]) - 1, round(shortest(problem, grid), 6)
-        figures |= {"fewest_moves_at_most": moves, "shortest_rad_at_most": length}  # cells in doubt may allow less
+        figures |= {"fewest_moves_at_most": moves, "shortest_rad_at_most": length}  # unknown cells may allow less
         return Answer("optimum", 0.0, _METHOD, solution, figures)
     unreachable = not fewest_moves(grid._replace(surely_free=grid.maybe_free))
     return Answer("lower bound", np.inf if unreachable else 0.0, _METHOD, None, figures)
@@ -73,10 +74,10 @@ _METHOD = (
 
 
 def fill(problem: ArmPath) -> Grid:
-    """Judge all cells.
+    """Return the grid with all cells tested.
 
     Raises:
-        BadInput: if the arm has not two links, or the codes are too many.
+        BadInput: if the arm does not have two links, or there are too many codes.
     """
     if len(problem.arm.links) != 2 or problem.bits > MOST_BITS:
         raise BadInput(
@@ -85,6 +86,7 @@ def fill(problem: ArmPath) -> Grid:
         )
     one, two = problem.arm.links
     halves = problem.joint_ranges[1] / problem.steps / 2
+    # Half a step of joint 1 moves all links, at most by its angle times their reach; of joint 2 only the second link.
     sweeps = (one * halves[0], (one + two) * halves[0] + two * halves[1])
     surely, maybe = (_free(problem, sign * np.array(sweeps)) for sign in (1, -1))
     start, goal = (_cell(problem, configuration) for configuration in (problem.start, problem.goal))
@@ -98,7 +100,12 @@ def _cell(problem: ArmPath, configuration: list[float]) -> Cell:
 
 
 def _free(problem: ArmPath, thicker: NDArray[np.float64]) -> Free:
-    """Which coded configurations are clear of the obstacles with each link thicker by so much on both sides."""
+    """Return which coded configurations are clear of the obstacles if links are thickened.
+
+    Args:
+        problem: an arm of two links.
+        thicker: the increase of each link's radius, m, shape (2,); negative to thin the links.
+    """
     lowest, ranges = problem.joint_ranges
     angles = lowest[:, None] + ranges[:, None] * np.arange(1 << problem.bits) / problem.steps
     base = complex(*problem.arm.base)
@@ -124,7 +131,7 @@ def _clear(problem: ArmPath, links: NDArray[np.object_], radius: float) -> Free:
 
 
 def _hit(obstacle: Obstacle, links: NDArray[np.object_], radius: float) -> Free:
-    """Which links come nearer to an obstacle than ``radius``; if that is negative, deeper into it than that."""
+    """Return which links are nearer to an obstacle than ``radius``, m, or, if that is negative, deeper in it."""
     if isinstance(obstacle, Circle):
         solid, radius = shapely.Point(obstacle.center), radius + obstacle.radius
     elif radius >= 0.0:
@@ -139,18 +146,21 @@ def _hit(obstacle: Obstacle, links: NDArray[np.object_], radius: float) -> Free:
 
 
 def move_counts(grid: Grid) -> NDArray[np.int64]:
-    """The fewest moves from the start's cell to each cell, by the joint that moves last: (2, levels, levels), or -1.
+    """Return the fewest moves from the start's cell to each cell, by the joint that moves last, (2, levels, levels).
 
-    Breadth first, all cells of a move at once: one move leads from a cell to all of its run of free cells.
+    Unreachable cells have -1. This is a breadth-first search that handles all cells of a move at once: one move leads
+    from a cell to all cells of its run of free cells.
     """
     runs = [_runs(grid.surely_free, joint, grid.is_torus) for joint in (0, 1)]
     counts = np.full((2, *grid.surely_free.shape), -1)
     newest = [np.zeros_like(grid.surely_free) for _ in (0, 1)]
+    # No joint has moved last at the start, so either may move first.
     newest[0][grid.start] = newest[1][grid.start] = grid.surely_free[grid.start]
     counts[:, grid.start[0], grid.start[1]] = np.where(grid.surely_free[grid.start], 0, -1)
     moves = 0
     while newest[0].any() or newest[1].any():
         moves += 1
+        # Two moves of one joint in a row are one move, so joints alternate on every path with the fewest moves.
         reached = [_along(runs[joint], newest[1 - joint]) & (counts[joint] < 0) for joint in (0, 1)]
         for joint in (0, 1):
             counts[joint][reached[joint]] = moves
@@ -159,21 +169,21 @@ def move_counts(grid: Grid) -> NDArray[np.int64]:
 
 
 def _runs(free: Free, joint: int, is_torus: bool) -> NDArray[np.int64]:
-    """The number of each cell's run of free cells along the axis of a joint; 0 is for those that are not free."""
+    """Return the number of each cell's run of free cells along a joint's axis; 0 for cells that are not free."""
     lanes = free if joint == 1 else free.T
     begins = lanes & ~np.roll(lanes, 1, axis=1)
     if not is_torus:
         begins[:, 0] = lanes[:, 0]
-    begins[:, 0] |= lanes.all(axis=1)
+    begins[:, 0] |= lanes.all(axis=1)  # a lane that is free all around begins nowhere else
     numbers = np.cumsum(begins).reshape(lanes.shape)
-    before = np.cumsum(begins.sum(axis=1)) - begins.sum(axis=1)  # of earlier lanes
-    across = numbers == before[:, None]  # the run began at the other end of its lane
+    before = np.cumsum(begins.sum(axis=1)) - begins.sum(axis=1)  # runs in earlier lanes
+    across = numbers == before[:, None]  # no run of this lane has begun yet, so this one began at the lane's other end
     whole: NDArray[np.int64] = np.where(across, np.cumsum(begins.sum(axis=1))[:, None], numbers) * lanes
     return whole if joint == 1 else whole.T
 
 
 def _along(runs: NDArray[np.int64], cells: Free) -> Free:
-    """All cells that lie in a run with one of ``cells``."""
+    """Return all cells that share a run with one of ``cells``."""
     reached = np.zeros(runs.max(initial=0) + 1, np.bool_)
     reached[runs[cells]] = True
     reached[0] = False
@@ -182,7 +192,7 @@ def _along(runs: NDArray[np.int64], cells: Free) -> Free:
 
 
 def fewest_moves(grid: Grid) -> list[Cell]:
-    """The cells where the moves of a path with the fewest moves begin and end; none if there is no path."""
+    """Return the corner cells of a path with the fewest moves, ends included; an empty list if there is no path."""
     counts = move_counts(grid)
     cell, corners = grid.goal, [grid.goal]
     if (counts[:, *cell] < 0).all():
@@ -190,7 +200,7 @@ def fewest_moves(grid: Grid) -> list[Cell]:
     joint = int(np.argmin(np.where(counts[:, *cell] < 0, np.inf, counts[:, *cell])))
     runs = [_runs(grid.surely_free, each, grid.is_torus) for each in (0, 1)]
     while (left := counts[joint, *cell]) > 0:
-        # Where the move before ended: in the same run, one move earlier, by the other joint (or at the start).
+        # The move before ended in the same run, with one move less, and was of the other joint (or this is the start).
         there = (runs[joint] == runs[joint][cell]) & (counts[1 - joint] == left - 1)
         one, two = np.argwhere(there)[0]
         cell, joint = (int(one), int(two)), 1 - joint
@@ -199,7 +209,7 @@ def fewest_moves(grid: Grid) -> list[Cell]:
 
 
 def _neighbours(grid: Grid, cell: Cell) -> Iterator[tuple[int, Cell]]:
-    """The surely free cells beside a cell, each with the joint that moves."""
+    """Yield the surely free cells beside a cell, each with the joint that moves."""
     levels = len(grid.surely_free)
     for joint in (0, 1):
         for step in (-1, 1):
@@ -214,7 +224,7 @@ def _neighbours(grid: Grid, cell: Cell) -> Iterator[tuple[int, Cell]]:
 
 
 def shortest(problem: ArmPath, grid: Grid) -> float:
-    """The least sum of all turns from the start's cell to the goal's, rad (Dijkstra); +inf if there is no path."""
+    """Return the least sum of turns from the start's cell to the goal's, rad (Dijkstra); +inf if there is no path."""
     steps = problem.joint_ranges[1] / problem.steps
     if not grid.surely_free[grid.start]:
         return float(np.inf)
@@ -235,13 +245,16 @@ def shortest(problem: ArmPath, grid: Grid) -> float:
 
 
 def _solution(problem: ArmPath, grid: Grid, corners: list[Cell]) -> Solution:
-    """A path through the corners that leaves the start, and ends at the goal, wherever these are in their cells."""
+    """Return a path through the corner cells that begins and ends exactly at start and goal.
+
+    Start and goal need not be the centres of their cells. Each joint's last move ends at its angle of the goal.
+    """
     lowest, ranges = problem.joint_ranges
     steps = ranges / problem.steps
     rows = [np.array(problem.start)]
 
     def turn(joint: int, to: float, about: float) -> None:
-        """By about so much, to an angle that may be full turns away."""
+        """Append a turn of ``about`` so much to the angle ``to``; on the torus, to that angle plus full turns."""
         row = rows[-1].copy()
         off = to - row[joint] - about
         row[joint] += about + (off - 2 * np.pi * np.rint(off / (2 * np.pi)) if grid.is_torus else off)
@@ -260,7 +273,7 @@ def _solution(problem: ArmPath, grid: Grid, corners: list[Cell]) -> Solution:
 
 
 def _cells_along(grid: Grid, cell: Cell, following: Cell) -> int:
-    """How many cells upwards a move goes; downwards is negative."""
+    """Return the number of cells of a move, negative if it goes downwards; on the torus, by the sense that is free."""
     levels, joint = len(grid.surely_free), int(cell[0] == following[0])
     lane = grid.surely_free[cell[0]] if joint == 1 else grid.surely_free[:, cell[1]]
     up = following[joint] - cell[joint]

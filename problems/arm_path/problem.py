@@ -1,4 +1,4 @@
-"""The arm-path planner: by which moves of one joint at a time does an arm get from one configuration to another?"""
+"""The arm-path planner: find a motion between two configurations that moves one joint at a time."""
 
 from __future__ import annotations
 
@@ -28,24 +28,24 @@ if TYPE_CHECKING:
 
 MOST_LINKS = 6
 MOST_BITS = 12
-_KEPT = 1 << 12  # slices of an arm of more than two links
-_SLICES = slice(8, 12)  # of the table of all kernels
-_COARSE = 4  # bits of an angle in the first generations of the tuned recipe
-_MUTATION = 0.03  # of a bit
+_KEPT = 1 << 12  # slices that are cached for an arm of more than two links
+_SLICES = slice(8, 12)  # the places of `kernels.Slices` in the table of the kernels
+_COARSE = 4  # leading bits of an angle that the tuned recipe uses in the first generations
+_MUTATION = 0.03  # probability that a bit flips (tuned)
 
 Rate = Annotated[float, Field(gt=0, le=1e6)]
 Path = NDArray[np.float64]  # (rows, links), rad, unwrapped
-Cells = NDArray[np.bool_]  # (2^q, 2^q), by the angle of joint 1, then of joint 2
+Cells = NDArray[np.bool_]  # (2^q, 2^q), indexed by the codes of joint 1 and joint 2
 
 
 class Arm(arm_ik.Arm):
-    """A planar arm whose joints may be slow."""
+    """A planar arm whose joints may have limits of speed and acceleration."""
 
     velocity: list[Rate] | None = quantity(
-        "rad/s", "the greatest of each joint, for `supernode export`; if not given, --speed", default=None
+        "rad/s", "greatest speed of each joint, for `supernode export`; if not given, --speed", default=None
     )
     acceleration: list[Rate] | None = quantity(
-        "rad/s²", "the greatest of each joint, for `supernode export`; if not given, --acceleration", default=None
+        "rad/s²", "greatest one of each joint, for `supernode export`; if not given, --acceleration", default=None
     )
 
     @model_validator(mode="after")
@@ -57,7 +57,11 @@ class Arm(arm_ik.Arm):
 
 
 class ArmPath(ArmProblem):
-    """Find a Manhattan motion, M(k, q), that ends where a simple path leads to the goal, or passes there (§4)."""
+    """Find a Manhattan motion M(k, q) with a corner from which the goal can be reached by a simple path (§4).
+
+    A Manhattan motion moves one joint at a time: k rounds of moving joint 1, joint 2, .., joint n, each to an absolute
+    q-bit angle. The simple path turns each joint to the goal once.
+    """
 
     about: ClassVar[str] = "a path of an arm among obstacles, one joint at a time"
     template: ClassVar[str] = """\
@@ -65,7 +69,7 @@ kind = "arm-path"
 # unit = "deg"                  # of all angles in this file; "rad" if not given
 start = [0.3, 0.4]              # rad, one angle a joint
 goal = [2.9, -0.5]              # rad
-rounds = 24                     # k: each joint is moved so often, in turn
+rounds = 24                     # k: how often each joint is moved, in turn
 bits = 8                        # of each move: the angle where it ends
 # scan = "from-start"           # or "from-both-ends"; if not given, the recipe's
 # self_collision = true         # links that are not neighbours must not touch
@@ -77,8 +81,8 @@ links = [1.0, 0.8]              # m, from the base outwards; two to six
 base = [0.0, 0.0]               # m
 radius = 0.04                   # m, half the thickness of a link
 # limits = [[-3.1, 3.1], [-2.6, 2.6]]   # rad, one pair a joint; full circles if not given
-# velocity = [1.0, 1.5]         # rad/s, the greatest of each joint when the motion is exported
-# acceleration = [2.0, 4.0]     # rad/s², likewise
+# velocity = [1.0, 1.5]         # rad/s, greatest one of each joint in an exported motion
+# acceleration = [2.0, 4.0]     # rad/s², greatest one of each joint in an exported motion
 
 [[obstacles]]
 shape = "circle"
@@ -104,7 +108,7 @@ seed = 1
 
     arm: Arm = quantity("", "the arm")
     start: list[Angle] = quantity("rad", "the configuration where the arm stands, one angle a joint")
-    goal: list[Angle] = quantity("rad", "the configuration where it shall go")
+    goal: list[Angle] = quantity("rad", "the configuration to reach, one angle a joint")
     rounds: int = quantity("", "how often each joint is moved, in turn: k of M(k, q)", default=24, ge=1, le=1000)
     bits: int = quantity("bit", "bits of each move, the angle where it ends", default=8, ge=1, le=MOST_BITS)
     code: Literal["binary", "gray"] | None = quantity(
@@ -113,7 +117,7 @@ seed = 1
     coarse: int | None = quantity(
         "bit",
         "leading bits of each angle that are used in the first generations; if not given, the recipe's: tuned 4, "
-        "paper all; all by the Gray code",
+        "paper all; the Gray code uses all",
         default=None,
         ge=1,
         le=MOST_BITS,
@@ -152,16 +156,16 @@ seed = 1
 
     @property
     def solved_at(self) -> float:
-        """The goal is reached."""
+        """0, the fitness of a motion that reaches the goal."""
         return 0.0
 
     @property
     def solved_when(self) -> str:
-        """In words."""
+        """What `solved_at` means, in words."""
         return "rad from the goal, which is reached"
 
     def for_recipe(self, name: RecipeName, deme: int) -> Self:
-        """With the recipe's code, first bits and scan, unless the file chooses."""
+        """Return this problem with the recipe's ``code``, ``coarse`` and ``scan`` where the file does not set them."""
         tuned = name == "tuned"
         code = self.code or "binary"
         open_ = {
@@ -176,7 +180,7 @@ seed = 1
 
     @cached_property
     def coding(self) -> BitString:
-        """One integer a move: joint 1, joint 2, .., joint 1, .. (§4)."""
+        """One integer for each move: joint 1, joint 2, .., joint 1, .. (§4)."""
         from genetics.bit_string import BitString
         from problems.arm_path.coding import CoarseToFine
 
@@ -186,55 +190,62 @@ seed = 1
         return CoarseToFine(moves, self.bits, coarse=self.coarse)
 
     def recipe(self, name: RecipeName, deme: int) -> Recipe:
-        """The paper's: §3.1 and §6 to the letter. Tuned: elitist, uniform crossover and more mutation."""
+        """Return the paper's operators (§3.1, §6), or the tuned ones: elitist, uniform crossover and more mutation."""
         if name == "paper":
             return Recipe("one-point", ONE_BIT if deme > 1 else 1.0 / self.coding.length, "offspring")
         return Recipe("uniform", _MUTATION, "elitist")
 
     def for_cell(self) -> Self:
-        """This problem with slices of its own."""
+        """Return this problem with an empty cache of slices of its own."""
         own = self.model_copy()
-        vars(own).pop("_compiled", None)
+        vars(own).pop("_compiled", None)  # the arrays of the cache belong to this operator
         return own
 
     def evaluate(self, genomes: Genomes) -> Fitness:
-        """0 if the goal is seen on the way, else how far from it the scan ends, rad: (n, genome_bytes) to (n,)."""
+        """Return 0 if a motion leads to the goal, else its distance to the goal, rad: (n, genome_bytes) to (n,)."""
         return self._compiled.fitness(genomes)
 
     @property
     def fitness_kernel(self) -> Operator:
-        """`evaluate` as compiled code, whatever the fields: nothing of it is left to Python."""
+        """`evaluate` as compiled code, for every combination of fields."""
         return self._compiled
 
     def decode(self, genome: Genomes) -> Solution:
-        """``{"path": [[θ..], ..], "cspace_evaluated": share, "slices": ..}``: with what this motion alone asks for.
+        """Return ``{"path": [[θ..], ..], "cspace_evaluated": share, "slices": ..}``.
 
-        ``slices``, of two links: for joint 1, then for joint 2, the places of the other joint at which its legal ranges
-        were computed, by code; of more links: how many were.
+        The last two count the slices that this motion alone needs; `merge` replaces them. For two links, ``slices``
+        lists the places of the other joint at which the legal ranges of joint 1, then of joint 2, were computed: codes,
+        ``"start"`` or ``"goal"``. For more links it is the number of slices computed.
         """
         from problems.arm_path import kernels, stretching
 
-        own = self.for_cell()
+        own = self.for_cell()  # an empty cache, so that only this motion is counted
         path = kernels.follow(writable(genome), own._compiled.table)
         if self.stretch:
             path = stretching.stretched(own, path)
         return own._evaluated([own.report()]) | {"path": path.tolist()}
 
     def report(self) -> bytes:
-        """Of two links: a bit for each slice, set if it was computed. Of more: how many were, and the cells in them."""
+        """Return which slices this cell has computed.
+
+        For two links, this is a bit for each slice; for more, the number of computed slices and of the cells in them.
+        """
         keys, *_, tally = self._compiled.kept[_SLICES]
         return np.packbits(keys[:, -1] != 0).tobytes() if self.is_flat else tally.tobytes()
 
     def merge(self, solution: Solution, reports: Mapping[int, bytes], finder: int) -> Solution:
-        """With what was evaluated by all cells; of more than two links by the finder."""
+        """Return the solution with what was evaluated by all cells; for more than two links by the finder alone.
+
+        Several cells compute the same slices; only the reports of two links tell which ones.
+        """
         told = list(reports.values()) if self.is_flat else [reports[each] for each in (finder,) if each in reports]
         return solution | self._evaluated(told) if told else solution
 
     def _evaluated(self, reports: list[bytes]) -> Solution:
-        """The share of configuration space in the legal ranges computed, and the slices that it comes from.
+        """Return the share of configuration space in the computed legal ranges, and the slices, as `decode` does.
 
-        Of more than two links cells where slices cross count for each, and so do slices that were forgotten and
-        computed again: it is at most that share.
+        For more than two links the share is an upper bound: it counts a cell once for every slice that contains it, and
+        a slice again when it is computed again after its eviction from the cache.
         """
         if not self.is_flat:
             slices, cells = np.frombuffer(reports[0], np.int64).tolist()
@@ -248,20 +259,23 @@ seed = 1
         }
 
     def cells_in(self, computed: Genomes) -> Cells:
-        """Of two links, the cells in the legal ranges of some slices; those of joint 1 look at both links.
+        """Return the cells in the legal ranges of some slices, for two links.
+
+        A slice of joint 1 tests both links, one of joint 2 only the second.
 
         Args:
-            computed: 1 for each such slice, shape (2, 2^q + 2): by joint, and by the place of the other joint.
+            computed: 1 for each of these slices, shape (2, 2^q + 2), indexed by joint and by the place of the other
+                joint.
         """
         from problems.arm_path import kernels
 
-        own = self.for_cell()  # which must outlive the call: its table holds addresses
+        own = self.for_cell()  # this reference must outlive the call: the table holds only addresses of its arrays
         cells = np.zeros((self.levels, self.levels), np.uint8)
         kernels.mark(np.require(computed.ravel(), np.uint8, ["C", "W"]), cells, own._compiled.table)
         return cells.astype(np.bool_)
 
     def describe(self, solution: Solution) -> str:
-        """The moves, as one would call them out."""
+        """Return the moves in words, one a line."""
         path = np.array(solution["path"])
         turns = np.diff(path, axis=0)
         joints = np.argmax(np.abs(turns), axis=1)
@@ -273,29 +287,29 @@ seed = 1
         return "\n".join([f"{len(calls)} moves; {share:.3g} % of configuration space evaluated:", *calls])
 
     def check(self, solution: Solution) -> Verdict:
-        """See `problems.arm_path.checker`, which shares no code with `evaluate`."""
+        """Judge a solution with `problems.arm_path.checker`, which shares no code with `evaluate`."""
         return checker.verify(self, solution)
 
     def oracle(self) -> Answer:
-        """See `problems.arm_path.oracle`: for two links."""
+        """Return whether a two-link arm can reach the goal, and by how many moves; see `problems.arm_path.oracle`."""
         from problems.arm_path import oracle
 
         return oracle.solve_exactly(self)
 
     def motion(self, solution: Solution, pace: Pace) -> Motion:
-        """One joint after another, each from rest to rest within its limits."""
+        """Return the path over time: one joint moves after another, each from rest to rest within its limits."""
         from problems.arm_path import moving
 
         return moving.motion(self, solution, pace)
 
     def draw(self, figure: Figure, solution: Solution | None, populations: Populations) -> None:
-        """The path in the workspace and, of two links, in configuration space (figures 4 and 5 of the paper)."""
+        """Draw the path in the workspace and, for two links, in configuration space (figures 4 and 5)."""
         from problems.arm_path import drawing
 
         drawing.draw(self, figure, solution)
 
     def is_legal(self, configuration: Path, joint: int, turn: float) -> bool:
-        """Whether a joint of the arm in a free configuration, shape (links,), can turn by so much, rad."""
+        """Return whether a joint can turn by ``turn``, rad, from a free configuration of shape (links,)."""
         from problems.arm_path import kernels
 
         ranges = kernels.ranges_at(joint, np.require(configuration, np.float64, ["C", "W"]), self._compiled.table)
@@ -303,24 +317,24 @@ seed = 1
 
     @property
     def is_flat(self) -> bool:
-        """Whether configuration space is a plane, of which all cells can be kept in mind."""
+        """Whether the arm has two links, so that every slice can be cached."""
         return len(self.arm.links) == 2
 
     @property
     def levels(self) -> int:
-        """Coded angles of a joint."""
+        """The number of coded angles of a joint."""
         return 1 << self.bits
 
     @cached_property
     def angles(self) -> Path:
-        """The angle of each place, shape (links, 2^q + 2): the coded ones, start and goal."""
+        """The angle of each place, rad, shape (links, 2^q + 2): the coded angles, then start and goal."""
         lowest, ranges = self.joint_ranges
         coded = lowest[:, None] + ranges[:, None] * np.arange(self.levels) / self.steps
         return np.column_stack([coded, self.start, self.goal])
 
     @cached_property
     def _compiled(self) -> Operator:
-        """The fitness, and the table of all kernels."""
+        """The fitness as an operator. Its table, laid out as `problems.arm_path.kernels` says, serves all kernels."""
         from genetics.operators import Operator
         from problems.arm_path import kernels, ranges
 
@@ -355,7 +369,7 @@ seed = 1
 
     @cached_property
     def _nearest(self) -> NDArray[np.int64]:
-        """The numbers of the coded angles next to start and goal, shape (2, links)."""
+        """The codes of the angles nearest to start and goal, shape (2, links)."""
         lowest, ranges = self.joint_ranges
         steps = np.rint((np.array([self.start, self.goal]) - lowest) / ranges * self.steps).astype(np.int64)
         return steps % self.levels

@@ -1,11 +1,12 @@
 """Compiled legal ranges of a joint while the others stand still: one slice of configuration space, in closed form.
 
-What lies beyond the joint turns as a whole around it. A link's contacts with a shape begin and end where two outlines,
-thickened, touch: at angles that have closed forms. Between two such angles nothing changes, so one place in between
-tells for all of it: ranges are exact, up to `CONTACT` and to rounding.
+The links beyond the joint turn around it as a rigid body. A collision of a link with a shape can begin or end only at
+an angle at which their thickened outlines touch, and these angles have closed forms. Between two consecutive ones
+nothing changes, so one test in the middle decides for the whole interval. The ranges are therefore exact, up to
+`CONTACT` and rounding.
 
-The links before the joint, and those beyond it among themselves, are not looked at: they do not move, so whoever asks
-for the ranges of a free configuration knows that they are free.
+Collisions among the links before the joint, or among those beyond it, are not tested: their relative positions do not
+change. Callers must ask only for free configurations, in which these links do not collide.
 """
 
 from typing import Any, NamedTuple
@@ -18,23 +19,23 @@ from problems.plane import CONTACT
 
 FULL_TURN = 2.0 * np.pi
 MOST_RANGES = 16
-"""Of a slice; if there are more, the narrowest are given up, which is safe."""
+"""The most ranges of a slice. If there are more, the narrowest are dropped, which is safe: they count as blocked."""
 
-_NARROWEST = 1e-12  # rad; less between two contacts is rounding
+_NARROWEST = 1e-12  # rad; a smaller distance between two contacts is rounding
 
 
 class Arm(NamedTuple):
-    """What moves."""
+    """The arm."""
 
     lengths: Any  # (links,), m
     base: Any  # (2,), m
-    radius: Any  # m, of a link and its clearance
-    apart: Any  # m, at least between the axes of links that are no neighbours
-    self_collision: Any
+    radius: Any  # m, the radius of a link plus the clearance
+    apart: Any  # m, the least distance between the axes of links that are not neighbours
+    self_collision: Any  # whether links that are not neighbours must not touch
 
 
 class Obstacles(NamedTuple):
-    """What stands (see `problems.plane.Shapes`)."""
+    """The obstacles (see `problems.plane.Shapes`)."""
 
     corners: Any  # (all corners, 2), m
     starts: Any  # (shapes + 1,)
@@ -42,33 +43,42 @@ class Obstacles(NamedTuple):
 
 
 class Room(NamedTuple):
-    """What is written to on the way; see `room_needed`."""
+    """Working memory; `room_needed` returns its sizes."""
 
-    joints: Any  # (links + 1, 2), m
-    contacts: Any  # (most of one link and shape,), rad
-    blocked: Any  # (most of all, 2), rad
+    joints: Any  # (links + 1, 2), m: with the moving joint at angle 0
+    contacts: Any  # (n,), rad: of one link with one shape
+    blocked: Any  # (n, 2), rad: of all links and shapes
 
 
 def room_needed(links: int, corners: list[int]) -> tuple[int, int]:
-    """The most contacts of a link with a shape, and the most blocked ranges; ``corners`` are those of each shape."""
+    """Return the greatest number of contacts of a link with a shape, and of blocked ranges in all.
+
+    Args:
+        links: the number of links.
+        corners: the number of corners of each obstacle.
+    """
     per_corner = 16  # 4 with the two ends of a link, 8 of these with an edge, 4 with the sides of the link
-    shapes = [*corners, *(2 for _ in range(links))]
+    shapes = [*corners, *(2 for _ in range(links))]  # the arm's other links are shapes of two corners
     return per_corner * max(shapes), links * sum(per_corner * each + 1 for each in shapes)
 
 
 @subroutine
 def _add(contacts: Any, count: Any, angle: Any) -> Any:
-    """Append an angle, brought into [0, 2π); returns how many there are."""
+    """Append an angle, brought into [0, 2π), and return the new count."""
     contacts[count] = angle - FULL_TURN * np.floor(angle / FULL_TURN)
     return count + 1
 
 
 @subroutine
 def _meet_corners(contacts: Any, count: Any, px: Any, py: Any, cx: Any, cy: Any, limit: Any) -> Any:
-    """Where the turning point p is as far from the standing point c as ``limit``."""
+    """Append the angles at which the distance of the turning point p from the fixed point c is ``limit``.
+
+    Points are relative to the pivot. Returns the new count.
+    """
     reach, away = np.hypot(px, py), np.hypot(cx, cy)
     if reach == 0.0 or away == 0.0:
         return count
+    # The law of cosines in the triangle of the pivot, p and c.
     cosine = (reach * reach + away * away - limit * limit) / (2.0 * reach * away)
     if abs(cosine) > 1.0:
         return count
@@ -80,7 +90,10 @@ def _meet_corners(contacts: Any, count: Any, px: Any, py: Any, cx: Any, cy: Any,
 def _meet_side(
     contacts: Any, count: Any, px: Any, py: Any, cx: Any, cy: Any, dx: Any, dy: Any, limit: Any, sense: Any
 ) -> Any:
-    """Where a point p that turns is as far to a side of cd as ``limit``; ``sense`` is -1 if cd turns instead."""
+    """Append the angles at which the turning point p is at the distance ``limit`` beside the segment cd.
+
+    With ``sense`` -1, p is fixed and cd turns. Points are relative to the pivot. Returns the new count.
+    """
     reach, length = np.hypot(px, py), np.hypot(dx - cx, dy - cy)
     if reach == 0.0 or length == 0.0:
         return count
@@ -104,7 +117,7 @@ def _meet_side(
 def _contacts(
     contacts: Any, px: Any, py: Any, qx: Any, qy: Any, corners: Any, first: Any, last: Any, pivot: Any, limit: Any
 ) -> Any:
-    """All angles at which the turning segment pq may begin or end to touch a shape; returns how many."""
+    """Collect all angles at which the turning segment pq may begin or cease to touch a shape; return their count."""
     count = 0
     previous = last - 1
     for corner in range(first, last):
@@ -122,7 +135,10 @@ def _contacts(
 
 @subroutine
 def _hits(ax: Any, ay: Any, bx: Any, by: Any, corners: Any, first: Any, last: Any, limit: Any) -> Any:
-    """Whether the segment ab is nearer to a shape than ``limit``."""
+    """Return whether the segment ab is nearer to a shape than ``limit``.
+
+    A shape of one corner is a disc, of two a link, of more a polygon.
+    """
     if last - first == 1:
         return limit > 0.0 and gap_squared(corners[first, 0], corners[first, 1], ax, ay, bx, by) < limit * limit
     if last - first == 2:
@@ -135,6 +151,7 @@ def _hits(ax: Any, ay: Any, bx: Any, by: Any, corners: Any, first: Any, last: An
 def _hits_when_turned(
     angle: Any, px: Any, py: Any, qx: Any, qy: Any, corners: Any, first: Any, last: Any, pivot: Any, limit: Any
 ) -> Any:
+    """Return whether the segment pq, turned around the pivot by an angle, is nearer to a shape than ``limit``."""
     cosine, sine = np.cos(angle), np.sin(angle)
     ax, ay = pivot[0] + cosine * px - sine * py, pivot[1] + sine * px + cosine * py
     bx, by = pivot[0] + cosine * qx - sine * qy, pivot[1] + sine * qx + cosine * qy
@@ -143,7 +160,7 @@ def _hits_when_turned(
 
 @subroutine
 def _sort(values: Any, count: Any) -> Any:
-    """The first few in ascending order; there are few, so insertion is quickest."""
+    """Sort the first ``count`` values; there are few of them, so insertion sort is fastest."""
     for place_ in range(1, count):
         value, hole = values[place_], place_
         while hole > 0 and values[hole - 1] > value:
@@ -154,7 +171,7 @@ def _sort(values: Any, count: Any) -> Any:
 
 @subroutine
 def _block(blocked: Any, count: Any, low: Any, high: Any) -> Any:
-    """Insert a range, in ascending order of ``low``."""
+    """Insert a range into those sorted by ``low``, and return the new count."""
     hole = count
     while hole > 0 and blocked[hole - 1, 0] > low:
         blocked[hole, 0], blocked[hole, 1] = blocked[hole - 1, 0], blocked[hole - 1, 1]
@@ -167,7 +184,7 @@ def _block(blocked: Any, count: Any, low: Any, high: Any) -> Any:
 def _out_of_reach(
     px: Any, py: Any, qx: Any, qy: Any, corners: Any, first: Any, last: Any, pivot: Any, limit: Any
 ) -> Any:
-    """Whether the ring that the segment pq sweeps in a full turn is clear of a shape."""
+    """Return whether the ring that the segment pq sweeps in a full turn is clear of a shape."""
     reach = max(np.hypot(px, py), np.hypot(qx, qy)) + limit
     hollow = np.sqrt(gap_squared(0.0, 0.0, px, py, qx, qy)) - limit
     nearest, farthest = np.inf, 0.0
@@ -194,20 +211,20 @@ def _block_by(
     limit: Any,
     pivot: Any,
 ) -> Any:
-    """Append where the segment pq, which turns around the pivot, hits a shape; returns how many ranges there are."""
-    touching = max(0.0, limit)
+    """Add the ranges in which the segment pq, which turns around the pivot, hits a shape; return the new count."""
+    touching = max(0.0, limit)  # for bare links, contacts are those of the outlines themselves
     if _out_of_reach(px, py, qx, qy, corners, first, last, pivot, touching):
         return count
     contacts, blocked = room.contacts, room.blocked
     touches = _contacts(contacts, px, py, qx, qy, corners, first, last, pivot, touching)
-    if touches == 0:
+    if touches == 0:  # then the segment collides at every angle, or at none
         if _hits_when_turned(0.0, px, py, qx, qy, corners, first, last, pivot, limit):
             return _block(blocked, count, 0.0, FULL_TURN)
         return count
     _sort(contacts, touches)
     for touch in range(touches):
         low = contacts[touch]
-        high = contacts[touch + 1] if touch + 1 < touches else contacts[0] + FULL_TURN
+        high = contacts[touch + 1] if touch + 1 < touches else contacts[0] + FULL_TURN  # the last one goes around
         if high - low < _NARROWEST:
             continue
         if _hits_when_turned((low + high) / 2.0, px, py, qx, qy, corners, first, last, pivot, limit):
@@ -219,7 +236,7 @@ def _block_by(
 
 @subroutine
 def _keep(ranges: Any, count: Any, low: Any, high: Any) -> Any:
-    """Append a range; if there is no room, the narrowest goes. Returns how many there are."""
+    """Append a range and return the new count. If there is no room, drop the narrowest range."""
     if count < ranges.shape[0]:
         ranges[count, 0], ranges[count, 1] = low, high
         return count + 1
@@ -234,13 +251,16 @@ def _keep(ranges: Any, count: Any, low: Any, high: Any) -> Any:
 
 @subroutine
 def _rest(blocked: Any, count: Any, ranges: Any) -> Any:
-    """What is left of the circle; returns how many ranges. One across 0 ends beyond 2π; the whole circle is endless."""
+    """Fill ``ranges`` with what the blocked ranges leave of the circle, and return their count.
+
+    A range that contains 0 ends beyond 2π. If nothing is blocked, the only range is infinite.
+    """
     if count == 0:
         return _keep(ranges, 0, -np.inf, np.inf)
     kept, free_from = 0, 0.0
     first_low = blocked[0, 0]
     for place_ in range(count):
-        if blocked[place_, 0] > free_from > 0.0:
+        if blocked[place_, 0] > free_from > 0.0:  # what is free before the first one belongs to the last range
             kept = _keep(ranges, kept, free_from, blocked[place_, 0])
         free_from = max(free_from, blocked[place_, 1])
     if free_from < FULL_TURN or first_low > 0.0:
@@ -250,9 +270,9 @@ def _rest(blocked: Any, count: Any, ranges: Any) -> Any:
 
 @subroutine
 def legal_ranges(joint: Any, angles: Any, arm: Any, obstacles: Any, room: Any, ranges: Any) -> Any:
-    """Fill ``ranges``, (most, 2), with the angles in which a joint is free while the others stand at ``angles``.
+    """Fill ``ranges``, shape (most, 2), with the legal ranges of a joint while the others stand at ``angles``, rad.
 
-    Each begins in [0, 2π] and may end beyond. Returns how many there are.
+    Each range begins in [0, 2π] and may end beyond 2π. Joint limits are not considered. Returns the count.
     """
     joints, links = room.joints, arm.lengths.size
     joints[0, 0], joints[0, 1] = arm.base[0], arm.base[1]
@@ -271,18 +291,18 @@ def legal_ranges(joint: Any, angles: Any, arm: Any, obstacles: Any, room: Any, r
             count = _block_by(room, count, px, py, qx, qy, obstacles.corners, first, last, limit, pivot)
         if arm.self_collision:
             limit = arm.apart - CONTACT
-            for other in range(min(joint, link - 1)):
+            for other in range(min(joint, link - 1)):  # links that stand still and are not neighbours of this one
                 count = _block_by(room, count, px, py, qx, qy, joints, other, other + 2, limit, pivot)
     return _rest(room.blocked, count, ranges)
 
 
 @subroutine
 def stays(ranges: Any, count: Any, angle: Any, turn: Any) -> Any:
-    """Whether a joint that stands at ``angle`` and turns by ``turn`` keeps within one of its legal ranges."""
+    """Return whether a joint that stands at ``angle`` and turns by ``turn``, rad, stays in one of its legal ranges."""
     begin = angle - FULL_TURN * np.floor(angle / FULL_TURN)
     low, high = min(begin, begin + turn), max(begin, begin + turn)
     for place_ in range(count):
-        for _ in range(2):
+        for _ in range(2):  # a range may end beyond 2π, so compare the turn shifted by 2π, too
             if ranges[place_, 0] <= low and high <= ranges[place_, 1]:
                 return True
             low, high = low + FULL_TURN, high + FULL_TURN

@@ -1,7 +1,7 @@
-"""Manhattan motions can easily be stretched (Ahuactzin et al. 1992, §4, fourth reason): fewer moves, and shorter ones.
+"""Shorten Manhattan motions by dropping and shortening moves (Ahuactzin et al. 1992, §4, fourth reason).
 
-What one move of a joint leaves to a later one of the same joint slides all moves between them along that joint.
-Whatever is tried, the whole path is then tested against the legal ranges of its moves, as any Manhattan motion is.
+The basic change transfers a part of one move's turn to the next move of the same joint, which shifts all moves between
+them along that joint. After each change the whole path is tested again against the legal ranges of its moves.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 Path = NDArray[np.float64]  # (rows, links), rad, unwrapped
 
 _NO_TURN = 1e-9  # rad
-_HALVINGS = 10  # of a slide, until it is as far as it goes
+_HALVINGS = 10  # of the interval in which the longest legal slide is searched
 
 
 class _Move(NamedTuple):
@@ -30,7 +30,7 @@ _Moves = list[_Move]
 
 
 def stretched(problem: ArmPath, path: Path) -> Path:
-    """A legal path between the same ends with no more moves, and turns that are no longer altogether."""
+    """Return a legal path between the same ends with as many moves or fewer, and a sum of turns that is no greater."""
     start = path[0]
     moves = _merged([_Move(int(np.argmax(np.abs(turns))), float(turns.sum())) for turns in np.diff(path, axis=0)])
     while (better := _dropped(problem, start, moves) or _slid(problem, start, moves)) is not None:
@@ -39,7 +39,7 @@ def stretched(problem: ArmPath, path: Path) -> Path:
 
 
 def _merged(moves: _Moves) -> _Moves:
-    """Without moves that turn nothing, and with those of one joint that follow one another made one."""
+    """Return the moves without those that turn nothing, and with consecutive moves of one joint merged."""
     kept: _Moves = []
     for move in moves:
         if abs(move.turn) <= _NO_TURN:
@@ -53,6 +53,7 @@ def _merged(moves: _Moves) -> _Moves:
 
 
 def _rows(start: Path, moves: _Moves) -> Path:
+    """Return the configurations before the first and after each move."""
     rows = np.tile(start, (len(moves) + 1, 1))
     for number, move in enumerate(moves, start=1):
         rows[number:, move.joint] += move.turn
@@ -60,6 +61,7 @@ def _rows(start: Path, moves: _Moves) -> Path:
 
 
 def _is_legal(problem: ArmPath, start: Path, moves: _Moves) -> bool:
+    """Return whether all moves keep to the joint limits and to the legal ranges of their slices."""
     rows = _rows(start, moves)
     if problem.arm.limits is not None:
         lowest, ranges = problem.joint_ranges
@@ -69,7 +71,7 @@ def _is_legal(problem: ArmPath, start: Path, moves: _Moves) -> bool:
 
 
 def _pairs(moves: _Moves) -> Iterator[tuple[int, int]]:
-    """Each move with the next one of the same joint."""
+    """Yield the indices of each move and of the next one of the same joint."""
     for first, move in enumerate(moves):
         for second in range(first + 1, len(moves)):
             if moves[second].joint == move.joint:
@@ -77,8 +79,8 @@ def _pairs(moves: _Moves) -> Iterator[tuple[int, int]]:
                 break
 
 
-def _with_left(moves: _Moves, first: int, second: int, turn: float) -> _Moves:
-    """The first of two moves leaves a turn to the second."""
+def _transferred(moves: _Moves, first: int, second: int, turn: float) -> _Moves:
+    """Return the moves with ``turn``, rad, transferred from the first of two moves of a joint to the second."""
     changed = list(moves)
     changed[first] = moves[first]._replace(turn=moves[first].turn - turn)
     changed[second] = moves[second]._replace(turn=moves[second].turn + turn)
@@ -90,17 +92,20 @@ def _length(moves: _Moves) -> float:
 
 
 def _dropped(problem: ArmPath, start: Path, moves: _Moves) -> _Moves | None:
-    """With one of two moves of a joint doing the work of both, if that is legal and turns no more."""
+    """Return the moves with two of a joint replaced by one, if that is legal and no longer; None if no pair allows."""
     for first, second in _pairs(moves):
         for turn in (moves[first].turn, -moves[second].turn):
-            fewer = _with_left(moves, first, second, turn)
+            fewer = _transferred(moves, first, second, turn)
             if _length(fewer) <= _length(moves) + _NO_TURN and _is_legal(problem, start, fewer):
                 return fewer
     return None
 
 
 def _slid(problem: ArmPath, start: Path, moves: _Moves) -> _Moves | None:
-    """With two moves of a joint to and fro shortened, as far as is legal."""
+    """Return the moves with two opposite moves of a joint shortened as far as is legal; None if no pair allows.
+
+    The search halves an interval, as if legality ended at one length. If that is not so, the result is still legal.
+    """
     for first, second in _pairs(moves):
         forth, back = moves[first].turn, moves[second].turn
         if forth * back >= 0.0:
@@ -108,10 +113,10 @@ def _slid(problem: ArmPath, start: Path, moves: _Moves) -> _Moves | None:
         low, high = 0.0, np.copysign(min(abs(forth), abs(back)), forth)
         for _ in range(_HALVINGS):
             middle = (low + high) / 2.0
-            if _is_legal(problem, start, _with_left(moves, first, second, middle)):
+            if _is_legal(problem, start, _transferred(moves, first, second, middle)):
                 low = middle
             else:
                 high = middle
         if abs(low) > abs(forth) * 2.0**-_HALVINGS and abs(low) > _NO_TURN * 1e3:
-            return _with_left(moves, first, second, low)
+            return _transferred(moves, first, second, low)
     return None

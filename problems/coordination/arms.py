@@ -1,7 +1,8 @@
-"""Arms whose coordination diagram python-fcl computes, and where they are along their paths (§4).
+"""Arms on paths, their kinematics, and their coordination diagram, which python-fcl computes (§4).
 
-An arm is a chain of revolute joints with Denavit–Hartenberg parameters; its links are capsules between the origins of
-the frames. It moves along straight lines in joint space at one path speed, so high that no joint exceeds its own.
+An arm is a chain of revolute joints with Denavit–Hartenberg parameters. Its links are capsules between the origins of
+the frames. It follows straight lines in joint space at one path speed: the highest at which no joint exceeds its own
+greatest speed.
 """
 
 from __future__ import annotations
@@ -28,11 +29,11 @@ Cells = Annotated[int, Field(ge=2, le=2000)]
 
 _SCORBOT_SPEEDS = [0.349, 0.459, 0.459, 1.449, 1.85]  # 20, 26.3, 26.3, 83, 106 °/s
 _RIGHT_ANGLE = float(np.pi / 2.0)
-_STRAIGHT = 1e-9  # by how much unit vectors of two directions may differ that count as one
+_STRAIGHT = 1e-9  # two directions count as equal if their unit vectors differ by no more
 
 
 class Robot(Table):
-    """An arm and its path; without more a SCORBOT-like one."""
+    """An arm and its path. The default arm resembles a SCORBOT."""
 
     path: list[Configuration] | None = quantity(
         "rad", "joint angles at the corners of the path, at least two; unwrapped, straight in between", default=None
@@ -44,13 +45,13 @@ class Robot(Table):
     base: tuple[Metres, Metres, Metres, Angle] = quantity(
         "m, m, m, rad", "where the first joint stands: [x, y, z, heading]", default=(0.0, 0.0, 0.0, 0.0)
     )
-    d: list[Metres] = quantity("m", "of each joint, along its axis", default=[0.349, 0.0, 0.0, 0.0, 0.145])
-    a: list[Metres] = quantity("m", "of each joint, to the next axis", default=[0.016, 0.221, 0.221, 0.0, 0.0])
+    d: list[Metres] = quantity("m", "offset of each joint, along its axis", default=[0.349, 0.0, 0.0, 0.0, 0.145])
+    a: list[Metres] = quantity("m", "length of each joint, to the next axis", default=[0.016, 0.221, 0.221, 0.0, 0.0])
     alpha: list[Angle] = quantity(
-        "rad", "of each joint, from its axis to the next", default=[_RIGHT_ANGLE, 0.0, 0.0, _RIGHT_ANGLE, 0.0]
+        "rad", "angle from each joint's axis to the next", default=[_RIGHT_ANGLE, 0.0, 0.0, _RIGHT_ANGLE, 0.0]
     )
     speeds: list[Speed] = quantity("rad/s", "the greatest speed of each joint", default=_SCORBOT_SPEEDS)
-    acceleration: float = quantity("s", "to reach the path's speed", default=0.2, ge=0, le=1e6)
+    acceleration: float = quantity("s", "time to reach the path's speed", default=0.2, ge=0, le=1e6)
     radius: float = quantity("m", "half the thickness of a link", default=0.04, gt=0, le=1e3)
 
     @model_validator(mode="after")
@@ -71,12 +72,12 @@ class Robot(Table):
 
     @property
     def lengths(self) -> Floats:
-        """Of the capsules' axes, m; shape (joints,)."""
+        """The lengths of the capsules' axes, m, shape (joints,); 0 where two frames share an origin."""
         return np.hypot(self.d, self.a)
 
 
 class Motion:
-    """An arm's path, by the length λ along it in joint space (rad)."""
+    """An arm's path as a function of λ, the length along it in joint space, rad."""
 
     def __init__(self, robot: Robot) -> None:
         assert robot.path is not None, "a robot's path is known once it is validated"
@@ -85,11 +86,11 @@ class Motion:
         self.length = float(self._at[-1])
 
     def configurations(self, where: NDArray[Any]) -> Floats:
-        """Joint angles at some places λ: (n,) to (n, joints)."""
+        """Return the joint angles at some values of λ: (n,) to (n, joints)."""
         return self._along(self.corners, where)
 
     def directions(self, where: NDArray[Any]) -> Floats:
-        """How much each joint turns with λ from there on: (n,) to (n, joints)."""
+        """Return the derivatives of the joint angles by λ, from the right: (n,) to (n, joints)."""
         lengths = np.diff(self._at)[:, None]
         steps = np.diff(self.corners, axis=0)
         slopes = np.divide(steps, lengths, out=np.zeros(steps.shape), where=lengths > 0.0)
@@ -97,12 +98,12 @@ class Motion:
         return slopes[np.minimum(stretch, len(slopes) - 1)]
 
     def turned(self, where: NDArray[Any]) -> Floats:
-        """How much each joint has turned until there, there and back counted; (n,) to (n, joints)."""
+        """Return the sum of each joint's turns, in both senses, up to some values of λ, rad: (n,) to (n, joints)."""
         steps = np.abs(np.diff(self.corners, axis=0))
         return self._along(np.concatenate([np.zeros((1, steps.shape[1])), np.cumsum(steps, axis=0)]), where)
 
     def speed(self, limits: Floats) -> float:
-        """The path speed at which no joint is ever faster than its limit, rad/s; inf if nothing moves."""
+        """Return the highest path speed at which no joint exceeds its limit, rad/s; inf if nothing moves."""
         steps = np.diff(self.corners, axis=0)
         lengths = np.linalg.norm(steps, axis=1, keepdims=True)
         moving = np.abs(steps) > 0.0
@@ -114,36 +115,38 @@ class Motion:
 
 
 def diagram(first: Robot, second: Robot, clearance: float = 0.0) -> Diagram:
-    """The coordination diagram of two arms, whose links are to keep a clearance, m, from each other.
+    """Return the coordination diagram of two arms whose links must keep a clearance, m, from each other.
 
-    A cell is free only if every point in it is (§2): each capsule is thickened by the farthest that it moves from where
-    it is in the middle of its stretch.
+    A cell may be free only if every point in it is (§2). Each capsule is therefore tested at the middle of its stretch,
+    thickened by the farthest that any of its points moves within the stretch.
     """
+    # To thicken one of the two arms by the clearance is enough.
     times = (_times(first), _times(second))
     return Diagram.of(_colliding(_capsules(first, clearance), _capsules(second)), times)
 
 
 def _times(robot: Robot) -> tuple[float, float]:
+    """Return the seconds per cell at the path's speed, and the seconds to reach that speed."""
     motion = Motion(robot)
     per_cell = motion.length / (robot.cells - 1) / motion.speed(np.array(robot.speeds))
     return per_cell, robot.acceleration
 
 
 def places(robot: Robot, indices: NDArray[Any]) -> Floats:
-    """Joint angles at some cells, or between them: (n,) to (n, joints)."""
+    """Return the joint angles at cells, or at fractions between them: (n,) to (n, joints)."""
     motion = Motion(robot)
     return motion.configurations(indices * motion.length / (robot.cells - 1))
 
 
 def directions(robot: Robot, indices: NDArray[Any]) -> Floats:
-    """How much the joints turn in a cell from there on, rad: (n,) to (n, joints)."""
+    """Return how much each joint turns per cell from some places on, rad: (n,) to (n, joints)."""
     motion = Motion(robot)
     cell = motion.length / (robot.cells - 1)
     return motion.directions(indices * cell) * cell
 
 
 def corners(robot: Robot) -> Floats:
-    """Where along its path an arm turns from one direction in joint space to another, in cells, increasing."""
+    """Return the places along an arm's path, in cells, at which its direction in joint space changes; increasing."""
     motion = Motion(robot)
     if motion.length == 0.0:
         return np.empty(0)
@@ -156,7 +159,7 @@ def corners(robot: Robot) -> Floats:
 
 
 def origins(robot: Robot, configurations: Floats) -> Floats:
-    """Where the frames' origins are, the base first: (n, joints) to (n, joints + 1, 3), m."""
+    """Return the origins of the arm's frames, the base first: (n, joints), rad, to (n, joints + 1, 3), m."""
     count, joints = configurations.shape
     x, y, z, heading = robot.base
     turn, at = _about_z(np.full(count, heading)), np.tile([x, y, z], (count, 1))
@@ -170,7 +173,7 @@ def origins(robot: Robot, configurations: Floats) -> Floats:
 
 
 def _about_z(angles: Floats) -> Floats:
-    """Rotations, shape (n, 3, 3)."""
+    """Return rotation matrices about z, shape (n, 3, 3)."""
     matrices = np.zeros((len(angles), 3, 3))
     matrices[:, 0, 0] = matrices[:, 1, 1] = np.cos(angles)
     matrices[:, 1, 0] = np.sin(angles)
@@ -185,7 +188,7 @@ def _about_x(angle: float) -> Floats:
 
 
 def _capsules(robot: Robot, clearance: float = 0.0) -> list[list[Any]]:
-    """The capsules of each cell, thick enough for the whole stretch and a clearance, m, as collision objects."""
+    """Return the capsules of each cell as collision objects, thickened by their sweep and a clearance, m."""
     import fcl
 
     ends = origins(robot, places(robot, np.arange(robot.cells)))
@@ -206,15 +209,16 @@ def _capsules(robot: Robot, clearance: float = 0.0) -> list[list[Any]]:
 
 
 def _sweeps(robot: Robot) -> Floats:
-    """The farthest that a point of each capsule moves within half a stretch of its middle, (cells, joints), m.
+    """Return bounds of how far any point of a capsule moves within half a stretch, m, shape (cells, joints).
 
-    A joint that turns moves no point farther than the angle times the point's distance, which the links between bound.
+    A joint's turn moves a point by at most the angle times the point's distance from the joint's axis. The total length
+    of the links between bounds that distance.
     """
     motion = Motion(robot)
     step = motion.length / (robot.cells - 1)
     cells = np.arange(robot.cells)
     before, here, after = (motion.turned(step * (cells + shift)) for shift in (-0.5, 0.0, 0.5))
-    turns = np.maximum(here - before, after - here)
+    turns = np.maximum(here - before, after - here)  # the path may have a corner in either half
     upto = np.cumsum(robot.lengths)
     reach = upto[None, :] - np.concatenate([[0.0], upto[:-1]])[:, None]  # (turning joint, capsule)
     sweeps: Floats = turns @ np.triu(reach)
@@ -222,16 +226,16 @@ def _sweeps(robot: Robot) -> Floats:
 
 
 def _upright(axis: Floats) -> Floats:
-    """A rotation that brings +z to a direction."""
+    """Return a rotation matrix that turns +z to a direction."""
     z = axis / np.linalg.norm(axis)
-    aside = np.eye(3)[np.argmin(np.abs(z))]
+    aside = np.eye(3)[np.argmin(np.abs(z))]  # far from parallel to z, so that the cross product is well conditioned
     x = np.cross(aside, z)
     x /= np.linalg.norm(x)
     return np.column_stack([x, np.cross(z, x), z])
 
 
 def _colliding(first: list[list[Any]], second: list[list[Any]]) -> Mask:
-    """Which cells of one arm collide with which of the other."""
+    """Return which cells of the first arm collide with which cells of the second."""
     import fcl
 
     def manager(objects: list[Any]) -> Any:
@@ -250,10 +254,12 @@ def _colliding(first: list[list[Any]], second: list[list[Any]]) -> Mask:
 
 
 def path_of_result(name: str, folder: Path) -> list[list[float]]:
-    """The path of an arm-path result (or of its solution) in a file.
+    """Read the path of an arm-path result, or of its solution alone, from a file.
+
+    Its values are not validated here.
 
     Raises:
-        BadInput: if there is none.
+        BadInput: if the file cannot be read, or holds no path.
     """
     try:
         found = json.loads((folder / name).read_text(encoding="utf-8"))

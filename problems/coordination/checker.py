@@ -1,7 +1,7 @@
-"""The verify of coordination solutions: cell by cell, with its own motions and its own arms; nothing of `evaluate`.
+"""Verify coordination solutions cell by cell, with its own motion law and kinematics; nothing here is in `evaluate`.
 
-Where the diagram comes from two arms, it also moves them through every rectangle, in all pairs of places half a cell
-apart, and measures the distance of their links; in closer places where links could come nearer to each other between.
+If the diagram comes from two arms, the check also measures the distances of their links in every rectangle, at all
+pairs of places half a cell apart, and at closer places where the links could be nearer to each other in between.
 """
 
 from __future__ import annotations
@@ -25,22 +25,26 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 Cell = tuple[int, int]
 
-TOLERANCE = 1e-6  # s, and share of the time
-DEPTH = 1e-6  # m, by which links may overlap
-_ACCURACY = 1e-3  # of the clearance, as a share of an arm's length
-_MOST_PAIRS = 1 << 16  # of places of both arms, to look at more closely
-_TOGETHER = 1 << 12  # pairs whose distances are computed at once
+TOLERANCE = 1e-6  # of times: s, or a share of the time if that is more
+DEPTH = 1e-6  # m, the overlap that is allowed, and the shortfall of the clearance
+_ACCURACY = 1e-3  # of the measured clearance, as a share of the first arm's length
+_MOST_PAIRS = 1 << 16  # pairs of places to refine; if there are more, the result is a lower bound
+_TOGETHER = 1 << 12  # pairs whose distances are computed in one call
 
 
 class CoordinationSolution(Table):
-    """What a solution of coordination is made of."""
+    """The format of a coordination solution."""
 
     time: Annotated[float, Field(ge=0)]
     points: list[tuple[Annotated[int, Field(ge=0)], Annotated[int, Field(ge=0)]]]
 
 
 def verify(problem: Coordination, solution: Solution) -> Verdict:
-    """The time of the sequence, or K + its obstacle cells, and all that is wrong with it."""
+    """Return the time of the sequence, s, or K + its obstacle cells; all objections; and the clearance of two arms.
+
+    Raises:
+        BadInput: if this is no solution of coordination.
+    """
     claimed = _parsed(solution)
     corners = [(0, 0), *claimed.points, problem.last]
     rectangles = [(corner, following) for corner, following in pairwise(corners) if corner != following]
@@ -75,14 +79,14 @@ def _wrong_time(claimed: float, time: float) -> Iterator[str]:
 
 
 def _seconds(problem: Coordination, corner: Cell, following: Cell) -> float:
-    """Of the slower robot; both gain and lose speed evenly."""
+    """Return the time that the slower robot takes from one corner of a rectangle to the other, s."""
     cells = np.abs(np.subtract(following, corner))
     return max(_motion(int(count), *times) for count, times in zip(cells, problem.world.times, strict=True))
 
 
 def _motion(cells: int, per_cell: float, to_speed: float) -> float:
-    """Seconds for some cells, rest to rest: gaining and losing full speed each covers to_speed / 2 of cruising."""
-    cruising = cells * per_cell - to_speed
+    """Return the seconds for a move of some cells from rest to rest, with constant acceleration and deceleration."""
+    cruising = cells * per_cell - to_speed  # a ramp covers as much as to_speed / 2 at full speed
     if cruising >= 0.0:
         return to_speed + cruising + to_speed
     peak = float(np.sqrt(cells * per_cell / to_speed))  # the share of full speed that is reached half-way
@@ -90,6 +94,7 @@ def _motion(cells: int, per_cell: float, to_speed: float) -> float:
 
 
 def _obstacles(problem: Coordination, corner: Cell, following: Cell) -> int:
+    """Return the number of obstacle cells in a rectangle, both corners included."""
     (i, j), (k, to) = corner, following
     return int(np.count_nonzero(problem.blocked[i : k + 1, j : to + 1]))
 
@@ -98,10 +103,10 @@ def _obstacles(problem: Coordination, corner: Cell, following: Cell) -> int:
 def _meeting(
     problem: Coordination, robots: list[Robot], rectangles: list[tuple[Cell, Cell]]
 ) -> tuple[Clearance, list[str]]:
-    """The least gap of two arms at all pairs of places that a rectangle allows, and where it is less than it may be.
+    """Return the least gap of two arms over all pairs of places that the rectangles allow, and all objections to it.
 
-    It is measured at all pairs of half cells, and if that is enough of a gap, then on between those where it could be
-    less by more than `_ACCURACY`.
+    The gap is measured at all pairs of half cells. If that raises no objection, it is also measured at closer places,
+    wherever it could be less by more than `_ACCURACY`.
     """
     first, second = (_Arm(robot) for robot in robots)
     found = _Nearest(first, second)
@@ -125,14 +130,15 @@ def _too_near(problem: Coordination, rectangle: int, gap: float) -> str:
 
 
 class _Nearest:
-    """The search for the least gap between two arms.
+    """The search for the least gap between two arms, by branch and bound.
 
-    No point of a link moves farther in a cell than its way. So the gap of two links at a pair of places bounds from
-    below what it is around there, and pairs of places whose bounds are above what was found need no more looks.
+    Each link has a known bound of how far its points move in one cell. The gap measured at a pair of places is
+    therefore a lower bound, less these distances, for all places around. Pairs whose bound exceeds the least measured
+    gap are not refined.
 
     Attributes:
-        gap: the least that was measured, m.
-        where: its rectangle, the place of each arm in cells along its path, and a link of each.
+        gap: the least gap measured so far, m.
+        where: the rectangle, the place of each arm in cells along its path, and the link of each arm, where it is.
     """
 
     def __init__(self, first: _Arm, second: _Arm) -> None:
@@ -140,10 +146,11 @@ class _Nearest:
         self._arms, self._thickness = (first, second), first.robot.radius + second.robot.radius
         self._ways = first.ways[:, None] + second.ways[None, :]
         self._accuracy = _ACCURACY * first.length
-        self._pairs: list[Floats] = []  # rectangle, the place of each arm, the rectangle's ends; see `look_closer`
+        # To be refined; the columns are the rectangle, the place of each arm, the rectangle's corners, and the bound.
+        self._pairs: list[Floats] = []
 
     def measure(self, rectangle: int, corner: Cell, following: Cell) -> float:
-        """The least gap at pairs of half cells of a rectangle, m."""
+        """Measure a rectangle at all pairs of half cells, and return its least gap, m."""
         (i, j), (k, to) = corner, following
         first, second = (arm.halves for arm in self._arms)
         others = second[2 * j : 2 * to + 1, None]
@@ -155,12 +162,12 @@ class _Nearest:
         return least
 
     def look_closer(self) -> float:
-        """Halve the distances between places until nothing is left to be found.
+        """Halve the distances between places until no pair can have a gap that is less by more than the accuracy.
 
         Returns:
-            the least gap, or, if there is too much to look at, a bound of it.
+            the least gap, m; if too many pairs are left, a lower bound of it.
         """
-        half = 0.25  # of what lies around a place, cells
+        half = 0.25  # cells, half the side of the square around a pair of places
         while True:
             rows = np.concatenate([np.empty((0, 8)), *self._pairs])
             rows = rows[rows[:, -1] < self.gap - self._accuracy]
@@ -178,7 +185,15 @@ class _Nearest:
                 self._see(one[:, :, None], other[:, None], some, half, self._pairs)
 
     def _see(self, one: Floats, other: Floats, pairs: Floats, half: float, left: list[Floats]) -> float:
-        """Measure links at pairs of places; those around which there may be less come to what is ``left``."""
+        """Measure links at pairs of places, and return the least gap, m.
+
+        Args:
+            one: the axes of the first arm's links, broadcast against ``other``.
+            other: the axes of the second arm's links.
+            pairs: the pairs, with the columns of `_pairs` but the bound.
+            half: half the side of the square around each pair, cells.
+            left: receives the pairs around which the gap may be less, with their bounds.
+        """
         gaps = _distances(one, other) - self._thickness
         pair, link, facing = np.unravel_index(np.argmin(gaps), gaps.shape)
         least = float(gaps[pair, link, facing])
@@ -186,7 +201,7 @@ class _Nearest:
             links = [arm.number_of(each) for arm, each in zip(self._arms, (link, facing), strict=True)]
             self.gap = least
             self.where = {"rectangle": int(pairs[pair, 0]), "cells": pairs[pair, 1:3].tolist(), "links": links}
-        if least - half * self._ways.max() < self.gap - self._accuracy:
+        if least - half * self._ways.max() < self.gap - self._accuracy:  # else no pair can have a bound that low
             bounds = (gaps - half * self._ways).min(axis=(1, 2))
             near = bounds < self.gap - self._accuracy
             left.append(np.column_stack([pairs[near], bounds[near]]))
@@ -194,7 +209,7 @@ class _Nearest:
 
 
 class _Arm:
-    """An arm, and where its links are."""
+    """An arm and the places of its links; links of length 0 are left out."""
 
     def __init__(self, robot: Robot) -> None:
         lengths = np.hypot(robot.d, robot.a)
@@ -204,17 +219,20 @@ class _Arm:
         self.halves = self.links(np.arange(2 * robot.cells - 1) / 2)
 
     def links(self, where: Floats) -> Floats:
-        """The axes of the links at places along the path, in cells, (n,), to (n, links, 2, 3), m."""
+        """Return the axes of the links at places along the path: (n,), in cells, to (n, links, 2, 3), m."""
         places, number = np.unique(where, return_inverse=True)
         return _links(self.robot, places)[:, self._is_there][number]
 
     def number_of(self, link: np.intp) -> int:
-        """Return the number of the joint, from 1, of a link among those that are there."""
+        """Return the number of the joint, from 1, before the link with the index ``link``."""
         return int(np.flatnonzero(self._is_there)[link]) + 1
 
 
 def _ways(robot: Robot, lengths: Floats) -> Floats:
-    """A bound of how far a point of each link moves in a cell, m: the turn of each joint times the links from there."""
+    """Return a bound of how far any point of each link moves in one cell, m.
+
+    It is the sum, over all joints before, of the joint's greatest turn times the length of the links from there.
+    """
     steps = np.abs(np.diff(np.array(robot.path), axis=0))
     along = np.linalg.norm(steps, axis=1, keepdims=True)
     turns = np.divide(steps, along, out=np.zeros(steps.shape), where=along > 0.0) * along.sum() / (robot.cells - 1)
@@ -224,7 +242,10 @@ def _ways(robot: Robot, lengths: Floats) -> Floats:
 
 
 def _distances(segments: Floats, others: Floats) -> Floats:
-    """The distances of segments, (.., 2, 3) each: across if both are nearest within, else from an end of one."""
+    """Return the distances of segments, shape (.., 2, 3) each.
+
+    The shortest line between two segments is either perpendicular to both, or begins at an end of one of them.
+    """
     p, q = segments[..., 0, :], others[..., 0, :]
     u, v, w = segments[..., 1, :] - p, others[..., 1, :] - q, p - q
     uu, uv, vv, uw, vw = (np.sum(x * y, axis=-1) for x, y in ((u, u), (u, v), (v, v), (u, w), (v, w)))
@@ -239,7 +260,7 @@ def _distances(segments: Floats, others: Floats) -> Floats:
 
 
 def _from_end(point: Floats, segments: Floats) -> Floats:
-    """The distances of points from segments."""
+    """Return the distances of points from segments."""
     start, along = segments[..., 0, :], segments[..., 1, :] - segments[..., 0, :]
     share = np.sum((point - start) * along, axis=-1) / np.sum(along * along, axis=-1)
     away: Floats = np.linalg.norm(point - start - np.clip(share, 0.0, 1.0)[..., None] * along, axis=-1)
@@ -247,9 +268,9 @@ def _from_end(point: Floats, segments: Floats) -> Floats:
 
 
 def _links(robot: Robot, where: Floats) -> Floats:
-    """The axes of an arm's links at places along its path, in cells, (n,), to (n, joints, 2, 3), m.
+    """Return the axes of an arm's links at places along its path: (n,), in cells, to (n, joints, 2, 3), m.
 
-    By turning the stretched-out arm about its joints' axes, the last joint first.
+    Start with the arm at all zeros, and turn it about its joints' axes, the last joint first (product of exponentials).
     """
     angles = _configurations(robot, where)
     joints = angles.shape[1]
@@ -263,14 +284,14 @@ def _links(robot: Robot, where: Floats) -> Floats:
 
 
 def _configurations(robot: Robot, where: Floats) -> Floats:
-    """Joint angles at places along the path, in cells, (n,), to (n, joints)."""
+    """Return the joint angles at places along the path: (n,), in cells, to (n, joints), rad."""
     corners = np.array(robot.path)
     passed = np.concatenate([[0.0], np.linalg.norm(np.diff(corners, axis=0), axis=1)]).cumsum()
     return np.stack([np.interp(where * passed[-1] / (robot.cells - 1), passed, angles) for angles in corners.T], axis=1)
 
 
 def _at_rest(robot: Robot) -> tuple[Floats, Floats]:
-    """The origins, (joints + 1, 3), and the joints' axes, (joints, 3), when all angles are 0."""
+    """Return the frames' origins, (joints + 1, 3), m, and the joints' axes, (joints, 3), with all angles at 0."""
     x, z, heading = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0]), np.array(robot.base[3])
     x, origin = _turned(x, z, heading), np.array(robot.base[:3])
     origins, axes = [origin], []
@@ -283,6 +304,6 @@ def _at_rest(robot: Robot) -> tuple[Floats, Floats]:
 
 
 def _turned(vectors: Floats, axis: Floats, angle: Floats) -> Floats:
-    """Vectors, (.., 3), turned about a unit axis (Rodrigues)."""
+    """Return vectors, (.., 3), turned about a unit axis by an angle (Rodrigues' formula)."""
     along = (vectors @ axis)[..., None] * axis
     return along + np.cos(angle) * (vectors - along) + np.sin(angle) * np.cross(axis, vectors)

@@ -1,4 +1,4 @@
-"""Coordination diagrams: which pairs of places along two paths collide, and how long moves take (§2)."""
+"""Coordination diagrams: which pairs of places along two paths collide, and the duration of moves (§2)."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ Cells = Annotated[int, Field(ge=1, le=2000)]
 Seconds = Annotated[float, Field(ge=0, le=1e6)]
 Block = tuple[Cell, Cell, Cell, Cell]
 Arrays = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]
-"""Seconds of a move of robot 1 by 0, 1, .. cells, (N1,); of robot 2, (N2,); and the summed-area table of the obstacles,
-(N1 + 1, N2 + 1): how many have smaller indices in both."""
+"""Seconds of a move of robot 1 by 0, 1, .. cells, (N1,); the same of robot 2, (N2,); and the summed-area table of the
+obstacles, (N1 + 1, N2 + 1), whose entry (i, j) counts those with indices below i and j."""
 Times = tuple[tuple[Seconds, Seconds], tuple[Seconds, Seconds]]
 
-LEGS = 4  # out, back, out, back
-_CORRIDOR = 2  # cells around a quarter that stay free
-_MOST_TRIES = 1000
+LEGS = 4  # each robot goes out, back, out and back
+_CORRIDOR = 2  # cells along the border of a quarter that stay free, so that there is a way around its region
+_MOST_TRIES = 1000  # random diagrams, until one has a way through
 
 _CELLS = {"description": "cells [N1, N2] along the paths of robots 1 and 2"}
 _TIMES = {"description": "of each robot [seconds per cell at its speed, seconds to reach that speed]"}
@@ -31,7 +31,7 @@ _DEFAULT_TIMES = ((0.1, 0.2), (0.1, 0.2))
 
 
 class Diagram(Table):
-    """A diagram cell by cell."""
+    """A coordination diagram, as its obstacle cells and the speeds of both robots."""
 
     cells: tuple[Cells, Cells] = quantity("cells", **_CELLS)
     times: Times = quantity("s", **_TIMES, default=_DEFAULT_TIMES)
@@ -51,12 +51,12 @@ class Diagram(Table):
 
     @staticmethod
     def of(blocked: Mask, times: Times) -> Diagram:
-        """The diagram of a mask."""
+        """Return the diagram with the obstacle cells of a mask."""
         first, second = blocked.shape
         return Diagram(cells=(first, second), times=times, obstacles=blocks_of(blocked))
 
     def mask(self) -> Mask:
-        """The obstacle cells."""
+        """Return the obstacle cells, shape (N1, N2)."""
         blocked = np.zeros(self.cells, np.bool_)
         for i0, j0, i1, j1 in self.obstacles:
             blocked[i0 : i1 + 1, j0 : j1 + 1] = True
@@ -64,13 +64,13 @@ class Diagram(Table):
 
 
 class RandomDiagram(Table):
-    """A random diagram with sixteen collision regions, as many as in figure 3, and surely a way past them."""
+    """A random diagram with sixteen collision regions, as in figure 3, and at least one way past them."""
 
     seed: int = quantity("", "the same seed gives the same diagram", ge=0, lt=1 << 63)
     layout: Literal["mirrored", "scattered"] = quantity(
         "",
-        '"mirrored": one region, met on each of the four legs of robots that go out and back twice; '
-        '"scattered": regions of their own, anywhere',
+        '"mirrored": one region, mirrored, as both robots go out and back twice; '
+        '"scattered": sixteen different regions, anywhere',
         default="mirrored",
     )
     cells: tuple[Cells, Cells] = quantity("cells", **_CELLS, default=(180, 180))
@@ -84,7 +84,11 @@ class RandomDiagram(Table):
         return self
 
     def mask(self) -> Mask:
-        """The obstacle cells."""
+        """Return the obstacle cells, shape (N1, N2).
+
+        Raises:
+            ValueError: if no diagram with a way through was found for this seed.
+        """
         for attempt in range(_MOST_TRIES):
             generator = np.random.default_rng([self.seed, attempt])
             blocked = (
@@ -96,7 +100,7 @@ class RandomDiagram(Table):
 
 
 def _region(generator: np.random.Generator, quarter: tuple[int, int], middle: NDArray[np.float64], cells: Mask) -> None:
-    """Add a region to ``cells``: a disc, stretched and turned, with a wavy edge."""
+    """Add a region to the mask ``cells``: a disc, stretched and turned, with a wavy edge around ``middle``."""
     side = min(quarter)
     i, j = np.meshgrid(*(np.arange(length) for length in cells.shape), indexing="ij")
     away = (i - middle[0]) + 1j * (j - middle[1])
@@ -110,7 +114,7 @@ def _region(generator: np.random.Generator, quarter: tuple[int, int], middle: ND
 
 
 def _mirrored(generator: np.random.Generator, cells: tuple[int, int]) -> Mask:
-    """A region in a quarter by a quarter of the diagram, and its mirror images on all legs."""
+    """Return a region in a quarter by a quarter of the diagram, and its mirror images for all pairs of legs."""
     quarter = (cells[0] // LEGS, cells[1] // LEGS)
     out = np.zeros(quarter, np.bool_)
     _region(generator, quarter, generator.uniform(0.3, 0.7, 2) * quarter, out)
@@ -122,7 +126,7 @@ def _mirrored(generator: np.random.Generator, cells: tuple[int, int]) -> Mask:
 
 
 def _scattered(generator: np.random.Generator, cells: tuple[int, int]) -> Mask:
-    """Sixteen regions anywhere."""
+    """Return sixteen different regions at random places."""
     quarter = (cells[0] // LEGS, cells[1] // LEGS)
     blocked = np.zeros(cells, np.bool_)
     for _ in range(LEGS * LEGS):
@@ -131,7 +135,7 @@ def _scattered(generator: np.random.Generator, cells: tuple[int, int]) -> Mask:
 
 
 def is_passable(blocked: Mask) -> bool:
-    """Whether some way through free cells, one cell on at a time for either robot, leads from start to end."""
+    """Return whether a way through free cells leads from start to end if the robots advance one cell at a time."""
     if blocked[0, 0] or blocked[-1, -1]:
         return False
     reached = np.zeros(blocked.shape[1], np.bool_)
@@ -145,9 +149,9 @@ def is_passable(blocked: Mask) -> bool:
 
 
 def blocks_of(blocked: Mask) -> list[Block]:
-    """Rectangles that together cover exactly the obstacle cells."""
+    """Return rectangles that together cover exactly the obstacle cells."""
     found: list[Block] = []
-    growing: dict[tuple[int, int], int] = {}  # runs of the column before, and the column each began with
+    growing: dict[tuple[int, int], int] = {}  # each run of the column before, and the first column of its rectangle
     for i, column in enumerate([*blocked, np.zeros(blocked.shape[1], np.bool_)]):
         runs = _runs(column)
         found += [(begun, j0, i - 1, j1) for (j0, j1), begun in growing.items() if (j0, j1) not in runs]
@@ -156,7 +160,7 @@ def blocks_of(blocked: Mask) -> list[Block]:
 
 
 def _runs(column: Mask) -> list[tuple[int, int]]:
-    """First and last index of each run of obstacle cells."""
+    """Return the first and the last index of each run of obstacle cells."""
     runs = []
     for obstacle, group in groupby(enumerate(column.tolist()), key=lambda each: each[1]):
         indices = [index for index, _ in group]
@@ -166,11 +170,11 @@ def _runs(column: Mask) -> list[tuple[int, int]]:
 
 
 def move_times(cells: int, times: tuple[float, float]) -> NDArray[np.float64]:
-    """Seconds that a robot takes for 0, 1, .., cells − 1 cells from rest to rest; shape (cells,).
+    """Return the seconds that a robot takes for moves of 0, 1, .., cells − 1 cells from rest to rest, shape (cells,).
 
-    It gains speed evenly, and loses it likewise; on a move too short to reach full speed it turns from the one to the
-    other in the middle.
+    The robot accelerates and decelerates at the same constant rate. On a move too short for full speed it accelerates
+    up to the middle and then decelerates.
     """
     per_cell, to_speed = times
-    cruising = np.arange(cells) * per_cell
+    cruising = np.arange(cells) * per_cell  # the time at full speed all the way
     return np.where(cruising >= to_speed, cruising + to_speed, 2.0 * np.sqrt(cruising * to_speed))

@@ -29,12 +29,12 @@ END = "#c8321e"
 ARMS = ("#1f5fa8", "#d07a1c")
 _SIDE = 7.0  # inches
 _ARMS_WIDTH = 4.4  # inches
-_TICK = 0.5  # m, between the labels of an axis, which all have one scale: closer ones overlap on the upright one
-_MOST_TICKS = 8  # on an axis
+_TICK = 0.5  # m, between the labels of the axes, which share a scale; closer ones would overlap on the vertical axis
+_MOST_TICKS = 8  # on each axis
 
 
 def draw(problem: Coordination, figure: Figure, solution: Solution | None, populations: Populations) -> None:
-    """Fill an empty figure; see `problems.problem.Problem.draw`."""
+    """Draw onto an empty figure; see `problems.problem.Problem.draw`."""
     figure.set_layout_engine("constrained")
     if problem.robots is None:
         figure.set_size_inches(_SIDE, _SIDE + 0.3)
@@ -79,7 +79,7 @@ def _title(solution: Solution | None) -> str:
 
 
 def _draw_sequence(axes: Axes, corners: list[Cell]) -> None:
-    """The rectangles, cells at both ends included, and the synchronisation points with their numbers."""
+    """Draw the rectangles, which include the cells at both corners, and the numbered synchronisation points."""
     for (i, j), (k, to) in pairwise(corners):
         axes.add_patch(Rectangle((i - 0.5, j - 0.5), k - i + 1, to - j + 1, facecolor=WAY, alpha=0.16, zorder=2))
         axes.add_patch(
@@ -93,7 +93,7 @@ def _draw_sequence(axes: Axes, corners: list[Cell]) -> None:
 
 
 def _draw_population(problem: Coordination, axes: Axes, populations: Populations) -> None:
-    """The synchronisation points of all individuals of the first and of the last generation."""
+    """Mark the synchronisation points of all individuals of the first and of the last generation."""
     for generation, marker, color in ((min(populations), "x", "0.55"), (max(populations), "+", "#8a4fbf")):
         points = [point for genome in populations[generation] for point in problem.decode(genome)["points"]]
         columns = np.array(points).reshape(-1, 2).T
@@ -101,7 +101,7 @@ def _draw_population(problem: Coordination, axes: Axes, populations: Populations
 
 
 def _stages(problem: Coordination, solution: Solution | None) -> list[tuple[str, Cell]]:
-    """Where to show the arms: at the start, where their tips are nearest while they wait, and at the end."""
+    """Return where to show the arms: at the start, at the SP where their tips are nearest, and at the end."""
     start, end = ("start", (0, 0)), ("end", problem.last)
     if solution is None or not solution["points"]:
         return [start, end]

@@ -1,12 +1,15 @@
 """The compiled fitness and operators of sequences of synchronisation points (SPs), §3.2.
 
-A sequence in hand is an array of SPs, int64 of shape (room, 2), and their count. The start (0, 0) and the end are no
-part of it. The obstacles of a rectangle are counted by a summed-area table, whatever its size.
+In the kernels, a sequence is an array ``points`` of SPs, int64 of shape (room, 2), and its ``count``. It does not
+include the start (0, 0) and the end (N1 − 1, N2 − 1). A summed-area table counts the obstacles of a rectangle in
+constant time.
 
-The table of the fitness (see `genetics.operators`): whether the genome is a bit string, bits of each number, the room
-for SPs; seconds of a move of robot 1 by 0, 1, .. cells; of robot 2; the summed-area table (N1 + 1, N2 + 1);
-K. The table of the operators: whether of variable length, N1, N2, NMAX, whether tuned; the probability that what comes
-of a crossover is mutated; moves and summed-area table as above.
+The table of the fitness (see `genetics.operators`) holds whether the genome is a bit string, the bits of each number
+and the room for SPs; the seconds of a move of robot 1 by 0, 1, .. cells; those of robot 2; the summed-area table,
+(N1 + 1, N2 + 1); and K. The table of the operators holds whether the length varies, N1, N2, NMAX, and whether the
+recipe is tuned; the probability that the result of a crossover is mutated; then moves and summed-area table as above.
+
+*Unstated* marks choices that the paper leaves open.
 """
 
 from typing import Any, NamedTuple
@@ -25,21 +28,24 @@ from lowlevel.pointers import integers, reals
 Points = NDArray[np.int64]  # (n, 2)
 
 MUTMAX = 10  # cells, the farthest that a slight mutation shifts a coordinate (§3.2)
-MUTANTS = 0.5  # of the offspring come of mutation alone (*unstated*)
-STRONG = 0.5  # of the mutations are strong (*unstated*)
-EACH = 0.5  # probability that a strong mutation first mutates one of its two SPs slightly (*unstated*)
+MUTANTS = 0.5  # share of the offspring that are made by mutation alone (*unstated*)
+STRONG = 0.5  # share of the mutations that are strong (*unstated*)
+EACH = 0.5  # probability that a strong mutation first mutates either of its two SPs slightly (*unstated*)
 
-REBUILT = 0.35  # of the tuned mutations rebuild a short stretch
-STRETCH = 4  # SPs at most that make way for others
-RECHAINED = 0.35  # of the tuned mutations chain a stretch of any length anew
-SITES = 40  # random cells that a new chain may go through
-SWEEPS = 3  # through the new SPs and their neighbours, each put where it is best
+REBUILT = 0.35  # share of the tuned mutations that are `_rebuild`
+STRETCH = 4  # the most SPs that `_rebuild` replaces
+RECHAINED = 0.35  # share of the tuned mutations that are `_rechain`
+SITES = 40  # random cells among which `_rechain` looks for the best sequence
+SWEEPS = 3  # passes of `_settle_all` through the new SPs and their neighbours
 
 
 # Sequences ------------------------------------------------------------------------------------------------------------
 @subroutine
 def _repair(points: Any, count: Any) -> Any:
-    """From the last SP to the first: a conflicting coordinate takes the next SP's (§3.2, restrictions)."""
+    """Make SPs increase in both coordinates: from the last to the first, a greater coordinate takes the next SP's.
+
+    This is the repair of §3.2, restrictions.
+    """
     for place in range(count - 2, -1, -1):
         for axis in range(2):
             points[place, axis] = min(points[place, axis], points[place + 1, axis])
@@ -47,7 +53,7 @@ def _repair(points: Any, count: Any) -> Any:
 
 @subroutine
 def _read(numbers: Any, points: Any) -> Any:
-    """The SPs of a sequence's numbers; returns how many."""
+    """Fill ``points`` from the numbers of a genome, repaired, and return their count."""
     count = np.int64(numbers[0])
     for place in range(count):
         points[place, 0], points[place, 1] = numbers[1 + 2 * place], numbers[2 + 2 * place]
@@ -57,7 +63,7 @@ def _read(numbers: Any, points: Any) -> Any:
 
 @subroutine
 def _write(points: Any, count: Any, numbers: Any) -> Any:
-    """The inverse of `_read`."""
+    """Write the points to the numbers of a genome, and clear the rest: equal individuals must be equal bytes."""
     clear_after(numbers, count, 2)
     for place in range(count):
         numbers[1 + 2 * place], numbers[2 + 2 * place] = points[place, 0], points[place, 1]
@@ -65,7 +71,7 @@ def _write(points: Any, count: Any, numbers: Any) -> Any:
 
 @subroutine
 def _scale(values: Any, bits: Any, last: Any, points: Any) -> Any:
-    """Integers of ``bits`` bits as the nearest coordinates, 0 to ``last`` (N1 − 1, N2 − 1)."""
+    """Fill ``points`` with integers of ``bits`` bits scaled to coordinates from 0 to ``last``, rounded to nearest."""
     greatest = (np.int64(1) << bits) - 1
     for place in range(values.size):
         points[place >> 1, place & 1] = (2 * values[place] * last[place & 1] + greatest) // (2 * greatest)
@@ -73,7 +79,7 @@ def _scale(values: Any, bits: Any, last: Any, points: Any) -> Any:
 
 # Fitness --------------------------------------------------------------------------------------------------------------
 class Diagram(NamedTuple):
-    """Where the robots collide and how fast they are."""
+    """The coordination diagram and the robots' move times."""
 
     last: Any  # (2,): N1 − 1, N2 − 1
     times_1: Any  # (N1,), s
@@ -83,7 +89,7 @@ class Diagram(NamedTuple):
 
 @subroutine
 def _diagram_of(table: Any, first: Any) -> Any:
-    """From three places of the table on."""
+    """Return the diagram in three places of the table, from ``first`` on."""
     times_1, times_2 = reals(table, first)[0], reals(table, first + 1)[0]
     last = np.array([times_1.size - 1, times_2.size - 1])
     return Diagram(last, times_1, times_2, integers(table, first + 2))
@@ -91,7 +97,7 @@ def _diagram_of(table: Any, first: Any) -> Any:
 
 @subroutine
 def _coordinate(points: Any, count: Any, place: Any, axis: Any, diagram: Any) -> Any:
-    """Of an SP, of the start (place −1) or of the end (``count``)."""
+    """Return a coordinate of an SP, or of the start (place −1) or the end (place ``count``)."""
     if place < 0:
         return np.int64(0)
     return points[place, axis] if place < count else diagram.last[axis]
@@ -99,7 +105,7 @@ def _coordinate(points: Any, count: Any, place: Any, axis: Any, diagram: Any) ->
 
 @subroutine
 def _points_of(genome: Any, layout: Any, last: Any, values: Any, points: Any) -> Any:
-    """The SPs that a genome stands for, increasing; returns how many."""
+    """Fill ``points`` with the SPs that a genome codes, repaired, and return their count."""
     if layout[0] == 0:
         return _read(numbers_of(genome), points)
     integers_of(genome, layout[1], False, values)
@@ -110,7 +116,7 @@ def _points_of(genome: Any, layout: Any, last: Any, values: Any, points: Any) ->
 
 @subroutine
 def _rectangle(diagram: Any, left: Any, bottom: Any, right: Any, top: Any) -> Any:
-    """Seconds that a rectangle takes, and the obstacle cells in it, both its corners included."""
+    """Return the seconds that a rectangle takes, and its obstacle cells; both corner cells belong to it."""
     sums = diagram.sums
     obstacles = sums[right + 1, top + 1] - sums[left, top + 1] - sums[right + 1, bottom] + sums[left, bottom]
     return max(diagram.times_1[right - left], diagram.times_2[top - bottom]), obstacles
@@ -118,9 +124,9 @@ def _rectangle(diagram: Any, left: Any, bottom: Any, right: Any, top: Any) -> An
 
 @subroutine
 def _measure(points: Any, count: Any, diagram: Any) -> Any:
-    """Seconds that a sequence takes, and the obstacle cells in its rectangles, counted once in each (§3.2, fitness).
+    """Return the seconds that a sequence takes, and the obstacle cells of all its rectangles (§3.2, fitness).
 
-    Two SPs at one cell have no rectangle between them.
+    A cell counts once in each rectangle that contains it. Two SPs at the same cell have no rectangle between them.
     """
     time, obstacles = 0.0, np.int64(0)
     left, bottom = np.int64(0), np.int64(0)
@@ -135,7 +141,7 @@ def _measure(points: Any, count: Any, diagram: Any) -> Any:
 
 @kernel(FITNESS, may_be_long=True)
 def evaluate(genomes: Genomes, fitness: Fitness, table: Table) -> None:
-    """Seconds of a valid sequence; K + nco of another (§3.2)."""
+    """Compute the fitness (§3.2): the seconds of a valid sequence, K + nco of another."""
     layout, diagram = integers(table, 0)[0], _diagram_of(table, 1)
     offset = reals(table, 4)[0, 0]
     points, values = np.empty((layout[2], 2), np.int64), np.empty(2 * layout[2], np.int64)
@@ -147,7 +153,7 @@ def evaluate(genomes: Genomes, fitness: Fitness, table: Table) -> None:
 
 @kernel("Tuple((int64[:,::1], float64))(uint8[::1], int64[:,::1])")
 def follow(genome: Genomes, table: Table) -> tuple[Points, float]:
-    """The SPs, shape (n, 2), that a genome stands for, and the seconds they take."""
+    """Return the SPs that a genome codes, shape (n, 2), and the seconds that the sequence takes."""
     layout, diagram = integers(table, 0)[0], _diagram_of(table, 1)
     points, values = np.empty((layout[2], 2), np.int64), np.empty(2 * layout[2], np.int64)
     count = _points_of(genome, layout, diagram.last, values, points)
@@ -156,7 +162,7 @@ def follow(genome: Genomes, table: Table) -> tuple[Points, float]:
 
 # Operators ------------------------------------------------------------------------------------------------------------
 class Chance(NamedTuple):
-    """What the draws for one offspring are keyed by."""
+    """The coordinates of the random numbers for one offspring; with purpose and number they determine each draw."""
 
     seed: Any
     cell: Any
@@ -164,27 +170,28 @@ class Chance(NamedTuple):
     child: Any
 
 
-# The numbers of an offspring's draws. Of purpose CROSS:
+# Each decision about an offspring has a draw number of its own, so no draw depends on which others were made.
+# Purpose CROSS:
 _ALONE, _CUT = 0, 1
-# Of purpose MUTATE; a slight mutation takes two, or three with the question whether to do it:
+# Purpose MUTATE. _SLIGHT and _SLIGHT_TOO take three numbers each: whether to shift, and two shifts (or only these).
 _AFTER, _STRONGLY, _PLACE, _INSERT, _SLIGHT, _SLIGHT_TOO, _GONE, _NEW, _REBUILD = 0, 1, 2, 3, 5, 8, 11, 12, 13
 
 
 @subroutine
 def _share(chance: Any, purpose: Any, number: Any) -> Any:
-    """A float in [0, 1)."""
+    """Draw a float in [0, 1)."""
     return unit(draw(chance.seed, chance.cell, chance.generation, purpose, chance.child, number))
 
 
 @subroutine
 def _choice(chance: Any, purpose: Any, number: Any, limit: Any) -> Any:
-    """An integer in [0, limit)."""
+    """Draw an integer in [0, limit)."""
     return below(draw(chance.seed, chance.cell, chance.generation, purpose, chance.child, number), limit)
 
 
 @subroutine
 def _sort(points: Any) -> Any:
-    """Each coordinate by itself, in increasing order."""
+    """Sort each coordinate by itself, in increasing order, so that the points increase in both."""
     for axis in range(2):
         for place in range(1, points.shape[0]):
             value, hole = points[place, axis], place
@@ -196,13 +203,16 @@ def _sort(points: Any) -> Any:
 
 @kernel(FOUNDING)
 def initialise(deme: Genomes, seed: np.uint64, cell: int, generation: int, table: Table) -> None:
-    """Sorted uniform draws; n SPs with probability ∝ n on 1..NMAX, or always NMAX (§3.2, initial population)."""
+    """Fill first demes with sorted uniform draws (§3.2, initial population).
+
+    The length is NMAX or, if it varies, n in 1..NMAX with probability ∝ n.
+    """
     variable, sides, most = integers(table, 0)[0, 0], integers(table, 0)[0, 1:3], integers(table, 0)[0, 3]
     points = np.empty((most, 2), np.int64)
     for individual in range(deme.shape[0]):
         chance = Chance(seed, cell, generation, individual)
         count = most
-        if variable:  # of most * (most + 1) / 2 tickets, n has n
+        if variable:  # of most * (most + 1) / 2 tickets, length n has n
             ticket = _choice(chance, INITIAL, 0, most * (most + 1) // 2)
             count = np.int64((1.0 + np.sqrt(1.0 + 8.0 * ticket)) / 2.0)
         for place in range(2 * count):
@@ -213,9 +223,10 @@ def initialise(deme: Genomes, seed: np.uint64, cell: int, generation: int, table
 
 @subroutine
 def _cross_variable(first: Any, count: Any, second: Any, others: Any, chance: Any) -> Any:
-    """``first`` up to P, then ``second`` from Q, its first SP beyond P in both coordinates (§3.2, figure 1).
+    """Cross two sequences: ``first`` up to an SP P, then ``second`` from Q on (§3.2, figure 1).
 
-    Leaves the child in ``first`` and returns its count; it stays a copy if there is no Q, or no room.
+    Q is the first SP of ``second`` that is greater than P in both coordinates. The child replaces ``first``, which is
+    unchanged if there is no Q or no room. Returns the child's count.
     """
     cut = _choice(chance, CROSS, _CUT, count)
     for place in range(others):
@@ -230,7 +241,10 @@ def _cross_variable(first: Any, count: Any, second: Any, others: Any, chance: An
 
 @subroutine
 def _cross_fixed(first: Any, second: Any, count: Any, chance: Any) -> Any:
-    """One-point crossover at an SP, in place (*unstated*: §3.1 leaves the operators to its reference)."""
+    """Cross two sequences at one point between SPs; the child replaces ``first``.
+
+    *Unstated*: §3.1 leaves the operators to its reference.
+    """
     if count > 1:
         cut = 1 + _choice(chance, CROSS, _CUT, count - 1)
         first[cut:count] = second[cut:count]
@@ -239,7 +253,7 @@ def _cross_fixed(first: Any, second: Any, count: Any, chance: Any) -> Any:
 
 @subroutine
 def _shift(points: Any, place: Any, diagram: Any, chance: Any, number: Any) -> Any:
-    """The slight mutation of one SP: two independent integers within ±MUTMAX (§3.2); to be repaired."""
+    """Mutate one SP slightly: shift it by two independent integers within ±MUTMAX (§3.2). The caller must repair."""
     for axis in range(2):
         shift = _choice(chance, MUTATE, number + axis, 2 * MUTMAX + 1) - MUTMAX
         points[place, axis] = min(max(points[place, axis] + shift, 0), diagram.last[axis])
@@ -247,7 +261,7 @@ def _shift(points: Any, place: Any, diagram: Any, chance: Any, number: Any) -> A
 
 @subroutine
 def _make_room(points: Any, count: Any, place: Any, gone: Any, new: Any) -> Any:
-    """Room for ``new`` SPs from ``place`` on, where ``gone`` of the old ones go; returns the new count."""
+    """Replace ``gone`` SPs from ``place`` on by room for ``new`` ones, and return the new count."""
     if new > gone:
         for later in range(count - 1, place + gone - 1, -1):
             points[later + new - gone] = points[later]
@@ -259,9 +273,9 @@ def _make_room(points: Any, count: Any, place: Any, gone: Any, new: Any) -> Any:
 
 @subroutine
 def _strengthen(points: Any, count: Any, diagram: Any, chance: Any) -> Any:
-    """The strong mutation: an SP more between two that are mutated slightly (§3.2, figure 2); returns the new count.
+    """Mutate strongly: insert an SP between two, each of which may be mutated slightly before (§3.2, figure 2).
 
-    The end takes the place of the second SP where there is one only.
+    If there is only one SP, the end takes the place of the second. Returns the new count.
     """
     place = _choice(chance, MUTATE, _PLACE, max(count - 1, 1))
     for which, number in ((place, _SLIGHT), (place + 1, _SLIGHT_TOO)):
@@ -281,7 +295,7 @@ def _strengthen(points: Any, count: Any, diagram: Any, chance: Any) -> Any:
 
 @subroutine
 def _scatter(points: Any, count: Any, place: Any, new: Any, diagram: Any, chance: Any, number: Any) -> Any:
-    """Draw ``new`` SPs from ``place`` on anywhere between those around them, each coordinate sorted."""
+    """Draw ``new`` SPs from ``place`` on uniformly between the SPs before and after them, each coordinate sorted."""
     for axis in range(2):
         low = _coordinate(points, count, place - 1, axis, diagram)
         high = _coordinate(points, count, place + new, axis, diagram)
@@ -292,7 +306,7 @@ def _scatter(points: Any, count: Any, place: Any, new: Any, diagram: Any, chance
 
 @subroutine
 def _settle(points: Any, count: Any, place: Any, diagram: Any) -> Any:
-    """Put an SP where, within ±MUTMAX, its two rectangles hold the fewest obstacle cells, and of such, take least."""
+    """Move an SP, within ±MUTMAX, to where its two rectangles hold the fewest obstacle cells; then, take least time."""
     left, bottom = _coordinate(points, count, place - 1, 0, diagram), _coordinate(points, count, place - 1, 1, diagram)
     right, top = _coordinate(points, count, place + 1, 0, diagram), _coordinate(points, count, place + 1, 1, diagram)
     x, y = points[place, 0], points[place, 1]
@@ -309,7 +323,7 @@ def _settle(points: Any, count: Any, place: Any, diagram: Any) -> Any:
 
 @subroutine
 def _settle_all(points: Any, count: Any, place: Any, new: Any, diagram: Any) -> Any:
-    """Settle ``new`` SPs from ``place`` on and their neighbours in turn, a few times over."""
+    """Settle ``new`` SPs from ``place`` on and their two neighbours one after another, in `SWEEPS` passes."""
     for _ in range(SWEEPS):
         for each in range(max(place - 1, 0), min(place + new + 1, count)):
             _settle(points, count, each, diagram)
@@ -317,7 +331,10 @@ def _settle_all(points: Any, count: Any, place: Any, new: Any, diagram: Any) -> 
 
 @subroutine
 def _rebuild(points: Any, count: Any, variable: Any, diagram: Any, chance: Any) -> Any:
-    """Ours: a few SPs in a row make way for others anywhere between, which settle with their neighbours; the count."""
+    """Replace a few consecutive SPs by random ones, settle these and their neighbours, and return the new count.
+
+    This tuned mutation is not of the paper. It brings individuals from one side of an obstacle to the other.
+    """
     place = _choice(chance, MUTATE, _PLACE, count + 1 if variable else count)
     following = min(STRETCH, count - place)
     if variable:
@@ -336,7 +353,7 @@ def _rebuild(points: Any, count: Any, variable: Any, diagram: Any, chance: Any) 
 
 @subroutine
 def _slide(site: Any, side: Any, low: Any, high: Any, diagram: Any) -> Any:
-    """Out of an obstacle to one side of it, but not out of the box: good SPs lie where obstacles begin."""
+    """Move a site out of an obstacle to one of four sides, but not out of the box: good SPs lie beside obstacles."""
     axis, step = side >> 1, 2 * (side & 1) - 1
     while low[axis] < site[axis] < high[axis] and _rectangle(diagram, site[0], site[1], site[0], site[1])[1] > 0:
         site[axis] += step
@@ -344,7 +361,7 @@ def _slide(site: Any, side: Any, low: Any, high: Any, diagram: Any) -> Any:
 
 @subroutine
 def _order(sites: Any) -> Any:
-    """By the first coordinate, those with the same one by the second."""
+    """Sort sites by the first coordinate, then by the second."""
     for place in range(1, sites.shape[0]):
         x, y, hole = sites[place, 0], sites[place, 1], place
         while hole > 0 and (sites[hole - 1, 0] > x or (sites[hole - 1, 0] == x and sites[hole - 1, 1] > y)):
@@ -355,7 +372,7 @@ def _order(sites: Any) -> Any:
 
 @subroutine
 def _sites(low: Any, high: Any, diagram: Any, chance: Any) -> Any:
-    """Random cells of a box, in order, from its corner ``low`` to its corner ``high``."""
+    """Return the corner ``low`` of a box, `SITES` random cells of it in order, and its corner ``high``."""
     sites = np.empty((SITES + 2, 2), np.int64)
     sites[0], sites[-1] = low, high
     for each in range(SITES):
@@ -369,15 +386,15 @@ def _sites(low: Any, high: Any, diagram: Any, chance: Any) -> Any:
 
 @subroutine
 def _best_before(sites: Any, diagram: Any) -> Any:
-    """For each site the one before it on the best sequence to it from the first, by dynamic programming.
+    """Return for each site its predecessor in the best sequence from the first site, by dynamic programming.
 
-    Of sequences with the fewest obstacle cells in their rectangles, the best takes the least time.
+    The best sequence has the fewest obstacle cells in its rectangles and, of such, takes the least time.
     """
     count = sites.shape[0]
     fewest, least, before = np.zeros(count, np.int64), np.zeros(count), np.zeros(count, np.int64)
     for to in range(1, count):
-        fewest[to] = diagram.sums.size * 2 * count
-        for place in range(to):
+        fewest[to] = diagram.sums.size * 2 * count  # more than any sequence has
+        for place in range(to):  # sites are sorted, so all predecessors come earlier
             if sites[place, 1] > sites[to, 1] or fewest[place] > fewest[to]:
                 continue
             time, hit = _rectangle(diagram, sites[place, 0], sites[place, 1], sites[to, 0], sites[to, 1])
@@ -389,7 +406,7 @@ def _best_before(sites: Any, diagram: Any) -> Any:
 
 @subroutine
 def _chain(sites: Any, diagram: Any) -> Any:
-    """The SPs between the first site and the last of the best sequence that leads from the one to the other."""
+    """Return the SPs of the best sequence from the first to the last site, without these two."""
     before = _best_before(sites, diagram)
     first, site = sites.shape[0], before[-1]
     links = np.empty_like(sites)
@@ -402,9 +419,10 @@ def _chain(sites: Any, diagram: Any) -> Any:
 
 @subroutine
 def _rechain(points: Any, count: Any, variable: Any, diagram: Any, chance: Any) -> Any:
-    """Ours: a stretch of any length makes way for the best sequence through random cells between its ends; the count.
+    """Replace a stretch of any length by the best sequence through random cells, settle it, and return the new count.
 
-    Where it has fewer SPs than there must be, its far end is repeated; if there is no room, all stays as it is.
+    This tuned mutation is not of the paper. It brings individuals to the other side of several obstacles at once. If
+    the sequence has too few SPs, the end of the stretch is repeated; if it has too many, nothing changes.
     """
     place = _choice(chance, MUTATE, _PLACE, count)
     gone = min(_choice(chance, MUTATE, _GONE, count + 1), count - place)
@@ -427,7 +445,7 @@ def _rechain(points: Any, count: Any, variable: Any, diagram: Any, chance: Any) 
 
 @subroutine
 def _mutate(points: Any, count: Any, variable: Any, tuned: Any, diagram: Any, chance: Any) -> Any:
-    """A slight mutation, or another one; returns the new count."""
+    """Mutate a sequence slightly, or in one of the recipe's other ways, and return the new count."""
     which = _share(chance, MUTATE, _STRONGLY)
     if which >= (REBUILT + RECHAINED if tuned else STRONG):
         _shift(points, _choice(chance, MUTATE, _PLACE, count), diagram, chance, _SLIGHT)
@@ -445,7 +463,10 @@ def _mutate(points: Any, count: Any, variable: Any, tuned: Any, diagram: Any, ch
 
 @kernel(MATING)
 def variation(couples: Genomes, offspring: Genomes, seed: np.uint64, cell: int, generation: int, table: Table) -> None:
-    """Each parent with the other one: a mutant of it, or their child, perhaps mutated (§3.2, characteristics)."""
+    """Make one offspring of each parent: a mutant of it, or its child with the other parent, perhaps mutated.
+
+    See §3.2, evolutionary algorithm characteristics.
+    """
     layout, mutated, diagram = integers(table, 0)[0], reals(table, 1)[0, 0], _diagram_of(table, 2)
     variable, tuned = layout[0] != 0, layout[4] != 0
     room = (numbers_of(offspring[0]).size - 1) // 2

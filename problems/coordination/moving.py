@@ -1,8 +1,9 @@
-"""A coordination solution over time: between two synchronisation points each robot goes from rest to rest, and waits.
+"""Convert a coordination solution to a motion over time.
 
-It gains speed evenly, keeps it, and loses it evenly, as §2 has it; the check holds the times of all moves to that. An
-arm also rests where its own path has a corner, as its joints' velocities would jump there. That takes longer than the
-plan says, and is as safe: in the rectangle between two synchronisation points either robot may move as it likes.
+Between two synchronisation points each robot moves from rest to rest and then waits for the other. Its speed rises
+linearly, stays constant and falls linearly (§2), which the check verifies by the time of each move. An arm also stops
+where its own path has a corner, because its joints' velocities would jump there. That takes longer than planned, but is
+as safe: between two synchronisation points the robots may move in any way.
 """
 
 from __future__ import annotations
@@ -22,20 +23,24 @@ if TYPE_CHECKING:
     from problems.coordination.arms import Robot
     from problems.coordination.problem import Coordination
 
-_SAME = 1e-9  # cells
+_SAME = 1e-9  # cells: places that are no farther apart are the same
 
 
 class Law(NamedTuple):
-    """How a robot moves (§2)."""
+    """The motion law of a robot (§2)."""
 
     robot: Robot | None
     speed: float  # cells/s
     acceleration: float  # cells/s²
-    corners: Floats  # of its own path, cells, increasing
+    corners: Floats  # of its own path, where it must stop, cells, increasing
 
 
 def motion(problem: Coordination, solution: Solution, pace: Pace) -> Motion:
-    """Both robots; rows are also where one begins or ends to gain or lose speed, or waits."""
+    """Return the motion of both robots. Its rows include all moments at which an acceleration of either changes.
+
+    Raises:
+        BadInput: if an option sets a speed or acceleration, or if a robot's speed would jump.
+    """
     own = "which has times of its own"
     pace.refuse(problem.kind, speed=own, turn_speed=own, acceleration=own, turn_acceleration=own)
     laws = [_law(problem, number) for number in (0, 1)]
@@ -53,14 +58,14 @@ def motion(problem: Coordination, solution: Solution, pace: Pace) -> Motion:
 
 
 def _law(problem: Coordination, number: int) -> Law:
-    """How a robot moves.
+    """Return the motion law of a robot, 0 or 1.
 
     Raises:
-        BadInput: if its speed would jump.
+        BadInput: if it moves or reaches full speed in no time, so that its speed would jump.
     """
     robot = None if problem.robots is None else problem.robots[number]
     per_cell, to_speed = problem.world.times[number]
-    if robot is not None and per_cell == 0.0:  # its path is one place, so that any speed will do
+    if robot is not None and per_cell == 0.0:  # its path is a single point, so any speed will do
         per_cell, to_speed = 1e-3, 1e-3
     if per_cell == 0.0 or to_speed == 0.0:
         where = f"the times of robot {number + 1}" if robot is None else f"robots[{number}].acceleration"
@@ -72,7 +77,7 @@ def _law(problem: Coordination, number: int) -> Law:
 
 
 def _timed(laws: list[Law], points: list[tuple[int, int]]) -> list[Profile]:
-    """The pieces of both robots: from each point on when both are there."""
+    """Return the pieces of both robots' motions; those after a point begin when both robots have reached it."""
     lengths: tuple[list[float], ...] = ([], [])
     starts: tuple[list[float], ...] = ([], [])
     clock = 0.0
@@ -96,12 +101,13 @@ def _profile(law: Law, lengths: Floats, starts: Floats | None = None) -> Profile
 
 
 def _track(name: str, law: Law, timed: Profile, times: Floats) -> Track:
+    """Return a robot's track: the joints of an arm, or the cells of a diagram without arms."""
     cells, speeds, piece = timed.at(times)
     if law.robot is None:
         return Values(name, (Column("cell", "cells", cells), Column("speed", "cells/s", speeds)))
     gains, begun = timed.gains(times)
-    middles = np.append(np.cumsum(timed.lengths) - timed.lengths / 2.0, 0.0)  # if there is no piece at all, the start
-    ways = arms.directions(law.robot, middles)  # of each piece, which has no corner in it
+    middles = np.append(np.cumsum(timed.lengths) - timed.lengths / 2.0, 0.0)  # the 0 serves a robot without pieces
+    ways = arms.directions(law.robot, middles)  # one for each piece, since no piece contains a corner
     angles = arms.places(law.robot, cells)
     links = arms.origins(law.robot, angles)
     velocity, acceleration = ways[piece] * speeds[:, None], ways[begun] * gains[:, None]
@@ -109,7 +115,7 @@ def _track(name: str, law: Law, timed: Profile, times: Floats) -> Track:
 
 
 def _limits(problem: Coordination, number: int, law: Law) -> tuple[Limit, ...]:
-    """What the file states, and the plan keeps to."""
+    """Return the limits of a robot, which the problem file states."""
     name, to_speed = f"robot_{number + 1}", law.speed / law.acceleration
     if law.robot is None:
         source = "diagram.times" if problem.diagram is not None else "random.times"

@@ -1,4 +1,4 @@
-"""Two manipulators on given paths: where must each wait for the other, that they never collide and soon arrive?"""
+"""The coordination planner: where two manipulators on given paths wait for each other to arrive soon, not collide."""
 
 from __future__ import annotations
 
@@ -31,7 +31,12 @@ if TYPE_CHECKING:
 
 
 class Coordination(WithAngles):
-    """Minimise the time of two robots that wait for each other at synchronisation points (SPs), §3."""
+    """Minimise the time of two robots that wait for each other at synchronisation points (SPs), §3.
+
+    Cell (i, j) of the coordination diagram is an obstacle if the robots may collide while robot 1 is in stretch i of
+    its path and robot 2 in stretch j. Between two SPs each robot moves on its own, so all cells of the rectangle
+    between them must be free.
+    """
 
     model_config = ConfigDict(serialize_by_alias=True)
 
@@ -39,7 +44,7 @@ class Coordination(WithAngles):
     template: ClassVar[str] = """\
 kind = "coordination"
 coding = "variable"             # of the synchronisation points; or "fixed", "binary"
-points = 20                     # how many of them; for "variable" the most of a first individual
+points = 20                     # how many of them; for "variable" the most at first
 
 [diagram]                       # cell (i, j): robot 1 is in stretch i of its path, robot 2 in stretch j
 cells = [60, 40]                # stretches of the paths
@@ -55,7 +60,7 @@ obstacles = [                   # where the robots would collide: [i0, j0, i1, j
 # layout = "mirrored"           # or "scattered"
 
 # clearance = 0.02              # m, between two arms; above the tables
-# [[robots]]                    # twice, instead of [diagram]: arms, SCORBOT-like ones unless told otherwise
+# [[robots]]                    # twice, instead of [diagram]: arms, by default SCORBOT-like
 # path = [[0.0, 0.5, -0.9, 0.4, 0.0], [1.4, 0.5, -0.9, 0.4, 0.0]]   # rad
 # base = [0.0, 0.0, 0.0, 0.0]   # m, m, m, rad; with unit = "deg" above, all angles are in degrees
 
@@ -73,20 +78,24 @@ seed = 1
         alias="coding",
     )
     points: int = quantity(
-        "", "synchronisation points of an individual; if variable, the most of a first one", default=20, ge=1, le=1000
+        "", "synchronisation points of an individual; if variable, the most at first", default=20, ge=1, le=1000
     )
-    bits: int = quantity("bit", "bits of each coordinate, if coded in bits", default=8, ge=1, le=16)
+    bits: int = quantity("bit", "bits of each coordinate, if the coding is binary", default=8, ge=1, le=16)
     diagram: Diagram | None = quantity("", "which cells collide, and how long moves take", default=None)
     random: RandomDiagram | None = quantity("", "instead of diagram, a random one", default=None)
     robots: list[Robot] | None = quantity("", "instead of diagram, two arms", default=None, min_length=2, max_length=2)
-    clearance: float = quantity("m", "what the links of two arms keep from each other", default=0.0, ge=0, le=1e3)
+    clearance: float = quantity("m", "least distance between the links of two arms", default=0.0, ge=0, le=1e3)
+    # The next two are computed once, by `work_out`, and sent to the nodes with the other fields.
     collisions: Diagram | None = quantity(
-        "", "the diagram of the robots, made once, where the file is read; not to be written", default=None
+        "", "the diagram of the robots; set by the program when it reads the file, not in a file", default=None
     )
-    collisions_of: str | None = quantity("", "digest of what it was made of; not to be written", default=None)
+    collisions_of: str | None = quantity(
+        "", "digest of what collisions was made of; set by the program, not in a file", default=None
+    )
 
     @model_validator(mode="after")
     def _one_source(self) -> Self:
+        """Refuse more or fewer than one source of the diagram, and a clearance without arms to keep it."""
         given = [name for name in ("diagram", "random", "robots") if getattr(self, name) is not None]
         if len(given) != 1:
             raise ValueError(f"expected one of diagram, random, robots, found {' and '.join(given) or 'none'}")
@@ -105,7 +114,7 @@ seed = 1
 
     @classmethod
     def gather(cls, fields: dict[str, Any], folder: Path) -> dict[str, Any]:
-        """With the paths that results hold."""
+        """Return the fields with each robot's ``result`` replaced by the path in that file."""
         robots = fields.get("robots")
         if not isinstance(robots, list):
             return fields
@@ -113,8 +122,8 @@ seed = 1
 
     @classmethod
     def work_out(cls, fields: dict[str, Any]) -> dict[str, Any]:
-        """With the diagram of robots; one that is there is made anew if a robot is another."""
-        if fields.get("robots") is None:
+        """Return the fields with the diagram of the robots, computed again if the robots or the clearance changed."""
+        if fields.get("robots") is None:  # drop the diagram of robots that an update has removed
             return {name: value for name, value in fields.items() if name not in ("collisions", "collisions_of")}
         made_of = digest([fields["robots"], fields.get("clearance", 0.0)])
         if fields.get("collisions_of") == made_of:
@@ -123,12 +132,12 @@ seed = 1
         try:
             problem = cls.model_validate_json(json.dumps(fields), strict=True)
         except ValidationError:
-            return fields  # who checks them will say what is wrong
+            return fields  # the validation that follows reports the error
         return fields | {"collisions": problem.world.model_dump(mode="json"), "collisions_of": made_of}
 
     @cached_property
     def world(self) -> Diagram:
-        """The diagram, wherever it comes from."""
+        """The diagram: given in the file, computed from the robots, or random."""
         if (known := self.diagram or self.collisions) is not None:
             return known
         if self.random is not None:
@@ -150,26 +159,29 @@ seed = 1
 
     @cached_property
     def move_times(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Seconds that each robot takes for 0, 1, .. cells from rest to rest."""
+        """For each robot the time that it takes for 0, 1, .. cells from rest to rest, s."""
         (first, second), (times_1, times_2) = self.world.cells, self.world.times
         return move_times(first, times_1), move_times(second, times_2)
 
     @cached_property
     def offset(self) -> float:
-        """K, s: more than any valid individual takes, as none has more than N1 + N2 rectangles."""
+        """K, s: more than the time of any valid individual, which has fewer than N1 + N2 rectangles.
+
+        So every valid individual is better than every invalid one.
+        """
         times_1, times_2 = self.move_times
         return sum(self.world.cells) * float(max(times_1[-1], times_2[-1]))
 
     @cached_property
     def arrays(self) -> Arrays:
-        """What kernels know of the diagram."""
+        """The diagram for the kernels: the move times of both robots, and the summed-area table of the obstacles."""
         sums = np.zeros((self.world.cells[0] + 1, self.world.cells[1] + 1), np.int64)
         sums[1:, 1:] = self.blocked.cumsum(axis=0).cumsum(axis=1)
         return (*self.move_times, sums)
 
     @cached_property
     def coding(self) -> SynchronisationPoints | BitString:
-        """SPs as integers (§3.1, §3.2), or two integers of each as bits."""
+        """SPs as integers (§3.1, §3.2), or as bits: two coordinates for each SP."""
         if self.individuals == "binary":
             from genetics.bit_string import BitString
 
@@ -179,7 +191,10 @@ seed = 1
         return SynchronisationPoints(self.arrays, self.points, self.individuals == "variable")
 
     def recipe(self, name: RecipeName, deme: int) -> Recipe:
-        """§3.2, evolutionary algorithm characteristics, or ours."""
+        """Return the paper's operators (§3.2, evolutionary algorithm characteristics), or the tuned ones.
+
+        Binary individuals have the same operators in both recipes.
+        """
         if self.individuals == "binary":
             return Recipe("one-point", 1.0 / (2 * self.points * self.bits), "elitist", renewal=1.0)
         if name == "paper":
@@ -187,52 +202,52 @@ seed = 1
         return Recipe("sp-tuned", 1.0, "elitist")
 
     def evaluate(self, genomes: Genomes) -> Fitness:
-        """Seconds of valid individuals, K + obstacle cells of others: (n, genome_bytes) to (n,)."""
+        """Return the time of valid individuals, s, and K + obstacle cells of others: (n, genome_bytes) to (n,)."""
         return self._compiled.fitness(genomes)
 
     @property
     def fitness_kernel(self) -> Operator:
-        """`evaluate` as compiled code, whatever the fields: nothing of it is left to Python."""
+        """`evaluate` as compiled code, for every combination of fields."""
         return self._compiled
 
     def decode(self, genome: Genomes) -> Solution:
-        """``{"time": s, "points": [[i, j], ..]}``; only SPs at which somebody has moved since the one before."""
+        """Return ``{"time": s, "points": [[i, j], ..]}``, without start, end and repeated SPs."""
         from problems.coordination import kernels
 
         points, time = kernels.follow(writable(genome), self._compiled.table)
         return {"time": float(time), "points": _distinct(points.tolist(), self.last)}
 
     def describe(self, solution: Solution) -> str:
-        """Where the robots wait for each other."""
+        """Return the time and the SPs in words, one a line."""
         count = len(solution["points"])
         stops = [f"robot 1 at cell {i:4d}, robot 2 at cell {j:4d}" for i, j in solution["points"]]
         return "\n".join([f"{solution['time']:.3f} s with {count} synchronisation points:", *stops])
 
     def check(self, solution: Solution) -> Verdict:
-        """See `problems.coordination.checker`, which shares no code with `evaluate`."""
+        """Judge a solution with `problems.coordination.checker`, which shares no code with `evaluate`."""
         return checker.verify(self, solution)
 
     def oracle(self) -> Answer:
-        """See `problems.coordination.oracle`."""
+        """Return the optimum by dynamic programming; see `problems.coordination.oracle`."""
         from problems.coordination import oracle
 
         return oracle.solve_exactly(self)
 
     def motion(self, solution: Solution, pace: Pace) -> Motion:
-        """Both robots along their paths, each waiting for the other where it must."""
+        """Return the motion of both robots along their paths, with their waits at the SPs."""
         from problems.coordination import moving
 
         return moving.motion(self, solution, pace)
 
     def draw(self, figure: Figure, solution: Solution | None, populations: Populations) -> None:
-        """The diagram with the rectangles (figure 3 of the paper), and the arms (figure 4)."""
+        """Draw the diagram with the rectangles (figure 3 of the paper) and, if there are any, the arms (figure 4)."""
         from problems.coordination import drawing
 
         drawing.draw(self, figure, solution, populations)
 
     @cached_property
     def _compiled(self) -> Operator:
-        """The fitness, and the table of all kernels."""
+        """The fitness as an operator; `problems.coordination.kernels` describes its table."""
         from genetics.operators import Operator
         from problems.coordination import kernels
         from problems.coordination.coding import ROOM
@@ -243,7 +258,7 @@ seed = 1
 
 
 def _distinct(points: list[list[int]], last: tuple[int, int]) -> list[list[int]]:
-    """The SPs without those at the place of the one before, at the start, or at the end."""
+    """Return the SPs without those that repeat the one before, the start or the end: nobody moves on the way there."""
     kept: list[list[int]] = []
     for point in points:
         if point not in ([0, 0], list(last), *kept[-1:]):
@@ -252,7 +267,7 @@ def _distinct(points: list[list[int]], last: tuple[int, int]) -> list[list[int]]
 
 
 def _with_path(robot: Any, folder: Path, number: int) -> Any:
-    """A robot's fields with its path in the place of the file that holds it."""
+    """Return a robot's fields with ``result``, the name of a file, replaced by the path in that file."""
     if not (isinstance(robot, dict) and isinstance(robot.get("result"), str)):
         return robot
     if "path" in robot:

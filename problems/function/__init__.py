@@ -1,4 +1,4 @@
-"""Known functions, whose optimum is no secret: for tests, comparisons and load."""
+"""Functions with a known optimum: for tests, comparisons and load."""
 
 from problems.function.problem import Function
 

@@ -1,6 +1,6 @@
-"""The verify of points, bit strings and partitions: the formulas once more, in plain numpy, as the literature has them.
+"""Verify points, bit strings and partitions with the formulas of the literature in plain numpy.
 
-Nothing here is used by the evaluation.
+Nothing here is used by `evaluate`.
 """
 
 from __future__ import annotations
@@ -26,25 +26,25 @@ _ROUNDING = 1e-9
 
 
 class Claim(Table):
-    """What all solutions say."""
+    """The fields that all solutions have."""
 
     value: float
 
 
 class PointClaim(Claim):
-    """A point, and the function's value there."""
+    """The format of a solution of a function of numbers: the point, and its value."""
 
     x: list[float]
 
 
 class BitsClaim(Claim):
-    """Bits as a text of 0 and 1."""
+    """The format of a solution of a function of bits, which are a text of 0 and 1."""
 
     bits: Annotated[str, Field(pattern=r"^[01]*$")]
 
 
 class PartitionClaim(Claim):
-    """The part of each vertex, and the edges between parts."""
+    """The format of a solution of graph-partition: the part of each vertex, and the cut edges."""
 
     parts: list[Annotated[int, Field(ge=0)]]
     cut: int
@@ -52,7 +52,11 @@ class PartitionClaim(Claim):
 
 
 def verify(problem: Function, solution: Solution) -> Verdict:
-    """The value, computed anew, and what is wrong with the solution."""
+    """Return the value, computed independently, and all objections.
+
+    Raises:
+        BadInput: if this is no solution of the function.
+    """
     if problem.graph is not None:
         return _verify_partition(problem.graph, solution)
     if problem.bounds is None:
@@ -66,7 +70,7 @@ def verify(problem: Function, solution: Solution) -> Verdict:
 
 
 def value(name: str, x: Points) -> float:
-    """The real function ``name`` at points (..., dimension); the sum runs over the last axis."""
+    """Return the values of the function of numbers ``name`` at points of shape (..., dimension)."""
     values: dict[str, Any] = {
         "sphere": lambda: np.sum(x**2, axis=-1),
         "rastrigin": lambda: 10 * x.shape[-1] + np.sum(x**2 - 10 * np.cos(2 * np.pi * x), axis=-1),
@@ -85,6 +89,7 @@ def _verify_bits(problem: Function, solution: Solution) -> Verdict:
     claim = _parsed(BitsClaim, solution, "bits", problem.dimension, "digits")
     if problem.name == "onemax":
         return _verdict(claim.bits.count("0"), claim, [])
+    # The lengths match: `_parsed` has compared the number of bits with the dimension, a multiple of the block.
     blocks = np.array([int(bit) for bit in claim.bits]).reshape(-1, problem.block)
     ones = blocks.sum(axis=1)
     return _verdict(float(np.sum(np.where(ones == problem.block, 0, 1 + ones))), claim, [])
@@ -97,7 +102,7 @@ def _verify_partition(graph: Graph, solution: Solution) -> Verdict:
     parts = np.array(claim.parts)
     cut = sum(parts[one] != parts[other] for one, other in graph.edges)
     sizes = np.bincount(parts, minlength=graph.parts)
-    even = np.bincount(np.arange(graph.vertices) % graph.parts)
+    even = np.bincount(np.arange(graph.vertices) % graph.parts)  # the sizes of parts as equal as possible
     objections = []
     if (claim.cut, claim.planted_cut) != (cut, graph.planted_cut):
         objections.append(

@@ -23,7 +23,7 @@ _LAST = "#1f5fa8"
 
 
 def draw(problem: Function, figure: Figure, solution: Solution | None, populations: Populations) -> None:
-    """Fill an empty figure; see `problems.problem.Problem.draw`."""
+    """Draw onto an empty figure; see `problems.problem.Problem.draw`."""
     figure.set_layout_engine("constrained")
     axes = figure.subplots()
     if problem.graph is not None:
@@ -53,7 +53,7 @@ def _draw_curve(problem: Function, axes: Axes, solution: Solution | None) -> Non
 def _draw_map(
     problem: Function, figure: Figure, axes: Axes, solution: Solution | None, populations: Populations
 ) -> None:
-    """The other parameters are held where the solution has them."""
+    """Draw the function over its first two parameters; the others are those of the solution, or 0."""
     assert problem.bounds is not None, "a map is of numbers"
     grid = np.linspace(*problem.bounds, _PIXELS)
     points = np.zeros((_PIXELS, _PIXELS, problem.dimension))
@@ -82,7 +82,7 @@ def _first_and_last(populations: Populations) -> list[tuple[int, str, str]]:
 
 
 def _draw_bits(problem: Function, axes: Axes, solution: Solution | None) -> None:
-    """Ones dark, zeros light, row by row."""
+    """Draw the bits row by row, ones dark and zeros light."""
     bits = np.full(-(-problem.dimension // _BITS_IN_A_ROW) * _BITS_IN_A_ROW, np.nan)
     if solution is not None:
         bits[: problem.dimension] = [int(bit) for bit in solution["bits"]]
@@ -95,12 +95,12 @@ def _draw_bits(problem: Function, axes: Axes, solution: Solution | None) -> None
 
 
 def _draw_graph(problem: Function, axes: Axes, solution: Solution | None) -> None:
-    """The adjacency matrix, vertices sorted by the part found (or planted): edges outside the squares are cut."""
+    """Draw the adjacency matrix with vertices sorted by their part, found or planted; edges between parts are cut."""
     assert problem.graph is not None, "a matrix is of a graph"
     graph = problem.graph
     parts = graph.planted if solution is None else np.array(solution["parts"])
     order = np.argsort(parts, kind="stable")
-    place = np.argsort(order)
+    place = np.argsort(order)  # the inverse permutation: the place of each vertex in the order
     one, other = place[graph.edges[:, 0]], place[graph.edges[:, 1]]
     axes.plot(
         np.concatenate([one, other]), np.concatenate([other, one]), "s", color=_LAST, markersize=200 / graph.vertices

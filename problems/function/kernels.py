@@ -1,8 +1,8 @@
-"""The compiled values of the known functions, of many genomes at once.
+"""The compiled known functions, which evaluate many genomes in one call.
 
-All have the signature `genetics.operators.FITNESS`. The table of functions of numbers: bits of each parameter (0: they
-are float64), whether by Gray code, parameters; then the bounds. That of functions of bits: bits of each parameter,
-whether by Gray code, parameters; then what the function says.
+All have the signature `genetics.operators.FITNESS`. The first place of their tables holds the bits of each parameter (0
+if it is float64), whether they are in Gray code, and the number of parameters. For functions of numbers, the bounds
+follow; for others, what the function's docstring says.
 """
 
 from typing import Any
@@ -20,7 +20,7 @@ from lowlevel.pointers import integers, reals
 
 @subroutine
 def _points(genomes: Any, table: Any) -> Any:
-    """The numbers that genomes code, (n, parameters)."""
+    """Return the numbers that genomes code, shape (n, parameters)."""
     layout, bounds = integers(table, 0)[0], reals(table, 1)[0]
     bits, gray, parameters = layout[0], layout[1] != 0, layout[2]
     if bits == 0:
@@ -37,7 +37,7 @@ def _points(genomes: Any, table: Any) -> Any:
 
 @kernel(FITNESS, may_be_long=True)
 def sphere(genomes: Genomes, fitness: Fitness, table: Table) -> None:
-    """Σ x²: one smooth valley."""
+    """Compute Σ x²: one smooth valley."""
     points = _points(genomes, table)
     for row in range(fitness.size):
         value = 0.0
@@ -46,15 +46,16 @@ def sphere(genomes: Genomes, fitness: Fitness, table: Table) -> None:
         fitness[row] = value
 
 
-# The Taylor series of sin πx from x²¹ down to x; beyond that there is nothing left of |x| ≤ ½ in float64.
+# The coefficients of the Taylor series of sin πx, from x²¹ down to x. For |x| ≤ ½ further terms vanish in float64.
 _SINE = tuple(np.cumprod([np.pi, *(-np.pi * np.pi / (n * (n + 1)) for n in range(2, 22, 2))])[::-1].tolist())
 
 
 @inlined
 def _wave(x: Any) -> Any:
-    """1 − cos 2πx = 2 sin² πx, of sums and products only: vectorised, and the same on every machine.
+    """Return 1 − cos 2πx = 2 sin² πx, computed with sums and products only.
 
-    A library's cosine is neither: its last bit depends on the library and the processor.
+    So the loop is vectorised, and the value is the same on every machine. Neither holds for a library's cosine, whose
+    last bit depends on the library and the processor.
     """
     rest = x - np.rint(x)
     square = rest * rest
@@ -67,26 +68,26 @@ def _wave(x: Any) -> Any:
 
 @kernel(FITNESS, may_be_long=True)
 def rastrigin(genomes: Genomes, fitness: Fitness, table: Table) -> None:
-    """10 n + Σ (x² − 10 cos 2πx): a grid of valleys, the deepest in the middle."""
+    """Compute 10 n + Σ (x² − 10 cos 2πx): a grid of valleys, the deepest in the middle."""
     points = _points(genomes, table)
     terms = np.empty(points.shape)
     numbers, parts = points.reshape(points.size), terms.reshape(points.size)
     if integers(table, 0)[0, 0] == 0:
         for place in range(parts.size):
             parts[place] = numbers[place] * numbers[place] + 10.0 * _wave(numbers[place])
-    else:  # as ever: the histories of bit strings hold their fitness to the last bit
+    else:  # coded numbers keep the library's cosine: recorded histories hold their fitness to the last bit
         for place in range(parts.size):
             parts[place] = numbers[place] * numbers[place] + 10.0 * (1.0 - np.cos(2.0 * np.pi * numbers[place]))
     for row in range(fitness.size):
         value = 0.0
-        for term in terms[row]:  # one after the other: another order would be another sum
+        for term in terms[row]:  # in this order: another one would round differently
             value += term
         fitness[row] = value
 
 
 @kernel(FITNESS, may_be_long=True)
 def ackley(genomes: Genomes, fitness: Fitness, table: Table) -> None:
-    """20 + e − 20 exp(−0.2 √(Σ x² / n)) − exp(Σ cos 2πx / n): a plain of dents around one funnel."""
+    """Compute 20 + e − 20 exp(−0.2 √(Σ x² / n)) − exp(Σ cos 2πx / n): a plain of dents around one funnel."""
     points = _points(genomes, table)
     for row in range(fitness.size):
         squares, waves = 0.0, 0.0
@@ -100,7 +101,7 @@ def ackley(genomes: Genomes, fitness: Fitness, table: Table) -> None:
 
 @kernel(FITNESS, may_be_long=True)
 def rosenbrock(genomes: Genomes, fitness: Fitness, table: Table) -> None:
-    """Σ 100 (x_{i+1} − x_i²)² + (1 − x_i)²: a bent, narrow valley."""
+    """Compute Σ 100 (x_{i+1} − x_i²)² + (1 − x_i)²: a bent, narrow valley."""
     points = _points(genomes, table)
     for row in range(fitness.size):
         value = 0.0
@@ -112,7 +113,7 @@ def rosenbrock(genomes: Genomes, fitness: Fitness, table: Table) -> None:
 
 @subroutine
 def _ones(octet: Any) -> Any:
-    """How many bits of a byte are 1: of each two, then of each four, then of all eight."""
+    """Return how many bits of a byte are 1: count in pairs, then in fours, then in all eight."""
     twos = octet - ((octet >> 1) & 0x55)
     fours = (twos & 0x33) + ((twos >> 2) & 0x33)
     return (fours + (fours >> 4)) & 0x0F
@@ -120,8 +121,8 @@ def _ones(octet: Any) -> Any:
 
 @kernel(FITNESS, may_be_long=True)
 def onemax(genomes: Genomes, fitness: Fitness, table: Table) -> None:
-    """The number of zeros."""
-    length, last = integers(table, 0)[0, 2], genomes.shape[1] - 1
+    """Compute the number of zeros. Genomes are packed, eight bits to a byte; the last byte may be partly used."""
+    length, last = integers(table, 0)[0, 2], genomes.shape[1] - 1  # 8 · (last + 1) − length bits at the end are unused
     for row in range(fitness.size):
         zeros = length - _ones(genomes[row, last] >> (8 * (last + 1) - length))
         for place in range(last):
@@ -131,7 +132,11 @@ def onemax(genomes: Genomes, fitness: Fitness, table: Table) -> None:
 
 @kernel(FITNESS, may_be_long=True)
 def trap(genomes: Genomes, fitness: Fitness, table: Table) -> None:
-    """For each block of bits 0 if all are 1, else 1 + the number of ones: each step leads away from the optimum."""
+    """Compute the sum over blocks of bits: 0 if all are 1, else 1 + the number of ones.
+
+    The fewer ones, the better, so each improvement leads away from the optimum. The table goes on with the bits of a
+    block.
+    """
     bits = np.empty(integers(table, 0)[0, 2], np.int64)
     block = integers(table, 1)[0, 0]
     for row in range(fitness.size):
@@ -146,9 +151,10 @@ def trap(genomes: Genomes, fitness: Fitness, table: Table) -> None:
 
 @kernel(FITNESS, may_be_long=True)
 def partition(genomes: Genomes, fitness: Fitness, table: Table) -> None:
-    """Edges cut + squared sizes of the parts − an offset; a vertex belongs to the part label modulo parts.
+    """Compute cut edges + squared sizes of the parts − an offset.
 
-    The table goes on with the parts and the offset, and then the edges, shape (edges, 2).
+    A vertex belongs to the part with the number label modulo parts, since labels of whole bits may exceed the parts.
+    The table goes on with the number of parts and the offset, then the edges, shape (edges, 2).
     """
     layout, parts, offset = integers(table, 0)[0], integers(table, 1)[0, 0], integers(table, 1)[0, 1]
     edges = integers(table, 2)
@@ -169,8 +175,9 @@ def partition(genomes: Genomes, fitness: Fitness, table: Table) -> None:
 
 @kernel(types.void(types.int64), may_be_long=True)
 def spend(nanoseconds: int) -> None:
-    """Use up as much processor time of this thread."""
+    """Use up processor time of this thread."""
     time = np.zeros(2, np.int64)
+    # Processor time, not wall-clock time: on a busy machine an evaluation must cost the same amount of work.
     until = thread_nanoseconds(time) + nanoseconds
     while thread_nanoseconds(time) < until:
         pass

@@ -1,4 +1,4 @@
-"""What is known of the known functions."""
+"""The known optima of the functions, or values close to them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def solve_exactly(problem: Function) -> Answer:
-    """The optimum with an individual that has it, or a value that some individual has."""
+    """Return the optimum with a solution that attains it; where it is not known, an upper bound with a solution."""
     if problem.graph is not None:
         return _planted(problem.graph)
     if problem.bounds is None:
@@ -24,7 +24,8 @@ def solve_exactly(problem: Function) -> Answer:
     solution = {"x": nearest.tolist(), "value": value}
     if problem.bits == 0:
         return Answer("optimum", value, "the literature", solution)
-    # Coded numbers need not hit the optimum; another code may be better where valleys are narrower than code steps.
+    # The optimum need not have a code. The code nearest to it is the best one for sphere; elsewhere another code may be
+    # better, if valleys are narrower than a code step.
     return Answer(
         "optimum" if problem.name == "sphere" else "upper bound",
         value,
@@ -35,6 +36,7 @@ def solve_exactly(problem: Function) -> Answer:
 
 
 def _planted(graph: Graph) -> Answer:
+    """Return the planted partition, an upper bound."""
     parts = graph.planted.tolist()
     solution = {"parts": parts, "cut": graph.planted_cut, "planted_cut": graph.planted_cut, "value": 0.0}
     return Answer("upper bound", 0.0, "the planted partition; a better one may exist", solution)

@@ -1,4 +1,4 @@
-"""The planner of known functions: schema and behaviour."""
+"""The function planner: benchmark functions of numbers, bits and graphs, whose optimum is known."""
 
 from __future__ import annotations
 
@@ -25,25 +25,25 @@ if TYPE_CHECKING:
 
 Name = Literal["rastrigin", "sphere", "ackley", "rosenbrock", "onemax", "trap", "graph-partition"]
 
-_BOUNDS = {  # of each parameter; the optimum is 0, at x = 0 but for Rosenbrock's, at x = 1
+_BOUNDS = {  # of each parameter; the optimum is 0, at x = 0 or, for rosenbrock, at x = 1
     "rastrigin": (-5.12, 5.12),
     "sphere": (-5.12, 5.12),
     "ackley": (-32.768, 32.768),
     "rosenbrock": (-2.048, 2.048),
 }
-_REAL_TARGET = 1e-2
+_REAL_TARGET = 1e-2  # the fitness that solves a function of real numbers
 _ROUNDING = 1e-9
 _TRAP = 5  # bits in a block of the trap function
-_FLIPS = 2.4  # bits changed in an offspring, on average, by the tuned recipe
+_FLIPS = 2.4  # mean number of bits that mutation flips per offspring (tuned)
 
 
 class Function(CodedProblem):
     """A function whose optimum is known.
 
-    Functions of numbers are minimised within the bounds of the literature. Bit strings are to become all ones. In
-    graph-partition the fitness is the number of edges cut beyond the planted cut, plus the sum of the squared sizes of
-    the parts beyond its least: 0 for the planted partition, and an unbalanced one must cut ever fewer edges to be as
-    good (with two parts, m vertices too many cost 2 m²).
+    Functions of numbers are minimised within the bounds of the literature. The optimal bit string is all ones. For
+    graph-partition, the fitness is the number of cut edges less that of the planted partition, plus the sum of the
+    squared part sizes less its minimum. The planted partition has the fitness 0. The squares penalise imbalance: with
+    two parts, m vertices too many cost 2 m².
     """
 
     about: ClassVar[str] = "known functions: for tests, comparisons and load"
@@ -53,7 +53,7 @@ name = "rastrigin"      # or sphere, ackley, rosenbrock, onemax, trap, graph-par
 dimension = 10          # parameters, or bits of onemax and trap; graph-partition has its vertices instead
 bits = 0                # of each parameter; 0: real numbers
 # code = "gray"         # or "binary"; if not given, the recipe's
-# cost_us = 500         # microseconds of processor time that each evaluation takes longer
+# cost_us = 500         # microseconds of processor time added to each evaluation
 
 # [graph]               # for graph-partition
 # vertices = 64
@@ -66,7 +66,7 @@ bits = 0                # of each parameter; 0: real numbers
 topology = "torus 4x4"
 seed = 1
 """
-    oracle_decides: ClassVar[bool] = False  # the literature's value, or that of a code near the optimum
+    oracle_decides: ClassVar[bool] = False  # the oracle's value may be only that of a code near the optimum
     batches_alike: ClassVar[bool] = True
     any_thread: ClassVar[bool] = True
 
@@ -75,7 +75,7 @@ seed = 1
         "", "parameters, or bits of onemax and trap; not for graph-partition", default=10, ge=1, le=10_000
     )
     bits: int = quantity("bit", "bits of each parameter; 0 for real numbers", default=0, ge=0, le=62)
-    cost_us: float = quantity("µs", "thread processor time that each evaluation takes longer", default=0, ge=0, le=1e7)
+    cost_us: float = quantity("µs", "thread processor time added to each evaluation", default=0, ge=0, le=1e7)
     graph: Graph | None = quantity("", "for graph-partition: the graph", default=None)
 
     @model_validator(mode="after")
@@ -93,9 +93,9 @@ seed = 1
 
     def _size_complaint(self) -> str | None:
         if self.graph is not None and "dimension" in self.model_fields_set:
-            return f"dimension: expected none, the graph says it, found {self.dimension}"
+            return f"dimension: expected none, as the graph has its vertices, found {self.dimension}"
         if self.bounds is None and self.bits:
-            return f"bits: expected none, the parameters of {self.name} are not numbers, found {self.bits}"
+            return f"bits: expected none, as the parameters of {self.name} are not numbers, found {self.bits}"
         if self.name == "trap" and self.dimension % self.block:
             return f"dimension: expected a multiple of {self.block}, the bits of a trap, found {self.dimension}"
         if self.name == "rosenbrock" and self.dimension < 2:
@@ -104,17 +104,17 @@ seed = 1
 
     @property
     def bounds(self) -> tuple[float, float] | None:
-        """The bounds of each parameter; None where parameters are not numbers."""
+        """The bounds of each parameter; None if the parameters are not numbers."""
         return _BOUNDS.get(self.name)
 
     @property
     def block(self) -> int:
-        """The bits of a trap."""
+        """The number of bits in a block of the trap function."""
         return _TRAP
 
     @cached_property
     def coding(self) -> BitString | RealVector:
-        """Real numbers, coded numbers, bits, or the vertices' parts."""
+        """Real numbers, bit-coded numbers, single bits, or the part of each vertex."""
         from genetics.bit_string import BitString
         from genetics.real_vector import RealVector
 
@@ -128,9 +128,9 @@ seed = 1
 
     @cached_property
     def solved_at(self) -> float:
-        """0; of real numbers 0.01; of coded numbers the value at the code nearest to the optimum.
+        """0 for bits and graphs, 0.01 for real numbers; for coded numbers the value at the code nearest to the optimum.
 
-        The optimum itself has no code: an odd number of steps does not divide at 0.
+        The optimum itself need not have a code: the odd number 2^q − 1 of steps has no middle, so none falls on 0.
         """
         if self.bounds is None:
             return 0.0
@@ -140,7 +140,7 @@ seed = 1
 
     @property
     def nearest_to_optimum(self) -> NDArray[np.float64]:
-        """Of a function of numbers, the point whose code is nearest to the optimum, shape (dimension,)."""
+        """For a function of numbers, the coded point nearest to the optimum, shape (dimension,)."""
         assert self.bounds is not None, "a point is of numbers"
         low, high = self.bounds
         best = 1.0 if self.name == "rosenbrock" else 0.0
@@ -150,14 +150,17 @@ seed = 1
         return np.full(self.dimension, best)
 
     def recipe(self, name: RecipeName, deme: int) -> Recipe:
-        """Tuned bit strings: uniform crossover (but for the trap, whose blocks it would tear) and more mutation."""
+        """Return the operators; tuned bit strings have uniform crossover and more mutation than the default.
+
+        The trap keeps one-point crossover, since uniform crossover would destroy its blocks.
+        """
         if name == "paper" or (self.bounds is not None and self.bits == 0):
             return super().recipe(name, deme)
         crossover: Literal["one-point", "uniform"] = "one-point" if self.name == "trap" else "uniform"
         return Recipe(crossover, min(0.5, _FLIPS / self._bit_string.length), "elitist")
 
     def evaluate(self, genomes: Genomes) -> Fitness:
-        """The function's values, after as much processor time as asked for."""
+        """Return the function's values: (n, genome_bytes) to (n,), after ``cost_us`` of processor time for each."""
         if self.cost_us > 0:
             from problems.function.kernels import spend
 
@@ -166,7 +169,7 @@ seed = 1
 
     @property
     def fitness_kernel(self) -> Operator:
-        """The same as `evaluate`, for compiled generations."""
+        """`evaluate` as compiled code, for every combination of fields."""
         return self._costly
 
     @property
@@ -175,7 +178,7 @@ seed = 1
 
     @cached_property
     def _costly(self) -> Operator:
-        """The compiled function, made to cost processor time if it is to, where kernels may call each other."""
+        """The compiled function, made slower if ``cost_us`` asks for it, where kernels may call each other."""
         from genetics.operators import Operator
 
         function = self._compiled
@@ -184,10 +187,12 @@ seed = 1
         from problems.function import costly_kernels
 
         costly = Operator.of(costly_kernels.costly, [function.address, self._cost_ns], function.table)
+        # The inner function's table holds addresses of its arrays, so these must live as long as the outer operator.
         return costly._replace(kept=(*costly.kept, *function.kept))
 
     @cached_property
     def _compiled(self) -> Operator:
+        """The compiled function without extra cost; `problems.function.kernels` describes its table."""
         from genetics.operators import Operator
         from problems.function import kernels
 
@@ -204,7 +209,11 @@ seed = 1
         return Operator.of(kernels.trap, layout, self.block)
 
     def points(self, genomes: Genomes) -> NDArray[np.float64]:
-        """The numbers that genomes code, (n, dimension)."""
+        """Return the numbers that genomes code: (n, genome_bytes) to (n, dimension).
+
+        Raises:
+            TypeError: if the parameters are not numbers.
+        """
         if self.bounds is None:
             raise TypeError(f"the parameters of {self.name} are not numbers")
         if self.bits == 0:
@@ -220,7 +229,10 @@ seed = 1
         return self.coding
 
     def decode(self, genome: Genomes) -> Solution:
-        """``{"value": f}`` and ``"x": [..]``, ``"bits": "01.."`` or ``"parts": [..], "cut": c, "planted_cut": p``."""
+        """Return ``{"value": f}`` with a field for the kind of function.
+
+        The field is ``"x": [..]``, ``"bits": "01.."``, or ``"parts": [..]`` beside ``"cut"`` and ``"planted_cut"``.
+        """
         value = float(self._compiled.fitness(genome[None])[0])
         if self.bounds is not None:
             return {"x": self.points(genome[None])[0].tolist(), "value": value}
@@ -232,23 +244,23 @@ seed = 1
         return {"parts": parts.tolist(), "cut": cut, "planted_cut": self.graph.planted_cut, "value": value}
 
     def describe(self, solution: Solution) -> str:
-        """The numbers to six digits, or the bits or parts as they are."""
+        """Return the numbers to six digits, or the bits or parts as they are."""
         if "x" in solution:
             return "x = " + ", ".join(f"{x:.6g}" for x in solution["x"])
         return super().describe(solution)
 
     def check(self, solution: Solution) -> Verdict:
-        """See `problems.function.checker`, which shares no code with `evaluate`."""
+        """Judge a solution with `problems.function.checker`, which shares no code with `evaluate`."""
         return checker.verify(self, solution)
 
     def oracle(self) -> Answer:
-        """See `problems.function.oracle`: the optimum is known, or else a value that is hardly above it."""
+        """Return the optimum if it is known, else an upper bound close to it; see `problems.function.oracle`."""
         from problems.function import oracle
 
         return oracle.solve_exactly(self)
 
     def draw(self, figure: Figure, solution: Solution | None, populations: Populations) -> None:
-        """A map of the first two parameters; the bits; or the graph's edges, sorted by parts."""
+        """Draw a map of the first two parameters, the bits, or the graph's edges with vertices sorted by part."""
         from problems.function import drawing
 
         drawing.draw(self, figure, solution, populations)

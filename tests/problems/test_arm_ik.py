@@ -430,7 +430,7 @@ BAD_FILES = [
         HEAD + '[arm]\nlinks = [1]\nradius = 0.1\n[[obstacles]]\nshape = "box"\ncenter = [0.55, 0]\nsize = [1, 1]',
         "arm.base: expected a place clear of the obstacles by the arm's radius 0.1, found [0.0, 0.0] in obstacles[0]",
     ),
-    (HEAD + "[arm]\nlinks = [1, 0.1, 1]\nradius = 0.1", "arm.links: expected links between others at least twice"),
+    (HEAD + "[arm]\nlinks = [1, 0.1, 1]\nradius = 0.1", "arm.links: expected inner links at least as long as twice"),
     (HEAD + '[arm]\nlinks = [1]\n[[obstacles]]\nshape = "polygon"\nvertices = []', "at least 3 vertices, found 0"),
     (HEAD + '[arm]\nlinks = [1]\n[[obstacles]]\nshape = "blob"', "obstacles[0].shape: expected one of 'circle',"),
 ]  # fmt: skip

@@ -263,11 +263,11 @@ BAD_FILES = [
     (HEAD + '"sphere"\nsize = 3', "size: unknown field, expected one of kind, code, name, dimension"),
     (HEAD + '"sphere"\n[graph]\nvertices = 8', "graph: expected a table [graph] for graph-partition only, found one"),
     (HEAD + '"graph-partition"', "graph: expected a table [graph] for graph-partition only, found nothing"),
-    (HEAD + '"graph-partition"\ndimension = 9\n[graph]\nvertices = 8', "dimension: expected none, the graph says it"),
+    (HEAD + '"graph-partition"\ndimension = 9\n[graph]\nvertices = 8', "dimension: expected none, as the graph has"),
     (HEAD + '"graph-partition"\n[graph]\nvertices = 1', "graph.vertices: expected greater than or equal to 2, found 1"),
     (HEAD + '"graph-partition"\n[graph]\nvertices = 8\nparts = 9', "graph: parts: expected at most the 8 vertices"),
     (HEAD + '"graph-partition"\n[graph]\nvertices = 8\np_in = 1.5', "graph.p_in: expected less than or equal to 1"),
-    (HEAD + '"onemax"\nbits = 8', "bits: expected none, the parameters of onemax are not numbers, found 8"),
+    (HEAD + '"onemax"\nbits = 8', "bits: expected none, as the parameters of onemax are not numbers, found 8"),
     (HEAD + '"trap"\ndimension = 12', "dimension: expected a multiple of 5, the bits of a trap, found 12"),
     (HEAD + '"rosenbrock"\ndimension = 1', "dimension: expected at least 2 for rosenbrock, found 1"),
 ]
