@@ -1,8 +1,8 @@
 """A user-defined problem: pack a knapsack as full as possible, on sixteen processes.
 
-A problem is a subclass of `supernode.Problem`. Its fields are those of the problem file. `coding` says how an individual
-is coded. `evaluate` returns the fitness of a batch of individuals: lower is better, infinity is infeasible. Run this
-file, or
+A problem is a subclass of `supernode.Problem`. Its fields are those of the problem file. `coding` says how an
+individual is coded. `evaluate` returns the fitness of a batch of individuals: lower is better, infinity is infeasible.
+Run this file, or
 
     supernode solve examples/own_problem.toml
 """
