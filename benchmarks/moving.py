@@ -43,7 +43,7 @@ class Mover(NamedTuple):
     """A problem whose obstacles move.
 
     Attributes:
-        moved: returns random changes of the problem's fields.
+        moved: returns randomly changed fields of the problem.
         good: returns the fitness that is good enough in a world, or None if its oracle cannot say.
     """
 
