@@ -1,4 +1,7 @@
-"""Random worlds for Manhattan motions: instances that nobody tuned to, the same for the same number."""
+"""Random worlds for Manhattan motions.
+
+The same number gives the same world. No recipe was tuned on the worlds outside `TUNED_ON`.
+"""
 
 from __future__ import annotations
 
@@ -16,17 +19,17 @@ from problems.arm_path.oracle import Grid, fill, move_counts
 Fields = dict[str, Any]
 
 TUNED_ON = range(10_000, 30_000)
-"""The worlds on which the tuned recipe was chosen; a benchmark takes others."""
+"""The numbers of the worlds on which the tuned recipe was chosen. Benchmarks must use others."""
 
 FEWEST_MOVES = 4
 ROUNDS = 48
 _ROUNDS_OF_MANY_LINKS = 12
-_MOST_MOVES = 32  # far fewer than the moves of a motion
+_MOST_MOVES = 32  # far fewer moves than an individual has
 _STEP = 2.0 * np.pi / 256
 
 
 def arm_path_world(number: int, run: Run | None = None) -> ProblemFile:
-    """World ``number``: two links, and a goal that can surely be reached, but not in fewer than 4 moves."""
+    """Return world ``number``: two links, and a goal that certainly can be reached, but not in fewer than 4 moves."""
     generator = np.random.default_rng([1992, 4, number])
     while True:
         fields, grid = _scattered(generator)
@@ -38,7 +41,7 @@ def arm_path_world(number: int, run: Run | None = None) -> ProblemFile:
 
 
 def unsolvable_world(number: int, run: Run | None = None) -> ProblemFile:
-    """World ``number`` of those whose goal is surely out of reach, though the arm could stand there."""
+    """Return unsolvable world ``number``: the goal is free, but certainly cannot be reached from the start."""
     generator = np.random.default_rng([1992, 40, number])
     while True:
         fields, grid = _scattered(generator)
@@ -49,9 +52,9 @@ def unsolvable_world(number: int, run: Run | None = None) -> ProblemFile:
 
 
 def many_links_world(number: int) -> ArmPath:
-    """World ``number`` of arms of 3 to 6 links with limits, whose straight motion to the goal is not free.
+    """Return world ``number`` of arms of 3 to 6 links with limits, whose straight motion to the goal is blocked.
 
-    It may have no path.
+    The world may have no path.
     """
     generator = np.random.default_rng([1992, 400, number])
     while True:
@@ -61,7 +64,7 @@ def many_links_world(number: int) -> ArmPath:
         fields |= dict(zip(("start", "goal"), generator.uniform(-np.pi, np.pi, (2, links)).tolist(), strict=True))
         try:
             problem = ArmPath.model_validate(fields)
-        except ValueError:  # the arm would stand in something
+        except ValueError:  # a configuration collides
             continue
         straight = np.linspace(problem.start, problem.goal, 500)
         if np.isinf(same_arm(problem).distances(straight)).any():
@@ -69,7 +72,7 @@ def many_links_world(number: int) -> ArmPath:
 
 
 def same_arm(problem: ArmPath) -> ArmIk:
-    """The same arm among the same obstacles, whose `distances` tell which configurations collide."""
+    """Return the same arm among the same obstacles; its `distances` are infinite for configurations that collide."""
     shared = problem.model_dump(include={"arm", "obstacles", "self_collision"}, exclude_unset=True)
     return ArmIk.model_validate(shared | {"kind": "arm-ik", "target": problem.arm.base})
 
@@ -79,18 +82,18 @@ def _with_goal(name: str, fields: Fields, goal: NDArray[np.int64], run: Run | No
 
 
 def _scattered(generator: np.random.Generator) -> tuple[Fields, Grid]:
-    """A world whose start is also its goal, and its cells."""
+    """Return a world whose goal is its start, and its grid of configurations."""
     while True:
         fields = _world(generator)
         try:
             problem = ArmPath.model_validate(fields | {"goal": fields["start"]})
-        except ValueError:  # the arm would stand in something
+        except ValueError:  # a configuration collides
             continue
         return fields, fill(problem)
 
 
 def _world(generator: np.random.Generator, count: int = 2) -> Fields:
-    """Links of random lengths among 4 to 10 things, scattered over what the arm can reach."""
+    """Return a problem without a goal: links of random lengths among 4 to 10 obstacles within the arm's reach."""
     links = generator.uniform(0.5, 1.0, count)
     reach = float(links.sum())
     obstacles = [_thing(generator, reach) for _ in range(generator.integers(4, 11))]

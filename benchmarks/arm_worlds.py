@@ -1,4 +1,7 @@
-"""Random worlds of two-link arms: instances that nobody tuned to, the same for the same number."""
+"""Random worlds of two-link arms.
+
+The same number gives the same world. No recipe was tuned on the worlds outside `TUNED_ON`.
+"""
 
 from typing import Any
 
@@ -8,20 +11,20 @@ from pydantic import ValidationError
 from problems.arm_ik import ArmIk
 
 TUNED_ON = range(10_000, 30_000)
-"""The worlds on which the tuned recipe was chosen; a benchmark takes others."""
+"""The numbers of the worlds on which the tuned recipe was chosen. Benchmarks must use others."""
 
-_LEAST_FREE = 0.15  # of the configurations, else a world is drawn anew
+_LEAST_FREE = 0.15  # share of the configurations; a world with less is drawn again
 _SAMPLES = 1000
 
 
 def arm_world(number: int, bits: int = 8) -> ArmIk:
-    """World ``number``: 3 to 8 obstacles within reach, and a target that some free configuration reaches exactly."""
+    """Return world ``number``: 3 to 8 obstacles within reach; a free configuration reaches the target exactly."""
     generator = np.random.Generator(np.random.PCG64([1992, number]))
     while True:
         fields = _world(generator, bits)
         try:
             free = _free_configurations(ArmIk.model_validate(fields), generator)
-        except ValidationError:  # the base stands in an obstacle
+        except ValidationError:  # the base is inside an obstacle
             continue
         if len(free) >= _LEAST_FREE * _SAMPLES:
             headings = np.cumsum(free[0])

@@ -1,9 +1,10 @@
-"""How much of the cores a cluster spends on evaluation when evaluations are costly, in lockstep and asynchronously.
+"""Measure the share of the cores that costly evaluations get, in lockstep and asynchronously.
 
 Usage: python -m benchmarks.costly [--torus 4x4,8x8,16x16] [--demes 1,8] [--microseconds 500] [--seconds 60]
 
-Each evaluation takes that much processor time of its thread (`function` with `cost_us`), whatever else runs; the share
-is the evaluations' time over the time of all cores from the start to the last stop.
+Each evaluation takes ``--microseconds`` of processor time of its thread (`function` with `cost_us`), whatever else
+runs. The share is the time of all evaluations divided by the time of all cores from the start of the job to its last
+stop.
 """
 
 import argparse
@@ -16,7 +17,7 @@ from problems.file import parse
 
 
 def main() -> None:
-    """Print a table, a line for each size and mode."""
+    """Print a table with one line for each size, deme and mode."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--torus", default="4x4,8x8,16x16", help="sizes")
     parser.add_argument("--demes", default="1,8", help="individuals on a node: it evaluates twice as many, 8 if alone")
@@ -31,7 +32,7 @@ def main() -> None:
         with supernode.LocalCluster(topology=f"torus {shape}") as cluster:
             for deme, mode in itertools.product(options.demes.split(","), ("lockstep", "async")):
                 settings = {"mode": mode, "deme": int(deme)}
-                cluster.submit(file, **settings, generations=2).result()
+                cluster.submit(file, **settings, generations=2).result()  # warm-up
                 result = cluster.submit(file, **settings).result()
                 share = result.evaluations * options.microseconds * 1e-6 / result.seconds / cores
                 stale = "" if result.staleness is None else f"{result.staleness['mean']:.2f}"

@@ -1,19 +1,19 @@
-"""What it costs a cluster to be watched: nodes with and without a dashboard, in pairs, and what the watchers need.
+"""Measure what watching costs a cluster, with and without a dashboard in pairs, and what the watchers use.
 
 Usage: python -m benchmarks.dashboard [--torus 32x32] [--turns 5] [--seconds 60] [--minutes 30]
 
-One job runs all the time, in lockstep, a function that costs nothing, so that nodes do nothing but exchange. Windows
-alternate within that run: alone, watched, alone, watched. A window is watched in one of two ways, in turns:
+One job runs all the time, in lockstep, with a fitness that costs nothing, so nodes do nothing but exchange. Windows of
+time alternate within that run: alone, watched, alone, watched. Watched windows alternate between two kinds of watchers:
 
-- *browsers*: a dashboard as `supernode up` keeps it, open in two headless Chromium: the cluster's page and the job's.
-  They compute on the same cores as the nodes, as people's browsers seldom do.
-- *readers*: the same dashboard, and two plain HTTP clients that read the stream of events, in this process, and draw
-  nothing: what the dashboard itself costs.
+- *browsers*: a dashboard as `supernode up` keeps it, open in two headless Chromium, one at the cluster's page and one
+  at the job's. They compute on the same cores as the nodes, which users' browsers seldom do.
+- *readers*: the same dashboard, and two plain HTTP clients in this process that read the stream of events and draw
+  nothing. This measures the dashboard alone.
 
-Each watched window is compared with the mean of the windows before and after it. *Generations/s* are the root's as the
-spy tells them; *per CPU second* divides by what router, coordinator, spy and nodes have computed, so it does not see
-that others took the cores. At the end a dashboard stays open in both browsers for so many minutes, and its memory and
-the spy's (proportional set size) are printed each minute.
+Each watched window is compared with the mean of the windows before and after it. *Generations/s* are the root's, as the
+spy reports them. *Per CPU second* divides by the CPU time of router, coordinator, spy and nodes, so it does not show
+that other processes took the cores. At the end a dashboard stays open in both browsers for ``--minutes``, and its
+memory and the spy's (proportional set size) are printed each minute.
 """
 
 import argparse
@@ -45,7 +45,7 @@ from wire.news import Statistics
 
 _PROBLEM = 'kind = "function"\nname = "rastrigin"\ndimension = 32\n'
 _ENDLESS: dict[str, Any] = {"target": -1.0, "generations": (1 << 31) - 1}
-_SETTLED = 10.0  # seconds before a window: a dashboard takes some to start
+_SETTLED = 10.0  # seconds before a window, because a dashboard takes some to start
 _CLUSTER = ("router", "coordinator", "spy", "nodes")
 _WATCHERS = ("dashboard", "browsers")
 _MINUTE = 60.0
@@ -55,10 +55,10 @@ Watch = Callable[[str], AbstractContextManager[None]]
 
 @dataclass(frozen=True)
 class Window:
-    """What was measured while nothing changed.
+    """The measurements of one window of time.
 
     Attributes:
-        cores: how many of them each kind of process has used, on average.
+        cores: how many cores each kind of process used, on average.
     """
 
     generations_per_second: float
@@ -66,7 +66,7 @@ class Window:
 
     @property
     def per_cpu_second(self) -> float:
-        """Generations that the cluster's processes made of a second of CPU time of theirs."""
+        """Return the generations for each second of CPU time of the cluster's processes."""
         return self.generations_per_second / sum(self.cores.get(name, 0.0) for name in _CLUSTER)
 
 
@@ -84,7 +84,7 @@ def main() -> None:
 
 
 def compare(bench: "_Bench", turns: int, seconds: float) -> None:
-    """Alternate, print each window as it comes, and the ratios in the end."""
+    """Alternate the windows, print each one when it ends, and print the ratios at the end."""
     ways: dict[str, Watch] = {"browsers": bench.browsers, "readers": bench.readers}
     names = ("generations/s", "per CPU second", "spy", *_WATCHERS)
     print("| window | " + " | ".join(name if "/" in name or " " in name else f"{name}, cores" for name in names) + " |")
@@ -121,7 +121,7 @@ def _ratios(pairs: list[tuple[Window, Window, Window]]) -> str:
 
 
 def watch_memory(bench: "_Bench", minutes: float) -> None:
-    """A dashboard in both browsers for so long."""
+    """Keep a dashboard open in both browsers for ``minutes``, and print memory each minute."""
     print("| minute | spy, MB | dashboard, MB | spy, cores | dashboard, cores |\n|---|---|---|---|---|")
     with bench.watched(bench.browsers):
         began = time.monotonic()
@@ -136,12 +136,12 @@ def watch_memory(bench: "_Bench", minutes: float) -> None:
 
 
 class _Bench:
-    """A cluster with a job that does not end, and those who may watch it."""
+    """A cluster with a job that does not end, and the watchers of it."""
 
     def __init__(self, topology: str) -> None:
         self._topology = topology
         self._stack = ExitStack()
-        self._told: list[tuple[float, int]] = []  # when, and the root's generation
+        self._told: list[tuple[float, int]] = []  # times, and the root's generation at each
         self._job = ""
 
     def __enter__(self) -> "_Bench":
@@ -168,7 +168,7 @@ class _Bench:
     # Watching ---------------------------------------------------------------------------------------------------------
     @contextmanager
     def watched(self, how: Watch) -> Iterator[None]:
-        """With a dashboard, that is open in some way."""
+        """Run a dashboard, watched as ``how`` says, while the context is open."""
         keeper = Keeper(ListenAddress("127.0.0.1", 0), single=False)
         try:
             keeper.start(self._info.endpoint)
@@ -179,7 +179,7 @@ class _Bench:
 
     @contextmanager
     def browsers(self, address: str) -> Iterator[None]:
-        """Two, each with a page."""
+        """Open two browsers, each with a page, while the context is open."""
         from playwright.sync_api import sync_playwright
 
         with sync_playwright() as playwright, ExitStack() as stack:
@@ -193,7 +193,7 @@ class _Bench:
 
     @contextmanager
     def readers(self, address: str) -> Iterator[None]:
-        """Two that read the stream and do nothing with it."""
+        """Run two clients that read the stream and discard it, while the context is open."""
         ended = threading.Event()
         threads = [threading.Thread(target=_read, args=(address, ended)) for _ in range(2)]
         for thread in threads:
@@ -207,7 +207,7 @@ class _Bench:
 
     # Measuring --------------------------------------------------------------------------------------------------------
     def window(self, seconds: float) -> Window:
-        """Measure for so long, once all has settled."""
+        """Wait until the cluster has settled, then measure for ``seconds``."""
         time.sleep(_SETTLED)
         first, began, used = self._next_statistics(), time.monotonic(), self._cpu_seconds()
         time.sleep(seconds)
@@ -217,7 +217,7 @@ class _Bench:
         return Window((last[1] - first[1]) / (last[0] - first[0]), cores)
 
     def memory(self, name: str) -> float:
-        """Bytes of a kind of process: proportional set sizes, added up."""
+        """Return the memory of a kind of process, bytes: the sum of the proportional set sizes."""
         total = 0
         for process in self._processes()[name]:
             with contextlib.suppress(OSError):
@@ -238,7 +238,7 @@ class _Bench:
         }
 
     def _processes(self) -> dict[str, list[int]]:
-        """By kind, those that there are now."""
+        """Return the ids of the processes that run now, by kind."""
         found: dict[str, list[int]] = {}
         for process in _descendants(self._up):
             name = _text(process, "comm").strip().removeprefix("sn ")
@@ -251,7 +251,7 @@ class _Bench:
 
 
 def _read(address: str, ended: threading.Event) -> None:
-    """The stream, again if it is not there yet."""
+    """Read the stream of events until ``ended`` is set; connect again if the dashboard is not ready."""
     host = address.removeprefix("http://").rstrip("/")
     while not ended.is_set():
         connection = http.client.HTTPConnection(host, timeout=5.0)
@@ -263,7 +263,7 @@ def _read(address: str, ended: threading.Event) -> None:
 
 
 def _submitted(folder: Path, topology: str) -> str:
-    """The id of a job that runs."""
+    """Submit the job and return its id when it runs."""
     with supernode.connect(folder) as client:
         job = client.submit(parse(_PROBLEM, "benchmark", Path()).with_run(topology=topology, **_ENDLESS))
         next(job.improvements())
@@ -271,7 +271,7 @@ def _submitted(folder: Path, topology: str) -> str:
 
 
 def _descendants(process: int) -> list[int]:
-    """Children, and theirs, whichever thread began them."""
+    """Return the ids of all descendants of a process, whichever thread started them."""
     found = []
     for task in Path(f"/proc/{process}/task").glob("*/children"):
         with contextlib.suppress(OSError):

@@ -1,6 +1,6 @@
-"""The floor of an exchange: plain Unix datagrams in Python, on the same torus, with nothing but the bytes.
+"""The floor of an exchange: plain Unix datagrams in Python on the same torus, which carry nothing but the bytes.
 
-Each process sends 72 bytes to its four neighbours and waits for theirs, generation by generation.
+Each process sends 72 bytes to its four neighbours and waits for their datagrams, generation by generation.
 """
 
 import os
@@ -15,7 +15,10 @@ _BYTES = 72
 
 
 def measure(topology: Topology, generations: int) -> tuple[float, float]:
-    """Generations per second, and CPU microseconds per node and generation (all processes, reaped)."""
+    """Return generations per second, and CPU microseconds per node and generation.
+
+    CPU time is that of all processes, which are reaped before it is read.
+    """
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         sockets = [_bind(folder, cell) for cell in range(topology.cells)]
@@ -50,7 +53,7 @@ def _fork(sockets: list[socket.socket], folder: Path, topology: Topology, cell: 
 
 def _exchange(own: socket.socket, neighbours: list[str], generations: int) -> None:
     body = bytes(_BYTES - 8)
-    ahead = 0  # messages of the next generation that have come already
+    ahead = 0  # messages of the next generation that have already arrived
     for generation in range(generations):
         message = generation.to_bytes(8, "little") + body
         for neighbour in neighbours:

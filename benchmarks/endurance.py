@@ -1,8 +1,8 @@
-"""Whether a large asynchronous torus goes on for minutes: nodes alive, their memory and descriptors, messages lost.
+"""Run a large asynchronous torus for minutes; print nodes alive, their memory and descriptors, and messages lost.
 
 Usage: python -m benchmarks.endurance [--torus 32x32] [--minutes 10]
 
-The fitness costs nothing, so that messages come as fast as they can. What is printed first is of the idle cluster.
+The fitness costs nothing, so messages arrive as fast as possible. The first line shows the idle cluster.
 """
 
 import argparse
@@ -18,7 +18,7 @@ _PROBLEM = 'kind = "function"\nname = "onemax"\ndimension = 64\n'
 
 
 def main() -> None:
-    """Print a line before the job, one in each minute, one after it, and what came of it."""
+    """Print a line before the job, one in each minute, one after the job, and its outcome."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--torus", default="32x32", help="its size")
     parser.add_argument("--minutes", type=int, default=10, help="of the job")
@@ -39,7 +39,7 @@ def main() -> None:
 
 
 def _look(cluster: supernode.LocalCluster, when: str, lost: int) -> None:
-    """At all processes but the coordinator."""
+    """Print one line about all processes except the coordinator."""
     folders = [Path(f"/proc/{process}/fd") for process in cluster.processes.values()]
     alive = [list(folder.iterdir()) for folder in folders if folder.exists()]
     memory, descriptors = memory_of_nodes(cluster) / 1e6, sum(map(len, alive))

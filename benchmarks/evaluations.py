@@ -1,10 +1,10 @@
-"""Evaluations a second on one core: of every kind of problem, its examples and its template.
+"""Measure evaluations a second on one core, for every kind of problem, its examples and its template.
 
 Usage: python -m benchmarks.evaluations [--seconds 1]
 
-Random individuals, as the first deme of a cell draws them, judged by the compiled fitness: 8 at a time, which is a
-generation of a cell alone, and 1024 at a time. The best of three measurements, so that whatever else the machine does
-counts little. Later generations hold better individuals, which may take longer or shorter.
+The compiled fitness evaluates random individuals, drawn as for the first deme of a cell: 8 at a time, which is a
+generation of a cell of one individual, and 1024 at a time. The best of three measurements counts, so that other load on
+the machine has little influence. Individuals of later generations are better and may take longer or shorter.
 """
 
 import argparse
@@ -26,7 +26,7 @@ _REPEATS = 3
 
 
 def main() -> None:
-    """Print a table, a line for each file."""
+    """Print a table with one line for each file."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seconds", type=float, default=1.0, help="of each measurement, or a little more")
     options = parser.parse_args()
@@ -39,7 +39,7 @@ def main() -> None:
 
 
 def files() -> Iterator[ProblemFile]:
-    """Every built-in kind's template and its examples, kind by kind."""
+    """Yield the template and the examples of every built-in kind, kind by kind."""
     loaded = [problems.load(path) for path in sorted(_EXAMPLES.glob("*.toml"))]
     for kind in registry.kinds():
         yield parse(registry.find(kind).template, "template", Path())
@@ -49,16 +49,16 @@ def files() -> Iterator[ProblemFile]:
 
 
 def rate(plan: Plan, size: int, seconds: float) -> float:
-    """Evaluations a second of batches of that ``size``."""
+    """Return evaluations a second for batches of ``size`` individuals."""
     genomes = plan.coding.random(plan.keys(np.arange(max(_TOGETHER)), 0), 1)[:, 0]
     evaluate = plan.evaluate if plan.problem.fitness_kernel is None else plan.problem.fitness_kernel.fitness
     batches = [np.ascontiguousarray(genomes[start : start + size]) for start in range(0, len(genomes), size)]
-    judge_all(evaluate, batches)  # what is kept from one evaluation to the next is there from now on
+    judge_all(evaluate, batches)  # warm-up: fills what evaluations cache
     return max(_rate(evaluate, batches, seconds / _REPEATS) for _ in range(_REPEATS))
 
 
 def judge_all(evaluate: Evaluate, batches: list[Genomes]) -> None:
-    """Once each."""
+    """Evaluate each batch once."""
     for batch in batches:
         evaluate(batch)
 

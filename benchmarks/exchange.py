@@ -1,11 +1,11 @@
-"""What an exchange costs: lockstep tori of nodes with a trivial fitness, beside the plain-datagram floor.
+"""Measure what an exchange costs: lockstep tori with a trivial fitness, beside the plain-datagram floor.
 
 Usage: python -m benchmarks.exchange [--torus 4x4,8x8] [--steps 100000]
 
 CPU time is that of all processes of the cluster (nodes, router, spy, zygote and coordinator) during the job, by the
-kernel's clock of each. The floor is measured before and after each size, in the same run on the same machine, as the
-difference of a long and a short exchange, without the processes' birth and death; only the ratio of the two means
-anything elsewhere.
+kernel's clock of each process. The floor is measured before and after each size, in the same run on the same machine,
+as the difference of a long and a short exchange, which excludes the start and the end of processes. Only the ratio of
+exchange and floor can be compared with other machines.
 """
 
 import argparse
@@ -19,9 +19,9 @@ from coordinator.scaling.measure import memory_of_nodes
 from problems.file import parse
 
 _PROBLEM = 'kind = "function"\nname = "onemax"\ndimension = 64\n'
-_NEVER = -1.0  # no fitness is as low
-_WARM_UP = 50  # generations: pages are copied when a process first writes to them
-_LEAST = 1000  # generations: beside 100, a job's own start and end would be a seventh of all
+_NEVER = -1.0  # no fitness is that low, so the job runs to its last generation
+_WARM_UP = 50  # generations; pages are copied when a process first writes to them
+_LEAST = 1000  # generations; with 100, a job's start and end would be a seventh of the time
 _IDLE_SECONDS = 5.0
 _COLUMNS = (
     "torus",
@@ -40,7 +40,7 @@ _COLUMNS = (
 
 
 def main() -> None:
-    """Print a table, one line for each size."""
+    """Print a table with one line for each size."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--torus", default="4x4,8x8", help="sizes")
     parser.add_argument("--steps", type=int, default=100_000, help="nodes times generations of each size")
@@ -52,7 +52,7 @@ def main() -> None:
 
 
 def row(spec: str, steps: int) -> list[str]:
-    """One line of the table."""
+    """Measure one size and return its line of the table."""
     topology = topologies.parse(spec)
     generations = max(_LEAST, steps // topology.cells)
     file = parse(_PROBLEM, "benchmark", Path()).with_run(target=_NEVER)
@@ -79,7 +79,7 @@ def row(spec: str, steps: int) -> list[str]:
         f"{floor_rate:,.1f}",
         f"{floor_cpu:.1f}",
         f"{cpu / floor_cpu:.2f}",
-        # The last generation is not told any more: each of the others is published once.
+        # The last generation is not published; each of the others is published once.
         f"{result.messages['sent'] / topology.cells / generations:g} and "
         f"{result.messages['received'] / topology.cells / generations:g}",
         str(result.messages["lost"]),
@@ -87,7 +87,7 @@ def row(spec: str, steps: int) -> list[str]:
 
 
 def _floor(topology: topologies.Topology, generations: int) -> tuple[float, float]:
-    """Generations per second, and CPU µs per node and generation, of plain datagrams."""
+    """Return generations per second, and CPU µs per node and generation, of plain datagrams."""
     short = max(1, generations // 4)
     (few_rate, few_cpu), (rate, cpu) = measure(topology, short), measure(topology, generations)
     seconds = generations / rate - short / few_rate
@@ -95,7 +95,7 @@ def _floor(topology: topologies.Topology, generations: int) -> tuple[float, floa
 
 
 def _idle_share(cluster: supernode.LocalCluster) -> float:
-    """The share of one core that all processes of the cluster use without a job."""
+    """Return the share of one core that all processes of the cluster use without a job."""
     used = cluster.cpu_seconds()
     time.sleep(_IDLE_SECONDS)
     return (cluster.cpu_seconds() - used) / _IDLE_SECONDS

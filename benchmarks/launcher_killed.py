@@ -1,10 +1,10 @@
-"""Kill the process that launches a cluster, at random moments of its start: what is left of the cluster 5 s later.
+"""Kill the process that launches a cluster at random moments of its start, and print what is left 5 s later.
 
 Usage: python -m benchmarks.launcher_killed [--torus 16x32] [--times 20] [--seconds 5] [--seed 1]
 
-One whole start is timed first; the moments are drawn uniformly from one and a tenth of that, so that some of the kills
-come when the cluster has just become ready. Processes of a cluster are known by a variable in their environment, which
-they inherit from the launcher; files by their folder, which TMPDIR names.
+One whole start is timed first. The moments are drawn uniformly from 1.1 times that duration, so some kills come when
+the cluster has just become ready. A variable in the environment, inherited from the launcher, identifies the
+processes of a cluster. The folder that TMPDIR names identifies its files.
 """
 
 import argparse
@@ -31,13 +31,13 @@ _LOOK_EVERY = 0.05  # seconds
 
 
 class Left(NamedTuple):
-    """What a killed launcher left.
+    """What a killed launcher left behind.
 
     Attributes:
-        running: how many processes of the cluster there were when it was killed, the launcher not counted.
-        processes: the command names of those that still live.
+        running: the number of processes of the cluster at the kill, without the launcher.
+        processes: the command names of the processes that still run.
         files: the names of files and folders.
-        seconds: from the kill until nothing was left, or until there was no more waiting.
+        seconds: from the kill until nothing was left, or until the time limit.
     """
 
     running: int
@@ -47,7 +47,7 @@ class Left(NamedTuple):
 
 
 class Launcher:
-    """A process that launches a cluster of that topology; everything that it starts or makes can be found."""
+    """A process that launches a cluster. All processes and files of the cluster can be found."""
 
     def __init__(self, topology: str, folder: Path) -> None:
         self._folder = folder
@@ -60,13 +60,13 @@ class Launcher:
         )
 
     def wait_until_ready(self) -> None:
-        """Wait for the word that the cluster is ready."""
+        """Wait until the launcher reports that the cluster is ready."""
         assert self._process.stdout is not None, "it is a pipe"
         if not self._process.stdout.read(1):
             raise RuntimeError("the cluster did not start")
 
     def kill(self, within: float) -> Left:
-        """Kill it; return what is left of the cluster as soon as that is nothing, at last after ``within`` seconds."""
+        """Kill the launcher; return what is left when nothing is left, or after ``within`` seconds."""
         running = len(self._processes()) - 1
         self._process.kill()
         killed = time.monotonic()
@@ -82,20 +82,20 @@ class Launcher:
         return left
 
     def _processes(self) -> list[str]:
-        """The command names of the processes that inherited the mark, zombies not counted."""
+        """Return the command names of the processes that inherited the mark, without zombies."""
         mark = f"{MARK}={self._mark}".encode()
         found = []
         for folder in Path("/proc").glob("[0-9]*"):
             try:
                 if mark in (folder / "environ").read_bytes().split(b"\0"):
                     found.append((folder / "comm").read_text().strip())
-            except OSError:  # it has ended, or is another user's
+            except OSError:  # the process has ended, or belongs to another user
                 continue
         return found
 
 
 def seconds_of_a_start(topology: str) -> float:
-    """Time one whole start of a cluster, the start of Python included."""
+    """Return the seconds of one whole start of a cluster, including the start of Python."""
     with tempfile.TemporaryDirectory(dir="/dev/shm") as folder:
         began = time.monotonic()
         launcher = Launcher(topology, Path(folder))
@@ -106,7 +106,7 @@ def seconds_of_a_start(topology: str) -> float:
 
 
 def killed_after(topology: str, seconds: float, within: float) -> Left:
-    """Launch a cluster, kill the launcher after so many seconds; what is left ``within`` so many more."""
+    """Launch a cluster, kill the launcher after ``seconds``, and return what is left at most ``within`` s later."""
     with tempfile.TemporaryDirectory(dir="/dev/shm") as folder:
         launcher = Launcher(topology, Path(folder))
         time.sleep(seconds)

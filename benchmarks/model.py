@@ -1,4 +1,4 @@
-"""A model of how fast a torus of single individuals goes, held against what is measured here.
+"""Compare a model of the speed of a torus of single individuals with measurements on this machine.
 
 Usage: python -m benchmarks.model [--calibrate 16,64,256,1024] [--predict 32,128,512] [--seconds 3] [--repeats 3]
 
@@ -6,23 +6,23 @@ With n cells on K cores, p = max(1, n / K) of them on each, a generation takes
 
     T = max(p (c(p) + e), c(p) + e + w + x)
 
-- c(p): CPU time of a node and generation without evaluations. Processes that share a core push each other's state out
-  of its caches: where that begins, and how steeply it goes on, is the machine's. So it is measured at some sizes, and
-  a power of p between each two. Below the smallest size it is taken to be what it is there.
-- K(n): the cores that the nodes keep busy when there is work for all, measured likewise. The spy, the router and the
-  kernel have the rest.
-- e: CPU time of its evaluations.
-- w: what one waits for the last neighbour's message: processes are woken. Others on the same core work meanwhile.
-- x: the network between machines, one way, if neighbours live on different ones. In lockstep everybody goes at the pace
-  of the slowest cycle of neighbours, so one such link is enough.
+- c(p): CPU time of a node and generation without evaluations. Processes that share a core evict each other's state
+  from its caches. Where this begins, and how steeply it continues, depends on the machine. So c is measured at some
+  sizes, and interpolated by a power of p between each two. Below the smallest size it is taken to be constant.
+- K(n): the number of cores that the nodes keep busy when there is work for all, measured at the same sizes. The spy,
+  the router and the kernel use the rest.
+- e: CPU time of a node's evaluations in a generation.
+- w: the wait for the last neighbour's message, because processes must be woken. Other nodes on the core work meanwhile.
+- x: the network delay between machines, one way, if neighbours run on different machines. In lockstep all nodes have
+  the pace of the slowest cycle of neighbours, so one such link is enough.
 
 w is measured on the largest of 1x2, 2x2, 3x3 with no more cells than the machine has cores (nodes of 1x2 have one
-neighbour each). All other sizes that are printed are predicted. Left out: variation between generations and between
-machines (the slowest of many delays in each exchange, so for many cores this is a bound, not an estimate), and
-bandwidth. Async nodes wait for nobody, so w = x = 0; they breed several generations in a turn if those are short, so
-their c(p) and K(n) are measured by themselves.
+neighbour each). All other sizes that are printed are predicted. The model omits bandwidth, and variation between
+generations and machines. The slowest of many delays counts in each exchange, so for many cores the prediction is a
+bound, not an estimate. Async nodes do not wait, so w = x = 0. They breed several generations in a turn if those are
+short, so their c(p) and K(n) are measured separately.
 
-Other work on the machine shows as fewer cores busy than K, and then only the CPU times can be held against the model.
+Other load on the machine shows as fewer cores busy than K. Then only the CPU times can be compared with the model.
 """
 
 import argparse
@@ -44,14 +44,14 @@ from coordinator.scaling.experiment import torus_of
 from problems import ProblemFile
 from problems.file import parse
 
-_SHORT = 5  # generations of the job that is taken off the longer ones: what it costs to prepare and to stop
+_SHORT = 5  # generations of the job whose times are subtracted: the cost of preparing and stopping
 _SLOTS = 4
 _EVALUATIONS = 2 * _SLOTS  # of a node in a generation
-_MOST_OF_OTHERS = 256  # nodes of jobs other than the trivial one in lockstep: with more each takes minutes
+_MOST_OF_OTHERS = 256  # nodes, except for the trivial lockstep job: with more each job takes minutes
 
 
 class Measured(NamedTuple):
-    """A torus: its nodes, the seconds of a generation, and the nodes' CPU seconds, each."""
+    """The measurements of a torus: nodes, seconds of a generation, and CPU seconds of each node in a generation."""
 
     nodes: int
     seconds: float
@@ -59,16 +59,16 @@ class Measured(NamedTuple):
 
     @property
     def cores(self) -> float:
-        """How many the nodes keep busy."""
+        """Return the number of cores that the nodes keep busy."""
         return self.nodes * self.cpu / self.seconds
 
 
 @dataclass(frozen=True)
 class Model:
-    """The measured numbers, in seconds; see above.
+    """The parameters of the model, in seconds; see the module's docstring.
 
     Attributes:
-        sizes: tori of more nodes than cores, the smallest first.
+        sizes: measured tori of more nodes than cores, the smallest first.
         wait: w.
     """
 
@@ -77,16 +77,16 @@ class Model:
 
     @staticmethod
     def of(sizes: Iterable[Measured], alone: Measured) -> "Model":
-        """From some sizes, and a torus that has a core for each cell."""
+        """Return the model of some measured sizes, and of a torus that has a core for each cell (``alone``)."""
         return Model(tuple(sorted(sizes)), max(0.0, alone.seconds - alone.cpu))
 
     def cores_of(self, nodes: int) -> float:
-        """K(n)."""
+        """Return K(n), interpolated over the logarithm of n."""
         cores = [size.cores for size in self.sizes]
         return float(np.interp(log(nodes), [log(size.nodes) for size in self.sizes], cores))
 
     def cpu_of(self, nodes: int, cores: float | None = None) -> float:
-        """c(p); on the cores of the calibration, unless others are given."""
+        """Return c(p), by default for the cores of the calibration."""
         cores = self.cores_of(nodes) if cores is None else cores
         on_each = [log(size.nodes / size.cores) for size in self.sizes]
         return exp(float(np.interp(log(nodes / cores), on_each, [log(size.cpu) for size in self.sizes])))
@@ -99,12 +99,12 @@ class Model:
         network: float = 0.0,
         waits: bool = True,
     ) -> float:
-        """T; on the cores of the calibration, unless others are given.
+        """Return T, by default for the cores of the calibration.
 
         Args:
             nodes: n.
             cores: K.
-            extra: CPU time of a generation beside a trivial one: e.
+            extra: e, the CPU time of a generation beyond that of a trivial one.
             network: x.
             waits: False in async mode.
         """
@@ -115,12 +115,12 @@ class Model:
 
 
 def error(predicted: float, measured: float) -> float:
-    """In percent of what is measured."""
+    """Return the error of a prediction, in percent of the measured value."""
     return 100.0 * (predicted / measured - 1.0)
 
 
 class Variant(NamedTuple):
-    """A kind of job: which fitness, and in which mode."""
+    """A kind of job: a fitness and a mode."""
 
     name: str
     fields: str
@@ -128,7 +128,7 @@ class Variant(NamedTuple):
 
     @property
     def file(self) -> ProblemFile:
-        """The problem; its target is out of reach."""
+        """Return the problem; its target is out of reach."""
         text = f'kind = "function"\nname = "onemax"\ndimension = 64\n{self.fields}\n'
         return parse(text, self.name, Path()).with_run(target=-1.0, mode=self.mode)
 
@@ -137,14 +137,14 @@ LOCKSTEP, ASYNC = (Variant(mode, "", mode) for mode in ("lockstep", "async"))
 
 
 def costly(cost: float) -> list[Variant]:
-    """Both with a fitness that takes ``cost`` µs."""
+    """Return the lockstep and the async variant with a fitness that takes ``cost`` µs."""
     dear = f"cost_us = {cost:g}"
     return [Variant(f"{plain.name}, {cost:g} µs", dear, plain.mode) for plain in (LOCKSTEP, ASYNC)]
 
 
 @contextmanager
 def _cluster_of(nodes: int) -> Iterator[LocalCluster]:
-    """A cluster that may take its time to end, without spoiling what was measured."""
+    """Run a cluster; a failure while it ends is printed and does not discard the measurements."""
     cluster = LocalCluster(topology=torus_of(nodes))
     try:
         yield cluster
@@ -156,7 +156,7 @@ def _cluster_of(nodes: int) -> Iterator[LocalCluster]:
 
 
 def measure(cluster: LocalCluster, variant: Variant, seconds: float, repeats: int) -> Measured:
-    """Jobs of at least so many ``seconds``, each less a short one: medians of both times."""
+    """Measure jobs of at least ``seconds``, each less a short job; return the medians of both times."""
     generations = 8 * _SHORT
     while _run(cluster, variant, generations)[0] < seconds / 2:  # also warms up
         generations *= 2
@@ -171,7 +171,7 @@ def measure(cluster: LocalCluster, variant: Variant, seconds: float, repeats: in
 
 
 def _run(cluster: LocalCluster, variant: Variant, generations: int) -> tuple[float, float]:
-    """Seconds, and CPU seconds of all nodes together."""
+    """Return the seconds of a job, and the CPU seconds of all nodes together."""
     before = _nodes_cpu(cluster)
     result = cluster.submit(variant.file, generations=generations).result()
     assert result.generations == generations, result
@@ -183,7 +183,7 @@ def _nodes_cpu(cluster: LocalCluster) -> float:
 
 
 def main() -> None:
-    """Calibrate, predict, compare, extrapolate."""
+    """Calibrate, predict, compare with measurements, and extrapolate."""
     options = _options()
     alone = max(square for square in (2, 4, 9) if square <= max(2, _cores()))
     measured: dict[tuple[Variant, int], Measured] = {}
@@ -252,7 +252,7 @@ def _line(name: str, found: Measured, cpu: float, seconds: float) -> str:
 def _lines(
     models: Mapping[str, Model], measured: Mapping[tuple[Variant, int], Measured], calibrate: Sequence[int]
 ) -> Iterator[str]:
-    """What evaluations cost is taken from the smallest torus, and predicted for the others."""
+    """Yield the lines of the table. The cost of evaluations comes from the smallest torus."""
     small = calibrate[0]
     for (variant, nodes), found in measured.items():
         model, used = models[variant.mode], ""
@@ -267,7 +267,7 @@ def _lines(
 
 
 def beyond(model: Model, machines: int, cores: int, network_us: float) -> list[str]:
-    """What a computer of many machines would do, one cell on each core: a table, and the traffic."""
+    """Return a table of the speed of many machines with one cell on each core, and the traffic between them."""
     cells = machines * cores
     torus = topologies.parse(torus_of(cells))
     lines = [
@@ -294,7 +294,7 @@ def beyond(model: Model, machines: int, cores: int, network_us: float) -> list[s
 
 
 def crossing_share(cells: int) -> float:
-    """The share of links that leave a square (or the most square block) of so many cells."""
+    """Return the share of links that leave a square (or the most square block) of ``cells`` cells."""
     rows, columns = (int(each) for each in torus_of(cells).removeprefix("torus ").split("x"))
     return 2 * (rows + columns) / (_SLOTS * rows * columns)
 

@@ -1,9 +1,9 @@
-"""Do motions of real arms keep to their limits? A UR5 and a Panda between random configurations, judged by pinocchio.
+"""Test whether motions of a UR5 and a Panda between random configurations keep to their limits, by pinocchio.
 
     python -m benchmarks.motion_limits [--motions 50] [--generations 8]
 
-Each motion is followed along its curve by the law that docs/min-time.md states. At sixteen places between any two rows
-its speeds and accelerations are compared with the limits, and its torques, which pinocchio works out from the URDF
+Each motion is followed along its curve by the motion law of docs/min-time.md. At sixteen places between any two rows
+its speeds, accelerations and torques are compared with the limits. pinocchio computes the torques from the URDF
 itself. Every second motion also has limits of acceleration, every fourth limits of jerk.
 """
 
@@ -28,24 +28,24 @@ ARMS = {
     "UR5": ("ur_description/urdf/ur5_robot.urdf", None),
     "Panda": ("panda_description/urdf/panda.urdf", [f"panda_joint{number}" for number in range(1, 8)]),
 }
-ACCELERATION, JERK = 8.0, 80.0  # rad/s², rad/s³, of each joint, where they are limited
-_SAMPLES = 16  # between two rows
-_ALLOWED = 1.01  # of a limit
+ACCELERATION, JERK = 8.0, 80.0  # rad/s², rad/s³: the limits of each joint, where a motion has them
+_SAMPLES = 16  # places between two rows
+_ALLOWED = 1.01  # share of a limit
 
 
 class Found(NamedTuple):
-    """What one motion is like."""
+    """The measurements of one motion."""
 
     time: float  # s, inf if there is none
     accepted: bool  # by `check`
-    velocity: float  # greatest share of its limit, as the following; 0 where there is no limit
+    velocity: float  # greatest share of its limit; 0 without a limit. The following fields likewise
     acceleration: float
     jerk: float
     torque: float
 
 
 def main() -> None:
-    """Print a row for each arm."""
+    """Print one row for each arm."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--motions", type=int, default=50, help="of each arm (50)")
     parser.add_argument("--generations", type=int, default=8, help="of each search, on a torus of 4x4 (8)")
@@ -63,7 +63,7 @@ def main() -> None:
 
 
 def _judged(name: str, generations: int, number: int) -> Found:
-    """Motion ``number`` of an arm: planned, checked, and played against the URDF."""
+    """Plan motion ``number`` of an arm, check it, and compare it with the limits of the URDF."""
     import pinocchio
 
     path, joints = ARMS[name]
@@ -91,7 +91,7 @@ def _judged(name: str, generations: int, number: int) -> Found:
 
 
 def _followed(solution: dict[str, Any]) -> tuple[Any, Any, Any]:
-    """Angles, speeds and accelerations between the rows of a trajectory, shape (samples, joints) each."""
+    """Return angles, speeds and accelerations between the rows of a trajectory, (samples, joints) each."""
     rows, nodes = solution["trajectory"], np.array(solution["nodes"])
     stretches, count = len(nodes) - 1, len(rows["t"])
     controls = np.concatenate([[2 * nodes[0] - nodes[1]], nodes, [2 * nodes[-1] - nodes[-2]]])
@@ -117,7 +117,7 @@ def _followed(solution: dict[str, Any]) -> tuple[Any, Any, Any]:
 
 
 def _problem(name: str, number: int, generations: int) -> ProblemFile:
-    """Random start and goal, which the arm can hold, and limits that not every motion has."""
+    """Return a problem with random start and goal poses that the arm can hold, and with its optional limits."""
     path, joints = ARMS[name]
     generator = np.random.Generator(np.random.PCG64([1993, number]))
     arm: dict[str, Any] = urdf.read(f"example-robot-data:{path}", joints, Path())
@@ -133,7 +133,7 @@ def _problem(name: str, number: int, generations: int) -> ProblemFile:
         file = ProblemFile(f"{name} {number}", fields, Run(topology="torus 4x4", generations=generations), Path())
         try:
             file.problem()
-        except (BadInput, ValidationError):  # it could not hold itself there
+        except (BadInput, ValidationError):  # the arm cannot hold this pose
             continue
         return file
 

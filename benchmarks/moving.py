@@ -1,12 +1,12 @@
-"""A world that moves: how soon a kept-alive job has replanned, beside planning from scratch.
+"""Measure how soon a kept-alive job has replanned when obstacles move, beside planning from scratch.
 
 Usage: python -m benchmarks.moving [--updates 100] [--torus 4x4]
 
-Two clusters are up (`supernode up`). On one a script moves obstacles of a job that is kept alive, one update after
-another. For each the clock runs from the call of ``update`` to the first answer that the client hears for the new
-epoch that is good enough and accepted by `check`: for mobile-robot one that reaches the goal, for terrain one within
-5 % of the exact optimum. The same world is then planned from scratch on the other cluster: from the call of ``submit``.
-Worlds that the planner's oracle cannot show to have an answer are not counted. Memory is the private part of the
+Two clusters are up (`supernode up`). On one of them this script moves obstacles of a kept-alive job, one update after
+another. The clock runs from the call of ``update`` to the first answer for the new epoch that the client receives,
+that `check` accepts, and that is good enough: for mobile-robot it reaches the goal, for terrain it is within 5 % of
+the exact optimum. The same world is then planned from scratch on the other cluster, from the call of ``submit`` on.
+Worlds for which the planner's oracle cannot prove an answer are not counted. Memory is the private part of the
 processes of the first cluster, before the first update and after the last one.
 """
 
@@ -33,18 +33,18 @@ NEAR = 1.05
 
 
 class Timed(NamedTuple):
-    """Seconds until there was a good answer; None if none came in time."""
+    """Seconds until the first good answer; None if none arrived in time."""
 
     update: float | None
     scratch: float | None
 
 
 class Mover(NamedTuple):
-    """A problem whose world moves.
+    """A problem whose obstacles move.
 
     Attributes:
-        moved: other fields of the problem, by chance.
-        good: what fitness is good enough in a world, if its oracle knows.
+        moved: returns randomly changed fields of the problem.
+        good: returns the fitness that is good enough in a world, or None if its oracle cannot say.
     """
 
     file: ProblemFile
@@ -53,7 +53,7 @@ class Mover(NamedTuple):
 
 
 class Moved(NamedTuple):
-    """What came of the updates; memory, bytes, by process, before and after them."""
+    """The outcome of the updates; memory in bytes, by process, before and after them."""
 
     timed: list[Timed]
     before: dict[str, int]
@@ -61,7 +61,7 @@ class Moved(NamedTuple):
 
 
 def main() -> None:
-    """Print a row for each problem."""
+    """Print one row for each problem."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--updates", type=int, default=100)
     parser.add_argument("--torus", default="4x4")
@@ -76,7 +76,7 @@ def main() -> None:
 
 
 def measure(mover: Mover, updates: int, topology: str) -> Moved:
-    """Move the world until so many worlds are counted."""
+    """Update the problem until ``updates`` worlds are counted."""
     source = random.Random(1992)
     timed: list[Timed] = []
     with _service(topology) as (living, process), _service(topology) as (fresh, _), _kept_alive(living, mover) as job:
@@ -86,7 +86,7 @@ def measure(mover: Mover, updates: int, topology: str) -> Moved:
             began = time.perf_counter()
             try:
                 epoch = job.update(**fields)
-            except supernode.BadInput:  # the start or the goal was covered
+            except supernode.BadInput:  # an obstacle covers the start or the goal
                 continue
             file = file.changed(fields, {})
             good = mover.good(file)
@@ -98,7 +98,7 @@ def measure(mover: Mover, updates: int, topology: str) -> Moved:
 
 @contextmanager
 def _service(topology: str) -> Iterator[tuple[Client, int]]:
-    """A client of a cluster that is up, and the process of that."""
+    """Start a cluster; yield a client of it and the process id of `supernode up`."""
     with (
         tempfile.TemporaryDirectory() as folder,
         up(Path(folder), topology, None) as process,
@@ -123,7 +123,7 @@ def _memory(process: int) -> dict[str, int]:
 
 
 class _News:
-    """Improvements of a job, each with the time at which it was heard."""
+    """Improvements of a job, each with the time at which it was received."""
 
     def __init__(self, job: ClientJob) -> None:
         self._queue: queue.SimpleQueue[tuple[float, Improvement]] = queue.SimpleQueue()
@@ -134,7 +134,7 @@ class _News:
             self._queue.put((time.perf_counter(), better))
 
     def next(self, until: float) -> tuple[float, Improvement] | None:
-        """The next one; None if there is none by then."""
+        """Return the next improvement, or None if none arrives before the time ``until``."""
         try:
             return self._queue.get(timeout=max(0.0, until - time.perf_counter()))
         except queue.Empty:
@@ -160,7 +160,7 @@ def _from_scratch(client: Client, file: ProblemFile, good: float, number: int) -
 
 
 def _robot() -> Mover:
-    """A box of the office is somewhere else."""
+    """Return the office, in which each update moves one box."""
 
     def moved(file: ProblemFile, source: random.Random) -> dict[str, Any]:
         obstacles = [dict(each) for each in file.fields["obstacles"]]
@@ -173,7 +173,7 @@ def _robot() -> Mover:
 
 
 def _terrain() -> Mover:
-    """An obstacle of one cell more, and one less."""
+    """Return a terrain, in which each update adds an obstacle of one cell and removes another."""
 
     def moved(file: ProblemFile, source: random.Random) -> dict[str, Any]:
         rows = [list(row) for row in file.fields["map"]]

@@ -1,13 +1,13 @@
-"""Search where most individuals are equally fit: single cells, islands by families, islands by renewal.
+"""Measure search where most individuals are equally fit: single cells, islands by families, islands by renewal.
 
 Usage: python -m benchmarks.plateau [--seeds 20]
 
-*New* is measured where all fitness is equal: the share of individuals, after 100 generations, that the first generation
-did not hold. *Found* is the share of seeds that find a feasible individual of a problem before the run stalls after 200
-generations; its fitness is infinite unless 27 of 32 bits are ones, as 1 of 17,700 individuals has them. *Evaluations*
-is how many the runs that found it needed, in the median.
+*New* is measured where all fitness is equal: the share of individuals after 100 generations that the first generation
+did not contain. *Found* is the share of seeds that find a feasible individual before the run stalls after 200
+generations. In that problem the fitness is infinite unless 27 of 32 bits are ones, which holds for 1 of 17,700
+individuals. *Evaluations* is the median number that the successful runs needed.
 
-All runs are on a torus of 4 × 4 with the default recipe of a user's own problem; the renewal is the only change to it.
+All runs are on a torus of 4 × 4 with the default recipe of a user's own problem. Only the renewal is changed.
 """
 
 import argparse
@@ -30,7 +30,7 @@ _RULES = ((1, None), (16, None), (20, None), (16, 1.0))  # deme, renewal
 
 
 class Flat(Problem):
-    """Everybody is as fit as everybody else."""
+    """A problem in which all individuals are equally fit."""
 
     batches_alike = True
     kind: str = "flat"
@@ -38,30 +38,30 @@ class Flat(Problem):
 
     @cached_property
     def coding(self) -> BitString:
-        """Bits."""
+        """Return the coding: bits."""
         return BitString(_BITS, 1)
 
     def evaluate(self, genomes: Genomes) -> Fitness:
-        """Nothing tells one from another."""
+        """Return the same fitness for all individuals."""
         return np.zeros(len(genomes))
 
     def recipe(self, name: RecipeName, deme: int) -> Recipe:
-        """The default, with this problem's renewal."""
+        """Return the default recipe, with this problem's renewal."""
         return replace(super().recipe(name, deme), renewal=self.renewal)
 
 
 class Constrained(Flat):
-    """All feasible individuals are as fit as each other, and they are few."""
+    """A problem with few feasible individuals, which are all equally fit."""
 
     kind: str = "constrained"
 
     def evaluate(self, genomes: Genomes) -> Fitness:
-        """0 with enough ones, else infinity."""
+        """Return 0 for individuals with enough ones, else infinity."""
         return np.where(self.coding.integers(genomes).sum(axis=1) >= _ONES, 0.0, np.inf)
 
 
 class Row(NamedTuple):
-    """What becomes of a rule: shares of all individuals and of all seeds, and evaluations in the median."""
+    """The figures of a rule: shares of all individuals and of all seeds, and median evaluations."""
 
     new: float
     found: float
@@ -69,7 +69,7 @@ class Row(NamedTuple):
 
 
 def main() -> None:
-    """Print a table, a line for each rule."""
+    """Print a table with one line for each rule."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seeds", type=int, default=20, help="runs of each rule")
     options = parser.parse_args()
@@ -84,7 +84,7 @@ def main() -> None:
 
 
 def measured(deme: int, renewal: float | None, seeds: Sequence[int]) -> Row:
-    """The figures of one rule."""
+    """Measure one rule."""
     found = [until_feasible(deme, renewal, seed) for seed in seeds]
     spent = [each for each in found if each is not None]
     new = statistics.fmean(share_of_new(deme, renewal, seed) for seed in seeds)
@@ -92,7 +92,7 @@ def measured(deme: int, renewal: float | None, seeds: Sequence[int]) -> Row:
 
 
 def share_of_new(deme: int, renewal: float | None, seed: int) -> float:
-    """Of all individuals on the flat problem, after 100 generations, those whom the first generation did not hold."""
+    """Return the share of individuals on the flat problem, after 100 generations, that the first did not contain."""
     run = Run(deme=deme, seed=seed, generations=GENERATIONS)
     plan = Plan(Flat(renewal=renewal), run)
     first = plan.coding.random(plan.keys(np.arange(plan.topology.cells), 0), deme).reshape(-1, plan.coding.genome_bytes)
@@ -102,7 +102,7 @@ def share_of_new(deme: int, renewal: float | None, seed: int) -> float:
 
 
 def until_feasible(deme: int, renewal: float | None, seed: int) -> int | None:
-    """Evaluations until the generation with the first feasible individual; None if the run stalls before."""
+    """Return the evaluations up to the generation with the first feasible individual; None if the run stalls first."""
     plan = Plan(Constrained(renewal=renewal), Run(deme=deme, seed=seed, target=0.0))
     champion = min((report.champion for report in simulate(plan) if report.champion is not None), default=None)
     if champion is None:

@@ -1,10 +1,12 @@
-"""Random floors for mobile robots: instances that nobody tuned to, the same for the same number.
+"""Random floors for mobile robots, and a program that solves them.
+
+The same number gives the same floor. docs/mobile-robot.md says which floors were used for development.
 
 Usage: python -m benchmarks.robot_worlds --floors three-rooms --seeds 100 [--first 1] [--simulate]
 
-Solves each floor by the defaults on a torus of 4 × 4: by processes that are up already, one job after the other, or in
-this process (--simulate), which tells no seconds. The number of a floor is also the seed. *Seconds* are from handing a
-job in until its checked result is there; *length* is over the oracle's lower bound.
+The program solves each floor by the defaults on a torus of 4 × 4: on processes that are already up, one job after the
+other, or in this process (--simulate), which measures no seconds. The number of a floor is also the seed. *Seconds* are
+from submitting a job to its checked result. *Length* is relative to the oracle's lower bound.
 """
 
 from __future__ import annotations
@@ -28,24 +30,24 @@ from spy.result import Result
 
 Fields = dict[str, Any]
 
-WALL = 0.15  # m, thick
-CELL = 0.05  # m, of the grid on which solvability is shown
+WALL = 0.15  # m, the thickness
+CELL = 0.05  # m, the cell size of the grid that proves solvability
 MOST_TRIES = 1000
 
 _FORKLIFT: Fields = {"vertices": [[-0.425, -0.3], [0.425, -0.3], [0.425, 0.3], [-0.425, 0.3]]}
 
 
 def robot_world(number: int, run: Run | None = None) -> ProblemFile:
-    """World ``number``: even ones are rooms with doors, odd ones clutter; half of the robots are discs.
+    """Return world ``number``: rooms with doors if it is even, else clutter. Half of the robots are discs.
 
-    The goal is not visible from the start, and a disc around the robot can surely get there.
+    The goal is not visible from the start, and a disc around the robot certainly can reach it.
     """
     generator = np.random.default_rng([1992, 5, number])
     for _ in range(MOST_TRIES):
         fields = _world(generator, number)
         try:
             problem = MobileRobot.model_validate(fields)
-        except ValueError:  # the robot would stand in something
+        except ValueError:  # the start or the goal is not free
             continue
         if is_surely_solvable(problem) and not _is_trivial(problem):
             return ProblemFile(f"world {number}", fields, run or Run(), Path())
@@ -53,16 +55,16 @@ def robot_world(number: int, run: Run | None = None) -> ProblemFile:
 
 
 def three_room_world(number: int, run: Run | None = None) -> ProblemFile:
-    """Three rooms in a row, each wall between two with one door, and 20 obstacles; a robot of 0.85 m by 0.6 m.
+    """Return a floor of three rooms in a row, one door in each wall, 20 obstacles, and a robot of 0.85 m by 0.6 m.
 
-    Doors are 0.95 m to 1.3 m wide. The robot is to go from the first room to the last. The oracle proves a way.
+    Doors are 0.95 m to 1.3 m wide. The robot goes from the first room to the last. The oracle proves a way.
     """
     generator = np.random.default_rng([1992, 30, number])
     return _proven(f"three rooms {number}", lambda: _three_rooms(generator, _FORKLIFT, (0.95, 1.3)), run)
 
 
 def narrow_door_world(number: int, run: Run | None = None) -> ProblemFile:
-    """The same with robots nearly as wide as the doors, which are 5 % to 20 % wider.
+    """Return a floor of three rooms whose doors are 5 % to 20 % wider than the robot.
 
     Even worlds have a polygon, odd ones a disc. The oracle proves a way.
     """
@@ -77,12 +79,12 @@ def narrow_door_world(number: int, run: Run | None = None) -> ProblemFile:
 
 
 def _proven(name: str, draw: Callable[[], Fields], run: Run | None) -> ProblemFile:
-    """The first drawn floor that has a way, as the oracle says."""
+    """Draw floors until the oracle proves a way on one, and return it."""
     for _ in range(MOST_TRIES):
         fields = draw()
         try:
             problem = MobileRobot.model_validate(fields)
-        except ValueError:  # the robot would stand in something
+        except ValueError:  # the start or the goal is not free
             continue
         if problem.oracle().meaning == "optimum":
             return ProblemFile(name, fields, run or Run(), Path())
@@ -112,7 +114,7 @@ def _wall_with_door(generator: np.random.Generator, at: float, height: float, do
 
 
 def _small_thing(generator: np.random.Generator, width: float, height: float) -> Fields:
-    """A piece of furniture."""
+    """Return an obstacle of the size of a piece of furniture."""
     center = generator.uniform([0.0, 0.0], [width, height]).tolist()
     if generator.integers(2):
         return {"shape": "circle", "center": center, "radius": float(generator.uniform(0.15, 0.5))}
@@ -120,7 +122,7 @@ def _small_thing(generator: np.random.Generator, width: float, height: float) ->
 
 
 def _width(robot: Fields) -> float:
-    """Across its heading, m."""
+    """Return the width of a robot across its heading, m."""
     if "radius" in robot:
         return 2.0 * float(robot["radius"])
     return float(np.ptp([y for _, y in robot["vertices"]]))
@@ -134,7 +136,7 @@ def _is_trivial(problem: MobileRobot) -> bool:
 
 
 def is_surely_solvable(problem: MobileRobot) -> bool:
-    """Whether a disc that encloses the robot and its way through a grid cell gets from the start to the goal."""
+    """Return whether a disc that encloses the robot and its way through a grid cell can reach the goal."""
     free = _free_cells(problem)
     regions, _ = ndimage.label(free)
     start, goal = (_cell(problem, pose) for pose in (problem.start, problem.goal))
@@ -146,7 +148,7 @@ def _cell(problem: MobileRobot, pose: tuple[float, float, float]) -> tuple[int, 
 
 
 def _free_cells(problem: MobileRobot) -> NDArray[np.bool_]:
-    """Cells all over which an enclosing disc stands free; (columns, rows)."""
+    """Return the cells in which an enclosing disc is free everywhere, (columns, rows)."""
     x0, y0, x1, y1 = problem.bounds
     needed = (problem.robot.radius or problem.robot.circumscribed_radius) + CELL
     columns, rows = np.arange(x0 + CELL / 2, x1 + CELL, CELL), np.arange(y0 + CELL / 2, y1 + CELL, CELL)
@@ -186,7 +188,7 @@ def _robot(generator: np.random.Generator, is_disc: bool) -> Fields:
 
 
 def _rooms(generator: np.random.Generator, width: float, height: float) -> list[Fields]:
-    """Rooms by repeated halving of the largest; each new wall has a door."""
+    """Return the walls of rooms, by repeated halving of the largest room; each new wall has a door."""
     rooms = [(0.0, 0.0, width, height)]
     obstacles: list[Fields] = []
     for _ in range(generator.integers(3, 8)):
@@ -242,11 +244,11 @@ class Row(NamedTuple):
     solved: bool
     seconds: float | None
     evaluations: int
-    ratio: float | None  # of the length to the oracle's lower bound, if it was solved
+    ratio: float | None  # of the length to the oracle's lower bound, if the floor was solved
 
 
 def main() -> None:
-    """Print what is wrong with single floors, then the figures of all."""
+    """Print the floors that failed or have long ways, then the figures of all floors."""
     parser = argparse.ArgumentParser(description="Solve random floors by the defaults on a torus of 4 × 4.")
     parser.add_argument("--floors", choices=FAMILIES, default="three-rooms", help="which family")
     parser.add_argument("--seeds", type=int, default=100, help="how many floors")
@@ -268,7 +270,7 @@ def main() -> None:
 
 
 def on_a_cluster(files: list[ProblemFile], seeds: range) -> Iterator[Row]:
-    """One job after the other on the same processes, which are up before the first is handed in."""
+    """Yield the outcomes of jobs on one cluster, which is up before the first submit."""
     with supernode.LocalCluster(topology="torus 4x4") as cluster:
         cluster.submit(files[0], generations=2).result()
         for file, seed in zip(files, seeds, strict=True):
@@ -278,7 +280,7 @@ def on_a_cluster(files: list[ProblemFile], seeds: range) -> Iterator[Row]:
 
 
 def simulated(files: list[ProblemFile], seeds: range) -> Iterator[Row]:
-    """The same jobs in this process."""
+    """Yield the outcomes of the same jobs, simulated in this process."""
     for file, seed in zip(files, seeds, strict=True):
         yield _row(file, supernode.simulate(file, seed=seed, topology="torus 4x4"), None)
 
@@ -292,7 +294,7 @@ def _row(file: ProblemFile, result: Result, seconds: float | None) -> Row:
 
 
 def summary(rows: list[Row]) -> str:
-    """How many were solved, and how soon and how well; the figures are of those."""
+    """Return lines with the number of solved floors, and the figures of the solved ones."""
     good = [row for row in rows if row.solved]
     lines = [f"solved: {len(good)} of {len(rows)}"]
     seconds = [row.seconds for row in good if row.seconds is not None]

@@ -1,14 +1,14 @@
-"""How soon a cluster that is up runs a job and finds a first answer, how late its deadlines are, and what it keeps.
+"""Measure the latency of jobs and deadlines on a running cluster, and the resources that its processes keep.
 
 Usage: python -m benchmarks.service [--jobs 1000] [--torus 4x4] [--settled 200] [--deadlines 100] [--database URL]
 
-The cluster is a real one, `supernode up`, in a state folder of its own. Jobs come one after another from one client;
-each is `examples/arm-ik.toml` with a seed of its own. *Running* is when its first epoch has begun, *first answer* when
-the first verified improvement has come, both as the client hears of them, from the call of `submit` on. Memory is the
-private part of each process, which nothing else accounts for.
+The cluster is a real one, `supernode up`, in a state folder of its own. One client submits jobs one after another; each
+is `examples/arm-ik.toml` with a different seed. Times count from the call of `submit` until the client receives the
+publication: *running* is the beginning of the first epoch, *first answer* the first verified improvement. Memory is the
+private part of each process, which no other process shares.
 
-Deadlines are those of jobs that find nothing, on all nodes: how long after its time was over, counted from when it was
-accepted, the client hears that a job has ended.
+Deadlines are measured with jobs on all nodes that find nothing. The lateness is the time from a job's deadline, counted
+from its acceptance, until the client receives the end of the job.
 """
 
 import argparse
@@ -39,7 +39,7 @@ _COLUMNS = ("descriptors", "threads", "sockets", "private memory, MB")
 
 
 class Held(NamedTuple):
-    """What a process, or several together, hold."""
+    """The resources of a process, or of several together."""
 
     descriptors: int
     threads: int
@@ -48,15 +48,15 @@ class Held(NamedTuple):
 
 
 class Measured(NamedTuple):
-    """Of a row of jobs.
+    """The measurements of a series of jobs.
 
     Attributes:
         running: seconds of each job from `submit` until it ran.
-        answers: until its first answer came.
-        late: seconds after its deadline that each job that has one ended.
-        ends: how often each job's end was published, by its id.
-        settled: what each process held after the first jobs.
-        held: at the end.
+        answers: seconds of each job from `submit` until its first answer.
+        late: seconds between the deadline and the end of each job that has a deadline.
+        ends: how often each job's end was published, by the job's id.
+        settled: the resources of each process after the first jobs.
+        held: the resources of each process at the end.
     """
 
     running: list[float]
@@ -81,7 +81,7 @@ def main() -> None:
 
 
 def show(measured: Measured) -> None:
-    """In tables."""
+    """Print the measurements as tables."""
     lost = sum(times != 1 for times in measured.ends.values())
     print(f"{len(measured.ends)} jobs, {lost} lost or doubled")
     for name, seconds in (("running", measured.running), ("first answer", measured.answers)):
@@ -104,7 +104,7 @@ def show(measured: Measured) -> None:
 
 
 def measure(jobs: int, settled: int, deadlines: int, topology: str, database: str | None = None) -> Measured:
-    """Start a cluster, give it so many jobs, and look at it after the first ``settled`` ones and at the end."""
+    """Start a cluster and submit jobs; measure its processes after ``settled`` jobs and at the end."""
     with tempfile.TemporaryDirectory() as folder, up(Path(folder), topology, database) as process:
         with supernode.connect(folder) as client:
             row = _Row(client, Path(folder), topology)
@@ -118,7 +118,7 @@ def measure(jobs: int, settled: int, deadlines: int, topology: str, database: st
 
 
 class _Row:
-    """Jobs, one after another, and what is heard of them."""
+    """Submits jobs one after another and records the publications about them."""
 
     def __init__(self, client: Client, folder: Path, topology: str) -> None:
         from supernode.cluster_info import read_info
@@ -148,7 +148,7 @@ class _Row:
             self.answers.append(self._heard.get(self._numbers.get(name, -1), began + _WITHIN) - began)
 
     def late(self, number: int) -> float:
-        """How many seconds after its deadline a job that finds nothing has ended."""
+        """Return the seconds between the deadline and the end of a job that finds nothing."""
         name = f"deadline-{number}"
         job = self._client.submit(self._file, id=name, seed=number, target=-1.0, stall=10**9, seconds=_DEADLINE)
         accepted = time.monotonic() - (time.time() - job.show()["submitted"])
@@ -174,7 +174,7 @@ class _Row:
 
 @contextmanager
 def up(folder: Path, topology: str, database: str | None) -> Iterator[int]:
-    """The process of `supernode up`."""
+    """Run `supernode up` while the context is open; yield its process id when it is ready."""
     command = [sys.executable, "-m", "supernode", "up", "--topology", topology, "--state", str(folder)]
     command += [] if database is None else ["--database", database]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
@@ -188,7 +188,7 @@ def up(folder: Path, topology: str, database: str | None) -> Iterator[int]:
 
 
 def held_by(process: int) -> dict[str, Held]:
-    """What the processes of a cluster hold, by name, nodes together; ``process`` is that of `supernode up`."""
+    """Return the resources of a cluster's processes, by name, nodes together. ``process`` is that of `supernode up`."""
     zygotes = _children(process)
     found: dict[str, Held] = {}
     for each in [process, *zygotes, *(child for zygote in zygotes for child in _children(zygote))]:
@@ -214,7 +214,7 @@ def _held(process: int) -> Held:
     for each in (folder / "fd").iterdir():
         try:
             links.append(str(each.readlink()))
-        except OSError:  # closed meanwhile
+        except OSError:  # the descriptor was closed meanwhile
             continue
     rollup = (folder / "smaps_rollup").read_text(encoding="ascii").splitlines()
     private = sum(int(line.split()[1]) * _KILOBYTE for line in rollup if line.startswith("Private_"))

@@ -1,24 +1,25 @@
-"""How many generations and evaluations tori of growing size need to solve a problem, and which speed-up that is.
+"""Measure the generations and evaluations that tori of growing size need to solve a problem, and the speed-up.
 
 Usage: python -m benchmarks.speedup [--seeds 100] [--nodes 16,64,128,256,1024] [--deme 1] [--sequential 16,64,256]
 
-Lockstep runs are the same, bit for bit, simulated or on processes, so the simulator makes them here. Two notions:
+Lockstep runs are the same, bit for bit, simulated or on processes, so the simulator makes them here. The program prints
+two kinds of speed-up:
 
 - *strong speed-up, in evaluations* (Alba 2002, "Parallel evolutionary algorithms can achieve super-linear performance",
-  Information Processing Letters 82:7-13): the median evaluations of the best sequential algorithm (one deme on 1x1, of
-  ``--sequential`` the one that needs fewest), over the median evaluations of one of the n nodes. It is super-linear
-  where the efficiency, speed-up / n, is above 1. Its interval holds for all sizes of a table at once, and counts that
-  the best sequential algorithm was chosen by the same runs: see `coordinator.scaling.comparison`.
+  Information Processing Letters 82:7-13): the median evaluations of the best sequential algorithm (one deme on 1x1, the
+  deme of ``--sequential`` that needs fewest), over the median evaluations of one of the n nodes. It is super-linear
+  where the efficiency, speed-up / n, is above 1. Its interval holds for all sizes of a table at once, and allows for
+  the choice of the best sequential algorithm by the same runs: see `coordinator.scaling.comparison`.
 - *relative, in generations*: the median generations of the smallest torus over those of n nodes, beside n over the
   smallest size. The population grows with the nodes, so this is no strong speed-up.
 
-Beside it stands a null model: n independent runs of the best sequential algorithm, the first to end wins. Both sides
-have the same recipe; a node with one individual has no mates on it, so that its rules of selection are others (``--deme
-4`` compares islands with islands).
+A null model is printed for comparison: n independent runs of the best sequential algorithm, of which the first to end
+counts. Both sides have the same recipe. But a node with one individual has no mates on it, so its rules of selection
+differ (``--deme 4`` compares islands with islands).
 
-Generations are those of the answer's birth; evaluations are those of all cells up to then. The last column of strong
-speed-ups counts those up to the agreed stop, diameter + 1 generations later, on 1x1 too. A run without an answer
-after ``--evaluations`` of all cells counts as dearer than any other.
+Generations are counted to the answer's birth; evaluations are those of all cells up to then. The last column of strong
+speed-ups counts them up to the agreed stop, diameter + 1 generations later, on 1x1 too. A run without an answer
+after ``--evaluations`` of all cells counts as more expensive than any other.
 """
 
 import argparse
@@ -40,7 +41,7 @@ _PARTITION = 'kind = "function"\nname = "graph-partition"\n[graph]\nvertices = 6
 
 
 class Solved(NamedTuple):
-    """Of one run; infinite if it found nothing."""
+    """The cost of one run; infinite if it found nothing."""
 
     generations: float
     evaluations: float
@@ -48,7 +49,7 @@ class Solved(NamedTuple):
 
 
 def main() -> None:
-    """Print a table for each problem."""
+    """Print one table for each problem."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seeds", type=int, default=100, help="runs of each size")
     parser.add_argument("--nodes", type=_numbers, default=(16, 64, 128, 256, 1024), help="sizes")
@@ -68,7 +69,7 @@ def _numbers(text: str) -> tuple[int, ...]:
 
 
 def table(file: ProblemFile, options: argparse.Namespace) -> list[str]:
-    """The sequential algorithm, then a line for each size."""
+    """Return the lines of a table: the sequential algorithm, then one line for each size."""
     alone = {deme: _runs(file, "torus 1x1", deme, options.seeds) for deme in options.sequential}
     deme, reference = min(alone.items(), key=lambda each: merit(_evaluations(each[1])))
     sequential = _evaluations(reference)
@@ -133,7 +134,7 @@ def _median(values: Sequence[float]) -> float:
 
 
 def _efficiency(found: Comparison) -> str:
-    """With its interval."""
+    """Return the efficiency with its interval; empty if there is none."""
     its = found.efficiency
     if its is None:
         return ""
@@ -145,7 +146,7 @@ def _verdict(found: Comparison) -> str:
 
 
 def _restarted(sequential: Sequence[float]) -> str:
-    """What restarts would make of the sequential algorithm."""
+    """Return a sentence about the cost of the sequential algorithm with restarts at the best cutoff."""
     mean, cutoff = with_restarts(sequential)
     solved = [cost for cost in sequential if math.isfinite(cost)]
     return (

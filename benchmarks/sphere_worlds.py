@@ -1,4 +1,7 @@
-"""Random sphere worlds of three to seven dimensions: instances that nobody tuned to, the same for the same number."""
+"""Random sphere worlds of three to seven dimensions.
+
+The same number gives the same world. docs/sphere-path.md says which numbers the benchmark uses.
+"""
 
 from __future__ import annotations
 
@@ -21,11 +24,14 @@ CROWDS = {
     6: (1600, (2.0, 4.0)),
     7: (2500, (2.5, 4.5)),
 }
-"""Spheres and their radii, by axes: so many that about one in ten thousand random paths, or fewer, is free."""
+"""Number of spheres and range of their radii, by number of axes.
+
+The worlds are so crowded that at most about one in ten thousand random paths is free.
+"""
 
 
 def sphere_world(number: int, run: Run | None = None) -> ProblemFile:
-    """World ``number``, of 3 to 7 axes in turn: a hidden corridor is free, the straight way is not."""
+    """Return world ``number``, of 3 to 7 axes in turn: a hidden corridor is free, the straight way is not."""
     axes = 3 + number % 5
     generator = np.random.default_rng([1998, 5, number])
     count, radius = CROWDS[axes]

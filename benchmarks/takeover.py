@@ -1,17 +1,17 @@
-"""How fast the best takes over, and how diversity decays, by the shape and the size of the torus.
+"""Measure how fast the best individual takes over and how diversity decays, by shape and size of the torus.
 
-No machine of a few cores shows that with real processes; the simulator does, with the same state and the same draws.
+Real processes on a few cores cannot reach these sizes. The simulator can, with the same state and the same draws.
 
 Usage: python -m benchmarks.takeover [--seeds 10] [--most-cells 65536] [--plot takeover.png]
 
-*Takeover* is measured under selection alone: an individual is one real gene, drawn at random, and its own fitness; of a
-couple's two offspring, by uniform crossover without mutation, one has either parent's gene. So genes are names: every
-individual's can be followed back to the first generation, where one of them is the best of all. Takeover is the first
-generation in which every individual of every cell has it; half-time, in which half of them have.
+*Takeover* is measured under selection alone. An individual is one real gene, drawn at random, which is its own fitness.
+A couple's two offspring, by uniform crossover without mutation, each have the gene of one parent. So genes serve as
+names: each can be followed back to the first generation, in which one of them is the best of all. Takeover is the first
+generation in which every individual of every cell has that name; half-time is the first in which half of them have it.
 
-*Diversity* is measured in two ways: as lineages, the share of the first generation's names that somebody still has,
-under the same selection alone; and as entropy, the mean over bits of the entropy of that bit over all individuals,
-while the tuned recipe minimises a trap of 60 bits.
+*Diversity* is measured in two ways. *Lineages* is the share of the first generation's names that still exist, under the
+same selection alone. *Entropy* is the mean over bits of the entropy of that bit over all individuals, while the tuned
+recipe minimises a trap of 60 bits.
 """
 
 import argparse
@@ -35,7 +35,7 @@ from problems.problem import RecipeName
 SHAPES = ("32x32", "16x64", "8x128", "4x256", "1x1024")
 SIZES = ("4x4", "8x8", "16x16", "32x32", "256x256", "1024x1024")
 ISLANDS = ((1, 1), (20, 1), (20, 10))  # deme, interval
-MARKS = (1, 2, 4, 8, 16, 32, 64, 128)  # generations at which diversity is told
+MARKS = (1, 2, 4, 8, 16, 32, 64, 128)  # generations at which diversity is printed
 _MOST_INDIVIDUALS_OF_ISLANDS = 1 << 15
 _MOST_GENERATIONS_OF_ISLANDS = 700
 _MOST_CELLS_OF_SEVERAL_SEEDS = 1 << 12
@@ -44,42 +44,42 @@ _FOREVER = 1 << 20  # generations
 
 
 class Names(Problem):
-    """Selection alone: individuals are names, and the least is the best."""
+    """A problem of selection alone: individuals are names, and the least name is the best."""
 
     batches_alike = True
 
     @cached_property
     def coding(self) -> RealVector:
-        """One gene."""
+        """Return the coding: one real gene."""
         return RealVector(1, 0.0, 1.0)
 
     def evaluate(self, genomes: Genomes) -> Fitness:
-        """A name is its own fitness."""
+        """Return each name as its own fitness."""
         return self.coding.genes(genomes)[:, 0]
 
     def recipe(self, name: RecipeName, deme: int) -> Recipe:
-        """Nothing varies."""
+        """Return a recipe without mutation."""
         return Recipe("uniform", 0.0, "elitist")
 
 
 class Takeover(NamedTuple):
-    """Of one run: the generations until half of the individuals, and all, had the best name."""
+    """The outcome of one run: the generations until half of the individuals, and all, had the best name."""
 
     half: int
     whole: int
-    shares: list[float]  # of those who have it, by generation
+    shares: list[float]  # share of individuals with the best name, by generation
 
 
 Look = Callable[[int, Genomes, Fitness], bool]
-"""Given a generation, all genomes and their fitness; whether that was enough."""
+"""Receives a generation, all genomes and their fitness; returns whether the run may end."""
 
 
 class _EnoughError(Exception):
-    """Nobody needs to see the rest of the run."""
+    """Raised to end a simulation whose rest is not needed."""
 
 
 def watch(plan: Plan, look: Look) -> None:
-    """Simulate until ``look`` has seen enough, or the run ends."""
+    """Simulate until ``look`` returns true, or the run ends."""
 
     def snapshot(generation: int, genomes: Genomes, fitness: Fitness) -> None:
         if look(generation, genomes, fitness):
@@ -90,19 +90,19 @@ def watch(plan: Plan, look: Look) -> None:
 
 
 def selection_alone(shape: str, seed: int, deme: int = 1, interval: int = 1) -> Plan:
-    """A job in which nothing but selection happens."""
+    """Return a job in which nothing but selection happens."""
     run = Run(topology=f"torus {shape}", deme=deme, interval=interval, seed=seed, generations=_FOREVER)
     return Plan(Names(kind="names"), run)
 
 
 def trap(shape: str, seed: int) -> Plan:
-    """A job with all of the tuned operators, on a function with many local optima; its target does not end it."""
+    """Return a job with all tuned operators, on a function with many local optima. No target ends it."""
     file = parse(_TRAP, "takeover", Path())
     return Plan.of(file.with_run(topology=f"torus {shape}", seed=seed, generations=_FOREVER, target=-1.0))
 
 
 def takeover(plan: Plan) -> Takeover:
-    """Follow the best name of the first generation until everybody has it."""
+    """Follow the best name of the first generation until every individual has it."""
     shares: list[float] = []
     best = np.inf
 
@@ -119,22 +119,22 @@ def takeover(plan: Plan) -> Takeover:
 
 
 def soonest(shape: str, interval: int) -> int:
-    """The least generation in which the farthest cell can have heard of a name: it crosses a link in an exchange."""
+    """Return the first generation in which the farthest cell can have a name, which crosses one link in an exchange."""
     diameter = topologies.parse(f"torus {shape}").diameter
     return 0 if diameter == 0 else (diameter - 1) * interval + 1
 
 
 def distinct(genomes: Genomes) -> float:
-    """How many different genomes there are, as a share of all: (.., genome_bytes) to a number."""
+    """Return the number of different genomes as a share of all: (.., genome_bytes) to a number."""
     flat = np.ascontiguousarray(genomes).reshape(-1, genomes.shape[-1])
     return len(np.unique(flat.view(np.dtype((np.void, flat.shape[1]))))) / len(flat)
 
 
 def entropy(genomes: Genomes, bits: int) -> float:
-    """The mean entropy of a bit over all individuals, in bits: 1 at first, 0 when all are alike."""
+    """Return the mean entropy of a bit over all individuals, in bits: 1 at first, 0 when all are equal."""
     flat = genomes.reshape(-1, genomes.shape[-1])
     ones = np.zeros(8 * flat.shape[1])
-    for first in range(0, len(flat), 1 << 16):  # a bit takes a byte for a while
+    for first in range(0, len(flat), 1 << 16):  # in parts, because unpacking turns each bit into a byte
         ones += np.unpackbits(flat[first : first + (1 << 16)], axis=1).sum(axis=0)
     share = ones[:bits] / len(flat)
     mixed = share[(share > 0.0) & (share < 1.0)]
@@ -143,7 +143,7 @@ def entropy(genomes: Genomes, bits: int) -> float:
 
 
 def decay(plan: Plan, diversity: Callable[[Genomes], float], marks: Sequence[int] = MARKS) -> list[float]:
-    """Diversity at some generations."""
+    """Return the diversity at the generations ``marks``."""
     found: list[float] = []
 
     def look(generation: int, genomes: Genomes, _: Fitness) -> bool:
@@ -156,7 +156,7 @@ def decay(plan: Plan, diversity: Callable[[Genomes], float], marks: Sequence[int
 
 
 def main() -> None:
-    """Print the tables, line by line as they come."""
+    """Print the tables, each line when it is measured."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seeds", type=int, default=10, help="runs of each kind; beyond 4096 cells there is one")
     parser.add_argument("--most-cells", type=int, default=1 << 20, help="leave larger tori out")
@@ -184,7 +184,7 @@ def _seeds(shape: str, seeds: int) -> range:
 
 
 def _print_takeover(shapes: Sequence[str], seeds: int) -> dict[str, list[float]]:
-    """Returns the shares over time with single individuals, by shape."""
+    """Print the takeover table; return the shares over time with single individuals, by shape."""
     curves = {}
     print("| torus | diameter | deme | interval | runs | soonest possible | half-time | takeover | / soonest |")
     print("|---|---:|---:|---:|---:|---:|---:|---:|---:|")
@@ -220,7 +220,7 @@ def _print_decay(
     plan: Callable[[str, int], Plan],
     diversity: Callable[[Genomes], float],
 ) -> dict[str, list[float]]:
-    """Returns the medians at `MARKS`, by shape."""
+    """Print a table of diversity; return the medians at `MARKS`, by shape."""
     curves = {}
     print(f"| {name} after | runs | {' | '.join(map(str, MARKS))} |")
     print("|---|---:|" + "---:|" * len(MARKS))

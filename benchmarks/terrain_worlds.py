@@ -1,4 +1,7 @@
-"""Random terrain: instances that nobody tuned to, the same for the same number."""
+"""Random terrain.
+
+The same number gives the same world. No recipe was tuned on the numbers that the benchmark uses.
+"""
 
 from __future__ import annotations
 
@@ -16,10 +19,10 @@ MOST_TRIES = 1000
 
 
 def terrain_world(number: int, side: int) -> Terrain:
-    """World ``number`` of ``side`` x ``side`` cells: by turns rooms with doors, clutter, and caves.
+    """Return world ``number`` of ``side`` x ``side`` cells: rooms with doors, clutter, or caves, in turn.
 
-    Half of the passable cells are easy, moderate or difficult, in patches. The start and the goal are half a side
-    apart or more, and there is a way between them; in half of the worlds it may cut corners.
+    Half of the passable cells are easy, moderate or difficult, in patches. The start and the goal are at least half a
+    side apart, and a way exists between them. In half of the worlds the way may cut corners.
     """
     generator = np.random.default_rng([2004, side, number])
     for _ in range(MOST_TRIES):
@@ -42,7 +45,7 @@ def terrain_world(number: int, side: int) -> Terrain:
 
 
 def _map(generator: np.random.Generator, blocked: Cells) -> list[str]:
-    """Its rows: what is not blocked is by halves clear and of the three difficulties."""
+    """Return the rows of the map: half of the free cells are clear, the others have one of three difficulties."""
     noise = ndimage.gaussian_filter(generator.normal(size=blocked.shape), max(1.5, len(blocked) / 24))
     ranks = np.searchsorted(np.quantile(noise, [0.5, 2 / 3, 5 / 6]), noise)
     characters = np.array(list("." + DIFFICULTIES))[ranks]
@@ -56,7 +59,7 @@ def _is_way(blocked: Cells, start: tuple[int, ...], goal: tuple[int, ...], cuts:
 
 
 def _rooms(generator: np.random.Generator, side: int) -> Cells:
-    """By repeated halving of the largest; each new wall has a door."""
+    """Return the blocked cells of rooms, by repeated halving of the largest room; each new wall has a door."""
     blocked = np.zeros((side, side), bool)
     rooms = [(0, 0, side, side)]
     for _ in range(int(generator.integers(3, 4 + side // 8))):
@@ -85,7 +88,7 @@ def _open_door(generator: np.random.Generator, wall: Cells, side: int) -> None:
 
 
 def _clutter(generator: np.random.Generator, side: int) -> Cells:
-    """Blocks of all sizes on a fifth to a third of the map."""
+    """Return blocks of all sizes that cover a fifth to a third of the map."""
     blocked = np.zeros((side, side), bool)
     share = generator.uniform(0.2, 0.35)
     while blocked.mean() < share:
@@ -96,16 +99,16 @@ def _clutter(generator: np.random.Generator, side: int) -> Cells:
 
 
 def _caves(generator: np.random.Generator, side: int) -> Cells:
-    """Smooth noise, of which the lowest part is rock."""
+    """Return caves: smooth noise, of which the lowest part is rock."""
     noise = ndimage.gaussian_filter(generator.normal(size=(side, side)), max(0.8, side / 48))
     rock: Cells = noise < np.quantile(noise, generator.uniform(0.3, 0.42))
     return rock
 
 
 def with_obstacles_on(problem: Terrain, path: list[list[int]], generator: np.random.Generator) -> dict[str, Any]:
-    """The fields of the same problem a while later.
+    """Return the fields of the same problem at a later time.
 
-    The robot stands a tenth to a third along its path, and one to three blocks have appeared on what is left of it.
+    The robot is a tenth to a third along its path, and one to three blocks have appeared on the rest of the path.
     """
     characters = np.array([list(row) for row in problem.map])
     side = max(characters.shape)

@@ -1,6 +1,6 @@
-"""A coding of one's own: a robot on a grid, whose individuals are moves, each one of four directions.
+"""A user-defined coding: a robot on a grid, whose individuals are lists of moves in four directions.
 
-Run it by `supernode solve examples/own_coding.toml`.
+Run it with `supernode solve examples/own_coding.toml`.
 """
 
 from functools import cached_property
@@ -16,28 +16,31 @@ STEPS = np.array([[-1, 0], [0, 1], [1, 0], [0, -1]])  # rows and columns: north,
 
 
 class Moves:
-    """``count`` moves, a byte each: 0 to 3. A row's draws depend on its own cell, the seed and the generation only."""
+    """A coding of ``count`` moves, one byte each, 0 to 3.
+
+    The random draws of a row depend on its own cell, the seed and the generation only.
+    """
 
     def __init__(self, count: int) -> None:
         self.genome_bytes = count
 
     @cached_property
     def alphabet(self) -> Alphabet:
-        """Two bits of each byte may be set: whatever else comes over the wire is refused."""
+        """Return the valid genomes: two bits of each byte may be set. Other genomes in messages are refused."""
         return Alphabet.of_bits(np.full(self.genome_bytes, 0b11, np.uint8))
 
     def check(self, recipe: supernode.Recipe) -> None:
-        """Refuse a recipe that is not for moves."""
+        """Raise ValueError if the recipe is not for moves."""
         if recipe.crossover != "two-point" or recipe.mutation == "one-bit":
             raise ValueError(f"moves cross by 'two-point' and mutate with a probability, found {recipe}")
 
     def random(self, keys: Keys, deme: int) -> np.ndarray:
-        """Any moves: (rows, deme, genome_bytes)."""
+        """Return random moves, (rows, deme, genome_bytes)."""
         drawn = [self._draws(keys, row).integers(0, 4, (deme, self.genome_bytes)) for row in range(len(keys.cells))]
         return np.array(drawn, np.uint8)
 
     def recombine(self, couples: np.ndarray, recipe: supernode.Recipe, keys: Keys) -> np.ndarray:
-        """Exchange a stretch, then change some moves: (rows, couples, 2, bytes) to (rows, 2 * couples, bytes)."""
+        """Exchange a stretch of moves, then mutate: (rows, couples, 2, bytes) to (rows, 2 * couples, bytes)."""
         rows, count, _, size = couples.shape
         offspring = np.empty((rows, 2 * count, size), np.uint8)
         for row in range(rows):
@@ -54,18 +57,18 @@ class Moves:
         return np.random.default_rng([int(keys.seed), int(keys.cells[row]), keys.generation])
 
     def mutate_one(self, individuals: np.ndarray, keys: Keys) -> np.ndarray:
-        """For the one-bit rule, which `check` refuses."""
+        """Not used: the one-bit mutation needs it, and `check` refuses that."""
         raise NotImplementedError
 
     def variation(self, recipe: supernode.Recipe) -> Any:
-        """`recombine` as compiled code, for problems whose fitness is compiled."""
+        """Not used: only problems with a compiled fitness need `recombine` as compiled code."""
         raise NotImplementedError
 
-    mutate_one_bit = variation  # likewise for `mutate_one`
+    mutate_one_bit = variation  # not used either, for the same reason
 
 
 class Warehouse(supernode.Problem):
-    """From one corner of a floor of squares to the opposite one; # is a shelf."""
+    """A robot moves from one corner of a floor of squares to the opposite corner; # is a shelf."""
 
     floor: list[str]
     moves: int
@@ -74,20 +77,24 @@ class Warehouse(supernode.Problem):
 
     @cached_property
     def coding(self) -> Moves:
-        """The moves, one after another; one into a shelf or a wall is left out."""
+        """Return the coding: a list of moves. `evaluate` skips a move into a shelf or a wall."""
         return Moves(self.moves)
 
     @property
     def solved_at(self) -> float:
-        """There."""
+        """Return the fitness that counts as solved: the robot has reached the goal."""
         return 0.0
 
     def recipe(self, name: str, deme: int) -> supernode.Recipe:
-        """Three moves of an individual change, on average."""
+        """Use a mutation that changes three moves of an individual on average."""
         return supernode.Recipe("two-point", min(1.0, 3 / self.moves), "elitist")
 
     def evaluate(self, genomes: np.ndarray) -> np.ndarray:
-        """The fewest squares to the goal from anywhere on the way, if there were no shelves."""
+        """Return the least distance to the goal along the way, in squares, as if there were no shelves.
+
+        The input is (n, genome_bytes), the result (n,).
+        """
+        # A border of blocked squares saves a test for the edge of the floor.
         free = np.pad([[square != "#" for square in row] for row in self.floor], 1)
         goal = np.array(free.shape) - 2
         place = np.ones((len(genomes), 2), np.int64)

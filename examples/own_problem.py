@@ -1,8 +1,8 @@
-"""A problem of one's own: pack a knapsack as full as possible, on sixteen processes.
+"""A user-defined problem: pack a knapsack as full as possible, on sixteen processes.
 
-A problem is a subclass of `supernode.Problem`: its fields are those of the problem file, `coding` says how an
-individual is coded, and `evaluate` gives the fitness of a batch (lower is better, infinity is infeasible). Run this
-file, or
+A problem is a subclass of `supernode.Problem`. Its fields are those of the problem file. `coding` says how an
+individual is coded. `evaluate` returns the fitness of a batch of individuals: lower is better, infinity is infeasible.
+Run this file, or
 
     supernode solve examples/own_problem.toml
 """
@@ -15,29 +15,29 @@ import supernode
 
 
 class Knapsack(supernode.Problem):
-    """Which things to take, so that as little capacity as possible is left over."""
+    """Select items so that as little capacity as possible is left over."""
 
     weights: list[float]
     capacity: float
 
     @property
     def coding(self) -> supernode.BitString:
-        """One bit for each thing: take it, or leave it."""
+        """Return a coding with one bit for each item: 1 takes it."""
         return supernode.BitString(parameters=len(self.weights), bits=1)
 
     @property
     def solved_at(self) -> float:
-        """Full to ten grams."""
+        """Return the fitness that counts as solved: 10 g of unused capacity."""
         return 0.01
 
     def evaluate(self, genomes: np.ndarray) -> np.ndarray:
-        """What is left of the capacity, kg; infinity if it is exceeded."""
+        """Return the unused capacity of each individual, kg; infinity if the load exceeds it."""
         load = (self.coding.integers(genomes) * self.weights).sum(axis=1)
         return np.where(load <= self.capacity, self.capacity - load, np.inf)
 
 
 def main() -> None:
-    """Solve it, and print each improvement as it comes."""
+    """Solve the problem and print each improvement when it arrives."""
     file = supernode.load(Path(__file__).with_suffix(".toml"))
     with supernode.LocalCluster(torus=(4, 4)) as cluster:
         job = cluster.submit(file, seed=1)

@@ -1,7 +1,7 @@
 """Submit a problem to a running cluster with Zenoh alone, and print improvements and the result.
 
-It needs `eclipse-zenoh` and `msgpack`, and nothing of supernode: docs/protocol.md is all that it knows. A program in
-another language does the same.
+This client needs `eclipse-zenoh` and `msgpack`, but nothing of Supernode; it follows docs/protocol.md. A program in
+another language can do the same.
 
     supernode up --detach
     python examples/plain_zenoh_client.py
@@ -26,13 +26,13 @@ ARM = Path(__file__).parent / "arm-ik.toml"
 
 
 def endpoint_of_this_machine() -> str:
-    """What `supernode up` left in the user's state folder."""
+    """Return the endpoint that `supernode up` wrote into the user's state folder."""
     state = os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state"
     return str(json.loads(Path(state, "supernode", "cluster.json").read_text())["endpoint"])
 
 
 def open_session(endpoint: str) -> zenoh.Session:
-    """A client of the cluster's router."""
+    """Open a session as a client of the cluster's router."""
     config = zenoh.Config()
     config.insert_json5("mode", '"client"')
     config.insert_json5("connect/endpoints", json.dumps([endpoint]))
@@ -41,7 +41,7 @@ def open_session(endpoint: str) -> zenoh.Session:
 
 
 def ask(session: zenoh.Session, name: str, **arguments: Any) -> Any:
-    """The value that the cluster answers with."""
+    """Send a request and return the value of the answer; exit with an error line if it is refused or unanswered."""
     request = msgpack.packb([VERSION, name, arguments])
     for reply in session.get("supernode/*/jobs", payload=request, timeout=10.0):
         if reply.ok is None:
@@ -54,9 +54,10 @@ def ask(session: zenoh.Session, name: str, **arguments: Any) -> Any:
 
 
 def problem_file(path: Path) -> str:
-    """A problem as it travels: JSON of its name, its own fields, how to run it, and its folder.
+    """Return a problem file as the protocol sends it: JSON of its name, fields, ``[run]`` table and folder.
 
-    The cluster reads no files: a problem that names some needs what they hold in its fields (docs/protocol.md).
+    The cluster reads no files. If a problem names other files, their content must be put into its fields
+    (docs/protocol.md). This client does not do that.
     """
     fields = tomllib.loads(path.read_text())
     run = fields.pop("run", {})
@@ -64,7 +65,7 @@ def problem_file(path: Path) -> str:
 
 
 def follow(news: "queue.SimpleQueue[tuple[str, bytes]]", job: str, number: int) -> None:
-    """Print improvements until the job has ended, or nothing has come for a second."""
+    """Print improvements until the job has ended, or until nothing has arrived for a second."""
     while True:
         try:
             key, payload = news.get(timeout=1.0)
@@ -81,20 +82,20 @@ def follow(news: "queue.SimpleQueue[tuple[str, bytes]]", job: str, number: int) 
 
 
 def main() -> None:
-    """Submit, follow, show."""
+    """Submit the job, print its improvements, then print its result."""
     endpoint = sys.argv[1] if len(sys.argv) > 1 else endpoint_of_this_machine()
     path = Path(sys.argv[2]) if len(sys.argv) > 2 else ARM
     news: queue.SimpleQueue[tuple[str, bytes]] = queue.SimpleQueue()
     with open_session(endpoint) as session:
         cluster = ask(session, "status")["cluster"]
-        for key in ("best", "state"):  # before the job is there, so that nothing is missed
+        for key in ("best", "state"):  # subscribe before the submit, so that no improvement is missed
             session.declare_subscriber(
                 f"supernode/{cluster}/{key}", lambda sample: news.put((str(sample.key_expr), sample.payload.to_bytes()))
             )
-        job = uuid.uuid4().hex  # an id of one's own makes a repeated submit harmless
+        job = uuid.uuid4().hex  # with an id chosen by the client, a repeated submit is harmless
         ask(session, "submit", file=problem_file(path), id=job)
         shown = ask(session, "show", job=job)
-        while shown["ended"] is None:  # after a deadline nodes stop first, and then there is a result
+        while shown["ended"] is None:  # after a deadline the nodes stop first; the result comes later
             follow(news, job, shown["number"])
             shown = ask(session, "show", job=job)
     print(json.dumps(shown["result"]))

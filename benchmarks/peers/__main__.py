@@ -1,9 +1,9 @@
-"""Supernode and its peers side by side: the same function, as many individuals, one after the other on this machine.
+"""Compare Supernode with other libraries: the same function and population, one after the other on this machine.
 
 Usage: python -m benchmarks.peers [--quick] [--only pygmo,deap]
 
-Each peer gets an environment of its own under .peers, so that none is a dependency of this project. A full run takes a
-quarter of an hour and writes what it measured into docs/peers.md; a quick one, or one of some rows only, prints it.
+Each library has an environment of its own under .peers, so none is a dependency of this project. A full run takes a
+quarter of an hour and writes its measurements into docs/peers.md. A quick run, or a run of some rows, only prints them.
 """
 
 import argparse
@@ -58,7 +58,7 @@ SETTING = {
 _TARGET = 1e-2
 _CAP = 20.0  # seconds of a search
 _SAME_SEED_GENERATIONS = 20
-_KILLED_RUN = 6.0  # seconds that it would take undisturbed
+_KILLED_RUN = 6.0  # seconds that the run would take undisturbed
 
 
 def main() -> None:
@@ -67,7 +67,7 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="short measurements, 3 seeds; prints only")
     parser.add_argument("--only", default="", help="rows whose name contains one of these; prints only")
     options = parser.parse_args()
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # so that a run that is on is cleared away
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # SystemExit ends the current run's processes
     wanted = [each.lower() for each in options.only.split(",")]
     peers = [peer for peer in PEERS if any(each in peer.name.lower() for each in wanted)]
     began, load = time.monotonic(), os.getloadavg()
@@ -79,7 +79,7 @@ def main() -> None:
 
 
 def row(peer: Peer, quick: bool) -> dict:
-    """All that is measured of a peer: by column, in words where a measurement failed."""
+    """Return all measurements of a peer by column; a failed measurement is its error message."""
     print(f"{peer.name}…", file=sys.stderr, flush=True)
     found = {"name": peer.name}
     if (reason := _install(peer.environment)) is not None:
@@ -104,7 +104,7 @@ def row(peer: Peer, quick: bool) -> dict:
 
 
 def _install(environment: str | None) -> str | None:
-    """Make a peer's environment, once; why it could not be done, or None."""
+    """Create a peer's environment if it does not exist; return None, or why that failed."""
     if environment is None:
         return None
     folder = _ENVIRONMENTS / environment
@@ -125,7 +125,7 @@ def _install(environment: str | None) -> str | None:
 
 
 def page(rows: list[dict], load: tuple[float, ...], seconds: float) -> str:
-    """The generated part: machine and setting, three tables, and what they say of Supernode."""
+    """Return the generated part of the page: machine, setting, three tables, and a comparison."""
     return "\n".join(
         [
             f"{datetime.datetime.now(datetime.UTC):%Y-%m-%d}: {os.cpu_count()} cores, {_processor()}, Linux"
@@ -186,7 +186,7 @@ def _trust_line(found: dict) -> str:
 
 
 def _claims(rows: list[dict]) -> list[str]:
-    """Supernode's evaluations/s over the best of each kind of peer."""
+    """Return a line with Supernode's evaluations/s relative to the best peer of each kind."""
     rates = {each["name"]: each["speed"].evaluations for each in rows if "failed" not in each}
     own = rates.pop("Supernode", None)
     kinds = {"C++": "C++ problem", "Python": "Python problem"}
@@ -205,7 +205,7 @@ def _processor() -> str:
 
 
 def _versions() -> list[str]:
-    """Of what was installed for each peer."""
+    """Return the installed versions of each peer."""
     listed = []
     for environment, requirements in REQUIREMENTS.items():
         names = [re.split(r"[<>=]", each)[0] for each in requirements]
@@ -218,7 +218,7 @@ def _versions() -> list[str]:
 
 
 def _put_into_page(text: str) -> None:
-    """Between the two marks of the page."""
+    """Replace the text between the two marks of the page."""
     before, _, rest = _PAGE.read_text().partition(_BEGIN)
     _PAGE.write_text(f"{before}{_BEGIN}\n\n{text}\n\n{_END}{rest.partition(_END)[2]}")
 

@@ -1,7 +1,7 @@
-"""DEAP's islands as in its own example onemax_island.py: one process each, a ring of pipes, blocking.
+"""DEAP's islands, as in DEAP's example onemax_island.py: one process each, a ring of blocking pipes.
 
-Run by measure.py in DEAP's own environment, so that DEAP is no dependency of the project. The fitness is DEAP's own
-`benchmarks.rastrigin`: plain Python, one individual at a time, as DEAP is normally used.
+measure.py runs this script in DEAP's own environment, so that DEAP is no dependency of the project. The fitness is
+DEAP's own `benchmarks.rastrigin`: plain Python, one individual at a time, as DEAP is normally used.
 """
 
 import json
@@ -19,7 +19,7 @@ creator.create("Individual", list, fitness=creator.Fitness)
 
 
 def toolbox(dimension: int) -> base.Toolbox:
-    """Real-valued operators within bounds."""
+    """Return a toolbox with real-valued operators within bounds."""
     box = base.Toolbox()
     bounds = {"low": -LIMIT, "up": LIMIT, "eta": 20.0}
     box.register("number", random.uniform, -LIMIT, LIMIT)
@@ -33,7 +33,7 @@ def toolbox(dimension: int) -> base.Toolbox:
 
 
 def evaluate(box: base.Toolbox, individuals: list) -> int:
-    """Those that have no fitness yet; how many."""
+    """Evaluate the individuals without a fitness; return how many there were."""
     new = [each for each in individuals if not each.fitness.valid]
     for each, fitness in zip(new, box.map(box.evaluate, new), strict=True):
         each.fitness.values = fitness
@@ -41,18 +41,18 @@ def evaluate(box: base.Toolbox, individuals: list) -> int:
 
 
 class Board:
-    """What all processes see."""
+    """The memory that all processes share."""
 
     def __init__(self, islands: int) -> None:
         self.evaluations = multiprocessing.RawArray("q", islands)
         self.generations = multiprocessing.RawArray("q", islands)
         self.best = multiprocessing.RawArray("d", [float("inf")] * islands)
-        self.reached = multiprocessing.RawValue("d", 0.0)  # at which moment
+        self.reached = multiprocessing.RawValue("d", 0.0)  # the time at which the target was reached
         self.start = multiprocessing.Barrier(islands + 1)
 
 
 def island(number: int, setting: dict, board: Board, receiving, sending) -> None:  # noqa: ANN001
-    """The life of one process."""
+    """Run one island, in a process of its own."""
     random.seed(setting["seed"] * setting["islands"] + number)
     box, deme = toolbox(setting["dimension"]), setting["deme"]
     population = box.population(n=deme)
@@ -72,7 +72,7 @@ def island(number: int, setting: dict, board: Board, receiving, sending) -> None
 
 
 def wait(processes: list, setting: dict, board: Board, began: float) -> float:
-    """Until the limit; when it was."""
+    """Wait until the limit or the target, end the processes, and return the time at which it was reached."""
     if setting["generations"] is not None:
         for process in processes:
             process.join()
@@ -86,7 +86,7 @@ def wait(processes: list, setting: dict, board: Board, began: float) -> float:
 
 
 def main() -> None:
-    """Print when it is ready, then what came of it."""
+    """Print a JSON line when ready, then one with the outcome."""
     setting = json.loads(sys.argv[1])
     called = time.monotonic()
     islands = setting["islands"]

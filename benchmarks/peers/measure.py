@@ -1,7 +1,7 @@
-"""Runs a peer's script and looks at it from outside, the same way for all: time, processor, memory, a killed worker.
+"""Run a peer's script and measure it from outside, in the same way for all: time, CPU, memory, a killed worker.
 
-All processes of a run carry a token in their environment, also those that detach themselves; by it they are found,
-measured and, in the end, killed, whatever state the run is in.
+All processes of a run have a token in their environment, including those that detach themselves. The token serves to
+find and measure them and, at the end, to kill them in any state of the run.
 """
 
 import json
@@ -21,7 +21,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 _TOKEN = "SUPERNODE_PEERS_RUN"
-_READY_WITHIN = 90.0  # seconds; sixteen MPI ranks that import much, on a busy machine
+_READY_WITHIN = 90.0  # seconds, for sixteen MPI ranks with many imports on a busy machine
 _KILL_AT = 2.0
 _WATCHED = 15.0
 _LEAVE_WITHIN = 3.0
@@ -29,22 +29,22 @@ _PROC = Path("/proc")
 
 
 class RunFailed(Exception):  # noqa: N818
-    """A script said something else than it should, or nothing; the message says what came instead."""
+    """A script printed something unexpected, or nothing; the message says what."""
 
 
 @dataclass(frozen=True)
 class Peer:
-    """A row: what is run, and where."""
+    """A row of the tables: a script and its environment."""
 
     name: str
-    environment: str | None  # None is the project's own
+    environment: str | None  # None: the project's own
     script: str
     variant: str = ""
-    ranks: int = 0  # under mpiexec
+    ranks: int = 0  # MPI ranks under mpiexec; 0: run without it
 
 
 class Process:
-    """A running script; ``lines`` are what it says in JSON, None at its end."""
+    """A running script. ``lines`` holds its JSON lines, and None at its end."""
 
     def __init__(self, command: list[str], token: str, folder: str) -> None:
         self.token = token
@@ -75,11 +75,11 @@ class Process:
         self.lines.put(None)
 
     def next_line(self, timeout: float) -> dict:
-        """What it says next.
+        """Return the script's next JSON line.
 
         Raises:
-            RunFailed: if it ends without a word.
-            TimeoutError: if it says nothing in time.
+            RunFailed: if the script ends first.
+            TimeoutError: if no line arrives in time.
         """
         try:
             line = self.lines.get(timeout=timeout)
@@ -90,7 +90,7 @@ class Process:
         return line
 
     def epitaph(self) -> str:
-        """How it ended, and the most telling of its last words."""
+        """Return how the script ended, and the most informative line of its last output."""
         code = self.popen.wait(5.0)
         how = f"killed by {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
         telling = [each for each in self.said if re.search(r"error|exception|terminat|kill", each, re.IGNORECASE)]
@@ -98,12 +98,12 @@ class Process:
         return f"{how}: {words[:100]}" if words and "/" not in words else how
 
     def members(self) -> list[int]:
-        """All its processes."""
+        """Return the ids of all processes of the run."""
         mark = f"{_TOKEN}={self.token}".encode()
         return [process for process in _all_processes() if mark in _read_bytes(process, "environ").split(b"\0")]
 
     def cpu_seconds(self) -> dict[int, float]:
-        """Of each process so far, with its threads."""
+        """Return the CPU seconds of each process so far, with its threads."""
         used = {}
         for process in self.members():
             fields = _read_bytes(process, "stat").rpartition(b")")[2].split()
@@ -112,13 +112,13 @@ class Process:
         return used
 
     def memory(self) -> float:
-        """Proportional set sizes, added up: bytes."""
+        """Return the sum of the proportional set sizes, bytes."""
         self._note_shared()
         texts = [_read_bytes(process, "smaps_rollup").decode() for process in self.members()]
         return sum(int(size) * 1024 for text in texts for size in re.findall(r"^Pss:\s+(\d+)", text, re.MULTILINE))
 
     def end(self) -> None:
-        """Give it a moment to end by itself, then kill all but those who clear up after the killed, then those."""
+        """Let the run end by itself, then kill all processes except resource trackers, then these."""
         self._note_shared()
         for doomed in (lambda _: False, lambda process: not _clears_up(process), lambda _: True):
             deadline = time.monotonic() + _LEAVE_WITHIN
@@ -131,7 +131,7 @@ class Process:
             Path(name).unlink(missing_ok=True)
 
     def _note_shared(self) -> None:
-        """MPICH's files of shared memory, which nobody removes for those who are killed."""
+        """Note MPICH's shared-memory files, which no process removes if its owner is killed."""
         for process in self.members():
             maps = _read_bytes(process, "maps").decode(errors="replace")
             self.shared |= set(re.findall(r"/dev/shm/mpich\S+", maps))
@@ -142,7 +142,7 @@ def _all_processes() -> list[int]:
 
 
 def _read_bytes(process: int, name: str) -> bytes:
-    """Of a process that may have ended by now."""
+    """Read a file of /proc; return nothing if the process has ended."""
     try:
         return (_PROC / str(process) / name).read_bytes()
     except OSError:
@@ -150,7 +150,7 @@ def _read_bytes(process: int, name: str) -> bytes:
 
 
 def _clears_up(process: int) -> bool:
-    """Whether it is the one of `multiprocessing` that removes the semaphores of the others once they have ended."""
+    """Return whether a process is `multiprocessing`'s resource tracker, which removes the others' semaphores."""
     return b"resource_tracker" in _read_bytes(process, "cmdline")
 
 
@@ -160,13 +160,13 @@ def _kill(process: int) -> None:
 
 
 def interpreter(peer: Peer, environments: Path) -> Path:
-    """The Python that runs its script."""
+    """Return the Python interpreter that runs the peer's script."""
     return Path(sys.executable) if peer.environment is None else environments / peer.environment / "bin" / "python"
 
 
 @contextmanager
 def running(peer: Peer, environments: Path, setting: dict) -> Iterator[Process]:
-    """A run of a peer's script in a folder of its own; afterwards nothing is left."""
+    """Run a peer's script in a folder of its own while the context is open; no process or file remains."""
     python = interpreter(peer, environments)
     command = [str(python), str(Path(__file__).with_name(peer.script)), json.dumps(setting | {"variant": peer.variant})]
     if peer.ranks:
@@ -181,24 +181,24 @@ def running(peer: Peer, environments: Path, setting: dict) -> Iterator[Process]:
 
 @dataclass(frozen=True)
 class Speed:
-    """What a run without a target tells."""
+    """The measurements of a run without a target."""
 
-    ready: float  # seconds from the command to the first generation possible
-    spawn: float | None  # of these, for the peer's own processes, if it can be told
+    ready: float  # seconds from the command to the first possible generation
+    spawn: float | None  # seconds of these for starting the peer's own processes, if known
     evaluations: float  # a second
     generations: float  # a second
     cores: float  # busy
 
 
 def warm_up(peer: Peer, environments: Path, setting: dict) -> None:
-    """A run that nobody looks at: what is compiled once, of Python or else, is compiled in it."""
+    """Run once without measuring, so that Python and kernels are compiled."""
     with running(peer, environments, setting) as process:
         process.next_line(_READY_WITHIN)
         process.next_line(60.0)
 
 
 def speed(peer: Peer, environments: Path, setting: dict, seconds: float) -> Speed:
-    """A run of so many seconds; processor time is taken in its middle."""
+    """Run for ``seconds``; CPU time is measured in the middle of the run."""
     with running(peer, environments, setting | {"seconds": seconds}) as process:
         line = process.next_line(_READY_WITHIN)
         ready = time.monotonic() - process.started
@@ -214,15 +214,15 @@ def speed(peer: Peer, environments: Path, setting: dict, seconds: float) -> Spee
 
 @dataclass(frozen=True)
 class Search:
-    """What the runs with a target tell."""
+    """The measurements of the runs with a target."""
 
     tried: int
-    evaluations: list[int]  # of the runs that reached it
+    evaluations: list[int]  # of the runs that reached the target
     seconds: list[float]
 
 
 def search(peer: Peer, environments: Path, setting: dict, seeds: int, cap: float, budget: float) -> Search:
-    """One run for each seed, each at most ``cap`` seconds long; no new one when ``budget`` seconds are over."""
+    """Run once for each seed, at most ``cap`` seconds each; start no run after ``budget`` seconds."""
     over = time.monotonic() + budget
     reached: list[dict] = []
     tried = 0
@@ -237,7 +237,7 @@ def search(peer: Peer, environments: Path, setting: dict, seeds: int, cap: float
 
 
 def repeats(peer: Peer, environments: Path, setting: dict) -> bool:
-    """Whether three runs with the same seed and number of generations are the same."""
+    """Return whether three runs with the same seed and number of generations are equal."""
     results = []
     for _ in range(3):
         with running(peer, environments, setting) as process:
@@ -248,7 +248,7 @@ def repeats(peer: Peer, environments: Path, setting: dict) -> bool:
 
 @dataclass(frozen=True)
 class Death:
-    """What came of a run, one worker of which was killed; and its memory and processes just before."""
+    """The outcome of a run with a killed worker, and its memory and processes just before."""
 
     outcome: str
     memory: float

@@ -1,10 +1,11 @@
 """propulate's islands: two MPI ranks each, its default propagator, pollination around a ring.
 
-Run by measure.py under `mpiexec` in propulate's own environment, so that propulate is no dependency of the project.
-With one rank to an island it would send a message to itself and wait for ever (MPICH's blocking send to oneself waits
-for the receiver), so here half as many islands, with twice the individuals each, live on as many processes. A rank
-breeds and evaluates one individual at a time and calls that a generation; a generation here is as many of those as an
-island has individuals, and the probability of a migration is such that one comes to an interval on average.
+measure.py runs this script under `mpiexec` in propulate's own environment, so that propulate is no dependency of the
+project. With one rank for each island a rank would send a message to itself and wait forever (MPICH's blocking send
+to oneself waits for the receiver). So there are half as many islands, with twice the individuals each, on the same
+number of processes. A rank breeds and evaluates one individual at a time and calls that a generation. Here a
+generation is as many of those as an island has individuals. The probability of a migration gives one migration in an
+interval on average.
 """
 
 import json
@@ -21,23 +22,23 @@ from propulate.utils import get_default_propagator
 from propulate.utils.benchmark_functions import rastrigin
 
 LIMIT = 5.12
-RANKS = 2  # of an island
+RANKS = 2  # MPI ranks of an island
 EVALUATIONS, BEST, REACHED = range(3)
 
 
 class LimitReached(Exception):  # noqa: N818
-    """Ends a rank's run; propulate itself knows no limit but the number of generations."""
+    """Raised to end a rank's run, because propulate has no limit except the number of generations."""
 
 
 class Loss:
-    """propulate's own Rastrigin function, kept note of in memory that all ranks share."""
+    """propulate's own Rastrigin function, which counts in memory that all ranks share."""
 
     def __init__(self, setting: dict, board: np.ndarray, rank: int) -> None:
         self.target, self.board, self.own = setting["target"], board, board[rank]
         self.deadline = np.inf if setting["seconds"] is None else time.monotonic() + setting["seconds"]
 
     def __call__(self, individual) -> float:  # noqa: ANN001
-        """Of one individual."""
+        """Return the loss of one individual."""
         loss = float(rastrigin(individual))
         self.own[EVALUATIONS] += 1
         self.own[BEST] = min(self.own[BEST], loss)
@@ -49,7 +50,7 @@ class Loss:
 
 
 def shared_board(world: MPI.Comm) -> np.ndarray:
-    """A line for each rank."""
+    """Return shared memory with one line for each rank."""
     size = world.size * 3 * 8
     window = MPI.Win.Allocate_shared(size if world.rank == 0 else 0, 8, comm=world)
     memory, _ = window.Shared_query(0)
@@ -60,7 +61,7 @@ def shared_board(world: MPI.Comm) -> np.ndarray:
 
 
 def islands(setting: dict, loss: Loss, world: MPI.Comm) -> Islands:
-    """This rank's part of them."""
+    """Return this rank's part of the islands."""
     count, deme = world.size // RANKS, setting["deme"] * RANKS
     generator = random.Random(setting["seed"] * world.size + world.rank)
     limits = {f"x{number}": (-LIMIT, LIMIT) for number in range(setting["dimension"])}
@@ -78,7 +79,7 @@ def islands(setting: dict, loss: Loss, world: MPI.Comm) -> Islands:
 
 
 def main() -> None:
-    """Print when it is ready, then what came of it."""
+    """Print a JSON line when ready, then one with the outcome."""
     setting = json.loads(sys.argv[1])
     world = MPI.COMM_WORLD
     board = shared_board(world)

@@ -1,8 +1,8 @@
 """pycellga: a cellular genetic algorithm on a grid in one process, as in its own example_alpha_cga.py.
 
-Run by measure.py in pycellga's own environment, so that pycellga is no dependency of the project. Of its algorithms and
-operators this is the pair that came to 1e-2 soonest. It has no islands, no migration and no batch evaluation; a fitness
-of plain `math` is quicker than its own, which calls numpy for each number.
+measure.py runs this script in pycellga's own environment, so that pycellga is no dependency of the project. Of its
+algorithms and operators this combination reached 1e-2 first. pycellga has no islands, no migration and no batch
+evaluation. A fitness of plain `math` is faster than its own, which calls numpy for each number.
 """
 
 import json
@@ -18,16 +18,16 @@ from pycellga.recombination.blxalpha_crossover import BlxalphaCrossover
 from pycellga.selection.tournament_selection import TournamentSelection
 
 LIMIT = 5.12
-MOVED = 1.2345  # where the variant “moved” has the optimum: its operators are drawn to zeros
+MOVED = 1.2345  # the optimum of the variant “moved”, because pycellga's operators favour zeros
 CROSSOVER, MUTATION = 0.9, 0.2
 
 
 class LimitReached(Exception):  # noqa: N818
-    """Ends the run; pycellga itself knows no limit but the number of generations."""
+    """Raised to end the run, because pycellga has no limit except the number of generations."""
 
 
 class Rastrigin(AbstractProblem):
-    """The problem, counting its evaluations."""
+    """The problem, which counts its evaluations."""
 
     def __init__(self, setting: dict) -> None:
         super().__init__(gen_type=GeneType.REAL, n_var=setting["dimension"], xl=-LIMIT, xu=LIMIT)
@@ -37,7 +37,7 @@ class Rastrigin(AbstractProblem):
         self.evaluations, self.best = 0, math.inf
 
     def f(self, x: list[float]) -> float:
-        """Of one individual."""
+        """Return the fitness of one individual."""
         offsets = x if self.optimum == 0.0 else [v - self.optimum for v in x]
         fitness = 10.0 * self.n_var + sum([v * v - 10.0 * math.cos(2.0 * math.pi * v) for v in offsets])
         self.evaluations += 1
@@ -48,7 +48,7 @@ class Rastrigin(AbstractProblem):
 
 
 def main() -> None:
-    """Print when it is ready, then what came of it."""
+    """Print a JSON line when ready, then one with the outcome."""
     setting = json.loads(sys.argv[1])
     individuals = setting["islands"] * setting["deme"]
     side = math.isqrt(individuals)
@@ -71,7 +71,8 @@ def main() -> None:
             seed_par=setting["seed"],
         )
     except LimitReached:
-        generations = problem.evaluations / individuals / (2 * CROSSOVER + 2 * MUTATION)  # expected; it does not tell
+        # The expected number, because pycellga does not report how many it ran.
+        generations = problem.evaluations / individuals / (2 * CROSSOVER + 2 * MUTATION)
     seconds = time.monotonic() - began
     ended = {"seconds": seconds, "generations": generations, "evaluations": problem.evaluations}
     print(json.dumps(ended | {"best": problem.best}), flush=True)

@@ -1,8 +1,8 @@
 """pygmo's archipelago: a ring of islands as threads or processes, with a C++ or a Python problem.
 
-Run by measure.py in pygmo's own environment, so that pygmo is no dependency of the project. Processes are pygmo's own
-pool, by default one for each core. Its genetic algorithm and its bee colony have no batch evaluation; the Python
-problem is therefore one call for each individual, and plain `math` is quicker than numpy for ten numbers.
+measure.py runs this script in pygmo's own environment, so that pygmo is no dependency of the project. Processes are
+pygmo's own pool, by default one for each core. Its genetic algorithm and its bee colony have no batch evaluation.
+Therefore the Python problem is one call for each individual, and plain `math` is faster than numpy for ten numbers.
 """
 
 import json
@@ -23,25 +23,25 @@ class Rastrigin:
         self.dimension = dimension
 
     def fitness(self, x) -> list[float]:  # noqa: ANN001
-        """Of one individual."""
+        """Return the fitness of one individual."""
         values = x.tolist()
         return [10.0 * self.dimension + sum([v * v - 10.0 * math.cos(2.0 * math.pi * v) for v in values])]
 
     def get_bounds(self) -> tuple[list[float], list[float]]:
-        """Lower and upper."""
+        """Return the lower and the upper bounds."""
         return [-LIMIT] * self.dimension, [LIMIT] * self.dimension
 
 
 def algorithm(name: str, setting: dict, seed: int) -> pygmo.algorithm:
-    """What one island does between two migrations: as many evaluations for either."""
-    if name == "bees":  # two evaluations for each individual and generation
+    """Return what one island runs between two migrations: the same number of evaluations for either algorithm."""
+    if name == "bees":  # it evaluates twice for each individual and generation
         return pygmo.algorithm(pygmo.bee_colony(gen=setting["interval"] // 2, limit=20, seed=seed))
     rate = 1.0 / setting["dimension"]
     return pygmo.algorithm(pygmo.sga(gen=setting["interval"], m=rate, param_m=20.0, seed=seed))
 
 
 def archipelago(setting: dict) -> pygmo.archipelago:
-    """The islands, their first individuals evaluated."""
+    """Return the islands, with evaluated first individuals."""
     problem, where, name = setting["variant"].split()
     islands = pygmo.archipelago(t=pygmo.ring(), seed=setting["seed"])
     for number in range(setting["islands"]):
@@ -57,7 +57,10 @@ def archipelago(setting: dict) -> pygmo.archipelago:
 
 
 def evolve(islands: pygmo.archipelago, setting: dict) -> int:
-    """Run to the limit; the number of intervals. Looks at a target after each, at the clock about twice a second."""
+    """Run to the limit; return the number of intervals.
+
+    The target is tested after each interval, the clock about twice a second.
+    """
     if setting["generations"] is not None:
         intervals = setting["generations"] // setting["interval"]
         islands.evolve(intervals)
@@ -78,12 +81,12 @@ def evolve(islands: pygmo.archipelago, setting: dict) -> int:
 
 
 def best(islands: pygmo.archipelago) -> float:
-    """The least fitness so far."""
+    """Return the least fitness so far."""
     return min(float(fitness[0]) for fitness in islands.get_champions_f())
 
 
 def main() -> None:
-    """Print when it is ready, then what came of it."""
+    """Print a JSON line when ready, then one with the outcome."""
     setting = json.loads(sys.argv[1])
     called = time.monotonic()
     if setting["variant"].split()[1] == "processes":

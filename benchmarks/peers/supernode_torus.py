@@ -1,6 +1,6 @@
-"""Supernode's own row: a torus of node processes in lockstep, as large as the peers' rings.
+"""Supernode's own row: a torus of node processes in lockstep, with as many islands as the peers' rings.
 
-Run by measure.py like the peers' scripts, in this project's environment.
+measure.py runs this script like the peers' scripts, in this project's environment.
 """
 
 import json
@@ -14,7 +14,7 @@ _NEVER = -1.0
 
 
 def main() -> None:
-    """Print when it is ready, then what came of it."""
+    """Print a JSON line when ready, then one with the outcome."""
     setting = json.loads(sys.argv[1])
     file = parse(f'kind = "function"\nname = "rastrigin"\ndimension = {setting["dimension"]}\n', "peers", Path())
     with supernode.LocalCluster(topology=setting["topology"]) as cluster:

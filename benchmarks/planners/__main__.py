@@ -1,9 +1,9 @@
-"""How good each planner is, on instances that nobody tuned to, against its exact answer.
+"""Measure how good each planner is against its exact answer, on instances that no recipe was tuned on.
 
 Usage: python -m benchmarks.planners [--quick] [--only arm-ik,terrain]
 
 Each planner has a module here with a function ``section(quick)``, which measures and returns its part of
-docs/results.md, and takes the place of the old one there; a quick run (few instances) only prints.
+docs/results.md. A full run replaces the old part of the page. A quick run (few instances) only prints.
 """
 
 import argparse
@@ -24,7 +24,7 @@ _PAGE = Path(__file__).resolve().parent.parent.parent / "docs" / "results.md"
 
 
 def main() -> None:
-    """Measure all planners, or some."""
+    """Measure all planners, or some of them."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="few instances: to see that it works")
     parser.add_argument("--only", default="", help="kinds, separated by commas")
@@ -39,12 +39,12 @@ def main() -> None:
 
 
 def measured() -> list[str]:
-    """The kinds that have a part of the page."""
+    """Return the kinds that have a part of the page."""
     return [kind for kind in registry.kinds() if kind != "function"]
 
 
 def with_section(page: str, kind: str, section: str) -> str:
-    """The page with the part of one kind put in, in the place of the old one if there is any."""
+    """Return the page with the new part of one kind, which replaces the old part if there is one."""
     _, *parts = page.split("\n## ")
     sections = {part.splitlines()[0]: f"## {part.rstrip()}" for part in parts} | {kind: section}
     return "\n\n".join([_HEAD, *(sections[each] for each in measured() if each in sections)]) + "\n"

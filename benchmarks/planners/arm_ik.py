@@ -1,8 +1,8 @@
-"""Inverse kinematics: how surely, and how soon, the discretised optimum of random two-link worlds is found.
+"""Measure how often and how soon arm-ik finds the discretised optimum of random two-link worlds.
 
-The optimum comes from the enumeration of all configurations and is each run's target; a run that does not find it ends
+The optimum comes from the enumeration of all configurations and is each run's target. A run that does not find it ends
 by the stall limit. Evaluations are counted to the end of the generation in which the optimum was born, *total* and
-*distinct* (the same genome again is not counted); their medians are over the runs that found it.
+*distinct* (repeated genomes are not counted). Their medians are over the runs that found it.
 """
 
 from collections.abc import Sequence
@@ -24,12 +24,12 @@ from problems.run import DEFAULT_STALL
 WORLDS = 200
 BITS = 8
 CODES = 1 << 2 * BITS
-_ROUNDING = 1e-9  # m, of the oracle's kinematics beside the fitness's
+_ROUNDING = 1e-9  # m, the difference between the oracle's kinematics and the fitness's
 
 
 @dataclass(frozen=True)
 class Entry:
-    """A line of the table: which recipe, code and population."""
+    """A line of the table: a recipe, a code and a population."""
 
     recipe: RecipeName
     code: str
@@ -50,7 +50,7 @@ ENTRIES = (
 
 @dataclass(frozen=True)
 class Trial:
-    """What came of a run: after how many evaluations the optimum was found, if it was."""
+    """The outcome of a run: the evaluations until the optimum was found, if it was."""
 
     found: bool
     total: int = 0
@@ -58,16 +58,16 @@ class Trial:
 
 
 class RecordedPlan(Plan):
-    """A plan that keeps what is evaluated, one batch for each generation."""
+    """A plan that records the evaluated genomes, one batch for each generation."""
 
     @cached_property
     def batches(self) -> list[Genomes]:
-        """The genomes, in order."""
+        """Return the recorded batches, in order."""
         return []
 
     @cached_property
     def evaluate(self) -> Evaluate:
-        """The problem's fitness, kept note of."""
+        """Return the problem's fitness, which also records the genomes."""
 
         def evaluate(genomes: Genomes) -> Fitness:
             self.batches.append(genomes.copy())
@@ -77,14 +77,14 @@ class RecordedPlan(Plan):
 
 
 def section(quick: bool) -> str:
-    """Run all entries in all worlds."""
+    """Run all entries in all worlds; return the part of docs/results.md."""
     worlds = range(1, (4 if quick else WORLDS) + 1)
     trials = list(zip(*on_all_cores(_in_world, worlds), strict=True))  # by entry
     return "\n".join([*_head(len(worlds), trials), "", *_table(trials)])
 
 
 def _in_world(number: int) -> list[Trial]:
-    """Every entry in one world."""
+    """Run every entry in one world."""
     optimum = enumerate_best(arm_world(number, BITS))[0] + _ROUNDING
     return [_trial(entry, number, optimum) for entry in ENTRIES]
 
@@ -101,7 +101,7 @@ def _trial(entry: Entry, number: int, optimum: float) -> Trial:
 
 
 def _until(plan: RecordedPlan, genome: bytes) -> list[Genomes]:
-    """The batches up to the first that holds ``genome``."""
+    """Return the batches up to the first that contains ``genome``."""
     wanted = np.frombuffer(genome, np.uint8)
     for number, batch in enumerate(plan.batches, start=1):
         if np.any(np.all(batch == wanted, axis=1)):

@@ -1,4 +1,4 @@
-"""Manhattan motions in random worlds: how many are found, and how much of configuration space that takes."""
+"""Measure how many Manhattan motions are found in random worlds, and the share of configuration space evaluated."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ RECIPES = ("tuned", "paper")
 
 
 class World(NamedTuple):
-    """What came of a two-joint world: each recipe's run, and what the oracle knows."""
+    """The outcome of a two-joint world: each recipe's run, and the oracle's answer."""
 
     outcomes: list[Outcome]
     answer: Answer
 
 
 class Reach(NamedTuple):
-    """What came of a world of more joints: the number of links, our run, the length of its path, and the rivals."""
+    """The outcome of a world of more joints: links, this planner's run, and the ways, its own before the rivals'."""
 
     links: int
     outcome: Outcome
@@ -35,7 +35,7 @@ class Reach(NamedTuple):
 
 
 def section(quick: bool) -> str:
-    """Run everything in all worlds."""
+    """Run everything in all worlds; return the part of docs/results.md."""
     worlds, hopeless, many = (range(1, 1 + (4 if quick else each)) for each in (WORLDS, UNSOLVABLE, MANY_LINKS))
     return "\n".join(
         [

@@ -1,4 +1,4 @@
-"""Coordination: the three codings side by side as in the paper's Table I, and against dynamic programming."""
+"""Compare the three codings of coordination, as the paper's Table I does, and with dynamic programming."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from problems.coordination import Coordination
 RUNS = 40
 DIAGRAMS = 100
 WITHIN = 1.02  # times the optimum
-_FIRST = 101  # of the many diagrams' numbers
-_REPEATS = 400  # of the demes whose couples are timed
+_FIRST = 101  # the first number of the many diagrams
+_REPEATS = 400  # repetitions of the timed recombination
 CODINGS = ("variable", "fixed", "binary")
 
 _EXAMPLES = Path(__file__).resolve().parent.parent.parent / "examples"
@@ -38,7 +38,7 @@ _FIELDS: dict[str, dict[str, Any]] = {
 
 @dataclass(frozen=True)
 class Trial:
-    """One run of one coding."""
+    """The outcome of one run of one coding."""
 
     diagram: str
     coding: str
@@ -47,7 +47,7 @@ class Trial:
 
 
 def section(quick: bool) -> str:
-    """The part of docs/results.md."""
+    """Return the part of docs/results.md."""
     runs, diagrams = (4, 4) if quick else (RUNS, DIAGRAMS)
     return "\n\n".join([_HEAD, *_codings(runs), _operators(), _many(diagrams)])
 
@@ -92,7 +92,7 @@ def _try(trial: Trial) -> Outcome:
 
 
 def _codings(runs: int) -> list[str]:
-    """A table for each diagram."""
+    """Return a table for each diagram."""
     return [_table_1(diagram, runs) for diagram in (*_FIELDS, "arms")]
 
 
@@ -123,16 +123,16 @@ class Entry:
 
     @cached_property
     def times(self) -> list[float]:
-        """Of the feasible ones, s."""
+        """Return the times of the feasible runs, s."""
         return [each.fitness for each in self.outcomes if each.feasible and each.fitness is not None]
 
     @property
     def mean(self) -> float:
-        """Worst of all if a run found nothing."""
+        """Return the mean time; infinite if a run found nothing."""
         return mean(self.times) if len(self.times) == len(self.outcomes) else np.inf
 
     def row(self, optimum: float) -> str:
-        """A line of the table; mean and σ are over the feasible runs."""
+        """Return a line of the table; mean and σ are over the feasible runs."""
         figures = ["", "", ""]
         if self.times:
             figures = [f"{mean(self.times):.2f}", f"{pstdev(self.times):.2f}", f"{min(self.times):.2f}"]
@@ -155,7 +155,7 @@ def _entry(diagram: str, coding: str, settings: str, runs: int) -> Entry:
 
 
 def _order(settings: str, entries: list[Entry]) -> str:
-    """The paper's claims, for one recipe: the order of the means, whose σ is less, who finds the least."""
+    """Return the paper's claims for one recipe: the order of the means, the lesser σ, and the best coding."""
     by_mean = sorted(entries, key=lambda entry: entry.mean)
     ranked = by_mean[0].coding
     for before, entry in pairwise(by_mean):
@@ -171,7 +171,7 @@ def _order(settings: str, entries: list[Entry]) -> str:
 
 
 def _operators() -> str:
-    """What an offspring costs, variable beside fixed."""
+    """Return the cost of an offspring, variable beside fixed."""
     costs = {coding: _cost(_problem("mirrored", coding)) for coding in ("variable", "fixed")}
     ratio = costs["variable"] / costs["fixed"]
     return (
@@ -181,7 +181,7 @@ def _operators() -> str:
 
 
 def _cost(problem: Coordination) -> float:
-    """Nanoseconds for an offspring of parents that the recipe bred; the least of some measurements."""
+    """Return nanoseconds for an offspring of parents that the recipe bred; the least of some measurements."""
     plan = Plan(problem, Run(**_PAPER))
     demes: list[Genomes] = []
     simulate(plan, snapshot=lambda _, genomes, __: demes.append(genomes.copy()))
@@ -196,7 +196,7 @@ def _cost(problem: Coordination) -> float:
 
 
 def _many(diagrams: int) -> str:
-    """One run on each of many diagrams, half of them mirrored and half scattered."""
+    """Return the outcome of one run on each of many diagrams, half of them mirrored and half scattered."""
     lines = [
         f"One run of the variable coding on each of {diagrams} random diagrams, seeds {_FIRST} and up (mirrored: even, "
         "scattered: odd); the optimum of each by dynamic programming.",

@@ -1,4 +1,4 @@
-"""How good min-time is: on the paper's 10 x 10 problem, beside both rivals and TOPP-RA."""
+"""Measure min-time on the paper's 10 x 10 problem, beside both rivals and TOPP-RA."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ _EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 _RUNS = 50
 _SETTINGS: dict[str, Any] = {"topology": "torus 4x4", "stall": 30}
 _PAPER: dict[str, Any] = {"topology": "torus 1x1", "deme": 100, "recipe": "paper", "generations": 300}
-_ANYWHERE = 1.0  # the radius within which some node of the other parent always is
-_TREE = 4_000_000  # evaluations of the inverse dynamics of the tree search, at most
+_ANYWHERE = 1.0  # a radius that always contains a node of the other parent
+_TREE = 4_000_000  # evaluations of the inverse dynamics that the tree search may use
 _GRID_TARGET, _FREE_TARGET = 0.840, 0.806  # s
 
 
 def section(quick: bool) -> str:
-    """The part of docs/results.md."""
+    """Return the part of docs/results.md."""
     file = load(_EXAMPLES / "min-time.toml")
     grid = _with(file, free=False)
     free = _with(file, free=True)
@@ -100,7 +100,7 @@ def _problem(file: ProblemFile) -> MinTime:
 
 
 class _Counted(MinTime):
-    """The same planner, whose evaluations go through Python, to be counted."""
+    """The same planner with an evaluation in Python, so that it can be counted."""
 
     weighed: ClassVar[int] = 0
 
@@ -111,7 +111,7 @@ class _Counted(MinTime):
 
 @dataclass(frozen=True)
 class _Counts:
-    """How a run ended, and its evaluations of the inverse dynamics."""
+    """The outcome of a run, and its evaluations of the inverse dynamics."""
 
     outcome: Outcome
     weighed: int
@@ -158,7 +158,7 @@ def _beside_toppra(problem: MinTime, runs: list[_Counts]) -> str:
 
 
 def toppra_time(problem: MinTime, nodes: Any, points: int) -> float:
-    """The time that TOPP-RA (PyPI toppra) takes along the curve through some nodes, within all limits but jerk, s."""
+    """Return the time of TOPP-RA (PyPI toppra) along the curve through some nodes, within all limits except jerk, s."""
     import toppra
     from scipy.interpolate import BSpline
     from toppra import algorithm, constraint

@@ -1,4 +1,4 @@
-"""Mobile robots on random floors: how many are solved and how soon, beside OMPL's sampling planners in SE(2)."""
+"""Measure how many random floors mobile-robot solves and how soon, beside OMPL's sampling planners in SE(2)."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ ENTRIES = (("tuned", "torus 4x4"), ("paper", "torus 4x4"), ("tuned", "torus 8x16
 
 
 class Floor(NamedTuple):
-    """What came of one floor.
+    """The outcome of one floor.
 
     Attributes:
         file: the floor.
         outcomes: each entry's run.
-        answer: what the oracle knows.
-        rivals: what each of them found.
-        hard: whether none of many random individuals solves it.
+        answer: the oracle's answer.
+        rivals: what each rival found.
+        hard: whether none of many random individuals solves the floor.
     """
 
     file: ProblemFile
@@ -41,15 +41,15 @@ class Floor(NamedTuple):
 
 
 class Timed(NamedTuple):
-    """A run on processes that were up already."""
+    """The times of a run on processes that were already up."""
 
     solved: bool
     run: float  # s, from the start to the last stop
-    asked: float  # s, from handing the job in to having its checked result
+    asked: float  # s, from submitting the job to its checked result
 
 
 def section(quick: bool) -> str:
-    """Run everything on all floors."""
+    """Run everything on all floors; return the part of docs/results.md."""
     numbers = range(1, (4 if quick else WORLDS) + 1)
     floors = list(on_all_cores(_on_floor, numbers))
     timed = _on_a_cluster([floor.file for floor in floors])
@@ -71,7 +71,7 @@ def _is_hard(file: ProblemFile) -> bool:
 
 
 def _on_a_cluster(files: Sequence[ProblemFile]) -> list[Timed]:
-    """One job after the other on the same processes, which are up before the first is handed in."""
+    """Run one job after the other on one cluster, which is up before the first submit."""
     with supernode.LocalCluster(topology="torus 4x4") as cluster:
         cluster.submit(files[0], generations=2).result()
         return [_timed(cluster, file, seed) for seed, file in enumerate(files, start=1)]
@@ -130,7 +130,7 @@ def _recipes(floors: Sequence[Floor]) -> list[str]:
 
 
 def _within(values: Sequence[float], share_of_all: float, digits: int = 0) -> str:
-    """What that share of the values is within; nothing if there are none."""
+    """Return the quantile of the values at ``share_of_all``; empty if there are none."""
     return f"{np.quantile(values, share_of_all):,.{digits}f}" if values else ""
 
 

@@ -16,11 +16,11 @@ from problems.arm_path import ArmPath
 
 LIMITS = ompl_run.Limits(finding=5.0, improving=0.5)
 
-_STEP = 0.01  # rad: how far apart configurations along a motion are tested
+_STEP = 0.01  # rad between tested configurations along a motion
 
 
 def plan(problem: ArmPath, planner: str, seed: int) -> ompl_run.Way:
-    """One run of a planner, for joints with limits; the length is the sum of all turns of all joints, rad."""
+    """Run a planner once, for joints with limits; the length is the sum of all turns of all joints, rad."""
     return ompl_run.plan(partial(_setup, problem), planner, seed, LIMITS, partial(_turns, problem))
 
 

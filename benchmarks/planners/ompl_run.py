@@ -1,6 +1,6 @@
-"""One run of a sampling planner of OMPL, timed until its first way: what the rivals in any space share.
+"""Run a sampling planner of OMPL once and time it until its first way. The rivals in all spaces share this module.
 
-Only this module and those that set up a space for it need the extra `ompl`.
+Only this module and the modules that set up a space for it need the extra `ompl`.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ PLANNERS = ("RRTConnect", "BITstar")
 
 
 class Way(NamedTuple):
-    """What a planner found.
+    """The result of a planner.
 
     Attributes:
-        seconds: until the first way; None if it found none in time.
-        length: of the way, shortened, in the unit of the space that was searched.
+        seconds: the time until the first way; None if none was found in time.
+        length: the length of the shortened way, in the unit of the space.
     """
 
     seconds: float | None
@@ -27,11 +27,11 @@ class Way(NamedTuple):
 
 
 class Limits(NamedTuple):
-    """How long a planner may take.
+    """The time limits of a planner.
 
     Attributes:
-        finding: s, until it has a way.
-        improving: s more, for planners that improve what they have found.
+        finding: s, until it must have a way.
+        improving: s after that, for planners that improve a way.
     """
 
     finding: float
@@ -41,14 +41,14 @@ class Limits(NamedTuple):
 def plan(
     make_setup: Callable[[Any, Any], Any], planner: str, seed: int, limits: Limits, length: Callable[[list[Any]], float]
 ) -> Way:
-    """One run of a planner.
+    """Run a planner once.
 
     Args:
-        make_setup: from OMPL's modules ``base`` and ``geometric``, the ``SimpleSetup`` of what is to be solved.
+        make_setup: returns the problem's ``SimpleSetup``, from OMPL's modules ``base`` and ``geometric``.
         planner: one of ``PLANNERS``.
-        seed: of OMPL's own random numbers.
-        limits: its time.
-        length: of a way, from its states.
+        seed: the seed of OMPL's own random numbers.
+        limits: the planner's time limits.
+        length: returns the length of a way from its states.
     """
     from ompl import base, geometric, util
 
@@ -57,7 +57,7 @@ def plan(
     setup = make_setup(base, geometric)
     chosen = getattr(geometric, planner)(setup.getSpaceInformation())
     setup.setPlanner(chosen)
-    cost = getattr(chosen, "bestCost", None)  # of the best way so far, where a planner goes on
+    cost = getattr(chosen, "bestCost", None)  # the cost of the best way so far, for planners that improve it
     began = time.perf_counter()
     found = np.inf
 

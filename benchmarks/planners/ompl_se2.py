@@ -17,12 +17,12 @@ from problems.plane import Circle
 
 LIMITS = ompl_run.Limits(finding=10.0, improving=1.0)
 
-_ROUND = 64  # sides of a polygon that stands for a quarter of a circle
-_STEP = 0.02  # m and rad: how far apart poses along a motion are tested, about
+_ROUND = 64  # sides of the polygon that approximates a quarter of a circle
+_STEP = 0.02  # m and rad, the approximate distance of tested poses along a motion
 
 
 def plan(problem: MobileRobot, planner: str, seed: int) -> ompl_run.Way:
-    """One run of a planner; the length is that of the way that the robot's reference point goes, m."""
+    """Run a planner once; the length is that of the path of the robot's reference point, m."""
     return ompl_run.plan(partial(_setup, problem), planner, seed, LIMITS, _length)
 
 
@@ -55,7 +55,7 @@ def _state(space: Any, pose: tuple[float, float, float]) -> Any:
 
 
 def _validity(problem: MobileRobot) -> Any:
-    """Whether the robot stands free, by shapely, as the check does it."""
+    """Return a function that tests by shapely whether the robot is free, as the check does."""
     solids = [
         shapely.Point(each.center).buffer(each.radius, quad_segs=_ROUND) if isinstance(each, Circle) else each.polygon
         for each in problem.obstacles

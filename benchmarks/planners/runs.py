@@ -1,4 +1,4 @@
-"""Runs of many instances on all cores, in the simulator: bit for bit what processes on a torus would find."""
+"""Run many instances on all cores, in the simulator. The results are bit for bit those of processes on a torus."""
 
 import os
 import time
@@ -24,16 +24,16 @@ Found = TypeVar("Found")
 
 @dataclass(frozen=True)
 class Outcome:
-    """What one run came to.
+    """The outcome of one run.
 
     Attributes:
         status: how it ended.
         feasible: whether the planner's check accepts the solution.
-        fitness: of the best; None if nothing feasible was found.
-        generations: until the stop.
-        evaluations: of all cells, until the stop.
-        found_after: of all cells, until the best was born.
-        seconds: on one core.
+        fitness: the best fitness; None if nothing feasible was found.
+        generations: generations until the stop.
+        evaluations: evaluations of all cells until the stop.
+        found_after: evaluations of all cells until the birth of the best.
+        seconds: duration on one core.
     """
 
     status: Status
@@ -74,7 +74,7 @@ def run(problem: Problem | ProblemFile, **settings: Any) -> Outcome:
 
 
 def _run_of(file: ProblemFile) -> Outcome:
-    (epoch,) = epochs_of(file.with_run(oracle=False))  # the search alone is measured
+    (epoch,) = epochs_of(file.with_run(oracle=False))  # without the oracle, so that the search alone is measured
     result = Simulation([epoch]).run()
     found = result.found_at
     epochs, cells = 0 if found is None else found.get("epoch", 0), epoch.plan.topology.cells
@@ -91,18 +91,18 @@ def _run_of(file: ProblemFile) -> Outcome:
 
 
 def _evaluations(plan: Plan, epochs: int, generation: int, directives: Sequence[Mapping[str, Any]]) -> int:
-    """By one cell, up to that generation of the epoch after so many others."""
+    """Return the evaluations of one cell up to ``generation`` of the epoch that follows ``epochs`` others."""
     lived = generation + sum(directive["generation"] for directive in directives[:epochs])
     return (epochs + 1) * plan.run.deme + lived * plan.evaluations_per_generation
 
 
 def on_all_cores(work: Callable[[Task], Found], tasks: Iterable[Task]) -> Iterator[Found]:
-    """``work`` done for each task, in the order of the tasks, by a process for each core."""
+    """Yield the result of ``work`` for each task, in the order of the tasks, by one process for each core."""
     with ProcessPoolExecutor(len(os.sched_getaffinity(0)), mp_context=get_context("fork")) as pool:
         yield from pool.map(work, tasks)
 
 
 def share(flags: Iterable[bool]) -> str:
-    """How many of how many, and in per cent."""
+    """Return how many flags are set, of how many, and in per cent."""
     listed = list(flags)
     return f"{sum(listed)} of {len(listed)} ({100 * sum(listed) / max(1, len(listed)):.1f} %)"

@@ -1,4 +1,4 @@
-"""sphere-path on random feasible worlds of 3 to 7 dimensions, beside OMPL on the same worlds and collisions."""
+"""Measure sphere-path on random feasible worlds of 3 to 7 dimensions, beside OMPL on the same worlds."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ RIVALS = (Case("OMPL RRTConnect", {}, "RRTConnect"), Case("OMPL BIT*", {}, "BITs
 
 
 class Tried(NamedTuple):
-    """What came of a world."""
+    """The outcome of a world."""
 
     axes: int
     solved: bool
@@ -55,7 +55,7 @@ class Tried(NamedTuple):
 
 
 def section(quick: bool) -> str:
-    """The part of the page that is about sphere-path."""
+    """Return the part of docs/results.md."""
     numbers = range(1, 1 + (QUICK if quick else WORLDS))
     cases = [*OURS, *(RIVALS if _has_ompl() else ())]
     tried = {case.name: list(on_all_cores(_try, [(case, number) for number in numbers])) for case in cases}
@@ -85,7 +85,7 @@ def _hardness(numbers: Iterable[int]) -> Iterator[str]:
 
 
 def _hard(number: int) -> tuple[bool, int]:
-    """Whether the straight way is free, and how many random paths are."""
+    """Return whether the straight way is free, and how many random paths are free."""
     problem = sphere_world(number).problem()
     genomes = problem.coding.random(Keys(np.arange(1), np.uint64(1), 0), RANDOM_PATHS)[0]
     return crossed_by(problem, problem.straight) == 0, int(np.count_nonzero(problem.evaluate(genomes) == 0.0))
@@ -114,7 +114,7 @@ def _has_ompl() -> bool:
 
 
 def _by_ompl(problem: SpherePath, planner: str) -> Tried:
-    """Until the first solution; both states and motions are tested exactly, all spheres at once."""
+    """Run OMPL until its first solution. States and motions are tested exactly, against all spheres at once."""
     from ompl import base
 
     setup, axes = _setup(problem, planner), len(problem.start)
@@ -163,7 +163,7 @@ def _place(state: Any, axes: int) -> Floats:
 
 
 def _is_free(spheres: Floats, begin: Floats, end: Floats) -> bool:
-    """Whether a segment enters no sphere."""
+    """Return whether a segment enters no sphere."""
     offsets, along = spheres[:, :-1] - begin, end - begin
     squared = along @ along
     shares = np.clip(offsets @ along / squared, 0.0, 1.0) if squared > 0.0 else np.zeros(len(spheres))

@@ -1,4 +1,4 @@
-"""How good terrain is, beside Dijkstra's algorithm.
+"""Measure terrain beside Dijkstra's algorithm.
 
 Usage: python -m benchmarks.planners --only terrain
 """
@@ -24,7 +24,7 @@ from problems.terrain.replanning import led_on
 from spy.past import best_known
 
 FIRST, INSTANCES, QUICK = 1001, 100, 4
-MARGINS = {16: 0.01, 256: 0.05}  # of the optimum, by side: what "How good" asks for
+MARGINS = {16: 0.01, 256: 0.05}  # allowed distance from the optimum, by side of the map
 SETTINGS: dict[RecipeName, dict[str, Any]] = {
     "tuned": {"topology": "torus 4x4", "stall": 50},
     "paper": {"topology": "torus 1x1", "deme": 40, "stall": 200},
@@ -34,7 +34,7 @@ REPLANNING_SIDE, MANY_TIMES = 256, 5.0
 
 @dataclass(frozen=True)
 class Result:
-    """One run: how far above the optimum it ended, and what it took; the oracle's seconds beside it."""
+    """The outcome of one run: how far above the optimum it ended, its cost, and the oracle's seconds."""
 
     excess: float
     feasible: bool
@@ -45,7 +45,7 @@ class Result:
 
 @dataclass(frozen=True)
 class Replanned:
-    """What it took to come within the margin of the new optimum: (evaluations, seconds), +inf if it never did."""
+    """The cost of coming within the margin of the new optimum: (evaluations, seconds), +inf if that failed."""
 
     live: tuple[float, float]
     scratch: tuple[float, float]
@@ -53,7 +53,7 @@ class Replanned:
 
 
 def solve_one(side: int, recipe: RecipeName, number: int) -> Result:
-    """World ``number`` by a recipe."""
+    """Solve world ``number`` by a recipe."""
     problem = terrain_world(number, side)
     started = time.process_time()
     optimum = problem.oracle().fitness
@@ -64,7 +64,7 @@ def solve_one(side: int, recipe: RecipeName, number: int) -> Result:
 
 
 def replan_one(side: int, number: int) -> Replanned | None:
-    """The same changed world from the living population and from scratch; None if there is no way any more."""
+    """Solve a changed world from the living population and from scratch; None if no way exists any more."""
     old = terrain_world(number, side).for_recipe("tuned", 1)
     run_settings = Run(recipe="tuned", seed=number, **SETTINGS["tuned"])
     reports = simulate(Plan(old, run_settings))
@@ -87,7 +87,7 @@ def replan_one(side: int, number: int) -> Replanned | None:
 
 
 def _until_target(plan: Plan, demes: Genomes | None) -> tuple[float, float]:
-    """Evaluations and CPU seconds until the target is reached anywhere; the stop that follows is not counted."""
+    """Return evaluations and CPU seconds until any cell reaches the target, without the stop that follows."""
     reached: list[tuple[float, float]] = []
     cells, each = plan.topology.cells, plan.evaluations_per_generation
     started = time.process_time()
@@ -102,7 +102,7 @@ def _until_target(plan: Plan, demes: Genomes | None) -> tuple[float, float]:
 
 # The section ----------------------------------------------------------------------------------------------------------
 def section(quick: bool) -> str:
-    """Measure, and say in Markdown what came out."""
+    """Measure; return the part of docs/results.md."""
     numbers = range(FIRST, FIRST + (QUICK if quick else INSTANCES))
     rows = [_row(side, recipe, numbers) for side in MARGINS for recipe in SETTINGS]
     replanned = list(on_all_cores(partial(replan_one, REPLANNING_SIDE), numbers))
@@ -166,5 +166,5 @@ def _replanning(replanned: list[Replanned | None]) -> str:
 
 
 def _times(scratch: float, live: float) -> float:
-    """How many times faster; 0 if the living population never got there."""
+    """Return how many times faster the living population was; 0 if it never reached the margin."""
     return scratch / live if np.isfinite(live) else 0.0
