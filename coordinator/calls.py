@@ -125,7 +125,9 @@ class Calls:
             # If the router has died there is no news at all, so this asks again. If a process has died, this raises.
             self._wait_for_news_of_a_death(ASK_AGAIN if self._replaces else _DEATH_NOTICE, give_up)
             if time.monotonic() >= until:
-                raise ClusterFailed(f"{len(answers)} of {expected} answered to {questions[0][1].name!r}")
+                raise ClusterFailed(
+                    f"only {len(answers)} of {expected} processes answered the command {questions[0][1].name!r}"
+                )
 
     def _ask_once(self, questions: Sequence[tuple[str, Command]], give_up: bool) -> list[Given]:
         number = next(self._questions)

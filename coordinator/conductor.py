@@ -2,8 +2,8 @@
 
 A job is a sequence of epochs. An update of the problem, a new topology and the replacement of a dead node all work the
 same way: the conductor prepares the next epoch on every node and begins it, the previous epoch is stopped, and each
-node continues in the next one with the deme that it has. There is no pause in between: a node that is told to begin
-finishes the previous epoch first, so at most two epochs are in progress at any time.
+node continues in the next one with the deme that it has. A node that receives the command to begin finishes the
+previous epoch first. At most two epochs are in progress at any time.
 
 Threads: each conductor runs on a thread of its own and is driven by one queue (see `coordinator.calls`). Zenoh's
 network thread calls only `improve`, which takes a lock. The conductor's thread alone touches everything else.
@@ -326,7 +326,9 @@ class Conductor:
         answers = self.calls.ask(questions, epoch.cells + with_the_spy, give_up=not self.epochs)
         fingerprints = {answer.note for answer in answers if isinstance(answer, Done)} - {Done().note}
         if epoch.file.run.mode == "lockstep" and len(fingerprints) > 1:
-            raise ClusterFailed(f"nodes differ, lockstep would not repeat: {' / '.join(sorted(fingerprints))}")
+            raise ClusterFailed(
+                f"expected equal versions on all nodes in lockstep, found {' / '.join(sorted(fingerprints))}"
+            )
         self.versions = json.loads(min(fingerprints))
 
     def _preparation(self, epoch: Epoch, since: int | None = None, deme: bytes = b"") -> Prepare:

@@ -139,7 +139,7 @@ def _checked(url: str) -> URL:
     if parsed.drivername in ("postgresql", "postgres"):
         return parsed.set(drivername="postgresql+psycopg")
     if parsed.get_backend_name() == "sqlite" and parsed.database in (None, "", ":memory:"):
-        raise StoreFailed(f"{expected}, found a database in memory, which outlives nothing")
+        raise StoreFailed(f"{expected}, found a database in memory, which would be lost with the process")
     if parsed.get_backend_name() not in ("sqlite", "postgresql"):
         raise StoreFailed(f"{expected}, found {parsed.get_backend_name()}")
     return parsed

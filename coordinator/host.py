@@ -79,7 +79,9 @@ class HostZygote(Zygote):
                 if woken == _JOINED:
                     self._fork_nodes()
                 elif self._one_died():
-                    raise ClusterFailed("this host's processes died too often, or it was not let in; see above")
+                    raise ClusterFailed(
+                        "this host's processes died too often, or the cluster refused it; see the log above"
+                    )
         finally:
             self._kill_all()
 

@@ -153,7 +153,7 @@ class HostBook:
             return Done(list(known.nodes))
         before = next((host for host in self._hosts.values() if host.name == asking.name), None)
         if before is not None and before.id not in self._away:
-            return Refused(f"a host named {asking.name} is here already")
+            return Refused(f"a host named {asking.name} has joined already: give this one another name (--host)")
         return Done(list(self._let_in(asking, before)))
 
     def _let_in(self, asking: Host, before: Host | None) -> tuple[int, ...]:

@@ -173,9 +173,7 @@ class Service:
         size = 0 if query.payload is None else len(query.payload)
         full = self._waiting.enter(_queues(request), size)
         if full is not None:
-            refused = (
-                f"too many {full.name} wait already: at most {full.requests} may, of {full.bytes >> 20} MiB in all"
-            )
+            refused = f"too many {full.name} wait (at most {full.requests}, {full.bytes >> 20} MiB in total); try later"
             return _reply(query, self._keys.jobs, Refused(refused, "failure"))
         answer = partial(self._answer_later, query, request, size)
         if isinstance(request, Submit):

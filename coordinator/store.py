@@ -270,7 +270,7 @@ class Store:
             UnknownJob: if there is no such job.
         """
         if state_of(status) not in ENDS:
-            raise WrongTransition(f"{status!r} is no end")
+            raise WrongTransition(f"expected a final state, found {status!r}")
         with self.writing() as session:
             row = _get(session, number)
             if not (status == row.status == "deadline" and row.ended is None):

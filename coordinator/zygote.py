@@ -226,7 +226,7 @@ class Zygote:
         os.close(tell)
         with os.fdopen(ready, "rb") as pipe:
             if not _comes_first(ready, sys.stdin.fileno()):
-                return "is not wanted any more"
+                return "was given up: the caller has ended"
             said = pipe.read(1)
             if said == b"!":
                 return None
@@ -338,7 +338,7 @@ class Zygote:
             self._fork(name, partial(self._node, int(number), ""))
 
     def _kill_all(self) -> None:
-        """Kill all children, the router last: who loses it may rely on it that all others are gone."""
+        """Kill all children and remove the folder; the router last, so that its end says that all others are gone."""
         shutil.rmtree(self.folder, ignore_errors=True)
         routers = [process for process, name in self.children.items() if name == "router"]
         for processes in (self.children.keys() - set(routers), routers):

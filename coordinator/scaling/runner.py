@@ -59,7 +59,7 @@ class Runner:
             EvaluationFailed: if the problem's evaluation fails in this process.
         """
         if 0 < self._done < self._all:
-            self.say(f"going on: {self._done} of {self._all} runs are there")
+            self.say(f"going on: {self._done} of {self._all} runs are made already")
         import_all()  # compiles what is not compiled yet, so that no measured launch includes that
         self._in_process(sequential_cases(self.parameters))
         for nodes in self.parameters.nodes:
