@@ -52,9 +52,9 @@ class LocalCluster:
     ) -> None:
         called = time.monotonic()
         self.topology = topologies.parse(topology or with_topology({"torus": torus})["topology"])
-        self.keys = Keys(secrets.token_hex(4))
-        self._failure: str | None = None
-        self._changed = threading.Condition()
+        self.keys = Keys(secrets.token_hex(4))  # a random name, so that clusters side by side do not meet
+        self._failure: str | None = None  # why the cluster cannot be used any more; the first reason stays
+        self._changed = threading.Condition()  # guards what the launcher's and Zenoh's threads change too
         self._submitted = 0
         self._closed = False
         self._dispatcher: Dispatcher | None = None
@@ -106,6 +106,7 @@ class LocalCluster:
         """
         self._raise_failure()
         assert self._dispatcher is not None, "ready by now"
+        # Without a topology of its own a job takes the cluster's, whatever the file's settings say.
         asked = any(run.get(name) is not None for name in ("topology", "torus"))
         settings = run if asked else run | {"topology": self.topology.spec}
         file = file.with_run(**settings)
@@ -129,7 +130,7 @@ class LocalCluster:
                 return
             self._closed = True
             self._failure = self._failure or "the cluster was closed"
-        if self._dispatcher is not None:
+        if self._dispatcher is not None:  # while the processes still run, so that each job ends for this reason
             self._dispatcher.fail(self._failure, closing=True)
             self._dispatcher.wait()
         self._disconnect()

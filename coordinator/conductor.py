@@ -195,6 +195,7 @@ class Conductor:
                 return Judgement(status, False, "stopped before there was a result", None)
             return Judgement(status, best.feasible, None, best)
         except ClusterFailed as error:
+            # A job that was cancelled, but had not stopped when the cluster was closed, is cancelled all the same.
             cancelled = self._stop_request is not None and self._stop_request.reason == "cancel" and self.calls.closing
             return Judgement("cancelled" if cancelled else "failed", False, str(error), self.best)
         except BadInput:
@@ -204,7 +205,7 @@ class Conductor:
         finally:
             self._oracle.close()
             if self.nodes:
-                self._drop()
+                self._drop()  # also if the job failed: nodes must not go on breeding for it
 
     def _run(self) -> Judgement:
         """Run epoch after epoch until the job ends; return the judgement of the last one.
@@ -224,10 +225,11 @@ class Conductor:
         try:
             while True:
                 judgement = self._live()
+                # The spy decides whether there is to be another attempt, see `spy.verification`.
                 seeks, waits = judgement.next_attempt is not None, self.epoch.file.run.keep_alive
                 if judgement.status not in _LASTING or not (seeks or waits):
                     return judgement
-                if self._stop_request is not None:
+                if self._stop_request is not None:  # it came when the epoch was about to end by itself
                     return self._ended_as_wished(judgement) if seeks else judgement
                 if seeks:
                     if judgement.has_oracle:
@@ -236,7 +238,7 @@ class Conductor:
                 elif not self._wait_for_a_change():
                     return self._ended_as_wished(judgement)
         finally:
-            self.seconds = time.monotonic() - began
+            self.seconds = time.monotonic() - began  # since the first epoch began, or this coordinator took over
 
     # The beginning of a job -------------------------------------------------------------------------------------------
     def _set_out(self, number: int, file: ProblemFile) -> None:
@@ -263,11 +265,12 @@ class Conductor:
         this does not wait for ever.
         """
         while not isinstance(message := self.calls.next(), StopRequest):
-            pass
+            pass  # such as a change of a job that will never run: `Job.update` sees that the job has ended
         return message
 
     def _take_over(self, placement: Placement) -> None:
         """Continue a job that the previous coordinator left running; begin it again if none of its nodes is left."""
+        # The wiring's number is enough: nodes that have its links keep them.
         epoch = Epoch(placement.epoch, placement.file, Wiring(placement.wiring, placement.nodes), why=placement.why)
         self.epochs.take_over(epoch)
         self.best = self._answer_for(epoch)
@@ -297,7 +300,7 @@ class Conductor:
         """Begin the job again with new individuals, in the latest problem: no node is left that has its demes."""
         self.dispatch.changed(self.job, "queued")
         self._set_out(self.epoch.number + 1, self.epoch.file)
-        self._unheard = self._stop_request
+        self._unheard = self._stop_request  # what was sent of it is lost with the nodes
 
     def _prepare(self, epoch: Epoch, demes: dict[int, bytes] | None = None, *, with_the_spy: bool = False) -> None:
         """Prepare every node for an epoch, and the spy too if ``with_the_spy``.
@@ -324,6 +327,7 @@ class Conductor:
         if with_the_spy:
             questions.append((self.keys.spy_control, self._preparation_of_the_spy(epoch)))
         answers = self.calls.ask(questions, epoch.cells + with_the_spy, give_up=not self.epochs)
+        # Each node answers with its fingerprint: versions and processor. The spy's answer has an empty note.
         fingerprints = {answer.note for answer in answers if isinstance(answer, Done)} - {Done().note}
         if epoch.file.run.mode == "lockstep" and len(fingerprints) > 1:
             raise ClusterFailed(
@@ -354,7 +358,7 @@ class Conductor:
     def _begin(self, epoch: Epoch) -> None:
         """Make ``epoch`` the latest and let each node begin it once its cell has stopped in the previous one."""
         self._tell_what_was_lived()
-        with self._improving:
+        with self._improving:  # `improve` compares with the epoch and the best answer: both change at once
             before, self.best = self.best, self._answer_for(epoch)
             self.epochs.add(epoch)
         placement = Placement(epoch.number, epoch.file, self.nodes, epoch.wiring.number, epoch.why, self.epochs.past)
@@ -459,13 +463,13 @@ class Conductor:
         if self._unheard is not None:
             self._stop(self.epoch.number, self._unheard.reason)
             self._unheard = None
-        if self._changes:
+        if self._changes:  # one at a time: then the cells are on their way again
             self._change(self._changes.popleft())
 
     def _note(self, number: int, report: Report) -> str | None:
         """Note the report of a cell that has stopped in epoch ``number``; return its message if the cell failed."""
         epoch = self.epochs.of(number)
-        if epoch is not None:
+        if epoch is not None:  # reports may come twice, or of an epoch that is summed up already
             epoch.reports[report.cell] = report
             if epoch.file.run.mode == "async" and report.proposals and not epoch.rescued:
                 # Async nodes may lose messages, the one that carries the stop too: a cell could miss it and never end.
@@ -603,7 +607,7 @@ class Conductor:
                 self.job.tell(BegunAnew(why))
                 return self._begin(epoch)
             except ReplacedError:
-                fresh = True
+                fresh = True  # the new node needs links, but no deme: all cells draw new individuals
             except BadInput as error:
                 raise ClusterFailed(str(error)) from error
 
@@ -648,7 +652,7 @@ class Conductor:
         """Bring the new processes into the job; repeat if another one dies meanwhile."""
         while self._spy_is_new or self.epoch.dead:
             try:
-                if self.epoch.dead:
+                if self.epoch.dead:  # this begins a new epoch, which is shown to a new spy too
                     self._go_on_without_the_dead()
                 else:
                     self._show_to_the_spy(self.epoch)
@@ -726,7 +730,7 @@ class Conductor:
         self._prepare(epoch, {cell: before.reports[donor].deme for cell, donor in donors.items()})
         self._show_to_the_spy(epoch)
         self._begin(epoch)
-        self._unheard = self._stop_request
+        self._unheard = self._stop_request  # a stop in the halted epoch does not hold in this one
 
     def _lived(self, latest: Epoch, halted: bool) -> int:
         """Return the generations up to the end of the latest epoch, counted from where the job last began with nothing.

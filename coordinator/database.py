@@ -83,7 +83,7 @@ class Database:
                 return create_engine(self._url, pool_pre_ping=True)
             except ModuleNotFoundError as error:
                 raise StoreFailed(f"store: {error.name} is missing (pip install 'supernode[postgres]')") from error
-        os.close(_open_privately(self._path))
+        os.close(_open_privately(self._path))  # a file that SQLite makes itself is usually readable for others
         engine = create_engine(self._url)
         event.listen(engine, "connect", _prepare_sqlite)
         event.listen(engine, "begin", lambda connection: connection.exec_driver_sql("BEGIN"))

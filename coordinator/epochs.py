@@ -65,6 +65,7 @@ class Epoch:
     @property
     def state(self) -> State:
         """The job's state while it is in this epoch: "searching" if it is kept alive and has stalled before."""
+        # An update begins with attempt 0 again, so it makes the job "running".
         return "searching" if self.file.run.keep_alive and self.file.attempt else "running"
 
     @property
@@ -153,6 +154,7 @@ class Epochs:
         """Yield the epochs that have ended since the last call, each with the sum of those before it."""
         past = self.past
         for epoch, after in itertools.zip_longest(self.known, self.known[1:]):
+            # A halted epoch is passed on too, with the reports of the cells that still had a node.
             if epoch.settled and not epoch.told:
                 epoch.told = True
                 yield past, epoch

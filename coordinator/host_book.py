@@ -62,7 +62,7 @@ class HostBook:
         self._present: set[str] = set()  # ids of hosts whose token exists
         self._away: dict[str, float] = {}  # ids of the other hosts, with the time (monotonic) when they count as gone
         self._mail: queue.SimpleQueue[zenoh.Query | _Seen] = queue.SimpleQueue()
-        self._ask_all()
+        self._ask_all()  # before any host can ask for numbers: those that are in use must not be given again
         self._declared = [
             session.liveliness().declare_subscriber(keys.any_host, direct(self._see), history=True),
             session.declare_queryable(keys.nodes, direct(self._mail.put)),
@@ -97,7 +97,7 @@ class HostBook:
     def _note(self, host: Host) -> None:
         if host.nodes:
             self._hosts[host.id] = host
-            if host.id not in self._present:
+            if host.id not in self._present:  # its token has not been reported yet; until then it counts as away
                 self._away[host.id] = time.monotonic() + LEFT_AFTER
             self._came(host)
 

@@ -28,6 +28,7 @@ class Lanes:
                 self._waiting[lane].append(work)
                 return
             self._waiting[lane] = deque([work])
+        # Outside the lock: only this call has made the lane, so there is one thread for it.
         threading.Thread(target=self._drive, args=(lane,), name=f"lane {lane}", daemon=True).start()
 
     def _drive(self, lane: str) -> None:

@@ -236,6 +236,7 @@ class Recorder:
         """
         with self._write_lock:
             with self._store.transaction():
+                # Every improvement is a record, but only the latest of each job in this batch is its best answer.
                 for event in events:
                     self._write_record(event)
                 states = [self._write(event) for event in _latest(events)]
@@ -285,7 +286,7 @@ class Recorder:
                     self._store.note_best(number, best["fitness"], best)
                 case _Ended(number, outcome):
                     return self._write_end(number, outcome)
-        except (WrongTransition, UnknownJob) as error:
+        except (WrongTransition, UnknownJob) as error:  # the other events of this batch must still be written
             self._log(warning(str(error), event.number))
         return None
 
@@ -294,6 +295,7 @@ class Recorder:
         if before.status in ENDS:  # its deadline has passed; what its nodes do until they stop concerns no client
             return None
         self._known.setdefault(number, before)
+        # Each epoch reports its state, which is often the one before; then only the nodes may be new.
         if status != before.status:
             now = self._store.change(number, status, nodes=nodes or None, at=at)
             return None if number in self._late else state_of(now, at)

@@ -104,7 +104,7 @@ class RequestHandler:
         for job in unended:
             if job.number in adopted:
                 continue
-            if job.status == "deadline":
+            if job.status == "deadline":  # its clients have their answer already
                 self._recorder.ended(job.number, ClusterFailed("stopped before there was a result"))
             else:
                 self._queue_again(job)
@@ -148,7 +148,7 @@ class RequestHandler:
         self._checker.check(file)  # may take long; nothing is locked yet
         topology = topologies.parse(file.run.topology)
         new = Submission(file.to_json(), digest_of(file), file.kind, topology.spec, topology.cells, request.priority)
-        with self._recorder.paused():
+        with self._recorder.paused():  # else "running" could be published before "submitted"
             job, is_new = self._store.add(new, request.id)
             if is_new:
                 self._hand_over_new(job, file)
@@ -162,7 +162,7 @@ class RequestHandler:
         """Hand a new job over and publish its first states; if the dispatcher refuses, remove it from the store."""
         try:
             self._hand_over(job, _spec(job, file))
-        except Exception:
+        except Exception:  # the client gets a refusal, so a later coordinator must not find the job
             self._store.withdraw(job.number)
             raise
         for status in ("submitted", "queued"):

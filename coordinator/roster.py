@@ -115,7 +115,7 @@ class Roster:
         key = str(sample.key_expr)
         (node, process), host = self._keys.life_of(key), self._keys.home_of(key)
         is_here = sample.kind == zenoh.SampleKind.PUT
-        if node is None and (is_here or process == self._spy):
+        if node is None and (is_here or process == self._spy):  # an old spy's token may go after the new one's has come
             self._spy = process if is_here else None
         if not is_here:
             return
@@ -126,6 +126,7 @@ class Roster:
             if node is not None and before != (process, host):
                 self._seen[node] = time.monotonic()
                 self._counters.pop(node, None)
+        # The lock is free again: these call the dispatcher, which takes its own.
         if before is None and node is not None:
             self._arrived(node)
         elif before not in (None, (process, host)):

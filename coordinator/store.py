@@ -273,6 +273,7 @@ class Store:
             raise WrongTransition(f"expected a final state, found {status!r}")
         with self.writing() as session:
             row = _get(session, number)
+            # At its deadline the job got this state already; now its nodes have stopped too.
             if not (status == row.status == "deadline" and row.ended is None):
                 self.change(number, status)
             row.ended = row.ended or time.time()
@@ -311,7 +312,7 @@ class Store:
             row.epoch = placement.epoch
             row.topology = placement.file.run.topology
             row.past_json = placement.past.to_json()
-            if placement.epoch > 0:
+            if placement.epoch > 0:  # the first epoch follows no directive, and its file is that of the submission
                 row.changed_file = placement.file.to_json()
                 if placement.why.get("do") == "update":
                     row.best_json = row.fitness = None
@@ -454,7 +455,7 @@ class Store:
             StoreFailed: if the database fails.
         """
         with self._lock:
-            if self._session is not None:
+            if self._session is not None:  # within `transaction`, which commits
                 yield self._session
                 return
             fresh = self._new_session(expire_on_commit=False)

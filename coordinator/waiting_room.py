@@ -28,6 +28,7 @@ class WaitingRoom:
         with self._lock:
             for queue in queues:
                 waiting, held = self._requests[queue.name], self._bytes[queue.name]
+                # An empty queue takes a request of any size, or one that is too large could never be answered.
                 if waiting and (waiting >= queue.requests or held + size > queue.bytes):
                     return queue
             self._count(queues, 1, size)
