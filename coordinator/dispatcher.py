@@ -153,7 +153,7 @@ class Dispatcher:
             priority = spec.priority
             self._scheduler.add(spec.number, topology.cells, topology.spec, priority, accepted_before=accepted_before)
             self.jobs[spec.number] = job
-        self.hooks.changed(spec.number, "queued", ())
+        self.hooks.changed(spec.number, "queued", ())  # before `_start`: its conductor reports the next state
         self._set_deadline(spec)
         self._start()
         return job
@@ -185,7 +185,7 @@ class Dispatcher:
             self.hooks.changed(number, "deadline", self._scheduler.nodes_of(number) or ())
         job.queue.put(StopRequest("deadline"))
         if waiting:
-            self._conduct(job, ())
+            self._conduct(job, ())  # without nodes: only to make its result
 
     def cancel(self, number: int) -> None:
         """Stop a job; one that still waits ends at once. Harmless if the job has ended."""
@@ -195,7 +195,7 @@ class Dispatcher:
         if job is not None:
             job.queue.put(StopRequest("cancel"))
             if waiting:
-                self._conduct(job, ())  # it ends as all jobs do, with a result
+                self._conduct(job, ())  # without nodes: only to make its result
 
     def update(self, number: int, fields: dict[str, Any]) -> int:
         """Replace fields of a job's problem; return the number of the new epoch once all nodes are prepared for it.
@@ -310,7 +310,7 @@ class Dispatcher:
         with self._lock:
             known = {self._wirings.get(node) for node in nodes}
             for spec, wiring in [each for each in known if each is not None]:
-                if len(known) == 1 and not fresh and spec == topology and wiring.nodes == nodes:
+                if len(known) == 1 and not fresh and spec == topology and wiring.nodes == nodes:  # in this order too
                     return wiring
             wiring = self._node_hosts.wiring(next(self._numbers), nodes)
             self._note(topology, wiring)
@@ -339,7 +339,7 @@ class Dispatcher:
         """Pass on the improvements of an epoch that has ended."""
         self.hooks.lived(job.spec.number, epoch, records)
 
-    # Who runs ---------------------------------------------------------------------------------------------------------
+    # Conductors and their threads -------------------------------------------------------------------------------------
     def _start(self) -> None:
         """Start the queued jobs for which there are nodes now. Called whenever a job comes or nodes become free."""
         with self._lock:
@@ -375,7 +375,7 @@ class Dispatcher:
             self._conductors.pop(number, None)
         self.hooks.ended(number, outcome)
         job.end(outcome)
-        self._start()
+        self._start()  # before this thread counts as ended: `wait` must see the threads of jobs that start now
         with self._lock:
             self._threads.pop(number, None)
 
