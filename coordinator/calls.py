@@ -138,13 +138,13 @@ class Calls:
                 queue.put(_Answer(number, _decoded(reply.ok.payload.to_bytes())))
 
         if give_up:
-            self._raise_wish_put_off()
+            self._raise_stop_put_off()
         for key, command in questions:
             within = _LONG if isinstance(command, Prepare | Finish) else _ANSWER_WITHIN
             self._get(key, command, direct(hear, lambda: queue.put(_Answer(number, None))), within)
         return self._answers(number, len(questions), give_up)
 
-    def _raise_wish_put_off(self) -> None:
+    def _raise_stop_put_off(self) -> None:
         stop_request = next((each for each in self._put_off if isinstance(each, StopRequest)), None)
         if stop_request is not None:
             raise GivenUpError(stop_request)

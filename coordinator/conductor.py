@@ -112,7 +112,7 @@ class Conductor:
         self._lived_before = 0  # generations of the job when it last began with new demes
         self._stop_request: StopRequest | None = None  # the first one; later ones do not change the job's status
         self._changes: deque[Change] = deque()  # requested, but not begun
-        self._unheard: StopRequest | None = None  # a stop that must still be sent to the cells of the latest epoch
+        self._unsent_stop: StopRequest | None = None  # a stop that must still be sent to the cells of the latest epoch
         self._ask_at: float | None = None  # when to ask for reports again; on the monotonic clock
         self._oracle = Consulting()
 
@@ -163,7 +163,7 @@ class Conductor:
         self.job.tell(better)
         self.dispatch.improved(self.job, better)
 
-    def _tell_what_was_lived(self) -> None:
+    def _pass_on_histories(self) -> None:
         """Report the improvements of epochs that have ended; called before each new epoch and at the end of the job."""
         for past, epoch in self.epochs.untold():
             records = records_of(past, epoch.lived)
@@ -216,7 +216,7 @@ class Conductor:
             BadInput: if the problem is wrong.
         """
         if not self.nodes:
-            raise GivenUpError(self._wish_in_the_queue())
+            raise GivenUpError(self._stop_in_the_queue())
         if self._adopted is None:
             self._set_out(self.epochs.past.epochs, self.job.spec.file)
         else:
@@ -230,13 +230,13 @@ class Conductor:
                 if judgement.status not in _LASTING or not (seeks or waits):
                     return judgement
                 if self._stop_request is not None:  # it came when the epoch was about to end by itself
-                    return self._ended_as_wished(judgement) if seeks else judgement
+                    return self._ended_as_requested(judgement) if seeks else judgement
                 if seeks:
                     if judgement.has_oracle:
                         self._oracle.ask()
                     self._try_again(judgement)
                 elif not self._wait_for_a_change():
-                    return self._ended_as_wished(judgement)
+                    return self._ended_as_requested(judgement)
         finally:
             self.seconds = time.monotonic() - began  # since the first epoch began, or this coordinator took over
 
@@ -258,7 +258,7 @@ class Conductor:
             except ReplacedError:
                 fresh = True  # the new process has no links, so the existing wiring is no longer shared by all
 
-    def _wish_in_the_queue(self) -> StopRequest:
+    def _stop_in_the_queue(self) -> StopRequest:
         """Return the stop request that ended a job before it got nodes.
 
         The dispatcher puts a stop request or a failure into the queue before it starts a conductor without nodes, so
@@ -274,7 +274,7 @@ class Conductor:
         epoch = Epoch(placement.epoch, placement.file, Wiring(placement.wiring, placement.nodes), why=placement.why)
         self.epochs.take_over(epoch)
         self.best = self._answer_for(epoch)
-        epoch.dead = set(range(epoch.cells)) - self._who_is_there(epoch)
+        epoch.dead = set(range(epoch.cells)) - self._present_cells(epoch)
         self._spy_is_new = True  # it may have been replaced while there was no coordinator
         self._replace_the_dead()
         if self.epoch is epoch:  # else a new epoch has begun without the dead, and reports are asked for already
@@ -283,7 +283,7 @@ class Conductor:
             if epoch.number > 0:  # the previous coordinator may have died between `_begin` and `_stop`
                 self._stop_everywhere(epoch.number - 1, "update")
 
-    def _who_is_there(self, epoch: Epoch) -> set[int]:
+    def _present_cells(self, epoch: Epoch) -> set[int]:
         """Return the cells whose nodes hold this job; allow a second for nodes that still look for the router."""
         until = time.monotonic() + _FOUND_WITHIN
         while True:
@@ -300,7 +300,7 @@ class Conductor:
         """Begin the job again with new individuals, in the latest problem: no node is left that has its demes."""
         self.dispatch.changed(self.job, "queued")
         self._set_out(self.epoch.number + 1, self.epoch.file)
-        self._unheard = self._stop_request  # what was sent of it is lost with the nodes
+        self._unsent_stop = self._stop_request  # what was sent of it is lost with the nodes
 
     def _prepare(self, epoch: Epoch, demes: dict[int, bytes] | None = None, *, with_the_spy: bool = False) -> None:
         """Prepare every node for an epoch, and the spy too if ``with_the_spy``.
@@ -357,7 +357,7 @@ class Conductor:
 
     def _begin(self, epoch: Epoch) -> None:
         """Make ``epoch`` the latest and let each node begin it once its cell has stopped in the previous one."""
-        self._tell_what_was_lived()
+        self._pass_on_histories()
         with self._improving:  # `improve` compares with the epoch and the best answer: both change at once
             before, self.best = self.best, self._answer_for(epoch)
             self.epochs.add(epoch)
@@ -402,7 +402,7 @@ class Conductor:
         """
         while self.epochs.unsettled:
             if self.epochs.settled:  # all cells are in the latest epoch, so stops and changes can be sent now
-                self._do_what_was_put_off()
+                self._send_what_was_put_off()
             message = self.calls.next(_sooner(self._ask_at, self._oracle.look_at))
             if message is None:
                 self._look_at_the_clock()
@@ -453,16 +453,16 @@ class Conductor:
             self._ask_for_reports(epoch)
             if epoch is not self.epoch:
                 self._stop_everywhere(epoch.number, "update")
-        self._unheard = self._stop_request
+        self._unsent_stop = self._stop_request
 
-    def _do_what_was_put_off(self) -> None:
+    def _send_what_was_put_off(self) -> None:
         """Send a stop or begin a change that came while cells were still moving to the latest epoch.
 
         A cell that has not begun the latest epoch would ignore a stop in it, and there cannot be three epochs at once.
         """
-        if self._unheard is not None:
-            self._stop(self.epoch.number, self._unheard.reason)
-            self._unheard = None
+        if self._unsent_stop is not None:
+            self._stop(self.epoch.number, self._unsent_stop.reason)
+            self._unsent_stop = None
         if self._changes:  # one at a time: then the cells are on their way again
             self._change(self._changes.popleft())
 
@@ -477,14 +477,14 @@ class Conductor:
         return report.error
 
     def _attend_to(self, message: object) -> None:
-        """Note a request; it is carried out by `_do_what_was_put_off` when the cells are ready for it.
+        """Note a request; it is carried out by `_send_what_was_put_off` when the cells are ready for it.
 
         Raises:
             ReplacedError: if the message is that a process was replaced.
         """
         if isinstance(message, StopRequest):
             self._stop_request = self._stop_request or message
-            self._unheard = message
+            self._unsent_stop = message
         elif isinstance(message, Replaced):
             raise ReplacedError(message)
         elif isinstance(message, Change):
@@ -517,7 +517,7 @@ class Conductor:
             ClusterFailed: if the spy does not answer as it should.
             ReplacedError: if the spy died; the caller prepares the new one and tries again.
         """
-        self._tell_what_was_lived()
+        self._pass_on_histories()
         past, lived = self.epochs.whole()
         epoch, reports = self.epoch, lived.reports
         command = Finish(
@@ -633,7 +633,7 @@ class Conductor:
                 self._replace_the_dead()
         return True
 
-    def _ended_as_wished(self, judgement: Judgement) -> Judgement:
+    def _ended_as_requested(self, judgement: Judgement) -> Judgement:
         """Return the judgement with the status of the stop request, for a job that would have continued without it."""
         assert self._stop_request is not None
         return replace(judgement, status=STATUS_OF[self._stop_request.reason], next_attempt=None)
@@ -730,7 +730,7 @@ class Conductor:
         self._prepare(epoch, {cell: before.reports[donor].deme for cell, donor in donors.items()})
         self._show_to_the_spy(epoch)
         self._begin(epoch)
-        self._unheard = self._stop_request  # a stop in the halted epoch does not hold in this one
+        self._unsent_stop = self._stop_request  # a stop in the halted epoch does not hold in this one
 
     def _lived(self, latest: Epoch, halted: bool) -> int:
         """Return the generations up to the end of the latest epoch, counted from where the job last began with nothing.
