@@ -1,6 +1,7 @@
-"""Launch and supervise nodes, and take jobs.
+"""Launch and supervise nodes, and run jobs on them.
 
-Names are imported when they are first used: a client of a running cluster needs the errors, not the compiled kernels.
+Modules are imported when their names are first used: a client of a running cluster needs the errors, but not the
+compiled kernels, which take long to load.
 """
 
 from importlib import import_module

@@ -1,4 +1,4 @@
-"""Rings at given times: one thread for all of them, which lives only while there is something to wait for."""
+"""Call a function at given times, with one thread for all of them that runs only while there is a time to wait for."""
 
 import threading
 import time
@@ -6,20 +6,21 @@ from collections.abc import Callable
 
 
 class Alarms:
-    """An alarm clock with a hand for each job.
+    """Alarms, at most one for each job. Any thread may use it.
 
     Args:
-        ring: called with the job's number, on the clock's thread.
+        ring: called with the job's number, on the alarms' thread, which holds no lock then. A slow call delays the
+            other alarms.
     """
 
     def __init__(self, ring: Callable[[int], None]) -> None:
         self._ring = ring
-        self._due: dict[int, float] = {}  # on the monotonic clock
+        self._due: dict[int, float] = {}  # by job, on the monotonic clock
         self._changed = threading.Condition()
-        self._runs = False
+        self._runs = False  # whether there is a thread; changed only together with the decision to start or end it
 
     def set(self, number: int, due: float) -> None:
-        """Ring at that time, once, even if it has passed."""
+        """Ring once at the time ``due`` (monotonic clock); at once if it has passed."""
         with self._changed:
             self._due[number] = due
             if not self._runs:
@@ -28,7 +29,7 @@ class Alarms:
             self._changed.notify_all()
 
     def forget(self, number: int) -> None:
-        """Do not ring for this one. Harmless if it was never set."""
+        """Cancel the alarm of a job. Harmless if there is none."""
         with self._changed:
             self._due.pop(number, None)
             self._changed.notify_all()
@@ -38,7 +39,7 @@ class Alarms:
             self._ring(number)
 
     def _next(self) -> int | None:
-        """The next one that is due, when it is; None if there is none."""
+        """Wait for the next alarm and return its job; None, to end the thread, if there is no alarm left."""
         with self._changed:
             while self._due:
                 number = min(self._due, key=self._due.__getitem__)

@@ -1,7 +1,8 @@
-"""Questions to nodes and to the spy, and the one queue that a conductor waits at: answers, reports, requests, news.
+"""Commands to nodes and to the spy, and the queue of one conductor: answers, reports, requests, news of deaths.
 
-Answers come by Zenoh's thread and are queued like everything else, so a conductor never waits in two places. While it
-waits for the answers to one question, other messages are put off, but for what ends the waiting.
+Zenoh's thread receives the answers and queues them like all other messages, so a conductor never waits in two places.
+While it waits for the answers to one question it puts other messages off, except those that end the waiting: a failure,
+a replaced process, and (where the caller allows it) a stop request.
 """
 
 import itertools
@@ -24,30 +25,31 @@ from wire.report import Report
 from wire.seal import Seal
 from wire.strict import Rejected
 
-# Seconds. Each query keeps some 800 bytes until its time is over, even when it was answered long before.
+# Time limits in seconds. They are kept short where possible: Zenoh keeps some 800 bytes of each query until its time is
+# over, even if it was answered long before.
 _ANSWER_WITHIN = 60.0
-_LONG = 600.0  # a problem may have much to prepare, or to check, and a dead process is heard of otherwise
-_REPORT_WITHIN = 60.0  # then reports are asked for again
+_LONG = 600.0  # a problem may take long to prepare or to check; a dead process is noticed in other ways
+_REPORT_WITHIN = 60.0  # after that reports are asked for again, so jobs may run for any time
 _TOLD_WITHIN = 5.0
-_DEATH_NOTICE = 1.0  # seconds: an answer that never comes may be explained this much later
-_REPLACED_WITHIN = 60.0  # seconds: a dead process, or the router, by which all questions go
-ASK_AGAIN = 0.2  # seconds: a router that has died is there again after about so long
+_DEATH_NOTICE = 1.0  # if an answer is missing, the news of a death that explains it may come this much later
+_REPLACED_WITHIN = 60.0  # how long to ask again while a process, or the router that carries all questions, is replaced
+ASK_AGAIN = 0.2  # a router that has died is back after about this time
 
 
 @dataclass(frozen=True)
 class _Answer:
-    """To question number ``question``; None when there will be no more."""
+    """An answer to question number ``question``; None when there will be no more."""
 
     question: int
     answer: Done | Judged | Refused | None
 
 
 Given = Done | Judged
-"""An answer that is no refusal."""
+"""An answer other than a refusal."""
 
 
 class Reported(NamedTuple):
-    """A cell has stopped in an epoch; None when no more reports will come by the question that asked for them."""
+    """A cell's report in an epoch; ``report`` is None when its ``question`` is over and brings no more reports."""
 
     question: int
     epoch: int
@@ -55,7 +57,7 @@ class Reported(NamedTuple):
 
 
 class GivenUpError(Exception):
-    """Somebody wants the job to stop while nobody breeds yet, or no longer."""
+    """A stop request came before any node had begun to breed."""
 
     def __init__(self, stop_request: StopRequest) -> None:
         super().__init__(stop_request.reason)
@@ -63,7 +65,11 @@ class GivenUpError(Exception):
 
 
 class ReplacedError(Exception):
-    """A process died that was to answer; another one lives in its place."""
+    """A process died and was replaced by a new one, which does not know the job.
+
+    Attributes:
+        node: the node; None for the spy.
+    """
 
     def __init__(self, replaced: Replaced) -> None:
         super().__init__(replaced.node)
@@ -73,11 +79,16 @@ class ReplacedError(Exception):
 class Calls:
     """The questions and the queue of one job.
 
+    The conductor's thread alone calls the methods; only the queue is shared with other threads.
+
     Args:
-        session: through the router.
-        seal: of the cluster.
-        queue: the job's.
-        replaces: whether dead processes are replaced, so that it is worth waiting for one.
+        session: a Zenoh session through the router.
+        seal: signs the commands.
+        queue: the job's queue.
+        replaces: whether dead processes are replaced, so that it is worth asking again.
+
+    Attributes:
+        closing: whether the failure that ended the job was that the cluster is being closed.
     """
 
     def __init__(self, session: zenoh.Session, seal: Seal, queue: "queue.SimpleQueue[object]", replaces: bool) -> None:
@@ -90,44 +101,50 @@ class Calls:
         self.closing = False
 
     def ask(self, questions: Sequence[tuple[str, Command]], expected: int = 1, give_up: bool = True) -> list[Given]:
-        """The answers of all that the ``questions``, keys with commands, reach.
+        """Send commands and return the answers of all processes that they reach.
+
+        If too few processes answer, all are asked again for as long as a replacement may take; so commands must be
+        idempotent.
 
         Args:
-            questions: asked all at once.
-            expected: how many are to answer.
-            give_up: whether a request to stop ends the waiting.
+            questions: keys with commands, sent all at once.
+            expected: the number of answers to wait for.
+            give_up: whether a stop request ends the waiting.
 
         Raises:
-            BadInput: as the first refusal says.
-            ClusterFailed: as the first refusal says, or because fewer answered than expected.
-            GivenUpError: if somebody wants the job to stop meanwhile.
-            ReplacedError: if a process died meanwhile.
+            BadInput: if a process refuses and blames the input.
+            ClusterFailed: if a process refuses for another reason, or fewer answer than expected.
+            GivenUpError: if a stop request comes meanwhile, and ``give_up``.
+            ReplacedError: if a process dies meanwhile.
         """
         until = time.monotonic() + (_REPLACED_WITHIN if self._replaces else 0.0)
         while True:
             answers = self._ask_once(questions, give_up)
             if len(answers) >= expected:
                 return answers
+            # If the router has died there is no news at all, so this asks again. If a process has died, this raises.
             self._wait_for_news_of_a_death(ASK_AGAIN if self._replaces else _DEATH_NOTICE, give_up)
             if time.monotonic() >= until:
-                raise ClusterFailed(f"{len(answers)} of {expected} answered to {questions[0][1].name!r}")
+                raise ClusterFailed(
+                    f"only {len(answers)} of {expected} processes answered the command {questions[0][1].name!r}"
+                )
 
     def _ask_once(self, questions: Sequence[tuple[str, Command]], give_up: bool) -> list[Given]:
         number = next(self._questions)
         queue = self.queue
 
-        def hear(reply: zenoh.Reply) -> None:
+        def hear(reply: zenoh.Reply) -> None:  # on Zenoh's thread
             if reply.ok is not None:
                 queue.put(_Answer(number, _decoded(reply.ok.payload.to_bytes())))
 
         if give_up:
-            self._raise_wish_put_off()
+            self._raise_stop_put_off()
         for key, command in questions:
             within = _LONG if isinstance(command, Prepare | Finish) else _ANSWER_WITHIN
             self._get(key, command, direct(hear, lambda: queue.put(_Answer(number, None))), within)
         return self._answers(number, len(questions), give_up)
 
-    def _raise_wish_put_off(self) -> None:
+    def _raise_stop_put_off(self) -> None:
         stop_request = next((each for each in self._put_off if isinstance(each, StopRequest)), None)
         if stop_request is not None:
             raise GivenUpError(stop_request)
@@ -143,7 +160,7 @@ class Calls:
             if not isinstance(news, _Answer):
                 self._put_off.append(news)
                 continue
-            if news.question != number:
+            if news.question != number:  # a late answer to an earlier question, whose waiting was ended
                 continue
             if news.answer is None:
                 open_questions -= 1
@@ -157,11 +174,12 @@ class Calls:
         if answer.blame == "input":
             return BadInput(answer.message)
         if answer.blame == "stranger" and self._replaces:
-            return ReplacedError(Replaced(None))  # the news of that are on their way
+            # Only the spy says so, if it was replaced. Its liveliness token will report the same later.
+            return ReplacedError(Replaced(None))
         return ClusterFailed(answer.message)
 
     def _wait_for_news_of_a_death(self, seconds: float, give_up: bool) -> None:
-        """Raises if there is any."""
+        """Wait for so long, and raise if a process was replaced meanwhile; other messages are put off."""
         deadline = time.monotonic() + seconds
         while True:
             news = self._take(deadline)
@@ -174,10 +192,10 @@ class Calls:
             self._put_off.append(news)
 
     def ask_for_reports(self, key: str, command: control.Begin | control.Halt) -> int:
-        """Let the report of each cell that ``key`` reaches be queued, once it stops; returns the question's number."""
+        """Have the report of each cell that ``key`` reaches queued once it stops; return the question's number."""
         question, queue, epoch = next(self._questions), self.queue, command.epoch
 
-        def hear(reply: zenoh.Reply) -> None:
+        def hear(reply: zenoh.Reply) -> None:  # on Zenoh's thread
             if reply.ok is None:
                 return
             try:
@@ -193,15 +211,15 @@ class Calls:
         self._get(key, command, direct(lambda _: None), _TOLD_WITHIN)
 
     def next(self, deadline: float | None = None) -> object:
-        """The next message; None at the ``deadline``.
+        """Return the next message, put-off ones first; None if there is none by ``deadline`` (monotonic clock).
 
         Raises:
-            ClusterFailed: if the news is that the job cannot go on.
+            ClusterFailed: if the message is that the job cannot continue.
         """
         return self._put_off.popleft() if self._put_off else self._take(deadline)
 
     def wait(self, seconds: float) -> None:
-        """Let some time go by; messages are put off.
+        """Wait for so many seconds; messages are put off.
 
         Raises:
             ReplacedError: if a process dies meanwhile.
@@ -220,10 +238,12 @@ class Calls:
         return message
 
     def put_off(self, message: object) -> None:
-        """Come back to it after what has come meanwhile."""
+        """Keep a message for later calls of `next`."""
         self._put_off.append(message)
 
     def _get(self, key: str, command: Command, handler: Any, timeout: float) -> None:
+        # By default Zenoh may ask only one queryable, and keeps only the latest reply of each key; here each of
+        # perhaps a thousand nodes is asked by one key, and all answers count.
         self.session.get(
             key,
             handler,

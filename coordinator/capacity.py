@@ -1,7 +1,7 @@
-"""How many node processes this machine can hold, and the refusal to start more.
+"""Estimate how many node processes this machine can hold, and refuse to start more.
 
-What a node needs was measured (docs/cluster.md): 3.3 MB of proportional set size when idle, 9.4 MB after ten minutes of
-1024 asynchronous nodes; three to five threads; one descriptor of the router.
+The needs of a node were measured (docs/cluster.md): 3.3 MB of proportional set size when idle, 9.4 MB after ten minutes
+of 1024 asynchronous nodes; three to five threads; one file descriptor of the router.
 """
 
 import os
@@ -16,11 +16,12 @@ from wire.sessions import MOST_SESSIONS
 
 NODE_BYTES = 10 << 20
 NODE_THREADS = 5
-NODES_A_CORE = 1024  # twice as many as were measured: 1024 on two cores
-_OTHER_BYTES = 200 << 20  # zygote, router, spy and coordinator
+NODES_A_CORE = 1024  # twice the number that was measured, 1024 nodes on two cores
+# Needs of the other processes: zygote, router, spy and coordinator.
+_OTHER_BYTES = 200 << 20
 _OTHER_THREADS = 40
-_OTHER_DESCRIPTORS = 40  # of the router
-_OTHER_SESSIONS = 100  # at the router: spy, coordinator, dashboard, clients
+_OTHER_DESCRIPTORS = 40  # of the router alone
+_OTHER_SESSIONS = 100  # at the router, also those of a dashboard and of clients
 _GIB = 1 << 30
 
 
@@ -30,7 +31,7 @@ class Limit:
 
     Attributes:
         nodes: how many nodes it allows.
-        reason: what the limit is, for people.
+        reason: a description of the limit, for error messages.
     """
 
     nodes: int
@@ -42,11 +43,11 @@ def check(nodes: int, *, force: bool = False, has_router: bool = True) -> None:
 
     Args:
         nodes: how many are asked for.
-        force: start them all the same.
+        force: whether to start them nevertheless: then this does nothing.
         has_router: whether their router runs on this machine too.
 
     Raises:
-        BadInput: says how many the machine can hold, and which limit decides.
+        BadInput: if the machine cannot hold them; the message says how many it can hold, and which limit decides.
     """
     if force:
         return
@@ -91,7 +92,7 @@ def _kilobytes_available(root: Path) -> int | None:
 
 
 def _threads(root: Path) -> Iterator[Limit]:
-    """Every limit of threads, which Linux counts as processes."""
+    """Yield every limit on threads; Linux counts each thread as a process."""
     running = _threads_running(root)
     for name in ("pid_max", "threads-max"):
         most = _text(root / "proc/sys/kernel" / name).strip()
@@ -101,7 +102,7 @@ def _threads(root: Path) -> Iterator[Limit]:
     if left is not None:
         yield _thread_limit(left, "of this control group's pids.max")
     most_of_user, _ = resource.getrlimit(resource.RLIMIT_NPROC)
-    if most_of_user != resource.RLIM_INFINITY and os.getuid() != 0:  # the kernel does not hold root to it
+    if most_of_user != resource.RLIM_INFINITY and os.getuid() != 0:  # the kernel does not apply this limit to root
         yield _thread_limit(most_of_user - _threads_of_user(root), "of this user's process limit (ulimit -u)")
 
 
@@ -123,7 +124,7 @@ def _threads_of_user(root: Path) -> int:
         try:
             if folder.stat().st_uid == os.getuid():
                 count += sum(1 for _ in (folder / "task").iterdir())
-        except OSError:  # it has ended
+        except OSError:  # the process has ended meanwhile
             continue
     return count
 

@@ -1,4 +1,7 @@
-"""What control groups still allow this process: those of cgroup v2, and the controllers of v1 (cgroups(7))."""
+"""Read how much the control groups of this process still allow, in cgroup v2 and in the controllers of v1 (cgroups(7)).
+
+Functions take the folder in which /proc and /sys are looked for, so that tests can bring their own.
+"""
 
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,6 +1,7 @@
-"""Checks what clients submit before it is accepted; a user's own problem only in a process of its own.
+"""Check submitted problems before they are accepted.
 
-A client names a module, never the place where it lies: modules are those that the cluster was started with.
+A user's own problem is checked in a child process: its code may be slow, crash or never return. A client names the
+module only, never its folder: modules come from the folder that the cluster was started with.
 """
 
 import json
@@ -11,17 +12,17 @@ import sys
 from problems import BadInput, ProblemFile, child_process, registry
 from problems.modules import Modules
 
-_WITHIN = 60.0  # seconds: a user's module may have much to import
+_WITHIN = 60.0  # seconds; a user's module may import a lot
 
 
 class Checker(Modules):
-    """Checks the problem files of modules that may be run."""
+    """Reads and checks problem files; users' problems only of modules that may be run."""
 
     def check(self, file: ProblemFile, before: ProblemFile | None = None) -> None:
-        """Refuse a wrong problem, or one whose individuals are coded otherwise than ``before``.
+        """Refuse a wrong problem, or an update that codes individuals in another way than the problem ``before`` it.
 
         Raises:
-            BadInput: names the file and the field.
+            BadInput: if the problem is refused; the message names the file and the field.
         """
         if is_own(file):
             _check_in_a_child(file, before)
@@ -30,12 +31,12 @@ class Checker(Modules):
 
 
 def is_own(file: ProblemFile) -> bool:
-    """Whether checking the problem runs a user's code, and so takes a while."""
+    """Return whether checking the problem runs a user's code."""
     return not registry.is_built_in(file.kind) and ":" in file.kind
 
 
 def check(file: ProblemFile, before: ProblemFile | None = None) -> None:
-    """As `Checker.check`, in this process."""
+    """Check a problem as `Checker.check` does, but always in this process."""
     problem = file.problem()
     file.refuse_unreachable()
     if before is not None:
@@ -52,7 +53,7 @@ def _check_in_a_child(file: ProblemFile, before: ProblemFile | None) -> None:
         complaint = json.loads(done.stdout)
     except subprocess.TimeoutExpired:
         raise BadInput(f"{file.name}: the check of {file.kind!r} took longer than {_WITHIN:.0f} s") from None
-    except ValueError:  # it has said nothing
+    except ValueError:  # no JSON on its output: it ended before it could answer
         raise BadInput(f"{file.name}: the check of {file.kind!r} died: {_last_words(done)}") from None
     if complaint is not None:
         raise BadInput(complaint)
@@ -65,7 +66,10 @@ def _last_words(done: "subprocess.CompletedProcess[bytes]") -> str:
 
 
 def _main() -> None:
-    """In the child: files on standard input, a complaint or null on standard output, whatever the module prints."""
+    """Run the check in the child: files on standard input, an error message or null on standard output.
+
+    `child_process.begin` keeps that output apart from what the user's module prints.
+    """
     answer = child_process.begin(int(sys.argv[1]))
     file, before = (None if each is None else ProblemFile.from_json(each) for each in json.load(sys.stdin))
     assert file is not None

@@ -1,4 +1,4 @@
-"""A cluster of processes on this machine, for as long as the calling process wants it."""
+"""A cluster of processes on this machine that belongs to the calling process and ends with it."""
 
 import secrets
 import threading
@@ -20,27 +20,31 @@ from wire.callbacks import direct
 from wire.keys import Keys
 from wire.seal import Seal
 
-_READY_WITHIN = 120.0  # seconds; a thousand nodes on two cores take less than ten
+_READY_WITHIN = 120.0  # seconds; a thousand nodes on two cores usually take less than ten
 
 
 class LocalCluster:
-    """Router, spy and one node process for each cell of a torus; a context manager.
+    """A router, a spy and one node process for each cell of a topology; a context manager.
 
     When the calling process ends, however it ends, all of them do. A job may ask for any topology of at most as many
-    cells; jobs that find enough free nodes run at once, others one after another, in the order of their coming::
+    cells. Jobs run at the same time while there are enough free nodes; the others wait in the order of submission::
 
         with supernode.LocalCluster(torus=(4, 4)) as cluster:
             result = cluster.submit(supernode.load("examples/arm-ik.toml"), seed=1).result()
 
     Args:
-        torus: rows and columns, as a pair or as text such as ``"4x4"``.
-        topology: instead of ``torus``, a text such as ``"torus 4x4"``.
+        torus: rows and columns of a torus, as a pair or as text such as ``"4x4"``.
+        topology: another topology instead of ``torus``, as text such as ``"ring 16"``.
         force: start it even if this machine cannot hold so many nodes.
 
     Raises:
         ValueError: if there is no such topology; the message begins with ``torus`` if that is wrong.
         BadInput: if this machine cannot hold so many nodes.
-        ClusterFailed: if a process dies before all are ready.
+        ClusterFailed: if a process dies before all are ready, or they are not ready in time.
+
+    Attributes:
+        topology: the topology of the nodes.
+        seconds_to_ready: how long the start took.
     """
 
     def __init__(
@@ -48,9 +52,9 @@ class LocalCluster:
     ) -> None:
         called = time.monotonic()
         self.topology = topologies.parse(topology or with_topology({"torus": torus})["topology"])
-        self.keys = Keys(secrets.token_hex(4))
-        self._failure: str | None = None
-        self._changed = threading.Condition()
+        self.keys = Keys(secrets.token_hex(4))  # a random name, so that clusters side by side do not meet
+        self._failure: str | None = None  # why the cluster cannot be used any more; the first reason stays
+        self._changed = threading.Condition()  # guards what the launcher's and Zenoh's threads change too
         self._submitted = 0
         self._closed = False
         self._dispatcher: Dispatcher | None = None
@@ -71,9 +75,9 @@ class LocalCluster:
             cpu_seconds=self.cpu_seconds_by_process,
             seconds_to_ready=self.seconds_to_ready,
         )
-        with self._changed:  # a death so far has had nobody to be told to
+        with self._changed:
             self._dispatcher = dispatcher
-        self._pass_on_failure()
+        self._pass_on_failure()  # a process may have died before there was a dispatcher
 
     def __enter__(self) -> Self:
         return self
@@ -83,16 +87,16 @@ class LocalCluster:
 
     @property
     def processes(self) -> dict[str, int]:
-        """Process ids by name: "router", "spy", "node 0" and so on."""
+        """The process ids by name: "router", "spy", "node 0" and so on."""
         return dict(self._launcher.processes)
 
     def submit(self, file: ProblemFile, *, log: str | None = None, least_improvement: float = LEAST, **run: Any) -> Job:
-        """Hand in a job; it runs when those before it have ended (its ``seconds`` run from now on).
+        """Submit a job; it runs as soon as there are enough free nodes. Its ``seconds`` count from now on.
 
         Args:
-            file: from `supernode.load`.
-            log: a file to write a run log to, JSON Lines.
-            least_improvement: that is worth a line there, as a share of the fitness before.
+            file: the problem, from `supernode.load`.
+            log: the path of a run log to write, JSON Lines.
+            least_improvement: the least improvement that gets a line there, as a share of the fitness before.
             run: settings that replace those of the file's ``[run]`` table, such as ``seed=1``, ``seconds=5``,
                 ``torus="2x2"``.
 
@@ -102,6 +106,7 @@ class LocalCluster:
         """
         self._raise_failure()
         assert self._dispatcher is not None, "ready by now"
+        # Without a topology of its own a job takes the cluster's, whatever the file's settings say.
         asked = any(run.get(name) is not None for name in ("topology", "torus"))
         settings = run if asked else run | {"topology": self.topology.spec}
         file = file.with_run(**settings)
@@ -111,28 +116,31 @@ class LocalCluster:
         return self._dispatcher.submit(spec)
 
     def cpu_seconds(self) -> float:
-        """CPU time that all processes have used so far, this one included."""
+        """Return the CPU time that all processes have used so far, this one included."""
         return self._launcher.cpu_seconds()
 
     def cpu_seconds_by_process(self) -> dict[str, float]:
-        """The same by name: as in `processes`, "zygote", and "coordinator", which is this process."""
+        """Return the CPU time by name: of each of `processes`, of "zygote", and of "coordinator" (this process)."""
         return self._launcher.cpu_seconds_by_process()
 
     def close(self) -> None:
-        """End every process; a job that still runs fails. Idempotent."""
+        """End every process; jobs that still run or wait fail. Idempotent."""
         with self._changed:
             if self._closed:
                 return
             self._closed = True
             self._failure = self._failure or "the cluster was closed"
-        if self._dispatcher is not None:
+        if self._dispatcher is not None:  # while the processes still run, so that each job ends for this reason
             self._dispatcher.fail(self._failure, closing=True)
             self._dispatcher.wait()
         self._disconnect()
         self._launcher.close()
 
     def _connect(self) -> zenoh.Session:
-        """Wait for the router, then for the token of every node (alive and linked) and of the spy."""
+        """Wait for the router, then for the liveliness tokens of the spy and of all nodes; return the session.
+
+        A node declares its token once it is linked with all neighbours, so this is the ready barrier.
+        """
         self._launcher.started.wait(_READY_WITHIN)
         self._raise_failure()
         endpoint = sessions.unix_socket(self._launcher.folder, "router")
@@ -158,7 +166,7 @@ class LocalCluster:
         return session
 
     def _disconnect(self) -> None:
-        """Without it a session would look for its router for ever."""
+        """Close the session before the router ends: it would look for its router for ever otherwise."""
         if self._session is not None:
             self._session.close()  # type: ignore[no-untyped-call]
 
@@ -171,7 +179,7 @@ class LocalCluster:
             raise ClusterFailed(self._failure)
 
     def _on_death(self, text: str | None) -> None:
-        """Called by the launcher: nothing of a cluster may die while it is open."""
+        """Fail the cluster, since no process may die while it is open. Called on the launcher's thread."""
         with self._changed:
             self._failure = self._failure or self._naming_the_cell(text or "")
             self._changed.notify_all()

@@ -1,7 +1,8 @@
-"""A job's oracle, asked beside its run: in a process of its own, which nobody waits for while cells breed.
+"""Ask a problem's oracle in a process of its own, beside the run of the job.
 
-A run that is solved within half a second never asks. The process is limited (see `problems.oracle_process`); one that
-takes too long, dies or says nothing changes nothing. It dies with the thread that started it.
+A run that is solved within half a second never asks. The process has limits of time and memory (see
+`problems.oracle_process`). If it takes too long, dies or has no answer, the run is as it would be without an oracle.
+The process is killed when the thread that started it ends (parent-death signal); so the conductor's thread starts it.
 """
 
 from __future__ import annotations
@@ -19,16 +20,16 @@ from problems.foretelling import Foretold, has_oracle
 BEGINS_AFTER = 0.5
 """Seconds of search before the oracle is asked."""
 
-_ENDS_AFTER = 10.0  # seconds, where the machine has too much to do for a process to use up its limit
+_ENDS_AFTER = 10.0  # seconds; on a busy machine the process may not use up its limit of processor time earlier
 _LOOK_AGAIN = 0.02  # seconds
 
 
 class Consulting:
-    """Asks a job's oracle what it knows of the problem; no call of this waits.
+    """Asks the oracle of one job's problem. No method blocks; only the conductor's thread uses it.
 
     Attributes:
-        foretold: the answer, once there is one.
-        look_at: the time at which to `look` again, by the monotonic clock; None if there is no need.
+        foretold: the oracle's answer; None until there is one.
+        look_at: when to call `look` again, on the monotonic clock; None if there is nothing to wait for.
     """
 
     def __init__(self) -> None:
@@ -40,20 +41,20 @@ class Consulting:
 
     @property
     def is_hopeless(self) -> bool:
-        """Whether the answer is there, and says that there is no way."""
+        """Whether the oracle has answered that the problem has no solution."""
         return self.foretold is not None and self.foretold.hopeless
 
     @property
     def process(self) -> int | None:
-        """The id of the process that is being asked, if there is one."""
+        """The id of the oracle's process; None if there is none."""
         return None if self._process is None else self._process.pid
 
     def turn_to(self, file: ProblemFile) -> None:
-        """An epoch begins: from half a second on, ask about its problem, unless it is the one as before.
+        """Begin an epoch: ask about its problem after half a second of search, unless it is the same as before.
 
-        What another attempt changes alters how solutions are coded, not whether there are any. Of a user's own kind
-        nobody here knows whether it has an oracle: it is asked when the run has stalled, see `ask`. A job that is kept
-        alive waits for another epoch, and is not told that this one is hopeless.
+        Another attempt changes how solutions are coded, not whether there are any, so it is the same problem here. A
+        user's own kind of problem is asked only when the run has stalled (see `ask`), since it is not known here
+        whether it has an oracle. A job that is kept alive does not ask: an update may make its problem solvable.
         """
         if self._file is not None and self._file.sha256 == file.sha256:
             return
@@ -67,12 +68,12 @@ class Consulting:
         return self._file is not None and self._file.run.oracle and not self._file.run.keep_alive
 
     def ask(self) -> None:
-        """Ask now, since the run has stalled, if that is not done yet; only for problems that have an oracle."""
+        """Ask now, since the run has stalled, unless that was done already; only for problems that have an oracle."""
         if self._is_wanted and self.foretold is None and self._process is None and not self._ends_at:
             self._start()
 
     def look(self) -> Foretold | None:
-        """Start to ask if it is time, or see whether there is an answer."""
+        """Start the process if it is time, or look whether it has answered; return the answer if there is one."""
         if self.look_at is None or (now := time.monotonic()) < self.look_at:
             return self.foretold
         if self._process is None:
@@ -86,7 +87,7 @@ class Consulting:
         return self.foretold
 
     def close(self) -> None:
-        """End the process, if there is one, and forget what it was asked."""
+        """Kill the process, if there is one, and forget the problem."""
         self._end()
         self._file, self._ends_at = None, 0.0
 
@@ -95,7 +96,7 @@ class Consulting:
         now = time.monotonic()
         self._ends_at, self.look_at = now + _ENDS_AFTER, now + _LOOK_AGAIN
         command = [sys.executable, "-P", "-m", "problems.oracle_process", str(os.getpid())]
-        with tempfile.TemporaryFile() as question:  # a pipe would fill up
+        with tempfile.TemporaryFile() as question:  # not a pipe: writing a large problem to one would block
             question.write(self._file.to_json().encode())
             question.seek(0)
             try:
@@ -105,13 +106,13 @@ class Consulting:
                     stdout=subprocess.PIPE,
                     stderr=subprocess.DEVNULL,
                     env=os.environ | ONE_THREAD,
-                    process_group=0,  # Ctrl-C is the caller's business
+                    process_group=0,  # a terminal's Ctrl-C goes to the caller's group only
                 )
-            except OSError:  # no more processes: there is no answer
+            except OSError:  # the system refuses another process, so there will be no answer
                 self.look_at = None
 
     def _read(self, process: subprocess.Popen[bytes]) -> None:
-        """Read what a process has said that has ended: a line, which a pipe holds."""
+        """Read the answer of a process that has ended: one line, short enough for the pipe's buffer."""
         assert process.stdout is not None, "it is a pipe"
         said = process.stdout.read()
         self._end()

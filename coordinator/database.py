@@ -1,7 +1,7 @@
-"""The database behind the store: SQLite in a file, or PostgreSQL, so opened that what is written is safe, and alone.
+"""The database behind the store: SQLite in a file, or PostgreSQL. A committed transaction is safe on disk.
 
-Each store is for one coordinator at a time: a second one would give the same numbers to other jobs. So a store is
-claimed by a lock that ends with the process, however that ends.
+A database serves one coordinator at a time: a second one would give the same numbers to other jobs. So it is claimed by
+a lock that ends with the process, however that ends.
 """
 
 import contextlib
@@ -19,13 +19,13 @@ from sqlalchemy.exc import TimeoutError as NoConnection
 from coordinator.errors import ClusterFailed
 from problems.errors import one_line
 
-_CLAIM = 0x5355_5045_524E_4F44  # PostgreSQL's advisory lock: any number that others will hardly think of
-_CLAIM_WITHIN = 10.0  # seconds: a database takes a moment to see that a killed coordinator is gone
+_CLAIM = 0x5355_5045_524E_4F44  # the number of PostgreSQL's advisory lock ("SUPERNOD"), unlikely in other programs
+_CLAIM_WITHIN = 10.0  # seconds; a database needs a moment to notice that a killed coordinator is gone
 _SQLITE = ("journal_mode=WAL", "synchronous=FULL", "foreign_keys=ON", "busy_timeout=10000")
 
 
 class StoreFailed(ClusterFailed):
-    """The database cannot be used; ``passing`` if it may work again by itself."""
+    """The database cannot be used; ``passing`` says whether it may work again by itself."""
 
     def __init__(self, message: str, passing: bool = False) -> None:
         super().__init__(one_line(message))
@@ -33,13 +33,17 @@ class StoreFailed(ClusterFailed):
 
 
 class Database:
-    """A database that is this process's own until `close`.
+    """A database that this process claims until `close`.
 
     Args:
         url: such as ``sqlite:////home/ada/jobs.sqlite`` or ``postgresql://ada@db.example/supernode``.
 
+    Attributes:
+        name: the URL without its password, for messages.
+        engine: SQLAlchemy's engine.
+
     Raises:
-        StoreFailed: if it cannot be opened, or serves another coordinator.
+        StoreFailed: if the database cannot be opened, or serves another coordinator.
     """
 
     def __init__(self, url: str) -> None:
@@ -54,14 +58,14 @@ class Database:
             raise
 
     def close(self) -> None:
-        """Let go of it. Idempotent."""
+        """Release the claim and all connections. Idempotent."""
         with contextlib.suppress(SQLAlchemyError):
             self._claims.close()
         self.engine.dispose()
 
     @contextlib.contextmanager
     def failing_clearly(self) -> Iterator[None]:
-        """Whatever goes wrong with the database within becomes a `StoreFailed`."""
+        """Turn every exception of SQLAlchemy within into a `StoreFailed`."""
         try:
             yield
         except SQLAlchemyError as error:
@@ -79,7 +83,7 @@ class Database:
                 return create_engine(self._url, pool_pre_ping=True)
             except ModuleNotFoundError as error:
                 raise StoreFailed(f"store: {error.name} is missing (pip install 'supernode[postgres]')") from error
-        os.close(_open_privately(self._path))
+        os.close(_open_privately(self._path))  # a file that SQLite makes itself is usually readable for others
         engine = create_engine(self._url)
         event.listen(engine, "connect", _prepare_sqlite)
         event.listen(engine, "begin", lambda connection: connection.exec_driver_sql("BEGIN"))
@@ -99,10 +103,13 @@ class Database:
             connection.close()
             return False
         self._claims.callback(connection.close)
-        self._claims.callback(connection.detach)  # so that it is closed, and not kept for whoever asks next
+        # The lock belongs to the connection. Detached from the pool, the connection is closed and not used again.
+        self._claims.callback(connection.detach)
         return True
 
     def _claim_file(self, path: Path) -> bool:
+        # A file beside the database: SQLite locks the database file itself, and would lose its locks if this process
+        # closed another descriptor of it (POSIX).
         descriptor = _open_privately(path.with_name(f"{path.name}.lock"))
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -114,12 +121,12 @@ class Database:
 
 
 def url_in(state: Path) -> str:
-    """The URL of the database that a state folder has for its jobs."""
+    """Return the URL of the database in a state folder."""
     return sqlite_url(state / "jobs.sqlite")
 
 
 def sqlite_url(path: Path) -> str:
-    """The URL of a SQLite database in that file."""
+    """Return the URL of a SQLite database in a file."""
     return URL.create("sqlite", database=str(path.absolute())).render_as_string()
 
 
@@ -132,14 +139,14 @@ def _checked(url: str) -> URL:
     if parsed.drivername in ("postgresql", "postgres"):
         return parsed.set(drivername="postgresql+psycopg")
     if parsed.get_backend_name() == "sqlite" and parsed.database in (None, "", ":memory:"):
-        raise StoreFailed(f"{expected}, found a database in memory, which outlives nothing")
+        raise StoreFailed(f"{expected}, found a database in memory, which would be lost with the process")
     if parsed.get_backend_name() not in ("sqlite", "postgresql"):
         raise StoreFailed(f"{expected}, found {parsed.get_backend_name()}")
     return parsed
 
 
 def _open_privately(path: Path) -> int:
-    """A descriptor of that file, which nobody else may read if it is new."""
+    """Open a file for reading and writing, and return its descriptor; a new one is made private to its user."""
     try:
         return os.open(path, os.O_RDWR | os.O_CREAT, 0o600)
     except OSError as error:
@@ -147,7 +154,7 @@ def _open_privately(path: Path) -> int:
 
 
 def _prepare_sqlite(connection: Any, _: object) -> None:
-    """A write is on the disk when it is done, and nobody who reads waits for who writes."""
+    """Set up a connection so that commits are on disk when they return, and readers do not wait for the writer."""
     connection.isolation_level = None  # transactions begin where SQLAlchemy begins them
     for pragma in _SQLITE:
         connection.execute(f"PRAGMA {pragma}")

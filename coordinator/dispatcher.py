@@ -1,6 +1,9 @@
-"""Runs jobs on the nodes of one cluster: as many at once as find free nodes, each conducted on a thread of its own.
+"""Run jobs on the nodes of one cluster: as many at once as there are free nodes for, each conducted on its own thread.
 
-What happens to a job is told to `Hooks`, which keep it or pass it on; a `LocalCluster` needs none.
+The dispatcher reports everything that happens to `Hooks`, which store or publish it; a `LocalCluster` needs none.
+
+Any thread may call it. One re-entrant lock guards the scheduler, the wirings and the table of jobs. While it is held,
+no hook that waits for the disk is called, and no conductor is joined.
 """
 
 import contextlib
@@ -30,12 +33,12 @@ from wire.news import Improvement, LogRecord, Statistics
 from wire.seal import Seal
 from wire.strict import Rejected
 
-_BEGUN_WITHIN = 5.0  # seconds: a thread that was made has begun by then
+_BEGUN_WITHIN = 5.0  # seconds: a thread that was created has begun by then
 _LOOK_AGAIN = 0.01  # seconds
 
 
 class _NoHooks:
-    """Nobody is told."""
+    """Hooks that do nothing."""
 
     def changed(self, number: int, status: str, nodes: tuple[int, ...]) -> None:
         """See `Hooks`."""
@@ -60,20 +63,24 @@ class _NoHooks:
 
 
 class Dispatcher:
-    """The jobs of one cluster.
+    """Runs the jobs of one cluster.
 
     Args:
-        session: through the router.
-        keys: of the cluster.
-        seal: by which its processes obey.
-        topology: of the nodes.
-        wired: whether they have those links; if not, nothing is known of their links.
-        hooks: told of what happens.
-        cpu_seconds: CPU time that each process has used so far, by name.
+        session: a Zenoh session through the router.
+        keys: the key expressions of the cluster.
+        seal: signs commands; the cluster's processes obey only sealed ones.
+        topology: the topology of the nodes.
+        wired: whether the nodes have the links of that topology; if not, their links are unknown.
+        hooks: called with everything that happens; if None, the jobs' own event queues are filled instead.
+        cpu_seconds: returns the CPU time that each process has used so far, by name.
+        seconds_to_ready: how long the cluster took to start, for results.
         replaces: whether dead processes are replaced.
-        max_queue: how many jobs may wait.
-        first_wiring: a number that no wiring of these nodes has had.
-        expected: for a cluster whose nodes `join`, how many at least; then ``topology`` says nothing.
+        max_queue: how many jobs may wait; None for any number.
+        first_wiring: a wiring number that these nodes have not had yet.
+        expected: for a cluster whose nodes `join`, the least number of nodes expected; ``topology`` is unused then.
+
+    Attributes:
+        jobs: the jobs that have not ended, by number.
     """
 
     def __init__(
@@ -96,16 +103,16 @@ class Dispatcher:
         self.keys = keys
         self._seal = seal
         self.hooks: Hooks = hooks or _NoHooks()
-        self._told = hooks is None  # whether somebody here listens to the jobs themselves
+        self._told = hooks is None  # else nobody would empty the jobs' event queues
         self.cpu_seconds = cpu_seconds
         self.seconds_to_ready = seconds_to_ready
         self.replaces = replaces
         self.topology = topology
-        self.jobs: dict[int, JobEntry] = {}  # those that have not ended
+        self.jobs: dict[int, JobEntry] = {}
         self._lock = threading.RLock()
-        self._failure: str | None = None
+        self._failure: str | None = None  # why no job can run any more
         self._node_hosts = NodeHosts()
-        self._wirings: dict[int, tuple[str, Wiring]] = {}  # by node
+        self._wirings: dict[int, tuple[str, Wiring]] = {}  # by node, its latest links; none of a replaced node
         nodes = () if expected is not None else tuple(range(topologies.parse(topology).cells))
         self._scheduler = Scheduler(expected or len(nodes), max_queue, joining=expected is not None)
         if wired and nodes:
@@ -115,7 +122,7 @@ class Dispatcher:
         self._threads: dict[int, threading.Thread] = {}
         self._conductors: dict[int, Conductor] = {}
         self._deadlines = Alarms(self._be_late)
-        # Once for all jobs: to declare costs time, and each key that was ever declared some memory.
+        # One subscriber for all jobs: a declaration takes time, and each key ever declared some memory.
         self._subscribers = [
             session.declare_subscriber(keys.best, direct(self._hear_best)),
             session.declare_subscriber(keys.spy_stats, direct(self._hear_statistics)),
@@ -126,17 +133,17 @@ class Dispatcher:
     def submit(self, spec: JobSpec, *, accepted_before: bool = False) -> JobEntry:
         """Put a job into the queue; it runs when there are enough free nodes.
 
-        One that was ``accepted_before`` by a coordinator that died starts over: no node may still be at it.
+        A job ``accepted_before``, by a coordinator that died, starts over; it is queued even if the queue is full.
 
         Raises:
-            TooLarge: if there will never be.
-            QueueFull: if too many wait.
+            TooLarge: if the cluster has too few nodes.
+            QueueFull: if too many jobs wait.
             ClusterFailed: if the cluster has failed, or is closed.
             BadInput: if the job's log cannot be written.
         """
         job = JobEntry(spec, self._told, self.cancel)
         topology = topologies.parse(spec.file.run.topology)
-        if accepted_before:
+        if accepted_before:  # some nodes may still hold the job; those that do must forget it before it starts over
             key = self.keys.every_control
             payload = self._seal.close(key, control.encode(Drop(spec.number)))
             self.session.get(key, direct(lambda _: None), payload=payload, timeout=5.0)
@@ -146,13 +153,13 @@ class Dispatcher:
             priority = spec.priority
             self._scheduler.add(spec.number, topology.cells, topology.spec, priority, accepted_before=accepted_before)
             self.jobs[spec.number] = job
-        self.hooks.changed(spec.number, "queued", ())
+        self.hooks.changed(spec.number, "queued", ())  # before `_start`: its conductor reports the next state
         self._set_deadline(spec)
         self._start()
         return job
 
     def adopt(self, spec: JobSpec, placement: Placement) -> JobEntry:
-        """Take over a job that runs already, from a coordinator that died."""
+        """Take over a job that runs already, from a dead coordinator. Raise ValueError if its nodes are not free."""
         job = JobEntry(spec, self._told)
         with self._lock:
             topology = placement.file.run.topology
@@ -169,7 +176,7 @@ class Dispatcher:
             self._deadlines.set(spec.number, spec.submitted + seconds)
 
     def _be_late(self, number: int) -> None:
-        """A job's time is over: its answer is what is known now, wherever it is; its nodes stop when they can."""
+        """End a job at its deadline: clients get the best answer now, its nodes stop when they can. Alarms' thread."""
         with self._lock:
             job = self.jobs.get(number)
             if job is None:
@@ -178,29 +185,29 @@ class Dispatcher:
             self.hooks.changed(number, "deadline", self._scheduler.nodes_of(number) or ())
         job.queue.put(StopRequest("deadline"))
         if waiting:
-            self._conduct(job, ())
+            self._conduct(job, ())  # without nodes: only to make its result
 
     def cancel(self, number: int) -> None:
-        """Let a job stop; one that still waits ends at once. Harmless if it has ended."""
+        """Stop a job; one that still waits ends at once. Harmless if the job has ended."""
         with self._lock:
             job = self.jobs.get(number)
             waiting = self._scheduler.remove(number)
         if job is not None:
             job.queue.put(StopRequest("cancel"))
             if waiting:
-                self._conduct(job, ())
+                self._conduct(job, ())  # without nodes: only to make its result
 
     def update(self, number: int, fields: dict[str, Any]) -> int:
-        """Another epoch for a job: each field that is given replaces the old one. Its number.
+        """Replace fields of a job's problem; return the number of the new epoch once all nodes are prepared for it.
 
         Raises:
-            BadInput: if there can be no such world.
+            BadInput: if the changed problem is not valid.
             ClusterFailed: if the job has ended.
         """
         return self._running(number).update(**fields)
 
     def rewire(self, number: int, topology: str) -> int:
-        """Another topology for a job, which makes another epoch; see `update`."""
+        """Change a job's topology, which begins another epoch; return the number of that epoch. See `update`."""
         return self._running(number).rewire(topology)
 
     def _running(self, number: int) -> JobEntry:
@@ -210,12 +217,12 @@ class Dispatcher:
             return self.jobs[number]
 
     def job_on(self, node: int) -> str | None:
-        """The job that a node is at."""
+        """Return the id of the job that a node belongs to; None if it is free."""
         job, _ = self.place_of(node)
         return None if job is None else job.spec.job
 
     def place_of(self, node: int) -> tuple[JobEntry | None, int | None]:
-        """The job that a node is at, and its cell there."""
+        """Return the job that a node belongs to, and its cell there; None twice if it is free."""
         with self._lock:
             for number, job in self.jobs.items():
                 nodes = self._scheduler.nodes_of(number) or ()
@@ -224,7 +231,7 @@ class Dispatcher:
         return None, None
 
     def fail(self, message: str, closing: bool = False) -> None:
-        """A process died that nothing replaces, or the cluster is being closed: every job fails."""
+        """Fail every job, also later ones: a process died that is not replaced, or the cluster is ``closing``."""
         with self._lock:
             self._failure = self._failure or message
             jobs = list(self.jobs.values())
@@ -235,9 +242,9 @@ class Dispatcher:
             self._conduct(job, ())
 
     def replaced(self, node: int | None) -> None:
-        """Another process lives in the place of a dead node, or of the dead spy."""
+        """Note that a new process has replaced that of a node (None: of the spy), and inform the jobs concerned."""
         with self._lock:
-            if node is not None:
+            if node is not None:  # the new process has no links
                 self._scheduler.replaced(node)
                 self._wirings.pop(node, None)
             for job in self.jobs.values():
@@ -246,13 +253,13 @@ class Dispatcher:
                     job.queue.put(Replaced(node))
 
     def joined(self, node: int) -> None:
-        """There is another node. Harmless if it is there already."""
+        """Add a node to the cluster. Harmless if it is there already."""
         with self._lock:
             self._scheduler.join([node])
         self._start()
 
     def left(self, nodes: Iterable[int], why: str) -> None:
-        """Nodes are gone that nothing replaces: the jobs that live on one of them fail."""
+        """Remove nodes that are gone for good; the jobs that have one of them fail with the message ``why``."""
         with self._lock:
             self._node_hosts.leave(nodes)
             for node in nodes:
@@ -261,7 +268,7 @@ class Dispatcher:
                 self.jobs[number].queue.put(Failure(why))
 
     def wait(self) -> None:
-        """Until every job has ended."""
+        """Wait until every job has ended."""
         while self._threads:
             for number, thread in list(self._threads.items()):
                 if not _joined(thread):
@@ -294,16 +301,16 @@ class Dispatcher:
     # For conductors, on their threads ---------------------------------------------------------------------------------
     @property
     def cluster_nodes(self) -> int:
-        """How many nodes there are, at any job or at none."""
+        """The number of nodes in the cluster, busy or free."""
         with self._lock:
             return len(self._scheduler.here)
 
     def wire(self, nodes: tuple[int, ...], topology: str, fresh: bool = False) -> Wiring:
-        """The links for an epoch: those that all its nodes have, or (``fresh``: always) new ones."""
+        """Return the links for an epoch: the existing ones if all its nodes share them, else (or if ``fresh``) new."""
         with self._lock:
             known = {self._wirings.get(node) for node in nodes}
             for spec, wiring in [each for each in known if each is not None]:
-                if len(known) == 1 and not fresh and spec == topology and wiring.nodes == nodes:
+                if len(known) == 1 and not fresh and spec == topology and wiring.nodes == nodes:  # in this order too
                     return wiring
             wiring = self._node_hosts.wiring(next(self._numbers), nodes)
             self._note(topology, wiring)
@@ -313,35 +320,35 @@ class Dispatcher:
         self._wirings |= dict.fromkeys(wiring.nodes, (topology, wiring))
 
     def changed(self, job: JobEntry, status: str) -> None:
-        """The job is in another state."""
+        """Pass on that the job has entered another state."""
         number = job.spec.number
         self.hooks.changed(number, status, self._scheduler.nodes_of(number) or ())
 
     def placed(self, job: JobEntry, placement: Placement) -> None:
-        """The job is about to begin in an epoch."""
+        """Pass on that the job is about to begin an epoch, and note how its nodes are linked from now on."""
         if placement.epoch > 0:
             with self._lock:
                 self._scheduler.rewired(job.spec.number, placement.file.run.topology)
         self.hooks.placed(job.spec.number, placement)
 
     def improved(self, job: JobEntry, better: Improvement) -> None:
-        """There is a better answer."""
+        """Pass on a better answer."""
         self.hooks.improved(job.spec.number, better)
 
     def lived(self, job: JobEntry, epoch: int, records: Sequence[ImprovementRecord]) -> None:
-        """An epoch of the job has ended, in which there were these improvements."""
+        """Pass on the improvements of an epoch that has ended."""
         self.hooks.lived(job.spec.number, epoch, records)
 
-    # Who runs ---------------------------------------------------------------------------------------------------------
+    # Conductors and their threads -------------------------------------------------------------------------------------
     def _start(self) -> None:
-        """Those that may."""
+        """Start the queued jobs for which there are nodes now. Called whenever a job comes or nodes become free."""
         with self._lock:
             placed: list[Placed] = self._scheduler.start()
         for number, nodes in placed:
             self._conduct(self.jobs[number], nodes)
 
     def _conduct(self, job: JobEntry, nodes: tuple[int, ...], adopted: Placement | None = None) -> None:
-        """On a thread of its own; a job without nodes has only its queue to read, and ends by that."""
+        """Conduct a job on a thread of its own; one without nodes ends at once, as the message in its queue says."""
         thread = threading.Thread(
             target=self._run, args=(job, nodes, adopted), name=f"conductor {job.spec.number}", daemon=True
         )
@@ -350,6 +357,7 @@ class Dispatcher:
             thread.start()
 
     def _run(self, job: JobEntry, nodes: tuple[int, ...], adopted: Placement | None) -> None:
+        """Conduct a job to its end, on the conductor's thread; this returns normally whatever happens."""
         outcome: Result | Exception
         try:
             conductor = Conductor(
@@ -357,7 +365,7 @@ class Dispatcher:
             )
             self._conductors[job.spec.number] = conductor
             outcome = conductor.conduct(self.seconds_to_ready, self.cpu_seconds)
-        except Exception as error:  # a mistake in the problem, or else; whoever waits must hear of it
+        except Exception as error:  # a mistake in the problem or here; clients that wait must get it as the outcome
             outcome = error
         number = job.spec.number
         self._deadlines.forget(number)
@@ -367,16 +375,16 @@ class Dispatcher:
             self._conductors.pop(number, None)
         self.hooks.ended(number, outcome)
         job.end(outcome)
-        self._start()
+        self._start()  # before this thread counts as ended: `wait` must see the threads of jobs that start now
         with self._lock:
             self._threads.pop(number, None)
 
 
 def _joined(thread: threading.Thread) -> bool:
-    """Join a thread; return whether there was one.
+    """Join a thread; return whether it ever ran.
 
-    Ctrl-C may have come while it was being started: `Thread.join` refuses a thread that has not begun yet, and one that
-    was never made does not begin at all. CPython does not tell which of the two it is, so this waits for a while.
+    Ctrl-C may have interrupted `Thread.start`. `Thread.join` raises for a thread that has not begun yet, and also for
+    one whose system thread was never created. CPython does not tell the two apart, so this tries again for a while.
     """
     until = time.monotonic() + _BEGUN_WITHIN
     while True:

@@ -1,5 +1,5 @@
-"""What can go wrong with a cluster."""
+"""The exception for failures of a cluster."""
 
 
 class ClusterFailed(RuntimeError):  # noqa: N818
-    """A process of the cluster died, or did not come up; the message names the cell."""
+    """The cluster, or one of its processes, failed; the message says which process and why, as far as that is known."""

@@ -1,4 +1,4 @@
-"""Between the service and the dispatcher: what each may ask of the other."""
+"""The interfaces between the service and the dispatcher."""
 
 from collections.abc import Sequence
 from typing import Any, Protocol
@@ -13,72 +13,78 @@ from wire.news import Improvement, LogRecord, Statistics
 
 
 class Hooks(Protocol):
-    """What the dispatcher tells, on any thread; nobody waits in there."""
+    """What the dispatcher calls when something happens, on any thread.
+
+    Only `placed` may wait: the dispatcher may hold its lock, or be on Zenoh's thread, when it calls the others.
+    """
 
     def changed(self, number: int, status: str, nodes: tuple[int, ...]) -> None:
-        """A job's state, or the nodes that it lives on, in the order of its cells."""
+        """A job has entered a state, or has other nodes; ``nodes`` are in the order of its cells."""
 
     def placed(self, number: int, placement: Placement) -> None:
-        """A job is about to begin in an epoch; when this returns it is known to whoever takes over."""
+        """A job is about to begin an epoch. When this returns, a coordinator that takes over will know it."""
 
     def improved(self, number: int, improvement: Improvement) -> None:
         """A better answer was verified."""
 
     def lived(self, number: int, epoch: int, records: Sequence[ImprovementRecord]) -> None:
-        """An epoch of a job has ended, in which there were these improvements; the same may be told again."""
+        """An epoch of a job has ended with these improvements; may be called again for the same epoch."""
 
     def measured(self, statistics: Statistics) -> None:
-        """How a job is, twice a second."""
+        """Statistics of a job have come, twice a second."""
 
     def logged(self, record: LogRecord) -> None:
-        """A process has something to say."""
+        """A process has published a log message."""
 
     def ended(self, number: int, outcome: Result | Exception) -> None:
         """A job has ended, with a result or because something broke."""
 
 
 class Dispatcher(Protocol):
-    """What runs jobs. It refuses with `BadInput` or `coordinator.scheduler.QueueFull`, in words for the client."""
+    """The interface of what runs jobs.
+
+    It refuses jobs with `BadInput` or `coordinator.scheduler.QueueFull`; the messages are for the client.
+    """
 
     @property
     def topology(self) -> str:
-        """How the nodes were wired when they were launched: that of jobs that ask for none."""
+        """The topology of the nodes at launch, which jobs get that ask for none."""
         ...
 
     def submit(self, spec: JobSpec, *, accepted_before: bool = False) -> JobEntry:
-        """Queue a job; one that was ``accepted_before`` is never too many, and no node may still be at it."""
+        """Queue a job. One that was ``accepted_before`` starts over and is never refused because the queue is full."""
         ...
 
     def adopt(self, spec: JobSpec, placement: Placement) -> JobEntry:
-        """A job that runs already."""
+        """Take over a job that runs already."""
         ...
 
     def cancel(self, number: int) -> None:
         """End a job, queued or running; nothing happens if it has ended already."""
 
     def update(self, number: int, fields: dict[str, Any]) -> int:
-        """Another epoch for a job; its number, once all nodes are prepared."""
+        """Replace fields of a job's problem; return the number of the new epoch once all nodes are prepared."""
         ...
 
     def rewire(self, number: int, topology: str) -> int:
-        """Another topology for a job, which makes another epoch; its number."""
+        """Change a job's topology; return the number of the new epoch once all nodes are prepared."""
         ...
 
     def nodes(self) -> list[dict[str, Any]]:
-        """Each node, as `status` shows it."""
+        """Return each node as the command `status` shows it."""
         ...
 
     def spy(self) -> int | None:
-        """The process of the spy, if there is one."""
+        """Return the id of the spy's process; None if there is none."""
         ...
 
     def close(self) -> None:
-        """Stop, without a word to the hooks."""
+        """Stop without calling any hook."""
 
 
 class MakeDispatcher(Protocol):
-    """How a dispatcher is made."""
+    """A function that makes a dispatcher."""
 
     def __call__(self, session: zenoh.Session, keys: Keys, nodes: int, hooks: Hooks) -> Dispatcher:
-        """A dispatcher of that many nodes."""
+        """Return a dispatcher of ``nodes`` nodes."""
         ...

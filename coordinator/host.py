@@ -1,8 +1,10 @@
-"""A host of nodes that join a cluster: a zygote of its own, in a container or on a machine, which forks so many nodes.
+"""A host of nodes that join a cluster: a zygote of its own, in a container or on another machine.
 
-A forked agent asks the coordinator for the nodes' numbers and stays for as long as the host does: its token says that
-the host is there, and a coordinator that takes over learns from it which nodes live here. A node that dies is forked
-anew under its number. When the host's own process ends, however it ends, all of them do.
+The host's zygote first forks an agent, since the zygote itself must not open a Zenoh session (a fork after that hangs).
+The agent asks the coordinator for the nodes' numbers, writes them to a pipe and signals the zygote, which then forks
+the nodes. The agent runs as long as the host does: its liveliness token says that the host is present, and a
+coordinator that takes over asks it which nodes run here. A node that dies is replaced under the same number. When the
+zygote ends, however it ends, all its children do.
 """
 
 import json
@@ -28,26 +30,26 @@ from wire.seal import Seal
 from wire.strict import Rejected
 
 _ENDING = {signal.SIGTERM, signal.SIGINT, signal.SIGHUP}
-_JOINED = signal.SIGUSR1
-_REFUSED = 101  # the exit status of an agent whose host is not let in
+_JOINED = signal.SIGUSR1  # from the agent: the nodes' numbers are in the pipe
+_REFUSED = 101  # exit status of an agent whose host the coordinator has refused
 _ANSWER_WITHIN = 5.0  # seconds
-_AGAIN = 0.1
+_AGAIN = 0.1  # seconds
 _AGENT = "agent"
 
 
 class HostZygote(Zygote):
-    """The forks of one host.
+    """Forks the agent and the nodes of one host.
 
     Args:
         cluster: the name of the cluster.
-        router: the endpoint of its router.
-        secret: of the cluster; see `wire.seal`.
-        modules: users' modules that its nodes may import.
-        host: this one, which has no numbers yet.
-        force: start its nodes even if this machine cannot hold so many.
+        router: the endpoint of the cluster's router.
+        secret: the cluster's secret; see `wire.seal`.
+        modules: users' modules that the nodes may import.
+        host: this host, which has no node numbers yet.
+        force: start the nodes even if this machine cannot hold so many.
 
     Raises:
-        BadInput: if it cannot; says how many it can.
+        BadInput: if this machine cannot hold so many nodes; the message says how many it can hold.
     """
 
     def __init__(
@@ -63,10 +65,10 @@ class HostZygote(Zygote):
         self._numbers, self._tell_numbers = os.pipe()
 
     def run(self) -> None:
-        """Join, and be there until a signal says that it is to end.
+        """Join the cluster and run until SIGTERM, SIGINT or SIGHUP comes.
 
         Raises:
-            ClusterFailed: if the cluster does not let it in, or its processes die too often.
+            ClusterFailed: if the coordinator refuses the host, or its processes die too often.
         """
         awaited = _ENDING | {signal.SIGCHLD, _JOINED}
         signal.pthread_sigmask(signal.SIG_BLOCK, awaited)
@@ -77,12 +79,14 @@ class HostZygote(Zygote):
                 if woken == _JOINED:
                     self._fork_nodes()
                 elif self._one_died():
-                    raise ClusterFailed("this host's processes died too often, or it was not let in; see above")
+                    raise ClusterFailed(
+                        "this host's processes died too often, or the cluster refused it; see the log above"
+                    )
         finally:
             self._kill_all()
 
     def _fork_nodes(self) -> None:
-        if self._host.nodes:
+        if self._host.nodes:  # forked already
             return
         self._host = self._host.with_nodes(tuple(json.loads(os.read(self._numbers, 1 << 16))))
         for node in self._host.nodes:
@@ -127,21 +131,28 @@ class HostZygote(Zygote):
 
 
 def _as_usual(live: Callable[[], None]) -> None:
-    """The life of a child, to which signals mean what they do to any process; Ctrl-C is its parent's business."""
+    """Call ``live`` in a child, with the signals unblocked that the zygote blocks; only the zygote reacts to Ctrl-C."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, _ENDING | {_JOINED})
     live()
 
 
 def attend(host: Host, keys: Keys, router: str, seal: Seal, tell: Callable[[tuple[int, ...]], None]) -> None:
-    """Be the agent of a host until the process is ended; ``tell`` is called with the nodes' numbers.
+    """Run as the agent of a host until the process is killed.
+
+    Args:
+        host: the host. If it has node numbers already, the agent before this one has died, and none are asked for.
+        keys: the key expressions of the cluster.
+        router: the endpoint of the cluster's router.
+        seal: seals what the agent sends.
+        tell: called once with the nodes' numbers, if they were asked for.
 
     Raises:
-        ClusterFailed: if the cluster does not let the host in.
+        ClusterFailed: if the coordinator refuses the host.
     """
     sessions.use_runtime(sessions.NODE_RUNTIME)
     session = sessions.client(router)
-    here = [host]
+    here = [host]  # as it is now; Zenoh's thread reads it
 
     def present(query: zenoh.Query) -> None:
         with query:
@@ -159,10 +170,10 @@ def attend(host: Host, keys: Keys, router: str, seal: Seal, tell: Callable[[tupl
 
 
 def _numbers(session: zenoh.Session, keys: Keys, seal: Seal, host: Host) -> tuple[int, ...]:
-    """Ask the coordinator until there is one that answers.
+    """Ask for the nodes' numbers until a coordinator answers.
 
     Raises:
-        ClusterFailed: if it refuses.
+        ClusterFailed: if the coordinator refuses the host.
     """
     there = threading.Event()
 
@@ -177,7 +188,7 @@ def _numbers(session: zenoh.Session, keys: Keys, seal: Seal, host: Host) -> tupl
             if reply.ok is not None:
                 watcher.undeclare()  # type: ignore[no-untyped-call]
                 return _read(reply.ok.payload.to_bytes())
-        threading.Event().wait(_AGAIN)  # it is about to be known, or has just died
+        threading.Event().wait(_AGAIN)  # the coordinator's queryable is not known yet, or it has just died
 
 
 def _read(payload: bytes) -> tuple[int, ...]:

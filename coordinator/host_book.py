@@ -1,8 +1,8 @@
-"""The coordinator's book of hosts: who has joined, with which nodes, and who has left.
+"""The coordinator's record of hosts: which have joined, with which nodes, and which have left.
 
-A host's token drops when the host dies, but also when the router does; so only one that stays away has left. One that
-comes again under its name before that gets its numbers again, and the jobs on these go on. A coordinator that takes
-over asks all hosts who they are.
+A host's liveliness token drops when the host ends, but also when the router does. So a host counts as gone only after
+it has stayed away for `LEFT_AFTER`. A host that returns under the same name before that gets the same node numbers, and
+the jobs on these nodes continue. A coordinator that takes over asks all hosts who they are.
 """
 
 import contextlib
@@ -23,28 +23,31 @@ from wire.keys import Keys
 from wire.seal import NOT_OURS, Seal
 from wire.strict import Rejected
 
-LEFT_AFTER = 30.0  # seconds; a container that starts again is there in a few
+LEFT_AFTER = 30.0  # seconds; a container that is restarted is back within a few
 
 _ANSWER_WITHIN = 5.0
 
 
 @dataclass(frozen=True)
 class _Seen:
-    """A host's token has come or gone."""
+    """The liveliness token of a host has appeared (``here``) or disappeared."""
 
     id: str
     here: bool
 
 
 class HostBook:
-    """Gives out numbers.
+    """Gives node numbers to hosts, and notices which hosts have left.
+
+    Zenoh's threads only queue what they receive; one thread of this object handles it, and alone changes the tables
+    (after the constructor, which fills them).
 
     Args:
-        session: through the router.
-        keys: of the cluster.
-        seal: that of those who may join.
-        came: called with a host that has got its numbers, before it knows them.
-        left: called with one that has stayed away.
+        session: a Zenoh session through the router.
+        keys: the key expressions of the cluster.
+        seal: opens what hosts say; only hosts with the cluster's secret may join.
+        came: called with a host that has got its numbers, before the host knows them.
+        left: called with a host that has stayed away, or with one that gives up a part of its nodes.
     """
 
     def __init__(
@@ -56,10 +59,10 @@ class HostBook:
         self._came = came
         self._left = left
         self._hosts: dict[str, Host] = {}  # by id; their nodes are disjoint
-        self._present: set[str] = set()  # those whose token is there
-        self._away: dict[str, float] = {}  # the others: when it is too late to come again, on the monotonic clock
+        self._present: set[str] = set()  # ids of hosts whose token exists
+        self._away: dict[str, float] = {}  # ids of the other hosts, with the time (monotonic) when they count as gone
         self._mail: queue.SimpleQueue[zenoh.Query | _Seen] = queue.SimpleQueue()
-        self._ask_all()
+        self._ask_all()  # before any host can ask for numbers: those that are in use must not be given again
         self._declared = [
             session.liveliness().declare_subscriber(keys.any_host, direct(self._see), history=True),
             session.declare_queryable(keys.nodes, direct(self._mail.put)),
@@ -67,11 +70,11 @@ class HostBook:
         threading.Thread(target=self._work, name="hosts", daemon=True).start()
 
     def host_of(self, node: int) -> str | None:
-        """The name of the host that has this node."""
+        """Return the name of the host that a node runs on; None if no host has it. Any thread may call this."""
         return next((host.name for host in list(self._hosts.values()) if node in host.nodes), None)
 
     def _ask_all(self) -> None:
-        """Those who had joined before this coordinator came."""
+        """Note the hosts that joined under the previous coordinator."""
         replies = self._session.get(
             self._keys.any_host,
             target=zenoh.QueryTarget.ALL,
@@ -80,21 +83,21 @@ class HostBook:
         )
         for reply in replies:
             if reply.ok is not None:
-                with contextlib.suppress(Rejected):  # a stranger's
+                with contextlib.suppress(Rejected):  # not sealed with the cluster's secret
                     self._note(self._open(str(reply.ok.key_expr), reply.ok.payload))
 
     def _open(self, key: str, payload: zenoh.ZBytes | None) -> Host:
-        """What a host says of itself.
+        """Return the host that a message describes.
 
         Raises:
-            Rejected: if it is not sealed, or cannot be read.
+            Rejected: if the message is not sealed with the cluster's secret, or cannot be read.
         """
         return Host.decode(self._seal.open(key, b"" if payload is None else payload.to_bytes()))
 
     def _note(self, host: Host) -> None:
         if host.nodes:
             self._hosts[host.id] = host
-            if host.id not in self._present:
+            if host.id not in self._present:  # its token has not been reported yet; until then it counts as away
                 self._away[host.id] = time.monotonic() + LEFT_AFTER
             self._came(host)
 
@@ -103,7 +106,7 @@ class HostBook:
         self._mail.put(_Seen(host, sample.kind == zenoh.SampleKind.PUT))
 
     def _work(self) -> None:
-        """One thing after the other, for ever."""
+        """Handle one message after another, for ever."""
         while True:
             message = self._next()
             if isinstance(message, zenoh.Query):
@@ -135,7 +138,7 @@ class HostBook:
             if self._session.info.routers_zid():
                 del self._away[host]
                 self._left(self._hosts.pop(host))
-            else:  # it is this process that is cut off
+            else:  # this process is cut off from the router, so nothing is known of the host
                 self._away[host] = now + LEFT_AFTER
 
     def _answer(self, query: zenoh.Query) -> Done | Refused:
@@ -146,15 +149,15 @@ class HostBook:
                 return Refused("this host has another secret than the cluster: give both the same --secret-file")
             return Refused(f"the request to join cannot be read: {error.reason}")
         known = self._hosts.get(asking.id)
-        if known is not None:
+        if known is not None:  # it did not get the first answer
             return Done(list(known.nodes))
         before = next((host for host in self._hosts.values() if host.name == asking.name), None)
         if before is not None and before.id not in self._away:
-            return Refused(f"a host named {asking.name} is here already")
+            return Refused(f"a host named {asking.name} has joined already: give this one another name (--host)")
         return Done(list(self._let_in(asking, before)))
 
     def _let_in(self, asking: Host, before: Host | None) -> tuple[int, ...]:
-        """Its old numbers, then the lowest that nobody has."""
+        """Give a host its numbers: those that it had ``before`` under that name, then the lowest free ones."""
         old: tuple[int, ...] = ()
         if before is not None:
             del self._hosts[before.id], self._away[before.id]

@@ -1,4 +1,4 @@
-"""One job, as whoever submitted it sees it, and the mail of its conductor."""
+"""One job, as its submitter sees it, and the messages to its conductor."""
 
 import queue
 import threading
@@ -19,20 +19,20 @@ from topologies import Topology
 from wire.news import Improvement, Statistics
 
 _LOOK_AGAIN = 0.2  # seconds
-_MOST_RECORDS = 1 << 16  # improvements of one job, which may be kept alive for days
+_MOST_RECORDS = 1 << 16  # improvements kept of one job, which may be kept alive for days
 
 
-# Mail: what a conductor is to know, beside answers and reports -------------------------------------------------------
+# Messages to a conductor, besides answers and reports -----------------------------------------------------------------
 @dataclass(frozen=True)
 class StopRequest:
-    """Somebody wants the job to stop, or its oracle has found that there is no way."""
+    """A client or a deadline wants the job to stop, or its oracle has found that it has no solution."""
 
     reason: Literal["cancel", "deadline", "infeasible"]
 
 
 @dataclass(frozen=True)
 class Failure:
-    """The job cannot go on: a process died that nothing replaces, or (``closing``) the cluster is being closed."""
+    """The job cannot continue: a process died that is not replaced, or (``closing``) the cluster is being closed."""
 
     message: str
     closing: bool = False
@@ -40,19 +40,19 @@ class Failure:
 
 @dataclass(frozen=True)
 class Replaced:
-    """Another process lives in the place of a node, or of the spy if that is None: the one before has died."""
+    """The process of a node (None: of the spy) has died, and a new process has taken its place."""
 
     node: int | None
 
 
 @dataclass(frozen=True)
 class Change:
-    """Somebody wants the job to go on in another epoch.
+    """A client wants the job to continue in another epoch.
 
     Attributes:
-        fields: of the problem, each in the place of the old one.
-        run: settings of the run, likewise.
-        answer: takes the number of the new epoch, or why there is none.
+        fields: fields of the problem that replace the old ones.
+        run: settings of the run that replace the old ones.
+        answer: receives the number of the new epoch, or the exception that says why there is none.
     """
 
     fields: dict[str, Any]
@@ -63,17 +63,19 @@ class Change:
 # ----------------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class JobSpec:
-    """What was submitted.
+    """A job as it was submitted.
 
     Attributes:
-        number: of the job, unique in the cluster.
-        log: a file for the run log.
-        least_improvement: that is worth a line there, as a share of the fitness before.
-        job: the job's name; its number if it was given none.
-        submitted: on the monotonic clock.
-        past: the epochs that it has lived in, if it begins again, when nobody is left who has its demes.
-        best: the best verified answer that it had then, to the problem as it is now.
-        first_run: the settings that it was submitted with, if others follow.
+        number: the job's number, unique within the cluster.
+        file: the problem file, with the settings of the run.
+        log: the path of the run log; None for no log.
+        job: the job's id; empty in a `LocalCluster`, where results show the number instead.
+        priority: jobs of a higher priority start earlier.
+        submitted: when the job was submitted, on the monotonic clock; its deadline counts from then.
+        past: the sum of its earlier epochs, if the job begins again because no node is left that has its demes.
+        best: the best verified answer that it had then, to the problem of ``file``.
+        first_run: the settings that it was submitted with, if those of ``file`` differ.
+        least_improvement: the least improvement that gets a line in the run log, as a share of the fitness before.
     """
 
     number: int
@@ -90,13 +92,16 @@ class JobSpec:
 
 @dataclass(frozen=True)
 class Placement:
-    """Where a job lives in its latest epoch: what a coordinator must know to take over from a dead one.
+    """The latest epoch of a job and its nodes: what a coordinator must know to take over from a dead one.
 
     Attributes:
+        epoch: the number of the epoch.
+        file: the problem file that holds in it.
+        nodes: the job's nodes, in the order of its cells.
         wiring: the number of the links between the nodes.
-        why: how that epoch followed the one before, as a directive.
-        past: the epochs before; that one's end may not be in it yet.
-        best: the best verified answer so far, for a coordinator that takes over.
+        why: the directive that says why this epoch followed the previous one.
+        past: the sum of the earlier epochs; the one just before may be missing, as its cells may not have stopped yet.
+        best: the best verified answer so far; only for a coordinator that takes over.
     """
 
     epoch: int
@@ -110,7 +115,7 @@ class Placement:
 
 @dataclass(frozen=True)
 class BegunAnew:
-    """The job had stalled without an answer, and makes another attempt: ``why`` is its directive."""
+    """The event that a job begins another attempt after it has stalled; ``why`` is the attempt's directive."""
 
     why: Mapping[str, Any]
 
@@ -119,7 +124,7 @@ Event = Improvement | Statistics | BegunAnew
 
 
 class Job:
-    """A job of a cluster."""
+    """A job of a cluster. Any thread may use it; each improvement or event goes to one reader only."""
 
     def __init__(self, spec: JobSpec) -> None:
         self.spec = spec
@@ -131,7 +136,7 @@ class Job:
         self._error: Exception | None = None
 
     def improvements(self) -> Iterator[Improvement]:
-        """Each verified improvement as it comes; ends with the job.
+        """Yield each verified improvement as it comes, until the job ends.
 
         Raises:
             BadInput: if the problem turns out to be wrong where its module is imported.
@@ -141,18 +146,24 @@ class Job:
                 yield event
 
     def events(self) -> Iterator[Event]:
-        """Improvements, beginnings anew, and statistics of all its nodes twice a second; ends with the job."""
+        """Yield improvements, new attempts, and statistics over all nodes twice a second, until the job ends.
+
+        Raises:
+            BadInput: as `improvements`.
+        """
         while (event := self._news.get()) is not None:
             yield event
-        self._news.put(None)  # for whoever asks again
+        self._news.put(None)  # so that another iteration ends too
         if self._error is not None:
             raise self._error
 
     def result(self, timeout: float | None = None) -> Result:
-        """Wait for the end. If the cluster or the problem broke, the result's status is "failed" and it says why.
+        """Wait for the end of the job and return its result.
+
+        If the cluster or the problem broke, the result's status is "failed" and its message says why.
 
         Args:
-            timeout: seconds.
+            timeout: seconds to wait; None for any time.
 
         Raises:
             TimeoutError: if the job has not ended by then.
@@ -166,9 +177,9 @@ class Job:
         return self._result
 
     def history(self) -> list[ImprovementRecord]:
-        """Every improvement of its epochs that have ended: the same for equal lockstep runs; of very many the latest.
+        """Return the improvements in all epochs that have ended; of very many only the latest.
 
-        Those of the last epoch are there when the job has ended.
+        Equal lockstep runs have equal histories. The last epoch is included once the job has ended.
         """
         return list(self._history)
 
@@ -177,23 +188,27 @@ class Job:
         self.queue.put(StopRequest("cancel"))
 
     def update(self, **fields: Any) -> int:
-        """Change the world while the job runs: each of the problem's fields that is given replaces the old one.
+        """Change the problem while the job runs; the population continues in the changed problem.
 
-        The live population goes on in it. Returns the number of the new epoch once every node is ready for it.
+        Args:
+            fields: fields of the problem that replace the old ones.
+
+        Returns:
+            The number of the new epoch, once every node is prepared for it.
 
         Raises:
-            BadInput: if there can be no such world; the job goes on in the old one.
-            ClusterFailed: if the job has ended.
+            BadInput: if the changed problem is not valid; the job continues with the old one.
+            ClusterFailed: if the job has ended, or is being stopped.
         """
         return self._change(Change(fields, {}))
 
     def rewire(self, topology: str) -> int:
-        """Let the job's cells neighbour each other as in another topology of as many cells; see `update`."""
+        """Link the job's cells as in another topology of as many cells; see `update`."""
         return self._change(Change({}, {"topology": topology}))
 
     def _change(self, change: Change) -> int:
         self.queue.put(change)
-        while True:
+        while True:  # a conductor that ends does not answer what is left in its queue, so look at both
             try:
                 answer = change.answer.get(timeout=_LOOK_AGAIN)
             except queue.Empty:
@@ -206,14 +221,16 @@ class Job:
 
 
 class JobEntry(Job):
-    """The same job, as the coordinator sees it.
+    """A job as the coordinator sees it.
 
     Args:
-        told: whether somebody may ask for its events.
-        cancel: how it is cancelled, even while it is queued; if not given, its conductor is told.
+        spec: the job as it was submitted.
+        told: whether to keep events for a reader; without one they would fill memory.
+        cancel: called with the job's number to cancel it, also while it is queued. If None, its conductor gets the stop
+            request.
 
     Attributes:
-        log: its run log, of which nothing is kept if none is wanted.
+        log: its run log, which writes nothing if none was asked for.
 
     Raises:
         BadInput: if the run log cannot be written.
@@ -233,19 +250,19 @@ class JobEntry(Job):
             self._cancel(self.spec.number)
 
     def note(self, topology: Topology, records: Sequence[ImprovementRecord]) -> None:
-        """An epoch has ended, in which there were these improvements."""
+        """Keep and log the improvements of an epoch that has ended."""
         self._history.extend(records)
         self.log.improvements(topology, records)
 
     def tell(self, event: Event) -> None:
-        """Pass on what happens."""
+        """Pass an event on to the reader, and statistics to the run log."""
         if isinstance(event, Statistics):
             self.log.statistics(event)
         if self._told:
             self._news.put(event)
 
     def end(self, outcome: Result | Exception) -> None:
-        """The job has ended, with a result or with the user's mistake."""
+        """End the job, with a result or with the exception that `result` and `events` are to raise."""
         if isinstance(outcome, Exception):
             self._error = outcome
         else:

@@ -1,4 +1,4 @@
-"""The coordinator of a cluster whose processes live in several places: it launches nobody, nodes join it."""
+"""The coordinator of a cluster on several machines or containers: it launches no nodes, hosts of nodes join it."""
 
 from dataclasses import replace
 from functools import partial
@@ -19,25 +19,26 @@ from wire.seal import Seal
 
 
 def preside(config: NodeConfig, options: Options, max_queue: int | None) -> None:
-    """Be the coordinator until a client, or SIGTERM, ends it; ``options.nodes`` are expected at least."""
+    """Run the coordinator until a client or SIGTERM ends it; at least ``options.nodes`` nodes are expected."""
     make_dispatcher = partial(JoinedDispatcher, seal=Seal(config.secret), max_queue=max_queue)
     run(config, replace(options, joined=True), make_dispatcher)
 
 
 class JoinedDispatcher(ServiceDispatcher):
-    """Its nodes come and go by hosts; a host forks anew those of its nodes that die."""
+    """A dispatcher whose nodes come and go host by host. A host itself replaces those of its nodes that die."""
 
     def __init__(
         self, session: zenoh.Session, keys: Keys, nodes: int, hooks: Hooks, *, seal: Seal, max_queue: int | None
     ) -> None:
         super().__init__(session, keys, seal, hooks, max_queue=max_queue, expected=nodes)
-        self._first_port = self.began % PORTS
+        self._first_port = self.began % PORTS  # probably not the port that the previous coordinator used last
         self._book = HostBook(session, keys, seal, self._came, self._leave)
-        self._roster = Roster(session, keys, self.replaced, self.joined)  # after the book: a node is at home on a host
+        # After the book: when a node is reported, its host must be known already, or a wiring would lack its address.
+        self._roster = Roster(session, keys, self.replaced, self.joined)
         self._roster.look()
 
     def nodes(self) -> list[dict[str, Any]]:
-        """Each node, as `status` shows it, with the name of its host."""
+        """Return each node as the command `status` shows it, with the name of its host."""
         return [node | {"host": self._book.host_of(node["node"])} for node in super().nodes()]
 
     def _came(self, host: Host) -> None:

@@ -1,7 +1,7 @@
-"""Work that waits for others: in the order of its coming within a lane, all lanes at the same time.
+"""Queues of work: one after another within a lane, all lanes at the same time.
 
-A change of a job's world takes as long as the slowest of its nodes needs to prepare. It holds back the next change of
-the same job, and nobody else.
+There is a lane for each job with changes. A change takes as long as the slowest of the job's nodes needs to prepare. It
+must hold back the next change of the same job, but no other job.
 """
 
 import threading
@@ -12,19 +12,23 @@ Work = Callable[[], None]
 
 
 class Lanes:
-    """A thread for each lane that has work, which must not raise."""
+    """Runs work on one thread for each lane that has any. Any thread may use it; work must not raise.
+
+    A thread ends when its lane is empty, so lanes of jobs that have ended cost nothing.
+    """
 
     def __init__(self) -> None:
-        self._waiting: dict[str, deque[Work]] = {}  # of the lanes that have a thread
+        self._waiting: dict[str, deque[Work]] = {}  # by lane; a lane is here exactly as long as it has a thread
         self._lock = threading.Lock()
 
     def put(self, lane: str, work: Work) -> None:
-        """Have this done after all that was put into the same lane before."""
+        """Have ``work`` called after everything that was put into the same lane before."""
         with self._lock:
             if lane in self._waiting:
                 self._waiting[lane].append(work)
                 return
             self._waiting[lane] = deque([work])
+        # Outside the lock: only this call has made the lane, so there is one thread for it.
         threading.Thread(target=self._drive, args=(lane,), name=f"lane {lane}", daemon=True).start()
 
     def _drive(self, lane: str) -> None:
@@ -32,7 +36,7 @@ class Lanes:
             work()
 
     def _next(self, lane: str) -> Work | None:
-        """The next work of a lane, which ends if there is none."""
+        """Return the next work of a lane; if there is none, remove the lane and return None."""
         with self._lock:
             if self._waiting[lane]:
                 return self._waiting[lane].popleft()

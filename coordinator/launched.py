@@ -1,4 +1,4 @@
-"""The coordinator of a cluster that one supervisor launched, all on this machine."""
+"""The coordinator of a cluster that one zygote launched, all on this machine."""
 
 from collections.abc import Mapping
 from functools import partial
@@ -20,9 +20,12 @@ from wire.seal import Seal
 
 
 def coordinate(config: NodeConfig, told: Mapping[str, Any], first: bool) -> None:
-    """Be the coordinator, started as ``told`` (see `coordinator.launcher.ServiceOptions`).
+    """Run the coordinator until a client or SIGTERM ends it.
 
-    Only the ``first`` one knows how the nodes are linked.
+    Args:
+        config: the cluster's configuration.
+        told: the fields of `coordinator.launcher.ServiceOptions`.
+        first: whether this is the first coordinator of the cluster. A later one does not know how the nodes are linked.
     """
     url = told["database"] or url_in(Path(told["state"]))
     cells = topologies.parse(config.topology).cells
@@ -35,7 +38,7 @@ def coordinate(config: NodeConfig, told: Mapping[str, Any], first: bool) -> None
 
 
 class LaunchedDispatcher(ServiceDispatcher):
-    """All of its nodes are there from the first."""
+    """A dispatcher whose nodes are all there from the beginning."""
 
     def __init__(
         self,

@@ -1,4 +1,4 @@
-"""The caller's side of the zygote: start it, hear of its processes, and end it."""
+"""The caller's side of the zygote: start it, learn its processes' ids, notice its end, and end it."""
 
 import contextlib
 import json
@@ -20,27 +20,29 @@ from coordinator.folders import new_folder
 from coordinator.threads import ONE_THREAD
 from wire.seal import SECRET_BYTES
 
-_END_WITHIN = 60.0  # seconds: a thousand processes are gone in three, but machines may be busy
+_END_WITHIN = 60.0  # seconds; a thousand processes end within three, but the machine may be busy
 _CROWD = 100
-"""Nodes. As many would leave next to nothing of the cores to others of their session. So, where Linux shares cores out
-among sessions first (autogroup), the nodes have one of their own, and so have the router, the spy and the coordinator.
-Fewer nodes do better in the caller's: on Linux 6.18 small clusters in many sessions keep each other waiting for long.
+"""The number of nodes from which on the cluster gets sessions of its own.
+
+Linux may share cores out among sessions first (autogroup). So many nodes would leave next to nothing to other processes
+of their session; therefore the nodes get a session of their own, and the router, the spy and the coordinator one each.
+Fewer nodes stay in the caller's session: on Linux 6.18 small clusters in sessions of their own delay each other much.
 """
 
 
 @dataclass(frozen=True)
 class ServiceOptions:
-    """How a cluster that stays up is run: with a coordinator process, and new processes for those that die.
+    """The options of a cluster that stays up: it has a coordinator process, and replaces processes that die.
 
     Attributes:
-        state: the folder where it keeps what it must not forget; None: beside its sockets, and gone when it ends.
-        database: the URL of its jobs' database, instead of a file in ``state``.
-        listen: further endpoints of the router.
-        max_queue: how many jobs may wait.
+        state: the folder of its database. If None, the database is in the folder of the sockets and gone at the end.
+        database: the URL of the database, instead of a file in ``state``.
+        listen: further endpoints for the router to listen at.
+        max_queue: how many jobs may wait; None for any number.
         log_json: see `coordinator.service.Options`.
         keep_days, keep_records: see `coordinator.record_book.Keep`.
-        allow_modules: of users, whose problems may be run.
-        modules: the folder where these lie, if not the one that it was started in.
+        allow_modules: users' modules whose problems may be run.
+        modules: the folder of these modules; if None, the folder that the cluster was started in.
     """
 
     state: Path | None = None
@@ -58,19 +60,21 @@ class Launcher:
     """The processes of one local cluster.
 
     Args:
-        cluster: its name.
-        topology: how nodes are linked until a job says otherwise.
-        on_death: called with why the cluster is no use any more, or with None if a client has ended it.
-        service: for a cluster that stays up.
+        cluster: the name of the cluster.
+        topology: how the nodes are linked until a job asks for other links.
+        on_death: called, on a thread of this object, with the reason why the cluster has failed; with None if a client
+            has ended it.
+        service: options of a cluster that stays up; None for one that ends with the first death.
         force: start it even if this machine cannot hold so many nodes.
 
     Raises:
-        BadInput: if it cannot; says how many it can.
+        BadInput: if this machine cannot hold so many nodes; the message says how many it can hold.
 
     Attributes:
-        folder: private, holds the Unix sockets; the zygote makes it, and it is gone when the cluster has ended.
-        secret: of the cluster; see `wire.seal`.
+        folder: the private folder of the Unix sockets; the zygote makes it, and it is removed when the cluster ends.
+        secret: the cluster's secret; see `wire.seal`.
         processes: name ("router", "spy", "node 7") to process id; complete once ``started`` is set.
+        started: set when all processes are forked, and also when that has failed.
     """
 
     def __init__(
@@ -105,11 +109,11 @@ class Launcher:
             stdout=subprocess.PIPE,
             env=os.environ | ONE_THREAD,
             start_new_session=crowded,  # see `_CROWD`
-            process_group=None if crowded else 0,  # Ctrl-C is the caller's business
+            process_group=None if crowded else 0,  # a terminal's Ctrl-C goes to the caller's group only
         )
         assert self._zygote.stdin is not None, "it is a pipe"
-        with contextlib.suppress(BrokenPipeError):  # the reader sees that it has ended
-            # Not as an argument: everybody can read those, and there are a secret and perhaps a database's password.
+        with contextlib.suppress(BrokenPipeError):  # if the zygote has ended, the reader notices
+            # Not as an argument, which every user of the machine could read: this holds a secret, perhaps a password.
             self._zygote.stdin.write(json.dumps(config, default=str).encode() + b"\n")
             self._zygote.stdin.flush()
         self._reader = threading.Thread(target=self._read, name="zygote reader", daemon=True)
@@ -124,28 +128,28 @@ class Launcher:
                 self.started.set()
             elif not self._closing:
                 self._on_death(None if "down" in event else event["failed"])
-                self._closing = True
+                self._closing = True  # the end of the output follows, and is no further death
         if not self._closing:
             self._on_death("the zygote ended")
-        self.started.set()
+        self.started.set()  # if it failed before: nobody must wait for ever
 
     def cpu_seconds(self) -> float:
-        """CPU time that the living processes have used so far, this one included."""
+        """Return the CPU time that all running processes have used so far, this one included."""
         return sum(self.cpu_seconds_by_process().values())
 
     def cpu_seconds_by_process(self) -> dict[str, float]:
-        """The same by name: that of each in ``processes``, "zygote", and "coordinator", which is this one."""
+        """Return the CPU time by name: of each of ``processes``, of "zygote", and of "coordinator" (this process)."""
         return cpu_seconds_of(self.processes | {"zygote": self._zygote.pid}) | {"coordinator": time.process_time()}
 
     def close(self) -> None:
         """End every process and wait until they are gone. Idempotent.
 
         Raises:
-            ClusterFailed: if they do not end.
+            ClusterFailed: if they do not end in time; the zygote is killed then, and the kernel kills its children.
         """
         self._closing = True
         if self._zygote.stdin is not None and not self._zygote.stdin.closed:
-            self._zygote.stdin.close()
+            self._zygote.stdin.close()  # the lifeline: the zygote ends everything now
         try:
             self._zygote.wait(_END_WITHIN)
         except subprocess.TimeoutExpired as error:
@@ -158,7 +162,7 @@ class Launcher:
 
 
 def cpu_seconds_of(processes: Mapping[str, int]) -> dict[str, float]:
-    """CPU time that each of the living ``processes``, names with ids, has used so far."""
+    """Return the CPU time that each of the ``processes`` (name to id) has used so far, except those that have ended."""
     used = {}
     for name, process in processes.items():
         with contextlib.suppress(OSError):  # it has ended
@@ -167,5 +171,5 @@ def cpu_seconds_of(processes: Mapping[str, int]) -> dict[str, float]:
 
 
 def _cpu_clock(process: int) -> int:
-    """The clock id of another process's CPU time, as Linux makes it (clock_getcpuclockid(3))."""
+    """Return the id of another process's CPU-time clock, as Linux forms it (clock_getcpuclockid(3))."""
     return (~process << 3) | 2

@@ -1,6 +1,6 @@
-"""The log as lines on stderr: for people on a terminal, as JSON for all other readers.
+"""The log as lines on stderr: readable on a terminal, JSON otherwise.
 
-The coordinator writes what all processes have to say, the zygote what they can say to nobody any more.
+The coordinator writes the messages of all processes; the zygote writes what these cannot publish, such as deaths.
 """
 
 import contextlib
@@ -14,12 +14,12 @@ from wire.news import LogRecord
 
 
 class LogLines:
-    """Writes a line for each record.
+    """Writes a line for each log record.
 
     Args:
-        cluster: its name, which each line tells.
-        as_json: whether lines are JSON objects; if None, they are where ``file`` is no terminal.
-        file: where they go; stderr if not given.
+        cluster: the name of the cluster, part of each line.
+        as_json: whether lines are JSON objects; if None, they are if ``file`` is not a terminal.
+        file: where the lines go; stderr if None.
     """
 
     def __init__(self, cluster: str, as_json: bool | None = None, file: TextIO | None = None) -> None:
@@ -31,11 +31,11 @@ class LogLines:
         )
 
     def write(self, record: LogRecord, job: str | None = None) -> None:
-        """One line; what the record is not about is left out. ``job`` is the id of the one that it is about."""
+        """Write one line, without the fields that the record leaves open; ``job`` is the id of the job concerned."""
         about = {name: getattr(record, name) for name in ("node", "cell", "generation")} | {"job": job}
         told = {name: value for name, value in about.items() if value is not None}
         at = datetime.fromtimestamp(record.at, UTC).isoformat(timespec="milliseconds")
-        with contextlib.suppress(OSError, ValueError):  # nobody reads them any more, or the disk is full: life goes on
+        with contextlib.suppress(OSError, ValueError):  # the reader is gone or the disk is full: jobs matter more
             getattr(self._logger, record.level)(record.text, timestamp=at, process=record.process, **told)
 
 

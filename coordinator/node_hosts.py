@@ -1,4 +1,4 @@
-"""Which host each node lives on, for a cluster whose nodes live in several places: what a wiring says of it."""
+"""The host and the network address of each node, for the wirings of a cluster on several machines or containers."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from wire.control import Wiring
 from wire.hosts import Host
 
-PORTS = 4  # that a node listens at in turn: the links of the last wiring are open when those of the next one are made
+PORTS = 4  # that a node uses in turn: the links of the old wiring are still open when those of the new one are made
 
 
 @dataclass
 class _NodeHost:
-    """Where one node lives, and the port that is next."""
+    """The host of one node, the endpoint of its first port ("" if it does not listen), and the turn of its ports."""
 
     host: str
     endpoint: str
@@ -19,34 +19,34 @@ class _NodeHost:
 
 
 class NodeHosts:
-    """Empty for a cluster on one host."""
+    """The hosts of all nodes; empty for a cluster that one zygote launched. Not thread-safe."""
 
     def __init__(self) -> None:
         self._node_hosts: dict[int, _NodeHost] = {}
 
     def move_in(self, host: Host, turn: int = 0) -> None:
-        """The nodes of a host live there now; ``turn`` is the first of the ports that they use."""
+        """Note the nodes of a host; ``turn`` is the first of the ports that they use."""
         for place, node in enumerate(host.nodes):
             self._node_hosts[node] = _NodeHost(host.id, _endpoint(host.endpoint, place), turn)
 
     def leave(self, nodes: Iterable[int]) -> None:
-        """They live nowhere any more."""
+        """Forget nodes that are gone."""
         for node in nodes:
             self._node_hosts.pop(node, None)
 
     def wiring(self, number: int, nodes: tuple[int, ...]) -> Wiring:
-        """A wiring of these nodes, cell by cell."""
+        """Return the wiring of these nodes, in the order of the cells; if on different hosts, they get new ports."""
         places = [self._node_hosts.get(node) for node in nodes]
         if not any(places):
             return Wiring(number, nodes)
         hosts = tuple("" if each is None else each.host for each in places)
-        if len(set(hosts)) == 1:  # each has links within the host only
+        if len(set(hosts)) == 1:  # all links are within one host, over Unix sockets, so nobody listens at a port
             return Wiring(number, nodes, hosts)
         return Wiring(number, nodes, hosts, tuple("" if each is None else _next_endpoint(each) for each in places))
 
 
 def _endpoint(first: str, place: int) -> str:
-    """The first endpoint of the node at that place on its host."""
+    """Return the endpoint of the first port of the node at position ``place`` of a host, whose own is ``first``."""
     if not first:
         return ""
     address, _, port = first.rpartition(":")

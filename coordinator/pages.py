@@ -1,4 +1,4 @@
-"""Reports as one HTML file with everything in it, so that it can be sent to somebody and read without a network."""
+"""Render reports as one self-contained HTML file, which can be sent to somebody and read without a network."""
 
 from typing import Any
 
@@ -6,9 +6,9 @@ from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 
 
 def rendered(package: str, **values: Any) -> str:
-    """The page that ``report.html.j2`` of a package, which extends ``page.html.j2`` here, makes of ``values``.
+    """Return the HTML page that a package's template ``report.html.j2`` makes of ``values``.
 
-    Whatever is in ``values`` is text, not HTML, unless it is `markupsafe.Markup`.
+    The template extends ``page.html.j2`` of this package. Values are escaped, unless they are `markupsafe.Markup`.
     """
     environment = Environment(
         loader=ChoiceLoader([PackageLoader(package, "."), PackageLoader("coordinator", ".")]),

@@ -1,6 +1,6 @@
-"""What happened in every job, second by second, for those who look at it later; the oldest is forgotten first.
+"""Records of what happened in every job: improvements, histories, statistics and the log, in the store's database.
 
-It is kept in the store's database. Whoever wants it takes it page by page: a run of an hour is thousands of rows.
+Readers get them page by page: an hour of a run makes thousands of rows. The oldest records are deleted first.
 """
 
 from collections.abc import Sequence
@@ -17,8 +17,9 @@ from wire.news import Improvement, LogRecord, Statistics
 from wire.plain import plain
 
 _PAGE = 2000  # rows in one answer
-_LOOK_AFTER = 1000  # rows written, before what is too old is looked for,
-_LOOK_AFTER_SHARE = 1 / 16  # or of all the bytes that are kept, ended
+# Old records are looked for after so many new rows, or after ended jobs have come to this share of the bytes kept.
+_LOOK_AFTER = 1000
+_LOOK_AFTER_SHARE = 1 / 16
 _DAY = 86400.0  # seconds
 
 _TABLES: dict[str, type[ImprovementRow] | type[HistoryRow] | type[StatisticsRow]] = {
@@ -33,9 +34,9 @@ class Keep:
     """How much is kept.
 
     Attributes:
-        days: records, and jobs that have ended, are forgotten when they are so old.
-        rows: of each kind of record, the newest.
-        bytes: of jobs that have ended, their files and results together; the newest.
+        days: the age in days at which records and ended jobs are deleted.
+        rows: the number of records of each kind to keep, the newest.
+        bytes: the bytes of ended jobs to keep, their files, results and epochs together; the newest.
     """
 
     days: float = 30.0
@@ -49,37 +50,45 @@ class RecordBook:
     def __init__(self, store: Store, keep: Keep) -> None:
         self._store = store
         self._keep = keep
-        self._unlooked = _LOOK_AFTER  # rows since too old ones were looked for
+        self._unlooked = _LOOK_AFTER  # rows written since the last look for old ones; the first write looks
 
     def note_improvement(self, at: float, better: Improvement) -> None:
-        """A job has a better answer, at a Unix time."""
+        """Store a verified improvement of a job, with its Unix time."""
         names = ("seconds", "epoch", "generation", "cell", "fitness", "feasible")
         values = {name: plain(getattr(better, name)) for name in names}
         self._note(ImprovementRow(at=at, number=better.job, **values))
 
     def note_history(self, at: float, number: int, epoch: int, records: Sequence[ImprovementRecord]) -> None:
-        """What the cells of a job noted in an epoch that has ended; told again, it takes the place of the former."""
+        """Store the improvements that the cells noted in an epoch that has ended; they replace those stored before.
+
+        A coordinator that takes over reports an epoch again if it gathers its reports again.
+        """
         with self._store.writing() as session:
             session.execute(delete(HistoryRow).where(HistoryRow.number == number, HistoryRow.epoch == epoch))
             session.add_all(HistoryRow(at=at, number=number, **record._asdict()) for record in records)
         self._unlooked += len(records)
 
     def note_statistics(self, at: float, statistics: Statistics) -> None:
-        """How a job is at a Unix time."""
+        """Store the statistics of a job, with their Unix time."""
         values = plain(statistics._asdict())
         self._note(StatisticsRow(at=at, number=values.pop("job"), **values))
 
     def note_log(self, record: LogRecord) -> None:
-        """A process has something to say."""
+        """Store a log message of a process."""
         values = record._asdict()
         text = storable(values.pop("text"))
         self._note(LogRow(number=values.pop("job"), text=text, **values))
 
     def log(self, job: str | None, node: int | None, after: int) -> dict[str, Any]:
-        """A page of the log, after the record of a given id; that of a job or a node only, if one is given.
+        """Return a page of the log.
+
+        Args:
+            job: only messages about the job of this id; None for all.
+            node: only messages about this node; None for all.
+            after: the id of the last record of the page before; 0 for the first page.
 
         Returns:
-            as `page`; the column "job" has ids.
+            As `page`; the column "job" has jobs' ids.
 
         Raises:
             UnknownJob: if there is no such job.
@@ -95,14 +104,20 @@ class RecordBook:
         return self._page([*names, "job"], query.order_by(LogRow.id))
 
     def page(self, kind: str, job: str, after: int) -> dict[str, Any]:
-        """Records of a job in the order of their coming, those after the one of a given id.
+        """Return a page of a job's records, in the order in which they were stored.
+
+        Args:
+            kind: "improvements", "history" or "statistics".
+            job: the job's id.
+            after: the id of the last record of the page before; 0 for the first page.
 
         Returns:
-            "columns", "rows", the first of each row being its id, and whether there are "more".
+            "columns": their names; "rows": lists of values, the first of each being the record's id; "more": whether
+            another page follows.
 
         Raises:
             UnknownJob: if there is no such job.
-            BadInput: if there are no such records.
+            BadInput: if there is no such kind of record.
         """
         table = _TABLES.get(kind)
         if table is None:
@@ -110,13 +125,13 @@ class RecordBook:
         number = self._store.summary(job).number
         untold = (
             ("id", "number", "at") if table is HistoryRow else ("id", "number")
-        )  # a function of the run has no time
+        )  # a history is a function of the run, equal for equal runs, so it shows no times
         columns = ["id", *(column.name for column in table.__table__.columns if column.name not in untold)]
         query = select(*(getattr(table, name) for name in columns))
         return self._page(columns, query.where(table.number == number, table.id > after).order_by(table.id))
 
     def forget_the_old(self, now: float) -> None:
-        """If enough was written since the last time, forget what is older, or more, than is to be kept."""
+        """Delete what is too old or too much, if enough was written since the last time; ``now`` is a Unix time."""
         ended = self._store.bytes_ended
         if self._unlooked < _LOOK_AFTER and ended < self._keep.bytes * _LOOK_AFTER_SHARE:
             return
@@ -131,7 +146,7 @@ class RecordBook:
 
     def _page(self, columns: Sequence[str], query: Select[Any]) -> dict[str, Any]:
         with self._store.reading() as session:
-            rows = [list(row) for row in session.execute(query.limit(_PAGE + 1))]
+            rows = [list(row) for row in session.execute(query.limit(_PAGE + 1))]  # one more tells whether more follow
         return {"columns": list(columns), "rows": rows[:_PAGE], "more": len(rows) > _PAGE}
 
     def _note(self, row: RecordRow) -> None:

@@ -1,7 +1,10 @@
-"""Writes down what the dispatcher tells, and then publishes it: nobody hears of an end that a restart could take back.
+"""Write what the dispatcher reports to the store, then publish it.
 
-The dispatcher does not wait for the disk: a thread of the recorder's own writes whatever has come in one transaction.
-While the database is away it waits, and tries again.
+In this order, no client ever sees an end that a restart of the coordinator could undo. The only exception is a
+deadline, which is published at once: a coordinator that takes over would find that it has passed, too.
+
+The dispatcher does not wait for the disk: its calls put events into a queue, and a thread of the recorder writes all
+that are there in one transaction. While the database is away it waits and tries again.
 """
 
 import contextlib
@@ -26,9 +29,9 @@ from wire.jobs import JobState
 from wire.news import Improvement, LogRecord, Statistics
 from wire.plain import plain
 
-_TRY_AGAIN = 0.5  # seconds
-_PATIENCE = 5.0  # seconds
-_SAMPLE_EVERY = 0.75  # seconds, of the spy's half seconds: every other one
+_TRY_AGAIN = 0.5  # seconds between two attempts while the database is away
+_PATIENCE = 5.0  # seconds that the beginning of an epoch may be held back by the database
+_SAMPLE_EVERY = 0.75  # seconds between stored statistics: every other one of the spy's, which come twice a second
 _MOST_AT_ONCE = 1000  # events in a transaction
 
 
@@ -85,14 +88,16 @@ _Event = _Changed | _Placed | _Improved | _Lived | _Measured | _Ended | _Logged
 
 
 class Recorder:
-    """The dispatcher's hooks.
+    """The dispatcher's hooks in a cluster that stays up.
+
+    Any thread may call the hooks; they only queue events for the recorder's thread.
 
     Args:
-        store: where it is written.
-        book: where is written how it went.
-        lines: of the log.
-        publish: called with each change of a state, once it is written.
-        forget: called with the number of each job that has ended.
+        store: takes jobs and their states.
+        book: takes records: improvements, statistics, the log.
+        lines: shows the log.
+        publish: called with each change of a state, once it is stored.
+        forget: called with the number of each job that has ended, once that is stored.
     """
 
     def __init__(
@@ -106,35 +111,38 @@ class Recorder:
         self._store = store
         self._book = book
         self._lines = lines
-        self._measured: dict[int, float] = {}  # by job: when it was last written down how it is
-        self._unwritten: dict[int, _Measured] = {}  # by job: how it has been since
+        self._measured: dict[int, float] = {}  # by job, the time of its latest stored statistics
+        self._unwritten: dict[int, _Measured] = {}  # by job, later statistics, stored only if they remain the last
         self._publish = publish
         self._forget = forget
         self._events: queue.SimpleQueue[_Event | None] = queue.SimpleQueue()
-        self._known: dict[int, Summary] = {}  # what is published of jobs that have not ended
-        self._late: set[int] = set()  # jobs whose deadline was told
+        self._known: dict[int, Summary] = {}  # jobs under way, with their latest fitness; published at a deadline
+        self._late: set[int] = set()  # jobs whose deadline was published before it was stored
         self._closing = threading.Event()
-        self._write_lock = threading.Lock()
+        self._write_lock = threading.Lock()  # held while a batch is written and published
         self._thread = threading.Thread(target=self._work, name="recorder", daemon=True)
         self._thread.start()
 
     @contextlib.contextmanager
     def paused(self) -> Iterator[None]:
-        """Nothing is written or published meanwhile, so that a job's first news can come before what follows."""
+        """Hold back the recorder's thread, so that a new job is stored and published before its first events are."""
         with self._write_lock:
             yield
 
     def changed(self, number: int, status: str, nodes: tuple[int, ...]) -> None:
-        """A job's state, or its nodes."""
+        """Record a job's state and its nodes; publish a deadline at once."""
         at = time.time()
         if status == "deadline" and (job := self._known.get(number)) is not None:
-            # Nobody waits for the disk then; who takes over finds that the deadline has passed, and says the same.
+            # Clients must not wait for the disk at a deadline. A coordinator that takes over would publish the same.
             self._late.add(number)
             self._publish(dataclasses.replace(state_of(job, at), status=status))
         self._events.put(_Changed(number, status, nodes, at))
 
     def placed(self, number: int, placement: Placement) -> None:
-        """A job is about to begin in an epoch: return once that is written, or the database is away for long."""
+        """Record that a job is about to begin an epoch; return when that is stored, or the database is away for long.
+
+        The nodes begin the epoch only after this. If the coordinator dies in between, the next one knows the epoch.
+        """
         job = self._known.get(number)
         if job is not None and placement.why.get("do") == "update":
             self._known[number] = dataclasses.replace(job, fitness=None)
@@ -143,18 +151,18 @@ class Recorder:
         written.wait(_PATIENCE)
 
     def improved(self, number: int, improvement: Improvement) -> None:
-        """A better answer."""
+        """Record a better answer."""
         job = self._known.get(number)
         if job is not None and math.isfinite(improvement.fitness):
             self._known[number] = dataclasses.replace(job, fitness=improvement.fitness)
         self._events.put(_Improved(number, improvement, time.time()))
 
     def lived(self, number: int, epoch: int, records: Sequence[ImprovementRecord]) -> None:
-        """An epoch has ended, in which there were these improvements."""
+        """Record the improvements of an epoch that has ended."""
         self._events.put(_Lived(number, epoch, records, time.time()))
 
     def measured(self, statistics: Statistics) -> None:
-        """How a job is; once a second is enough, and how it was at its end."""
+        """Record a job's statistics, about once a second; the last ones of a job are stored in any case."""
         at = time.time()
         if at - self._measured.get(statistics.job, 0.0) >= _SAMPLE_EVERY:
             self._measured[statistics.job] = at
@@ -164,17 +172,17 @@ class Recorder:
             self._unwritten[statistics.job] = _Measured(statistics.job, statistics, at)
 
     def logged(self, record: LogRecord) -> None:
-        """A process has something to say: it is written down, and shown."""
+        """Record a log message of a process, and show it."""
         self._events.put(_Logged(record.job, record))
 
     def ended(self, number: int, outcome: Result | Exception) -> None:
-        """The end of a job."""
+        """Record the end of a job."""
         if (last := self._unwritten.pop(number, None)) is not None:
             self._events.put(last)
         self._events.put(_Ended(number, outcome))
 
     def close(self) -> None:
-        """Write what has come so far, and stop. Idempotent."""
+        """Write what has come so far, and stop. Idempotent. If the database is away, these events are lost."""
         self._closing.set()
         self._events.put(None)
         self._thread.join()
@@ -184,18 +192,18 @@ class Recorder:
             self._settle(events)
 
     def _batch(self) -> list[_Event]:
-        """What has come, at least one; nothing at the end."""
+        """Wait for an event; return all that have come by then, or none when the recorder is closed."""
         events: list[_Event] = []
         with contextlib.suppress(queue.Empty):
             event = self._events.get()
             while event is not None and len(events) < _MOST_AT_ONCE:
                 events.append(event)
                 event = self._events.get_nowait()
-            self._events.put(event)
+            self._events.put(event)  # what ended the loop: None, or the first event of the next batch
         return events
 
     def _settle(self, events: list[_Event]) -> None:
-        """Write and publish these, however long it takes; if something is wrong with one, all but that one."""
+        """Write and publish events, however long it takes; leave out single events that the database refuses."""
         away = False
         while True:
             try:
@@ -210,7 +218,10 @@ class Recorder:
                 return None
 
     def _settle_one_by_one(self, events: list[_Event], error: StoreFailed) -> None:
-        """What cannot be written is left out, but for an end: somebody waits for that, if only without a result."""
+        """Write each event in a transaction of its own, without those that the database refuses.
+
+        An end is stored as a failure then: clients wait for it, even without a result.
+        """
         if len(events) > 1:
             for event in events:
                 self._settle([event])
@@ -218,8 +229,14 @@ class Recorder:
             self._settle([_Ended(event.number, error)])
 
     def _commit(self, events: list[_Event]) -> None:
+        """Write events in one transaction, then publish the new states.
+
+        Raises:
+            StoreFailed: if the database fails; then nothing of this is stored or published.
+        """
         with self._write_lock:
             with self._store.transaction():
+                # Every improvement is a record, but only the latest of each job in this batch is its best answer.
                 for event in events:
                     self._write_record(event)
                 states = [self._write(event) for event in _latest(events)]
@@ -247,7 +264,7 @@ class Recorder:
             self._log(event.record)
 
     def _log(self, record: LogRecord) -> None:
-        """Show it, and write it down; shown again if that has to be done again."""
+        """Show a log record and store it; it is shown again if the transaction has to be repeated."""
         self._lines.write(record, None if record.job is None else self._name_of(record.job))
         self._book.note_log(record)
 
@@ -257,7 +274,7 @@ class Recorder:
         return None
 
     def _write(self, event: _Event) -> JobState | None:
-        """Write one down; what there is to publish."""
+        """Write an event; return the state to publish, if there is one."""
         try:
             match event:
                 case _Changed(number, status, nodes, at):
@@ -269,15 +286,16 @@ class Recorder:
                     self._store.note_best(number, best["fitness"], best)
                 case _Ended(number, outcome):
                     return self._write_end(number, outcome)
-        except (WrongTransition, UnknownJob) as error:
+        except (WrongTransition, UnknownJob) as error:  # the other events of this batch must still be written
             self._log(warning(str(error), event.number))
         return None
 
     def _write_change(self, number: int, status: str, nodes: tuple[int, ...], at: float) -> JobState | None:
         before = self._store.at(number)
-        if before.status in ENDS:  # its deadline has passed; what its nodes do until they stop is nobody's business
+        if before.status in ENDS:  # its deadline has passed; what its nodes do until they stop concerns no client
             return None
         self._known.setdefault(number, before)
+        # Each epoch reports its state, which is often the one before; then only the nodes may be new.
         if status != before.status:
             now = self._store.change(number, status, nodes=nodes or None, at=at)
             return None if number in self._late else state_of(now, at)
@@ -286,7 +304,7 @@ class Recorder:
         return None
 
     def _write_end(self, number: int, outcome: Result | Exception) -> JobState | None:
-        """What was published at the deadline stays; the result comes later."""
+        """Store the result; the status "deadline", if published already, stays whatever the conductor's outcome is."""
         before = self._store.at(number)
         told = before.status == "deadline"
         if isinstance(outcome, Exception):
@@ -303,16 +321,16 @@ class Recorder:
 
 
 def state_of(job: Summary, at: float | None = None) -> JobState:
-    """What is published of a job that has come to another state."""
+    """Return the message that publishes a job's state; ``at`` is a Unix time, now if None."""
     return JobState(job.job, job.number, job.status, job.fitness, job.message, time.time() if at is None else at)
 
 
 def _latest(events: list[_Event]) -> list[_Event]:
-    """Without the improvements that a later one in the same batch replaces."""
+    """Return the events without the improvements that a later one of the same job replaces."""
     last = {event.number: event for event in events if isinstance(event, _Improved)}
     return [event for event in events if not isinstance(event, _Improved) or last[event.number] is event]
 
 
 def warning(text: str, job: int | None = None) -> LogRecord:
-    """What the coordinator has to say of something that went wrong."""
+    """Return a warning of the coordinator for the log; ``job`` is the number of the job concerned."""
     return LogRecord("warning", "coordinator", text, time.time(), job=job)

@@ -1,4 +1,4 @@
-"""Where clients' requests are answered: a job is checked, kept and handed to the dispatcher, then acknowledged."""
+"""Answer clients' requests. A new job is checked, stored and handed to the dispatcher before it is acknowledged."""
 
 import dataclasses
 import json
@@ -47,17 +47,17 @@ _FAILURES = (ClusterFailed, QueueFull, StoreFailed)  # not the client's fault
 
 
 class RequestHandler:
-    """Answers requests, on any thread; the changes of one job's world must come one after another.
+    """Answers requests on any thread; but changes of one job (updates and rewirings) must come one after another.
 
     Args:
-        cluster: its name.
-        store: where jobs are kept.
-        book: what happened in them.
-        recorder: who writes down what the dispatcher tells.
-        dispatcher: who runs jobs.
-        checker: who knows which problems may be run.
+        cluster: the name of the cluster.
+        store: the jobs.
+        book: the records of the jobs.
+        recorder: writes what the dispatcher reports.
+        dispatcher: runs the jobs.
+        checker: checks problems, and knows which users' modules may be run.
         publish: called with each new job's first states.
-        ends: what does, when a client asks for the end.
+        ends: what ends when a client sends `Down`: the cluster, or only the coordinator.
     """
 
     def __init__(
@@ -80,34 +80,37 @@ class RequestHandler:
         self._publish = publish
         self._ends = ends
         self._began = time.time()
-        self._handed_over: set[int] = set()  # jobs that the dispatcher knows
+        self._handed_over: set[int] = set()  # numbers of the jobs that the dispatcher has
 
     def answer(self, request: Request) -> Answer:
-        """Do what is asked; whatever goes wrong becomes a refusal."""
+        """Carry out a request and return its answer; every exception becomes a refusal."""
         try:
             return Done(self._do(request))
         except BadInput as error:
             return Refused(str(error), "input")
         except _FAILURES as error:
             return Refused(one_line(str(error)), "failure")
-        except Exception as error:  # the client must hear of it, and the next one must be served
+        except Exception as error:  # a mistake here must not leave the client without an answer
             return Refused(one_line(f"{type(error).__name__}: {error}"), "failure")
 
     def restore(self) -> None:
-        """Hand over what the last coordinator left: running jobs first, so that nobody else gets their nodes."""
+        """Hand the jobs of the previous coordinator to the dispatcher, running ones first: they must keep their nodes.
+
+        A running job that cannot be taken over is queued again; one past its deadline ends without a result.
+        """
         unended = self._store.unended()
         living = [job for job in unended if job.status in (*LIVING, "deadline") and job.nodes]
         adopted = {job.number for job in living if self._adopted(job)}
         for job in unended:
             if job.number in adopted:
                 continue
-            if job.status == "deadline":
+            if job.status == "deadline":  # its clients have their answer already
                 self._recorder.ended(job.number, ClusterFailed("stopped before there was a result"))
             else:
                 self._queue_again(job)
 
     def forget(self, number: int) -> None:
-        """A job has ended."""
+        """Note that a job has ended."""
         self._handed_over.discard(number)
 
     def _do(self, request: Request) -> Any:
@@ -132,7 +135,7 @@ class RequestHandler:
             case Status():
                 value = self._status()
             case Down():
-                value = {"ends": self._ends}  # it is whoever hangs up the telephone that does it
+                value = {"ends": self._ends}  # the service stops itself once this answer is on its way
         return value
 
     # Submitting -------------------------------------------------------------------------------------------------------
@@ -142,28 +145,31 @@ class RequestHandler:
             raise BadInput(f"{file.name}: expected a problem file, found one that was tried before")
         if "topology" not in file.run.model_fields_set:
             file = file.with_run(topology=self._dispatcher.topology)
-        self._checker.check(file)
+        self._checker.check(file)  # may take long; nothing is locked yet
         topology = topologies.parse(file.run.topology)
         new = Submission(file.to_json(), digest_of(file), file.kind, topology.spec, topology.cells, request.priority)
-        with self._recorder.paused():
+        with self._recorder.paused():  # else "running" could be published before "submitted"
             job, is_new = self._store.add(new, request.id)
             if is_new:
                 self._hand_over_new(job, file)
             elif job.status not in ENDS and job.number not in self._handed_over:
-                self._queue_again(self._store.show(job.job))  # it was kept, but the store could not say so
+                # The job was stored, but the store reported a failure then (as when a connection breaks during the
+                # commit), so it was never handed over. The client submits it again.
+                self._queue_again(self._store.show(job.job))
         return {"job": job.job, "status": job.status}
 
     def _hand_over_new(self, job: Summary, file: ProblemFile) -> None:
+        """Hand a new job over and publish its first states; if the dispatcher refuses, remove it from the store."""
         try:
             self._hand_over(job, _spec(job, file))
-        except Exception:
+        except Exception:  # the client gets a refusal, so a later coordinator must not find the job
             self._store.withdraw(job.number)
             raise
         for status in ("submitted", "queued"):
             self._publish(dataclasses.replace(state_of(job, job.submitted), status=status))
 
     def _hand_over(self, job: Summary, spec: JobSpec, accepted_before: bool = False) -> None:
-        self._handed_over.add(job.number)
+        self._handed_over.add(job.number)  # first: the job may end, and be forgotten, before `submit` returns
         try:
             self._dispatcher.submit(spec, accepted_before=accepted_before)
         except BaseException:
@@ -171,6 +177,7 @@ class RequestHandler:
             raise
 
     def _queue_again(self, job: Stored) -> None:
+        """Let a stored job start over; end it as failed if that is impossible."""
         if job.status != "queued":
             self._recorder.changed(job.number, "queued", ())
         try:
@@ -182,8 +189,8 @@ class RequestHandler:
             self._recorder.ended(job.number, error)
 
     def _past_of(self, job: Stored, file: ProblemFile) -> Past:
-        """What a job has lived through that begins again; its first epoch begins again as it was, draw by draw."""
-        if job.epoch == 0:
+        """Return the past of a job that starts over: all its epochs so far, the last of them without reports."""
+        if job.epoch == 0:  # a first epoch is repeated draw by draw, so nothing of it counts
             return Past()
         past, why = self._store.past(job.number)
         if past.epochs < job.epoch:
@@ -191,6 +198,7 @@ class RequestHandler:
         return past.and_then(Lived(file, number=job.epoch), {"do": "restart"})
 
     def _adopted(self, job: Stored) -> bool:
+        """Let the dispatcher take over a running job; return whether it could."""
         try:
             first, file = self._checker.read(job.file), self._checker.read(job.file_now)
             past, why = self._store.past(job.number)
@@ -204,7 +212,7 @@ class RequestHandler:
         self._handed_over.add(job.number)
         return True
 
-    # Jobs that there are ----------------------------------------------------------------------------------------------
+    # Stored jobs ------------------------------------------------------------------------------------------------------
     def _show(self, job: str) -> dict[str, Any]:
         stored = self._store.show(job)
         transitions = [list(each) for each in self._store.transitions(stored.number)]
@@ -224,7 +232,7 @@ class RequestHandler:
     def _update(self, job: str, patch: dict[str, Any]) -> dict[str, Any]:
         now = self._running(job)
         before = self._checker.read(now.file_now)
-        if is_own(before):  # any other is checked by whoever changes the world
+        if is_own(before):  # problems of built-in kinds are checked by the conductor, without a user's code
             with blaming_the_update():
                 self._checker.check(before.changed(patch, {}), before)
         epoch = self._dispatcher.update(now.number, patch)
@@ -242,7 +250,7 @@ class RequestHandler:
 
     def _running(self, job: str) -> Stored:
         stored = self._store.show(job)
-        if stored.status not in ("preparing", *LIVING):  # an answer may come before it is said to run
+        if stored.status not in ("preparing", *LIVING):  # the job may run already, but not be stored as running yet
             has = "has ended: it is" if stored.status in ENDS else "does not run yet: it is"
             raise BadInput(f"job {job!r} {has} {stored.status}")
         return stored
@@ -260,19 +268,19 @@ class RequestHandler:
 
 
 def digest_of(file: ProblemFile) -> str:
-    """The same for the same problem and settings, whatever the name of the file."""
+    """Return a digest that is equal for equal problems and settings, whatever the name of the file."""
     settings = file.run.model_dump(exclude_unset=True)
     return digest([file.fields, settings])
 
 
 def _spec(job: Summary, file: ProblemFile) -> JobSpec:
-    """The job for the dispatcher, whose clock does not know of Unix time: its ``seconds`` run from acceptance."""
+    """Return the job for the dispatcher, with its time of submission moved from Unix time to the monotonic clock."""
     submitted = time.monotonic() - max(0.0, time.time() - job.submitted)
     return JobSpec(job.number, file, None, job.job, job.priority, submitted)
 
 
 def _best_of(job: Stored) -> Improvement | None:
-    """As the recorder has kept it."""
+    """Return the best answer that the recorder has stored; in JSON an infinite fitness is null."""
     if job.best is None:
         return None
     fitness = job.best["fitness"]

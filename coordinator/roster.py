@@ -1,6 +1,7 @@
-"""Which process lives on which node, and what each has told of itself last.
+"""Keep track of which process each node has, and of the latest counters of each node.
 
-A node's token drops when its process dies, but also when the router does; so only another process in its place is news.
+A node's liveliness token drops when its process dies, but also when the router does. So a dropped token alone means
+nothing; only the token of another process on the same node proves that the old process has died.
 """
 
 import threading
@@ -18,18 +19,18 @@ from wire.news import Counters
 from wire.strict import Rejected
 
 _KILOBYTE = 1024
-_LOOK_FOR = 0.1  # seconds, at the memory of nodes, whenever their status is asked for
+_LOOK_FOR = 0.1  # seconds to spend on measuring memory for each request for the nodes' status
 
 
 class Roster:
-    """The processes of one cluster, as a coordinator that did not launch them sees it.
+    """The processes of one cluster, for a coordinator that did not launch them.
 
     Args:
-        session: through the router.
-        keys: of the cluster.
-        replaced: called by Zenoh's thread with the number of a node that another process has come to live on, or with
-            None for the spy.
-        arrived: called by Zenoh's thread with the number of a node that is seen for the first time.
+        session: a Zenoh session through the router.
+        keys: the key expressions of the cluster.
+        replaced: called with the number of a node that has a new process, or with None for the spy. Usually called on
+            Zenoh's thread.
+        arrived: called with the number of a node that is seen for the first time, likewise.
     """
 
     def __init__(
@@ -43,11 +44,11 @@ class Roster:
         self._replaced = replaced
         self._arrived = arrived
         self._lock = threading.Lock()
-        self._processes: dict[str, tuple[int, str]] = {}  # by name, each with its host: "" for this one
-        self._seen: dict[int, float] = {}  # when a node's process was first seen, on the monotonic clock
-        self._counters: dict[int, Counters] = {}
+        self._processes: dict[str, tuple[int, str]] = {}  # by name, the process id and the host ("": this machine)
+        self._seen: dict[int, float] = {}  # by node, when its process was first seen, on the monotonic clock
+        self._counters: dict[int, Counters] = {}  # by node
         self._memory = _Memory()
-        self._spy: int | None = None  # its process, as long as its token is there
+        self._spy: int | None = None  # its process id, as long as its token exists
         liveliness = self._liveliness = session.liveliness()
         self._declared = [
             liveliness.declare_subscriber(keys.any_life, direct(self._see), history=True),
@@ -56,13 +57,13 @@ class Roster:
         ]
 
     def look(self) -> None:
-        """See all those that are there now, instead of soon."""
+        """Note all nodes that are present now; the subscriber would report them only a little later."""
         for reply in self._liveliness.get(self._keys.any_life):
             if reply.ok is not None:
                 self._see(reply.ok)
 
     def forget(self, nodes: Iterable[int]) -> None:
-        """These are gone for good; who comes under such a number later is new."""
+        """Forget nodes that are gone for good; one that comes under such a number later counts as new."""
         with self._lock:
             for node in nodes:
                 self._processes.pop(f"node {node}", None)
@@ -70,18 +71,19 @@ class Roster:
                 self._counters.pop(node, None)
 
     def cpu_seconds(self) -> dict[str, float]:
-        """CPU time that each process on this host has used so far, by name, this one's included."""
+        """Return the CPU time that each process on this machine has used so far, by name, this one's included."""
         with self._lock:
             processes = {name: process for name, (process, host) in self._processes.items() if not host}
         return cpu_seconds_of(processes) | {"coordinator": time.process_time()}
 
     @property
     def spy(self) -> int | None:
-        """The spy's process, if there is one."""
+        """The id of the spy's process; None if there is none."""
         return self._spy
 
     def nodes(self, nodes: Iterable[int], job_on: Callable[[int], str | None]) -> list[dict[str, Any]]:
-        """Each of the nodes, as `status` shows it; ``job_on`` tells the job that a node is at."""
+        """Return each node as the command `status` shows it; ``job_on`` returns the job of a node."""
+        # Before the lock is taken: `job_on` takes the dispatcher's lock.
         jobs = {node: job_on(node) for node in nodes}
         with self._lock:
             here = {each: process for each in jobs if (process := self._here(each)) is not None}
@@ -90,7 +92,7 @@ class Roster:
         return [each | {"memory": self._memory.known.get(here.get(each["node"], -1))} for each in told]
 
     def _here(self, node: int) -> int | None:
-        """Its process, if that is on this host."""
+        """Return the id of a node's process if that runs on this machine; else None."""
         process, host = self._processes.get(f"node {node}", (None, ""))
         return None if host else process
 
@@ -113,7 +115,7 @@ class Roster:
         key = str(sample.key_expr)
         (node, process), host = self._keys.life_of(key), self._keys.home_of(key)
         is_here = sample.kind == zenoh.SampleKind.PUT
-        if node is None and (is_here or process == self._spy):
+        if node is None and (is_here or process == self._spy):  # an old spy's token may go after the new one's has come
             self._spy = process if is_here else None
         if not is_here:
             return
@@ -124,6 +126,7 @@ class Roster:
             if node is not None and before != (process, host):
                 self._seen[node] = time.monotonic()
                 self._counters.pop(node, None)
+        # The lock is free again: these call the dispatcher, which takes its own.
         if before is None and node is not None:
             self._arrived(node)
         elif before not in (None, (process, host)):
@@ -139,29 +142,29 @@ class Roster:
 
 
 class _Memory:
-    """How much memory processes have: the kernel takes milliseconds to add it up, so of many only some are looked at.
+    """The memory of processes. The kernel takes milliseconds to add up one, so each look covers only some of many.
 
     Attributes:
-        known: bytes, by process, as they were when it was looked at last.
+        known: bytes by process id, as of the latest look at that process; the longest unseen first.
     """
 
     def __init__(self) -> None:
         self.known: dict[int, int | None] = {}
 
     def look(self, processes: Iterable[int]) -> None:
-        """See how it is now, those first that have not been looked at for the longest time."""
+        """Measure processes for a limited time, those first that were not measured for the longest time."""
         there = set(processes)
         self.known = {process: memory for process, memory in self.known.items() if process in there}
         until = time.monotonic() + _LOOK_FOR
         for process in [*(there - self.known.keys()), *self.known]:
-            self.known.pop(process, None)  # so that the latest is the last
+            self.known.pop(process, None)  # so that it becomes the last of the dict
             self.known[process] = _proportional_set_size(process)
             if time.monotonic() >= until:
                 return
 
 
 def _proportional_set_size(process: int) -> int | None:
-    """Bytes: what a process shares with others counts in shares. None if it is gone."""
+    """Return a process's memory in bytes, shared pages divided among their users; None if the process is gone."""
     try:
         rollup = Path(f"/proc/{process}/smaps_rollup").read_text(encoding="ascii")
     except OSError:

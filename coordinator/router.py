@@ -13,15 +13,17 @@ from wire import sessions
 
 
 def route(endpoints: Sequence[str], ready: int) -> None:
-    """Route between all who connect to one of the ``endpoints``, until the process is ended.
+    """Run a router for everything that connects to one of the ``endpoints``, until the process is killed.
 
-    A byte is written to the descriptor ``ready`` when it listens.
+    Args:
+        endpoints: Zenoh endpoints to listen at.
+        ready: a descriptor that gets one byte, ``!``, when the router listens.
 
     Raises:
-        ClusterFailed: if it cannot listen there.
+        ClusterFailed: if the router cannot listen there.
     """
     _, most_files = resource.getrlimit(resource.RLIMIT_NOFILE)
-    resource.setrlimit(resource.RLIMIT_NOFILE, (most_files, most_files))  # one for each node; 1024 by default
+    resource.setrlimit(resource.RLIMIT_NOFILE, (most_files, most_files))  # each node takes one; the default is 1024
     sessions.use_runtime(sessions.ROUTER_RUNTIME)
     try:
         session = sessions.router(endpoints)
@@ -34,7 +36,7 @@ def route(endpoints: Sequence[str], ready: int) -> None:
 
 
 def _words(error: str, endpoints: Sequence[str]) -> str:
-    """What Zenoh says, without the places in its source, and at which endpoint as far as it tells."""
+    """Return Zenoh's error as a sentence: without places in its source, with the endpoint as far as that is known."""
     named = [each for each in endpoints if each.partition("/")[2] in error]
     number = re.search(r"\(os error (\d+)\)", error)
     reason = error.partition(" at /")[0] if number is None else os.strerror(int(number[1]))

@@ -1,8 +1,10 @@
-"""Who runs next, and on which nodes: a queue and the free nodes, without any input, output or clock.
+"""Decide which job runs next, and on which nodes: a queue and the free nodes, without any input, output or clock.
 
-A job starts when it is at the head of the queue and enough nodes are free; one that does not fit yet holds back those
-behind it, so that a large job is not overtaken for ever. Among the free nodes those are taken that were wired for the
-same topology before, since nothing must be rewired then; else those whose wiring has been out of use the longest.
+A job starts when it is at the head of the queue and enough nodes are free. A job that does not fit yet holds back those
+behind it: otherwise small jobs could overtake a large one for ever. Free nodes that are wired for the same topology
+already are preferred, since they need no new links; otherwise those whose wiring has been out of use the longest.
+
+Not thread-safe: the dispatcher calls it while it holds its lock.
 """
 
 import bisect
@@ -14,31 +16,31 @@ from problems.errors import BadInput
 
 
 class QueueFull(RuntimeError):  # noqa: N818
-    """No more jobs may wait; the message says how many do."""
+    """The queue is full; the message says how many jobs wait."""
 
 
 class TooLarge(BadInput):
-    """A job that asks for more cells than there are nodes; the message names both figures."""
+    """The job asks for more cells than the cluster has nodes; the message names both figures."""
 
 
 class Placed(NamedTuple):
-    """A job may start now: its cells, in their order, are to live on ``nodes``."""
+    """A job that may start now; ``nodes`` are for its cells, in the order of these."""
 
     number: int
     nodes: tuple[int, ...]
 
 
 class _Waiting(NamedTuple):
-    """A job in the queue, ordered as the queue is."""
+    """A job in the queue; the order of these tuples is the order of the queue."""
 
-    behind: int  # minus the priority
+    behind: int  # the negative priority
     number: int
     cells: int
     topology: str
 
 
 class _Wiring(NamedTuple):
-    """Nodes that were linked as the cells, in their order, of a topology; the higher ``age``, the later."""
+    """Nodes linked as a topology, in the order of its cells; a later wiring has a higher ``age``."""
 
     age: int
     topology: str
@@ -52,24 +54,24 @@ class Scheduler:
     """The queue and the nodes of one cluster.
 
     Args:
-        nodes: how many there are, numbered from 0; or, if they are still to `join`, how many are expected at least.
-        max_queue: how many jobs may wait for nodes, or None for any number.
-        joining: whether there are none yet.
+        nodes: the number of nodes, numbered from 0; or, if they are still to `join`, the least number expected.
+        max_queue: how many jobs may wait for nodes; None for any number.
+        joining: whether the nodes are still to join.
     """
 
     def __init__(self, nodes: int, max_queue: int | None = None, *, joining: bool = False) -> None:
         self._expected = nodes
         self._here = set() if joining else set(range(nodes))
         self.max_queue = max_queue
-        self._queue: list[_Waiting] = []
-        self._busy: dict[int, tuple[int, ...]] = {}  # job to nodes
-        self._free = set(self._here)
+        self._queue: list[_Waiting] = []  # sorted
+        self._busy: dict[int, tuple[int, ...]] = {}  # job to nodes, also to nodes that have left
+        self._free = set(self._here)  # the nodes that are here and busy with no job
         self._wired: dict[int, _Wiring] = {}  # node to its latest wiring
         self._ages = itertools.count()
 
     @property
     def nodes(self) -> int:
-        """How many there are, or will be."""
+        """The number of nodes that there are, or that are expected."""
         return max(self._expected, len(self._here))
 
     @property
@@ -79,33 +81,35 @@ class Scheduler:
 
     @property
     def free_nodes(self) -> int:
-        """How many nodes no job has."""
+        """The number of nodes that no job has."""
         return len(self._free)
 
     @property
     def here(self) -> tuple[int, ...]:
-        """The nodes that there are."""
+        """The nodes that are present, busy or free, sorted."""
         return tuple(sorted(self._here))
 
     def nodes_of(self, number: int) -> tuple[int, ...] | None:
-        """The nodes of a job that has some."""
+        """Return the nodes of a job; None if it has none."""
         return self._busy.get(number)
 
     def add(
         self, number: int, cells: int, topology_spec: str, priority: int = 0, *, accepted_before: bool = False
     ) -> None:
-        """Put a job into the queue: behind those of its priority and a lower number, before those of lower priority.
+        """Put a job into the queue, ordered by priority, then by number.
+
+        A job that starts over has its old number, and so gets its old place.
 
         Args:
-            number: of the job; later ones have higher numbers.
+            number: the job's number; later jobs have higher numbers.
             cells: the number of nodes that it needs.
-            topology_spec: how they are linked.
-            priority: higher is earlier.
-            accepted_before: a job of the last coordinator's, or one that starts over, is never too many.
+            topology_spec: how these are linked.
+            priority: jobs of a higher priority start earlier.
+            accepted_before: whether the job was accepted by the previous coordinator; then a full queue takes it too.
 
         Raises:
-            TooLarge: if it could never start.
-            QueueFull: if it would have to wait and too many do already.
+            TooLarge: if the job could never start.
+            QueueFull: if it would have to wait and too many jobs wait already.
         """
         assert number not in self._busy, f"job {number} has nodes already"
         assert number not in self.queued, f"job {number} is queued already"
@@ -120,13 +124,13 @@ class Scheduler:
         self._queue.insert(place, waiting)
 
     def remove(self, number: int) -> bool:
-        """Take a job out of the queue; whether it was in it."""
+        """Take a job out of the queue; return whether it was in it."""
         before = len(self._queue)
         self._queue = [waiting for waiting in self._queue if waiting.number != number]
         return len(self._queue) < before
 
     def start(self) -> list[Placed]:
-        """Give nodes to those jobs that may start now, in the order of the queue."""
+        """Give nodes to the jobs that may start now, in the order of the queue, and return them."""
         placed = []
         while self._queue and self._queue[0].cells <= len(self._free):
             waiting = self._queue.pop(0)
@@ -136,17 +140,18 @@ class Scheduler:
         return placed
 
     def free(self, number: int) -> None:
-        """A job has ended: its nodes are free again, wired as they are. Harmless if it has none."""
+        """Free the nodes of a job that has ended; they stay wired as they are. Harmless if the job has none."""
         self._free.update(self._here.intersection(self._busy.pop(number, ())))
 
     def join(self, nodes: Iterable[int]) -> None:
-        """There are more nodes, or some are there again; they are linked to nobody. Harmless if they are there."""
+        """Add nodes, new ones or some that had left; they have no links. Harmless for nodes that are here."""
         new = set(nodes) - self._here
         self._here |= new
+        # A node may come back before the job has ended that it had: then `free` makes it free.
         self._free |= new - {node for busy in self._busy.values() for node in busy}
 
     def leave(self, nodes: Iterable[int]) -> set[int]:
-        """These nodes are gone. The jobs that have one of them, which have to end."""
+        """Remove nodes that are gone; return the jobs that have one of them, which must end."""
         gone = set(nodes)
         self._here -= gone
         self._free -= gone
@@ -155,10 +160,15 @@ class Scheduler:
         return {number for number, nodes in self._busy.items() if gone.intersection(nodes)}
 
     def occupy(self, number: int, nodes: Iterable[int], topology_spec: str | None = None) -> None:
-        """A job was found running on these nodes, linked in this order as that topology if it is known.
+        """Note a job that was found running on these nodes.
+
+        Args:
+            number: the job's number.
+            nodes: its nodes, in the order of its cells.
+            topology_spec: how they are linked; None if that is not known.
 
         Raises:
-            ValueError: if there is no such node, or another job has it.
+            ValueError: if a node does not exist, or another job has it.
         """
         nodes = tuple(nodes)
         if not self._free.issuperset(nodes) or len(set(nodes)) < len(nodes):
@@ -166,15 +176,15 @@ class Scheduler:
         self._take(number, nodes, topology_spec)
 
     def wired(self, nodes: Iterable[int], topology_spec: str) -> None:
-        """These nodes, free or not, are linked in this order as that topology."""
+        """Note that these nodes, free or busy, are linked in this order as a topology."""
         self._wire(tuple(nodes), topology_spec)
 
     def rewired(self, number: int, topology_spec: str) -> None:
-        """A running job's nodes are now linked, in their order, as another topology."""
+        """Note that a running job's nodes are now linked, in their order, as another topology."""
         self._wire(self._busy[number], topology_spec)
 
     def replaced(self, node: int) -> None:
-        """A node was born anew and is linked to nobody yet."""
+        """Note that a node has a new process, which has no links yet."""
         self._wired.pop(node, None)
 
     def _take(self, number: int, nodes: tuple[int, ...], topology: str | None) -> None:
@@ -190,9 +200,10 @@ class Scheduler:
             self._wired |= dict.fromkeys(nodes, wiring)
 
     def _choose(self, cells: int, topology: str) -> tuple[int, ...]:
-        """Nodes wired as they should be, the latest such; else free ones whose wiring is the oldest, in their order."""
+        """Return free nodes for a job: those wired for its topology last, else those of the oldest wirings, sorted."""
         wired = {wiring for node, wiring in self._wired.items() if wiring.topology == topology and node in self._free}
         for wiring in sorted(wired, reverse=True):
+            # A wiring is intact only if it is still the latest of each of its nodes.
             if all(node in self._free and self._wired.get(node) is wiring for node in wiring.nodes):
                 return wiring.nodes
         oldest = sorted(self._free, key=lambda node: (self._wired.get(node, _UNWIRED).age, node))

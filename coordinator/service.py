@@ -1,8 +1,10 @@
-"""The coordinator's process: takes jobs from clients, keeps them, has them run, and tells what becomes of them.
+"""The coordinator's process: it takes jobs from clients, stores them, has them run, and publishes their states.
 
-Its memory is the store: killed at any moment, the next one goes on where it stopped. Nobody waits for another's slow
-request: questions are answered in the order of their coming on one thread; submits, whose problems may be large, on a
-few others; and the changes of a job's world one after another, beside those of other jobs.
+Everything that matters is in the store: if the coordinator is killed at any moment, the next one continues from there.
+
+No client waits for another client's slow request. One thread answers questions, in the order of their arrival. A few
+others check submitted jobs, whose problems may be large. Changes of one job (updates and rewirings) are carried out one
+after another, beside those of other jobs (see `coordinator.lanes`).
 """
 
 import contextlib
@@ -35,11 +37,11 @@ from wire.keys import Keys
 from wire.news import LogRecord
 from wire.strict import Rejected
 
-_SUBMITS_AT_ONCE = 8  # each may take a hundred times its size in memory while it is checked
+_SUBMITS_AT_ONCE = 8  # a problem may take a hundred times its size in memory while it is checked
 _SUBMITS = Queue("submits", 1000, 256 << 20)
 _CHANGES = Queue("changes", 1000, 256 << 20)
-_CHANGES_OF_ONE, _BYTES_OF_ONE = 100, 64 << 20  # job
-_TRY_AGAIN = 0.5  # seconds
+_CHANGES_OF_ONE, _BYTES_OF_ONE = 100, 64 << 20  # of one job, so that it leaves room for changes of others
+_TRY_AGAIN = 0.5  # seconds between two attempts to open the database
 
 
 @dataclass(frozen=True)
@@ -47,11 +49,11 @@ class Options:
     """How the service is started.
 
     Attributes:
-        nodes: how many there are.
+        nodes: the number of nodes; if they join, the least number expected.
         store: the URL of the database.
-        keep: how much of what happened is kept there.
-        log_json: whether the log is written in JSON; if None, it is where stderr is no terminal.
-        joined: whether router, spy and nodes were started by others, and so live on when the coordinator ends.
+        keep: how many records and ended jobs are kept there.
+        log_json: whether the log is written as JSON; if None, it is if stderr is not a terminal.
+        joined: whether router, spy and nodes were started separately, so that they stay when the coordinator ends.
     """
 
     nodes: int
@@ -62,7 +64,7 @@ class Options:
 
 
 def run(config: NodeConfig, options: Options, make_dispatcher: MakeDispatcher) -> None:
-    """Be the coordinator until a client, or SIGTERM, says that the cluster is to end."""
+    """Run the coordinator until a client's `Down` or SIGTERM ends it."""
     sessions.use_runtime(sessions.NODE_RUNTIME)
     session = sessions.client(config.router)
     service = Service(session, config.keys, config.modules, options, make_dispatcher)
@@ -75,7 +77,14 @@ def run(config: NodeConfig, options: Options, make_dispatcher: MakeDispatcher) -
 
 
 class Service:
-    """The request handler with its telephone.
+    """Receives requests through Zenoh and passes them to the request handler on suitable threads.
+
+    Args:
+        session: a Zenoh session through the router.
+        keys: the key expressions of the cluster.
+        modules: users' modules that may be run.
+        options: how the service is started.
+        make_dispatcher: makes the dispatcher.
 
     Raises:
         StoreFailed: if the database cannot be used.
@@ -95,7 +104,7 @@ class Service:
         self._waiting = WaitingRoom()
         self._down = threading.Event()
         self._submits = ThreadPoolExecutor(_SUBMITS_AT_ONCE, "submits")
-        self._changes = Lanes()  # by job
+        self._changes = Lanes()  # a lane for each job
         lines = LogLines(keys.cluster, options.log_json)
         self._store = _store_at(options.store, lines)
         self._states = session.declare_publisher(keys.state)
@@ -115,8 +124,9 @@ class Service:
         )
 
     def serve(self) -> None:
-        """Go on with the jobs of the last coordinator, then answer requests until `stop`."""
+        """Continue the jobs of the previous coordinator, then answer requests until `stop`."""
         self._request_handler.restore()
+        # The token last: a client that sees it may ask at once.
         queryable = self._session.declare_queryable(self._keys.jobs, direct(self._mail.put))
         token = self._session.liveliness().declare_token(self._keys.coordinator)
         worker = threading.Thread(target=self._work, name="requests", daemon=True)
@@ -129,13 +139,13 @@ class Service:
         worker.join()
 
     def stop(self) -> None:
-        """Have `serve` return. Jobs that have not ended are kept for the next coordinator."""
+        """Make `serve` return. Jobs that have not ended stay in the store for the next coordinator."""
         self._down.set()
 
     def close(self) -> None:
-        """Let go of everything but the session."""
+        """Close everything but the session."""
         self._submits.shutdown(wait=False, cancel_futures=True)
-        self._recorder.close()  # first: what the end of the dispatcher does to jobs is none of theirs
+        self._recorder.close()  # before the dispatcher: what happens to its jobs from now on must not be stored
         self._dispatcher.close()
         self._store.close()
 
@@ -147,6 +157,7 @@ class Service:
                 self._fail(query, error)
 
     def _handle(self, query: zenoh.Query) -> None:
+        """Answer a question at once; pass a submit or a change on to other threads. On the requests' thread."""
         try:
             request = jobs.decode(b"" if query.payload is None else query.payload.to_bytes())
         except Rejected as error:
@@ -158,13 +169,11 @@ class Service:
         return None
 
     def _put_off(self, query: zenoh.Query, request: Submit | Update | Rewire) -> None:
-        """Answer on another thread, unless too many wait for that already."""
+        """Answer on another thread; refuse if too many requests wait for that already."""
         size = 0 if query.payload is None else len(query.payload)
         full = self._waiting.enter(_queues(request), size)
         if full is not None:
-            refused = (
-                f"too many {full.name} wait already: at most {full.requests} may, of {full.bytes >> 20} MiB in all"
-            )
+            refused = f"too many {full.name} wait (at most {full.requests}, {full.bytes >> 20} MiB in total); try later"
             return _reply(query, self._keys.jobs, Refused(refused, "failure"))
         answer = partial(self._answer_later, query, request, size)
         if isinstance(request, Submit):
@@ -187,11 +196,11 @@ class Service:
     def _answer(self, query: zenoh.Query, request: Request) -> None:
         answer = self._request_handler.answer(request)
         _reply(query, self._keys.jobs, answer)
-        if isinstance(request, Down) and isinstance(answer, Done):
+        if isinstance(request, Down) and isinstance(answer, Done):  # only now, so that the client gets its answer
             self.stop()
 
     def _publish(self, state: JobState) -> None:
-        with contextlib.suppress(zenoh.ZError):  # whoever wants to know can ask
+        with contextlib.suppress(zenoh.ZError):  # clients can still ask for the state
             self._states.put(state.encode())
 
     def _forget(self, number: int) -> None:
@@ -199,14 +208,14 @@ class Service:
 
 
 def _queues(request: Submit | Update | Rewire) -> tuple[Queue, ...]:
-    """Where it waits."""
+    """Return the queues in which a request counts as waiting."""
     if isinstance(request, Submit):
         return (_SUBMITS,)
     return _CHANGES, Queue(f"changes of job {request.job!r}", _CHANGES_OF_ONE, _BYTES_OF_ONE)
 
 
 def _store_at(url: str, lines: LogLines) -> Store:
-    """The store; a database that is away for a while is waited for."""
+    """Open the store; wait for a database that is away for a while."""
     waiting = False
     while True:
         try:
@@ -221,5 +230,5 @@ def _store_at(url: str, lines: LogLines) -> Store:
 
 
 def _reply(query: zenoh.Query, key: str, answer: Answer) -> None:
-    with contextlib.suppress(zenoh.ZError), query:  # else the client is gone
+    with contextlib.suppress(zenoh.ZError), query:  # an error means that the client is gone
         query.reply(key, jobs.encode_answer(answer))

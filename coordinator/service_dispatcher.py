@@ -1,4 +1,4 @@
-"""The dispatcher of a service: its processes outlive it, and whatever dies of them is replaced."""
+"""The dispatcher of a cluster that stays up: processes that die are replaced, and jobs outlive the coordinator."""
 
 import time
 from collections.abc import Iterable
@@ -15,20 +15,20 @@ from wire.seal import Seal
 
 
 class ServiceDispatcher(Dispatcher):
-    """Runs the jobs of nodes that others have launched.
+    """Runs jobs on nodes that other processes have launched.
 
     Args:
-        session: through the router.
-        keys: of the cluster.
-        seal: by which its processes obey.
-        hooks: told of what happens.
-        topology: of the nodes, unless they join.
-        wired: whether they have those links.
-        max_queue: how many jobs may wait.
-        expected: for a cluster whose nodes join, how many at least.
+        session: a Zenoh session through the router.
+        keys: the key expressions of the cluster.
+        seal: signs commands.
+        hooks: called with everything that happens.
+        topology: the topology of the nodes, unless they join.
+        wired: whether the nodes have the links of that topology.
+        max_queue: how many jobs may wait; None for any number.
+        expected: for a cluster whose nodes join, the least number of nodes expected.
     """
 
-    _roster: Roster  # made by those who know whom to tell of nodes that come
+    _roster: Roster  # subclasses make it, since only some of them handle nodes that join
 
     def __init__(
         self,
@@ -53,36 +53,39 @@ class ServiceDispatcher(Dispatcher):
             cpu_seconds=self._cpu_seconds,
             replaces=True,
             max_queue=max_queue,
-            first_wiring=self.began,  # no coordinator before this one has come so far
+            # Milliseconds since 1970: higher than all numbers of the coordinator before, which did not make a wiring
+            # each millisecond. A number given twice would let nodes keep links that they should replace.
+            first_wiring=self.began,
             expected=expected,
         )
 
     def nodes(self) -> list[dict[str, Any]]:
-        """Each node, as `status` shows it."""
+        """Return each node as the command `status` shows it."""
         with self._lock:
             here = self._scheduler.here
         return self._roster.nodes(here, self.job_on)
 
     def spy(self) -> int | None:
-        """The process of the spy, if there is one."""
+        """Return the id of the spy's process; None if there is none."""
         return self._roster.spy
 
     def replaced(self, node: int | None) -> None:
-        """Another process lives in the place of a dead node, or of the dead spy."""
+        """Note and log that a new process has replaced that of a node (None: of the spy)."""
         whose = "as the spy" if node is None else f"on node {node}"
-        self._log("warning", f"a process has died: another one lives {whose}", node)  # first: it may end the job
+        # The log first: the death may end the job, and then the line could not name it any more.
+        self._log("warning", f"a process has died: another one lives {whose}", node)
         super().replaced(node)
 
     def left(self, nodes: Iterable[int], why: str) -> None:
-        """Nodes are gone that nothing replaces."""
+        """Remove nodes that are gone for good; log why."""
         self._log("error", why)
         super().left(nodes, why)
 
     def close(self) -> None:
-        """Leave the jobs to whoever comes next."""
+        """Do nothing: the jobs run on and are left to the next coordinator."""
 
     def _log(self, level: str, text: str, node: int | None = None) -> None:
-        """Tell it; what is about a node is about the job there too."""
+        """Log a message; one about a node names the node's job and cell too."""
         job, cell = (None, None) if node is None else self.place_of(node)
         number = None if job is None else job.spec.number
         self.hooks.logged(LogRecord(level, "coordinator", text, time.time(), node, cell, number))

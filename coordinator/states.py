@@ -1,4 +1,4 @@
-"""The life of a job: one table of which state may follow which, and the one function that every change goes through."""
+"""The states of a job: a table of which state may follow which, and the function that checks every change."""
 
 from types import MappingProxyType
 from typing import Literal, get_args
@@ -23,39 +23,39 @@ State = Literal[
 ENDS: frozenset[State] = frozenset(
     {"solved", "optimal", "infeasible", "stalled", "exhausted", "deadline", "cancelled", "failed"}
 )
-"""States that nothing follows."""
+"""Final states."""
 
 BREEDING: frozenset[State] = frozenset({"running", "searching"})
 """States in which nodes breed."""
 
 LIVING: frozenset[State] = BREEDING | {"waiting"}
-"""States in which nodes have the job's individuals."""
+"""States in which nodes hold the job's individuals."""
 
-_STOPPED: frozenset[State] = frozenset({"cancelled", "deadline", "failed"})  # whether or not anything was found
+_STOPPED: frozenset[State] = frozenset({"cancelled", "deadline", "failed"})  # possible whether or not nodes breed
 
-# "queued" follows a later state only when the cluster has lost what the job had reached: it starts over.
+# "queued" follows a later state only if the cluster has lost the job's individuals: the job starts over then.
 TRANSITIONS = MappingProxyType[State, frozenset[State]](
     {
         "submitted": frozenset({"queued"}),
         "queued": _STOPPED | {"preparing"},
         "preparing": _STOPPED | {"running", "searching", "queued"},
         "running": ENDS | {"searching", "waiting", "queued"},
-        "searching": ENDS | {"running", "waiting", "queued"},  # kept alive, begins anew until it has an answer
-        "waiting": _STOPPED | {"running", "searching", "queued"},  # has its answer, and is kept alive for what follows
+        "searching": ENDS | {"running", "waiting", "queued"},  # kept alive without an answer: makes further attempts
+        "waiting": _STOPPED | {"running", "searching", "queued"},  # kept alive with its answer: waits for an update
         **dict.fromkeys(ENDS, frozenset()),
     }
 )
 
 
 class WrongTransition(ValueError):  # noqa: N818
-    """A state that cannot follow the one before it."""
+    """A state that does not exist, or cannot follow the present one."""
 
 
 def follow(now: State, then: str) -> State:
-    """``then``, the state after ``now``.
+    """Return ``then`` as the state that follows ``now``.
 
     Raises:
-        WrongTransition: if it is not in the table.
+        WrongTransition: if the table does not allow it.
     """
     for state in TRANSITIONS[now]:
         if state == then:
@@ -65,10 +65,10 @@ def follow(now: State, then: str) -> State:
 
 
 def state_of(text: str) -> State:
-    """The state of that name.
+    """Return the state of that name.
 
     Raises:
-        WrongTransition: if there is none.
+        WrongTransition: if there is no such state.
     """
     for state in get_args(State):
         if state == text:

@@ -1,7 +1,7 @@
-"""What must outlive the coordinator: jobs, the changes of their states, their best answers and results, in a database.
+"""Store what must survive the coordinator in a database: jobs, their state changes, best answers and results.
 
-What a method has written is safe on disk when it returns, so that a job which was acknowledged after `Store.add`
-survives whatever happens to the process.
+What a method writes is safe on disk when the method returns (within `Store.transaction`: when that ends). So a job that
+is acknowledged after `Store.add` survives whatever happens to the process.
 """
 
 import contextlib
@@ -34,29 +34,33 @@ from spy.past import SEVERAL, Past
 
 _SCHEMA = 4
 _NEW_ID_BYTES = 4
-_FIRST_STATES, _LATEST_STATES = 10, 1000  # of a job, that are told
-_MOST_EPOCHS = 1000  # of a job, the latest, that are told,
-_MOST_TOLD = 1 << 19  # and bytes of what changed with them
-_TIDY_EVERY = 100  # epochs of a job
-_SMALL_BYTES = 1000  # about, of an ended job: all but its files, answer, result and epochs
+# A job that is kept alive may have any number of epochs and states. These bounds keep answers, and the database, small.
+_FIRST_STATES, _LATEST_STATES = 10, 1000  # state changes of a job that `Store.transitions` returns
+_MOST_EPOCHS = 1000  # epochs of a job that `Store.epochs` returns, the latest,
+_MOST_TOLD = 1 << 19  # and the bytes of their directives
+_TIDY_EVERY = 100  # epochs of a job between two clean-ups of its rows
+_SMALL_BYTES = 1000  # estimated size of an ended job without its files, answer, result and epochs
 
 
 class IdTaken(BadInput):
-    """Another problem file was submitted under the same id before."""
+    """Another problem, or the same with other settings, was submitted under the same id before."""
 
 
 class UnknownJob(BadInput):
-    """There is no such job."""
+    """There is no job of that id or number."""
 
 
 @dataclass(frozen=True)
 class Submission:
-    """A job that is to be kept.
+    """A job to be stored.
 
     Attributes:
         file: the problem file as JSON.
-        digest: of the problem and its run settings: the same for the same job.
-        cells: the nodes that it needs, linked as ``topology`` says.
+        digest: a digest of the problem and its run settings; equal for equal jobs.
+        kind: the kind of the problem.
+        topology: the topology of the job's cells.
+        cells: the number of cells, which is the number of nodes that the job needs.
+        priority: jobs of a higher priority start earlier.
     """
 
     file: str
@@ -69,16 +73,16 @@ class Submission:
 
 @dataclass(frozen=True)
 class Summary:
-    """A job in a line.
+    """The short description of a job.
 
     Attributes:
-        job: the id.
-        number: its place in the order of coming.
-        fitness: of the best verified answer, if there is a finite one.
-        submitted: Unix time, seconds; ``started`` and ``ended`` too. A job ends at its deadline for all who wait for
-            its answer; it has ``ended`` when its nodes have stopped and its result is here.
-        message: why it failed, or what else there is to say.
-        nodes: which it has, or had, in the order of its cells.
+        job: the job's id, unique within the cluster.
+        number: the job's number; jobs are numbered in the order of their submission.
+        fitness: the fitness of the best verified answer; None if there is none, or it is not finite.
+        submitted, started, ended: Unix times in seconds. At its deadline a job gets the status "deadline" at once, but
+            ``ended`` only when its nodes have stopped and its result is stored.
+        message: why the job failed, or another remark on its end.
+        nodes: the nodes that it has, or had, in the order of its cells.
     """
 
     job: str
@@ -98,12 +102,12 @@ class Summary:
 
 @dataclass(frozen=True)
 class Answered(Summary):
-    """A job and its answer.
+    """A job with its best answer and its result.
 
     Attributes:
         best: the best verified answer, decoded.
-        result: as `spy.result.Result.to_json` makes it, once the job has ended.
-        epoch: the number of the one that it is in.
+        result: the result as `spy.result.Result.to_json` returns it; None until the job has ended.
+        epoch: the number of its latest epoch.
     """
 
     best: dict[str, Any] | None
@@ -113,12 +117,12 @@ class Answered(Summary):
 
 @dataclass(frozen=True)
 class Stored(Answered):
-    """All about a job.
+    """Everything that the store knows of a job, except its epochs and states.
 
     Attributes:
-        file: the problem file as JSON, as it was submitted.
-        file_now: the same as its world is now.
-        wiring: of its nodes' links.
+        file: the problem file as it was submitted, as JSON.
+        file_now: the problem file of the latest epoch, as JSON.
+        wiring: the number of its nodes' links, see `wire.control.Wiring`.
     """
 
     file: str = field(repr=False)
@@ -127,24 +131,32 @@ class Stored(Answered):
 
 
 class Store:
-    """The jobs of one cluster, in the database at ``url``. Any thread may use it.
+    """The jobs of one cluster, in a database. Any thread may use it.
+
+    Writers take turns by a lock, since they share the open transaction; readers have sessions of their own and see only
+    what is committed.
 
     Args:
         url: such as ``sqlite:////home/ada/jobs.sqlite`` or ``postgresql://ada@db.example/supernode``.
+
+    Attributes:
+        bytes_ended: about how many bytes the jobs take that have ended since the last `forget_beyond`.
 
     Raises:
         StoreFailed: if the database cannot be opened, is of another version, or serves another coordinator.
     """
 
     def __init__(self, url: str) -> None:
-        self._lock = threading.RLock()
-        self._session: Session | None = None  # the transaction that is open
-        self.bytes_ended = 0  # about, of the jobs that have ended since there was last looked for too many
+        self._lock = threading.RLock()  # re-entrant: methods write within `transaction`
+        self._session: Session | None = None  # the open transaction; only the thread that holds the lock touches it
+        self.bytes_ended = 0
         self._database = Database(url)
         try:
             with self._database.failing_clearly():
                 Base.metadata.create_all(self._database.engine)
             self._check_schema()
+            # Counted in memory, so that the number of a withdrawn job is not given again. This is safe: the database is
+            # claimed by this process, so no other coordinator gives numbers.
             self._next_number = self._greatest_number() + 1
         except BaseException:
             self.close()
@@ -152,31 +164,36 @@ class Store:
 
     @property
     def next_number(self) -> int:
-        """What the next job will be numbered."""
+        """The number of the next job."""
         return self._next_number
 
     def close(self) -> None:
-        """Let go of the database. Idempotent."""
+        """Close the database, so that another coordinator may open it. Idempotent."""
         self._database.close()
 
     @contextlib.contextmanager
     def transaction(self) -> Iterator[None]:
-        """What is written within is written at once, or not at all; it is safe when this ends.
+        """Commit everything that is written within together, or nothing of it; it is on disk when this ends.
 
         Raises:
-            StoreFailed: if the database cannot do it.
+            StoreFailed: if the database fails.
         """
         with self.writing():
             yield
 
     # Writing ----------------------------------------------------------------------------------------------------------
     def add(self, new: Submission, job: str | None = None, at: float | None = None) -> tuple[Summary, bool]:
-        """Keep a job as queued; or find it, if the same was added before. The second value is whether it is new.
+        """Store a new job as queued; if the same was added under the same id before, return that one.
+
+        So a client that got no answer may submit again under the same id without creating a second job.
 
         Args:
             new: the job.
-            job: the id of the client's choice; without one, it gets one that is new.
-            at: when it was submitted, Unix time.
+            job: the id that the client chose; if None, a new one is made.
+            at: when the job was submitted, Unix time; now if None.
+
+        Returns:
+            The job, and whether it is new.
 
         Raises:
             IdTaken: if another job has that id.
@@ -197,12 +214,12 @@ class Store:
             )
             self._next_number += 1
             session.add(row)
-            session.flush()  # before its transitions
+            session.flush()  # the job's row must be there before transitions refer to it
             session.add_all(TransitionRow(number=row.number, status=each, at=at) for each in ("submitted", row.status))
             return _summary(row), True
 
     def withdraw(self, number: int) -> None:
-        """Forget a job that was never acknowledged."""
+        """Delete a job that was never acknowledged to its client."""
         with self.writing() as session:
             session.execute(delete(EpochRow).where(EpochRow.number == number))
             session.execute(delete(TransitionRow).where(TransitionRow.number == number))
@@ -217,17 +234,18 @@ class Store:
         message: str | None = None,
         at: float | None = None,
     ) -> Summary:
-        """A job's state changes.
+        """Change a job's state and return the job.
 
         Args:
-            number: of the job.
+            number: the job's number.
             status: the new state.
-            nodes: that it has now, if that changes too.
-            message: what there is to say of it.
-            at: Unix time, if not now.
+            nodes: the nodes that the job has now; None if they stay the same.
+            message: a remark on the change; None keeps the old one.
+            at: when it happened, Unix time; now if None.
 
         Raises:
-            WrongTransition: if that state cannot follow.
+            WrongTransition: if the new state cannot follow the present one.
+            UnknownJob: if there is no such job.
         """
         with self.writing() as session:
             row = _get(session, number)
@@ -239,15 +257,23 @@ class Store:
             return _summary(row)
 
     def end(self, number: int, status: str, result: dict[str, Any] | None, *, message: str | None = None) -> Summary:
-        """A job ends, with a result unless something broke. One whose deadline has passed is in that state already.
+        """End a job and return it.
+
+        Args:
+            number: the job's number.
+            status: the final state. A job whose deadline has passed is in the state "deadline" already.
+            result: the result as JSON; None if something broke.
+            message: why the job failed, or another remark.
 
         Raises:
-            WrongTransition: if it has ended before, or this is no end.
+            WrongTransition: if the job has ended before, or the state is not final.
+            UnknownJob: if there is no such job.
         """
         if state_of(status) not in ENDS:
-            raise WrongTransition(f"{status!r} is no end")
+            raise WrongTransition(f"expected a final state, found {status!r}")
         with self.writing() as session:
             row = _get(session, number)
+            # At its deadline the job got this state already; now its nodes have stopped too.
             if not (status == row.status == "deadline" and row.ended is None):
                 self.change(number, status)
             row.ended = row.ended or time.time()
@@ -261,21 +287,24 @@ class Store:
             return _summary(row)
 
     def note_best(self, number: int, fitness: float | None, best: dict[str, Any]) -> None:
-        """A better answer of a job; ``fitness`` is None if it is not finite."""
+        """Store a better answer of a job; ``fitness`` is None if it is not finite."""
         with self.writing() as session:
             row = _get(session, number)
             row.fitness = fitness
             row.best_json = json.dumps(best)
 
     def note_nodes(self, number: int, nodes: tuple[int, ...]) -> Summary:
-        """A job lives on other nodes than before."""
+        """Store the nodes of a job, which have changed."""
         with self.writing() as session:
             row = _get(session, number)
             row.nodes_json = json.dumps(nodes)
             return _summary(row)
 
     def note_placing(self, number: int, placement: Placement) -> None:
-        """A job is about to begin in an epoch, on these nodes. After an update it has no answer yet."""
+        """Store that a job is about to begin an epoch, with everything that a coordinator needs to take over there.
+
+        After an update the stored answer is removed: it solves another problem.
+        """
         with self.writing() as session:
             row = _get(session, number)
             row.nodes_json = json.dumps(placement.nodes)
@@ -283,7 +312,7 @@ class Store:
             row.epoch = placement.epoch
             row.topology = placement.file.run.topology
             row.past_json = placement.past.to_json()
-            if placement.epoch > 0:
+            if placement.epoch > 0:  # the first epoch follows no directive, and its file is that of the submission
                 row.changed_file = placement.file.to_json()
                 if placement.why.get("do") == "update":
                     row.best_json = row.fitness = None
@@ -296,7 +325,7 @@ class Store:
                     _put_together(session, number, placement.past)
 
     def forget_before(self, at: float) -> None:
-        """Forget jobs that ended before then, Unix time, and all that was written of them."""
+        """Delete the jobs that ended before ``at`` (Unix time), with all their records."""
         with self.writing() as session:
             old = select(JobRow.number).where(JobRow.ended < at)
             for table in (ImprovementRow, HistoryRow, StatisticsRow, EpochRow, TransitionRow):
@@ -304,7 +333,7 @@ class Store:
             session.execute(delete(JobRow).where(JobRow.ended < at))
 
     def forget_beyond(self, size: int) -> None:
-        """Forget the jobs that ended first, until the others take at most so many bytes; never the latest."""
+        """Delete the jobs that ended first until the other ended jobs take at most ``size`` bytes; keep the latest."""
         self.bytes_ended = 0
         ended = select(JobRow.ended, JobRow.bytes).where(JobRow.ended.is_not(None)).subquery()
         with self.writing() as session:
@@ -318,7 +347,7 @@ class Store:
 
     # Reading ----------------------------------------------------------------------------------------------------------
     def unended(self) -> list[Stored]:
-        """All jobs that have not ended, in the order of coming; also those whose nodes stop, after the deadline."""
+        """Return all jobs without an end, by number; jobs past their deadline whose nodes still stop are included."""
         with self.reading() as session:
             draining = and_(JobRow.status == "deadline", JobRow.ended.is_(None))
             found = _whole().where(or_(JobRow.status.not_in(ENDS), draining)).order_by(JobRow.number)
@@ -326,34 +355,34 @@ class Store:
             return [Stored(**_values(row, Stored)) for row in rows]
 
     def newest(self, limit: int | None = None) -> list[Summary]:
-        """The newest jobs, newest last."""
+        """Return the newest jobs, at most ``limit``, the newest last."""
         with self.reading() as session:
             rows = session.scalars(select(JobRow).order_by(JobRow.number.desc()).limit(limit))
             return [_summary(row) for row in rows][::-1]
 
     def show(self, job: str) -> Stored:
-        """All about a job.
+        """Return a job with its problem files, answer and result.
 
         Raises:
-            UnknownJob: if there is none of that id.
+            UnknownJob: if there is no job of that id.
         """
         with self.reading() as session:
             return Stored(**_values(_known(_find(session, job, _whole()), job), Stored))
 
     def answer(self, job: str) -> Answered:
-        """A job and its answer.
+        """Return a job with its answer and result.
 
         Raises:
-            UnknownJob: if there is none of that id.
+            UnknownJob: if there is no job of that id.
         """
         with self.reading() as session:
             with_answers = select(JobRow).options(undefer(JobRow.best_json), undefer(JobRow.result_json))
             return Answered(**_values(_known(_find(session, job, with_answers), job), Answered))
 
     def epochs(self, number: int) -> list[dict[str, Any]]:
-        """What changed with each epoch of a job after the first, oldest first: a directive as in results, and "at".
+        """Return the directive of each epoch of a job after the first, oldest first, as in results, with its time "at".
 
-        Of very many only the latest.
+        If there are very many, only the latest are returned.
         """
         told: list[dict[str, Any]] = []
         room = _MOST_TOLD
@@ -367,7 +396,10 @@ class Store:
         return told[::-1]
 
     def past(self, number: int) -> tuple[Past, dict[str, Any]]:
-        """What a job has lived through before its latest epoch, and how that one followed, as a directive."""
+        """Return the sum of a job's epochs before its latest one, and the latest one's directive.
+
+        The sum lacks the epoch just before the latest if that had not ended when the latest was stored.
+        """
         why: dict[str, Any] = {}
         with self.reading() as session:
             written = session.scalar(select(JobRow.past_json).where(JobRow.number == number))
@@ -376,36 +408,36 @@ class Store:
             directives = []
             for epoch in session.scalars(of_job.execution_options(yield_per=50)):
                 why = json.loads(epoch.change_json)
-                if epoch.generation is not None:
+                if epoch.generation is not None:  # else the epoch before it is not in the sum either
                     directives.append(epoch.directive)
         return past.led_on(*directives), why
 
     def summary(self, job: str) -> Summary:
-        """A job in a line.
+        """Return the short description of a job.
 
         Raises:
-            UnknownJob: if there is none of that id.
+            UnknownJob: if there is no job of that id.
         """
         with self.reading() as session:
             return _summary(_known(_find(session, job), job))
 
     def at(self, number: int) -> Summary:
-        """The job of that number, in a line.
+        """Return the short description of the job of that number.
 
         Raises:
-            UnknownJob: if there is none.
+            UnknownJob: if there is no such job.
         """
-        with self.writing() as session:  # so that it knows of what the open transaction has written
+        with self.writing() as session:  # a reading session would not see what the open transaction has written
             return _summary(_get(session, number))
 
     def counts(self) -> dict[str, int]:
-        """How many jobs there are in each state that any is in."""
+        """Return the number of jobs in each state; states without jobs are left out."""
         with self.reading() as session:
             rows = session.execute(select(JobRow.status, func.count()).group_by(JobRow.status).order_by(JobRow.status))
             return {row[0]: row[1] for row in rows}
 
     def transitions(self, number: int) -> list[tuple[str, float]]:
-        """The states of a job so far, and when each began (Unix time); of very many the first and the latest."""
+        """Return the states of a job so far with their times (Unix); of very many only the first and the latest."""
         with self.reading() as session:
             columns = TransitionRow.id, TransitionRow.status, TransitionRow.at
             found = select(*columns).where(TransitionRow.number == number)
@@ -417,9 +449,13 @@ class Store:
     # The database -----------------------------------------------------------------------------------------------------
     @contextlib.contextmanager
     def writing(self) -> Iterator[Session]:
-        """The transaction that is open, or one for this."""
+        """Return the open transaction, or one of its own that is committed at the end.
+
+        Raises:
+            StoreFailed: if the database fails.
+        """
         with self._lock:
-            if self._session is not None:
+            if self._session is not None:  # within `transaction`, which commits
                 yield self._session
                 return
             fresh = self._new_session(expire_on_commit=False)
@@ -432,7 +468,11 @@ class Store:
 
     @contextlib.contextmanager
     def reading(self) -> Iterator[Session]:
-        """What has been written, by whomever."""
+        """Return a session that reads what is committed.
+
+        Raises:
+            StoreFailed: if the database fails.
+        """
         with self._database.failing_clearly(), self._new_session() as session:
             yield session
 
@@ -453,7 +493,10 @@ class Store:
 
 
 def _note_ends(session: Session, number: int, past: Past) -> None:
-    """When the latest epochs ended that have; of those before it is known."""
+    """Store after which generation the latest epochs ended; of earlier ones it is stored already.
+
+    Between two placements at most two epochs come to an end, so the last two directives are enough.
+    """
     for directive in map(json.loads, past.texts[-2:]):
         if directive["do"] == SEVERAL:
             continue
@@ -462,7 +505,7 @@ def _note_ends(session: Session, number: int, past: Past) -> None:
 
 
 def _forget_states(session: Session, number: int) -> None:
-    """Those of a job that are told no more."""
+    """Delete the state changes of a job that `Store.transitions` no longer returns."""
     of_job = select(TransitionRow.id).where(TransitionRow.number == number)
     first = session.scalars(of_job.order_by(TransitionRow.id).limit(_FIRST_STATES)).all()
     latest = session.scalars(of_job.order_by(TransitionRow.id.desc()).limit(_LATEST_STATES)).all()
@@ -471,7 +514,7 @@ def _forget_states(session: Session, number: int) -> None:
 
 
 def _put_together(session: Session, number: int, past: Past) -> None:
-    """The directives of a job that its past has put together take one row too."""
+    """Merge the rows of a job's oldest epochs as its past has merged their directives (see `spy.past.SEVERAL`)."""
     together = json.loads(past.texts[0]) if past.texts else {"do": None}
     if together["do"] != SEVERAL:
         return
@@ -488,15 +531,15 @@ def _change(session: Session, row: JobRow, status: str, at: float) -> None:
     row.status = state
     if state in LIVING and row.started is None:
         row.started = at
-    elif state == "queued":
+    elif state == "queued":  # the job has lost its nodes and starts over
         row.started, row.nodes_json = None, "[]"
-    elif state in ENDS and state != "deadline":  # then nodes stop first; see `Store.end`
+    elif state in ENDS and state != "deadline":  # after a deadline the nodes must stop first, see `Store.end`
         row.ended = at
     session.add(TransitionRow(number=row.number, status=state, at=at))
 
 
 def _weigh(session: Session, number: int) -> int:
-    """Write down how many bytes are kept of a job that has ended: to read them all anew would take seconds later."""
+    """Store and return the size in bytes of a job that has ended: to add up all texts later would take seconds."""
     epochs = select(func.sum(func.length(EpochRow.change_json))).where(EpochRow.number == number).scalar_subquery()
     texts = JobRow.file, JobRow.changed_file, JobRow.best_json, JobRow.result_json, JobRow.past_json
     lengths = [func.coalesce(each, 0) for each in (epochs, *map(func.length, texts))]
@@ -520,12 +563,12 @@ def _find(session: Session, job: str, query: Select[JobRow] | None = None) -> Jo
 
 
 def _whole() -> Select[JobRow]:
-    """Of rows with all that may be large."""
+    """Return a query that reads the large columns too, which are deferred otherwise."""
     return select(JobRow).options(undefer("*"))
 
 
 def _taken(job: str, there: list[Any], new: list[Any]) -> str:
-    """Why a problem file as JSON (its name, fields, settings, folder) is not the one of that id."""
+    """Return the message that the id of a job is taken; the two files are lists of name, fields, settings, folder."""
     if there[1] != new[1]:
         return f"another problem file was submitted as job {job!r} before"
     before, now = there[2], new[2]
@@ -556,5 +599,5 @@ def _values(row: JobRow, kind: type[Summary]) -> dict[str, Any]:
 
 
 def storable(message: str) -> str:
-    """``message`` without what a database cannot keep."""
+    """Return ``message`` without characters that a database cannot store: NUL (PostgreSQL) and lone surrogates."""
     return message.replace("\0", "\\0").encode("utf-8", "replace").decode("utf-8")

@@ -1,4 +1,7 @@
-"""The tables of the store."""
+"""The tables of the store's database, as SQLAlchemy classes.
+
+A change here needs a new version number: see `coordinator.store`.
+"""
 
 import json
 from typing import Any
@@ -8,11 +11,11 @@ from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 
 
 class Base(DeclarativeBase):
-    """All tables."""
+    """The base class of all tables."""
 
 
 class MetaRow(Base):
-    """What the store says of itself."""
+    """The version of the store's schema: one row."""
 
     __tablename__ = "meta"
 
@@ -20,10 +23,13 @@ class MetaRow(Base):
 
 
 class JobRow(Base):
-    """A job.
+    """A job; see `coordinator.store` for most columns.
 
     Attributes:
-        bytes: about what it takes once it has ended, without its records.
+        bytes: about how many bytes an ended job takes, without its records.
+        file: the problem file as it was submitted, as JSON.
+        changed_file: the problem file of the latest epoch; None for a job in its first epoch.
+        past_json: the sum of the earlier epochs (`spy.past.Past`), without their directives.
     """
 
     __tablename__ = "jobs"
@@ -46,7 +52,7 @@ class JobRow(Base):
     nodes_json: Mapped[str] = mapped_column("nodes", Text, default="[]")
     wiring: Mapped[int] = mapped_column(BigInteger, default=0)
     epoch: Mapped[int] = mapped_column(default=0)
-    # What may be large is read only where it is asked for.
+    # Large columns are deferred: they are read only by queries that ask for them.
     file: Mapped[str] = mapped_column(Text, deferred=True)
     changed_file: Mapped[str | None] = mapped_column(Text, deferred=True)
     best_json: Mapped[str | None] = mapped_column("best", Text, deferred=True)
@@ -55,22 +61,22 @@ class JobRow(Base):
 
     @property
     def nodes(self) -> tuple[int, ...]:
-        """The nodes that it lives on."""
+        """The job's nodes, in the order of its cells."""
         return tuple(json.loads(self.nodes_json))
 
     @property
     def file_now(self) -> str:
-        """The problem file as its world is now."""
+        """The problem file of the latest epoch, as JSON."""
         return self.file if self.changed_file is None else self.changed_file
 
     @property
     def best(self) -> dict[str, Any] | None:
-        """The best verified answer."""
+        """The best verified answer; None if there is none."""
         return _maybe_json(self.best_json)
 
     @property
     def result(self) -> dict[str, Any] | None:
-        """The result."""
+        """The result; None until the job has ended."""
         return _maybe_json(self.result_json)
 
 
@@ -89,8 +95,9 @@ class EpochRow(Base):
     """An epoch of a job after its first.
 
     Attributes:
-        generation: after which the epoch before ended, once that is known.
-        change_json: how it followed that one, as a directive.
+        at: when it began, Unix time.
+        generation: the generation after which the previous epoch ended; None until that is known.
+        change_json: the directive that says why it followed the previous epoch.
     """
 
     __tablename__ = "epochs"
@@ -105,17 +112,17 @@ class EpochRow(Base):
 
     @property
     def directive(self) -> dict[str, Any]:
-        """As results have it."""
+        """The directive as results contain it."""
         return {"epoch": self.epoch, "generation": self.generation, **json.loads(self.change_json)}
 
     @property
     def plain(self) -> dict[str, Any]:
-        """The same, and when it began."""
+        """The directive with the time at which the epoch began."""
         return self.directive | {"at": self.at}
 
 
 class RecordRow(Base):
-    """Something that happened; written once, and forgotten when it is old."""
+    """The base class of records: written once, deleted when they are old."""
 
     __abstract__ = True
 
@@ -138,7 +145,7 @@ class ImprovementRow(RecordRow):
 
 
 class HistoryRow(RecordRow):
-    """An improvement as the cells noted it, a function of the run; see `spy.improvement_records.ImprovementRecord`."""
+    """An improvement as the cells noted it, equal for equal runs; see `spy.improvement_records.ImprovementRecord`."""
 
     __tablename__ = "history"
 
@@ -151,7 +158,7 @@ class HistoryRow(RecordRow):
 
 
 class LogRow(RecordRow):
-    """A line of the log; see `wire.news.LogRecord`."""
+    """A message of the log; see `wire.news.LogRecord`."""
 
     __tablename__ = "log"
 
@@ -165,7 +172,7 @@ class LogRow(RecordRow):
 
 
 class StatisticsRow(RecordRow):
-    """How a job was in one second; see `wire.news.Statistics`."""
+    """A sample of a job's statistics; see `wire.news.Statistics`."""
 
     __tablename__ = "statistics"
 

@@ -1,4 +1,4 @@
-"""How many threads libraries start in processes of the project."""
+"""The number of threads that numerical libraries start in the project's processes."""
 
 ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
-"""The environment in which each keeps to one: there are many processes, and each further thread takes memory."""
+"""Environment variables that limit each library to one thread: there are many processes, and threads take memory."""

@@ -1,15 +1,18 @@
-"""The zygote: the process from which router, spy and nodes are forked, and their lifeline.
+"""The zygote: the process that router, spy and nodes are forked from, and that ends them.
 
-It imports everything and loads all compiled kernels once, never opens a Zenoh session (a fork after that hangs), and
-forks. Children share its memory and need no import of their own.
+It imports everything and loads all compiled kernels once, then forks; children share its memory and import nothing. It
+never opens a Zenoh session, since a fork after that hangs.
 
-For a cluster that stays up it is the supervisor too: it forks the coordinator, and anew whatever dies. Otherwise the
-first death ends all.
+In a cluster that stays up it is the supervisor too: it forks the coordinator, and replaces every process that dies.
+Otherwise the first death ends the cluster.
 
-It lives exactly as long as the calling process holds the other end of its standard input: when that ends, however it
-ends, the zygote kills its children, removes the folder of their sockets, and ends. If the zygote itself is killed, the
-kernel kills the children (a parent-death signal), and the caller, who sees the end of its standard output, removes the
-folder. On standard output it tells, one JSON object a line, which processes there are and how one died.
+Lifelines: the zygote runs exactly as long as the calling process holds the other end of its standard input. When the
+caller ends, however it ends, the zygote kills its children, removes the folder of their sockets and exits. If the
+zygote itself is killed, the kernel kills its children (parent-death signal), and the caller, which then reads the end
+of the zygote's standard output, removes the folder. On standard output the zygote writes one JSON object a line: first
+the ids of the processes, at the end why the cluster ended.
+
+The zygote has one thread. SIGCHLD and SIGIO are blocked once it forks, and `sigwait` takes them in one place.
 """
 
 import contextlib
@@ -35,10 +38,10 @@ if TYPE_CHECKING:
     from node.node_config import NodeConfig
     from problems.modules import Modules
 
-_DOWN = 100  # the exit status of a coordinator that was told to end the cluster
-_LATELY = 60.0  # seconds
-_MOST_DEATHS = 20  # more than each process once: something is wrong that no new process mends
-_WAKING = {signal.SIGCHLD, signal.SIGIO}
+_DOWN = 100  # exit status of a coordinator that a client told to end the cluster
+_LATELY = 60.0  # seconds in which deaths are counted
+_MOST_DEATHS = 20  # allowed besides one for each process; beyond that something is wrong that no new process mends
+_WAKING = {signal.SIGCHLD, signal.SIGIO}  # a child has died; standard input has ended
 _MOVED_FROM = 256  # nodes: with fewer, moving memory to files takes longer than the forks that it makes quicker
 
 
@@ -47,9 +50,9 @@ def main() -> None:
     config = json.loads(_first_line(sys.stdin.fileno()))
     folder = Path(config["folder"])
     _end_with_the_caller(folder)
-    signal.signal(signal.SIGTTOU, signal.SIG_IGN)  # a terminal that has the log may stop who is in the background
+    signal.signal(signal.SIGTTOU, signal.SIG_IGN)  # else a terminal may stop a background process that writes the log
     try:
-        lock = make_folder(folder)  # held by every process of the cluster: the folder is stale once none lives
+        lock = make_folder(folder)  # inherited by every process of the cluster: without any the folder is stale
     except OSError as error:
         return _tell({"failed": f"the zygote cannot make {folder}: {error.strerror}"})
     service = config["service"]
@@ -61,7 +64,7 @@ def main() -> None:
 
 
 def _first_line(descriptor: int) -> bytes:
-    """Nothing else is ever written to it; if the caller has gone before, so does this process."""
+    """Read the configuration, the only thing ever written to standard input; exit if the caller is gone already."""
     line = b""
     while not line.endswith(b"\n"):
         piece = os.read(descriptor, 1 << 16)
@@ -75,12 +78,12 @@ def _modules(service: dict[str, Any] | None) -> "Modules":
     from problems.modules import AnyModules, Modules
 
     if service is None:
-        return AnyModules()  # what the calling process hands in; nobody else reaches the router's socket
+        return AnyModules()  # only the calling process can submit jobs: nobody else reaches the router's socket
     return Modules(service["allow_modules"], service["modules"] and Path(service["modules"]))
 
 
 def _end_with_the_caller(folder: Path) -> None:
-    """While it is still importing, the end of standard input interrupts the zygote with SIGIO."""
+    """Make the end of standard input interrupt the zygote (SIGIO) while it still imports, which takes long."""
 
     def end(*_: object) -> None:
         shutil.rmtree(folder, ignore_errors=True)
@@ -90,12 +93,12 @@ def _end_with_the_caller(folder: Path) -> None:
     descriptor = sys.stdin.fileno()
     fcntl.fcntl(descriptor, fcntl.F_SETOWN, os.getpid())
     fcntl.fcntl(descriptor, fcntl.F_SETFL, fcntl.fcntl(descriptor, fcntl.F_GETFL) | os.O_ASYNC)
-    if _at_end(descriptor):
+    if _at_end(descriptor):  # it may have ended before the signal was switched on
         end()
 
 
 def _at_end(descriptor: int) -> bool:
-    """True iff the other end of the pipe is closed; nothing is ever written to it."""
+    """Return whether the other end of the pipe is closed, as nothing more is ever written to it."""
     import select
 
     poll = select.poll()
@@ -104,7 +107,7 @@ def _at_end(descriptor: int) -> bool:
 
 
 def _comes_first(awaited: int, lifeline: int) -> bool:
-    """Wait until one of two pipes can be read or is closed; whether ``lifeline`` is still as it was."""
+    """Wait until one of two pipes can be read or is closed; return False if that is ``lifeline``."""
     import select
 
     poll = select.poll()
@@ -114,9 +117,9 @@ def _comes_first(awaited: int, lifeline: int) -> bool:
 
 
 class Zygote:
-    """The forks of one cluster."""
+    """Forks the processes of one cluster and ends them."""
 
-    name = "zygote"  # in the log
+    name = "zygote"  # of this process in the log
 
     def __init__(
         self,
@@ -133,22 +136,23 @@ class Zygote:
         self.topology = topology
         self.folder = folder
         self.service = service  # `coordinator.launcher.ServiceOptions`, as JSON has them
-        self.children: dict[int, str] = {}  # process id to name
+        self.children: dict[int, str] = {}  # running children, process id to name
         self._core_tokens: CoreTokens = {}
         self._nothing = os.open(os.devnull, os.O_RDWR)
-        self._deaths: list[float] = []  # of late, on the monotonic clock
+        self._deaths: list[float] = []  # times of recent deaths, on the monotonic clock
 
     def run(self) -> None:
-        """Fork all, then wait for a death, of the caller or of a child."""
+        """Fork all processes, then wait for the end of the caller or the death of a child; kill all at the end."""
         import topologies
 
         topology = topologies.parse(self.topology)
         topology.neighbours(topologies.ROOT)  # a random graph is built here, not in each child
         self._warm_up(topology.cells)
         signal.pthread_sigmask(signal.SIG_BLOCK, _WAKING)
-        signal.signal(signal.SIGIO, signal.SIG_DFL)  # from now on it is waited for
+        signal.signal(signal.SIGIO, signal.SIG_DFL)  # from now on `sigwait` takes it, and `finally` below cleans up
         try:
             self._fork_all(topology.cells)
+            # A signal that comes between the look and `sigwait` stays pending, so nothing is missed.
             while not (_at_end(sys.stdin.fileno()) or self._one_died()):
                 signal.sigwait(_WAKING)
         except ClusterFailed as error:
@@ -157,17 +161,17 @@ class Zygote:
             self._kill_all()
 
     def _fork_all(self, nodes: int) -> None:
-        """Fork every process, and tell which they are; stop when the caller ends meanwhile.
+        """Fork every process and report their ids; stop when the caller ends meanwhile.
 
         Raises:
-            ClusterFailed: if the router cannot listen, or there cannot be so many processes.
+            ClusterFailed: if the router cannot listen, or the system refuses so many processes.
         """
         complaint = self._fork_router()
         if complaint is not None:
             raise ClusterFailed(f"router {complaint}")
         self._fork("spy", partial(self._spy, self.topology))
         for node in range(nodes):
-            if _at_end(sys.stdin.fileno()):  # a look takes 3 µs, a fork 1 to 3 ms
+            if _at_end(sys.stdin.fileno()):  # the look takes 3 µs, a fork 1 to 3 ms
                 return
             self._fork(f"node {node}", partial(self._node, node, self.topology))
         if self.service is not None:
@@ -175,27 +179,27 @@ class Zygote:
         _tell({"processes": {name: process for process, name in self.children.items()}})
 
     def _warm_up(self, nodes: int) -> None:
-        """Import all that a child will need, and no more garbage collection of it: children share its pages."""
-        gc.disable()  # next to nothing of what is imported is garbage
+        """Import everything that a child needs, and arrange memory so that children write to few shared pages."""
+        gc.disable()  # hardly anything is garbage while modules are imported
         import_all()
         import node.core_token
         import node.process
         import spy.process
         from wire import sessions
 
-        sessions.log_nothing()  # here, since in each child it would touch forty pages
+        sessions.log_nothing()  # here, since it would touch forty pages in each child
         self._core_tokens = node.core_token.for_all_cores(nodes)
         self._report_ordinary_paths()
         self._spy_watch, self._node_live = spy.process.watch, node.process.live
         gc.enable()
-        gc.freeze()
+        gc.freeze()  # a collection in a child would write to the header of every object, and so copy their pages
         if capabilities().fork_memory:
             from lowlevel import fork_memory
 
             fork_memory.forget_lookups()
             fork_memory.fill_holes()
             fork_memory.join_mappings()
-            if nodes >= _MOVED_FROM:
+            if nodes >= _MOVED_FROM:  # last: what the zygote writes to a page afterwards makes it anonymous again
                 fork_memory.move_to_files()
 
     def _report_ordinary_paths(self) -> None:
@@ -206,7 +210,7 @@ class Zygote:
             self._log("info", f"ordinary paths are taken: {parts}", self.name)
 
     def _fork_router(self) -> str | None:
-        """The router first: when it listens, the others need not try twice. Why it does not, if so."""
+        """Fork the router and wait until it listens, so that the others connect at once; return why it does not."""
         ready, tell = os.pipe()
         listen = [self._config(0).router, *(self.service["listen"] if self.service is not None else ())]
 
@@ -223,7 +227,7 @@ class Zygote:
         os.close(tell)
         with os.fdopen(ready, "rb") as pipe:
             if not _comes_first(ready, sys.stdin.fileno()):
-                return "is not wanted any more"
+                return "was given up: the caller has ended"
             said = pipe.read(1)
             if said == b"!":
                 return None
@@ -252,10 +256,10 @@ class Zygote:
         )
 
     def _fork(self, name: str, live: Callable[[], None]) -> None:
-        """Fork a child that lives so.
+        """Fork a child that calls ``live``.
 
         Raises:
-            ClusterFailed: if there cannot be another process.
+            ClusterFailed: if the system refuses another process.
         """
         parent = os.getpid()
         try:
@@ -271,15 +275,18 @@ class Zygote:
         except BaseException as error:
             self._log("error", f"{type(error).__name__}: {error}", name, name)
         finally:
-            os._exit(1)  # a child's life has no other end
+            os._exit(1)  # never return into the parent's code; ``live`` exits by itself if it has another status
 
     def _one_died(self) -> bool:
-        """Attend to the deaths of children; whether the cluster is no use any more, which is told."""
+        """Replace children that have died; return True if the cluster must end instead, after reporting why.
+
+        One signal may stand for several deaths, so this asks until there is no further one.
+        """
         while True:
             process, status = os.waitpid(-1, os.WNOHANG) if self.children else (0, 0)
             if process == 0:
                 return False
-            name = self.children.pop(process, None)  # none of a grandchild that was left to a container's first process
+            name = self.children.pop(process, None)  # None: an orphan, if this is process 1 of a container
             if name is not None and self._is_the_end(name, status):
                 return True
             if name is not None:
@@ -287,7 +294,7 @@ class Zygote:
                 self._fork_again(name)
 
     def _log(self, level: str, text: str, process: str, about: str = "") -> None:
-        """A line about a child, perhaps; seldom, so that what writes it is imported only then."""
+        """Write a line to the log; what writes it is imported only now, since this is rare."""
         from coordinator.log_lines import LogLines
         from wire.news import LogRecord
 
@@ -297,7 +304,7 @@ class Zygote:
         lines.write(LogRecord(level, process, text, time.time(), node))
 
     def _is_the_end(self, name: str, status: int) -> bool:
-        """Whether nothing is to go on after this death; if so, that is told."""
+        """Return whether this death ends the cluster, and report why if it does."""
         if self.service is not None and os.WIFEXITED(status) and os.WEXITSTATUS(status) == _DOWN:
             _tell({"down": name})
             return True
@@ -312,13 +319,17 @@ class Zygote:
         return len(self._deaths) > len(self.children) + _MOST_DEATHS
 
     def _fork_again(self, name: str) -> None:
-        """A node and the spy have no links before a job gives them some: their neighbours may be wired in any way."""
+        """Fork a process in the place of a dead one.
+
+        A new node or spy gets no topology, so it makes no links: the links of its neighbours may have changed since the
+        launch, and the conductor of its job gives it the right ones.
+        """
         kind, _, number = name.partition(" ")
         if kind == "router":
             with contextlib.suppress(FileNotFoundError):
                 (self.folder / "router.sock").unlink()
             complaint = self._fork_router()
-            if complaint is not None:  # it is tried again
+            if complaint is not None:  # its exit is another death, after which it is forked again
                 self._log("warning", f"router: {complaint}", self.name, name)
         elif kind == "coordinator":
             self._fork(name, self._coordinate)
@@ -328,7 +339,7 @@ class Zygote:
             self._fork(name, partial(self._node, int(number), ""))
 
     def _kill_all(self) -> None:
-        """The router last: who cannot reach it any more knows that all others have gone."""
+        """Kill all children and remove the folder; the router last, so that its end says that all others are gone."""
         shutil.rmtree(self.folder, ignore_errors=True)
         routers = [process for process, name in self.children.items() if name == "router"]
         for processes in (self.children.keys() - set(routers), routers):
@@ -340,19 +351,19 @@ class Zygote:
 
 
 def _be_a_child(parent: int, name: str, nothing: int) -> None:
-    """Die with the zygote, take signals as any process does, leave its pipes alone, and be known by name to `ps`."""
+    """Set up a child: a name for `ps`, an end with the zygote, unblocked signals, and no hold on the zygote's pipes."""
     linux.name_process(f"sn {name}")
     linux.end_with_parent(parent)
-    if os.getsid(0) == parent and not name.startswith("node "):  # the zygote leads the session of a crowd
+    if os.getsid(0) == parent and not name.startswith("node "):  # a crowd's session is for nodes, see `launcher._CROWD`
         os.setsid()
     signal.pthread_sigmask(signal.SIG_UNBLOCK, _WAKING)
     os.dup2(nothing, 0)
-    os.dup2(nothing, 1)
+    os.dup2(nothing, 1)  # else the caller could not see the end of the zygote's output while a child runs
     os.close(nothing)
 
 
 def import_all() -> None:
-    """Everything that router, spy and nodes need, with all compiled kernels."""
+    """Import everything that router, spy and nodes need, and load all compiled kernels."""
     import numpy.ma  # numba asks whether an array is one of these  # noqa: F401
 
     import problems.registry
@@ -370,7 +381,8 @@ def _how(status: int) -> str:
 
 
 def _tell(event: dict[str, Any]) -> None:
-    with contextlib.suppress(BrokenPipeError):  # the caller is gone; the loop sees that
+    """Write an event to the caller, see `coordinator.launcher.Launcher`."""
+    with contextlib.suppress(BrokenPipeError):  # the caller is gone; the main loop notices that
         sys.stdout.write(json.dumps(event) + "\n")
         sys.stdout.flush()
 

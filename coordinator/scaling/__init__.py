@@ -1,1 +1,1 @@
-"""Scaling experiments: the same problem on tori of several sizes, what it costs, and how sure that is."""
+"""Scaling experiments: the cost of solving one problem on tori of several sizes, with confidence intervals."""

@@ -1,9 +1,10 @@
-"""Whether a parallel search is cheaper than the best sequential one: simultaneous intervals, verdicts and null models.
+"""Decide whether a parallel search is cheaper than the best sequential one: simultaneous intervals and null models.
 
-The efficiency of n nodes in evaluations is the median cost of the best sequential algorithm over the median cost of all
-n nodes together. Which sequential algorithm is the best is itself estimated: each bootstrap replicate chooses anew.
-All efficiencies of an experiment are judged at once, by the maximum of their studentised bootstrap deviations (max-t;
-Westfall and Young 1993, *Resampling-Based Multiple Testing*, Wiley), so that the chance of any wrong claim is 5 %.
+The efficiency of n nodes in evaluations is the median cost of the best sequential algorithm divided by the median cost
+of all n nodes together. Which sequential algorithm is the best is itself an estimate, so each bootstrap replicate
+chooses it anew. All efficiencies of an experiment are judged at once, by the maximum of their studentised bootstrap
+deviations (max-t; Westfall and Young 1993, *Resampling-Based Multiple Testing*, Wiley), so that the chance of any wrong
+claim is 5 %.
 """
 
 import math
@@ -21,18 +22,20 @@ FEWEST_SEEDS = 20
 """With fewer runs of either side nothing is claimed: with 3 runs, 95 % bootstrap intervals of medians cover 89 %."""
 
 _REPLICATES = 1999
-_SEED = 1992  # the same runs give the same verdict
-_FURTHEST = 20.0  # of a logarithm of a ratio: stands for infinity, of runs that did not get there
+_SEED = 1992  # fixed, so that the same runs give the same verdict
+_FURTHEST = 20.0  # bound of the logarithm of a ratio; stands for infinity, where runs did not reach the target
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """One parallel search beside the best sequential one.
+    """One parallel search compared with the best sequential one.
 
     Attributes:
-        efficiency: with its simultaneous interval; None if half of the runs of either side failed.
-        verdict: of super-linear speed-up: "shown" if the whole interval is above 1, "not shown" if none of it is.
-        seeds: that would decide, about, if the efficiency is what it seems to be; None if it is decided, or hopeless.
+        efficiency: the efficiency with its simultaneous interval; None if half of the runs of either side failed.
+        verdict: whether super-linear speed-up is "shown" (the whole interval is above 1), "not shown" (none of it is)
+            or "undecided".
+        seeds: about how many seeds would decide if the efficiency is as estimated; None if it is decided, or no number
+            of seeds would decide.
     """
 
     efficiency: Estimate | None
@@ -41,11 +44,14 @@ class Comparison:
 
 
 def compare(sequential: Sequence[Sequence[float]], parallel: Sequence[Sequence[float]]) -> list[Comparison]:
-    """Compare all at once.
+    """Compare parallel searches with the best sequential algorithm, all at once.
 
     Args:
-        sequential: the costs of each sequential algorithm, run by run; infinite where the target was not reached.
-        parallel: the costs of all nodes together, of each place on each curve, run by run.
+        sequential: for each sequential algorithm the costs of its runs; infinite where the target was not reached.
+        parallel: for each point of each curve the costs of its runs, of all nodes together.
+
+    Returns:
+        The comparisons, in the order of ``parallel``.
     """
     draws = np.random.default_rng(_SEED)
     best, best_draws = _best(sequential, draws)
@@ -64,19 +70,20 @@ def compare(sequential: Sequence[Sequence[float]], parallel: Sequence[Sequence[f
 
 
 def first_of(costs: Sequence[float], runs: int) -> float:
-    """The median cost of the first to end of so many independent runs, each with the ``costs``' distribution.
+    """Return the median cost of the first of ``runs`` independent runs to end, each distributed as ``costs``.
 
-    A null model of a parallel search: it needs no message (Verhoeven and Aarts 1995, "Parallel local search",
-    J. Heuristics 1:43-65). Of more runs than half of the costs it is hardly more than the least of them.
+    This is a null model of a parallel search, which needs no messages (Verhoeven and Aarts 1995, "Parallel local
+    search", J. Heuristics 1:43-65). With more runs than half the number of costs it is hardly more than the least cost.
     """
     return float(np.quantile(_finite(costs), 1.0 - 0.5 ** (1.0 / runs), method="inverted_cdf"))
 
 
 def with_restarts(costs: Sequence[float]) -> tuple[float, float]:
-    """The mean cost of a search that begins anew after the best cutoff, and that cutoff.
+    """Return the mean cost of a search that restarts after the best cutoff, and that cutoff.
 
-    The mean to the first success is the mean of min(cost, cutoff) over the share that gets there (Luby, Sinclair and
-    Zuckerman 1993, "Optimal speedup of Las Vegas algorithms"). The same runs choose the cutoff, which flatters it.
+    The mean cost to the first success is the mean of min(cost, cutoff) divided by the share of runs that succeed within
+    the cutoff (Luby, Sinclair and Zuckerman 1993, "Optimal speedup of Las Vegas algorithms"). The cutoff is chosen by
+    the same runs, so the result is biased in favour of restarts.
     """
     sample = np.sort(_finite(costs))
     cutoffs = sample[np.isfinite(sample)]
@@ -88,16 +95,19 @@ def with_restarts(costs: Sequence[float]) -> tuple[float, float]:
 
 
 def merit(costs: Sequence[float]) -> tuple[int, float]:
-    """Return how many runs failed, and the median cost: of algorithms with as many runs the least is the best."""
+    """Return the number of failed runs and the median cost; of algorithms with equally many runs the least is best."""
     return sum(map(math.isinf, costs)), _median(costs)
 
 
 def _best(sequential: Sequence[Sequence[float]], draws: np.random.Generator) -> tuple[float, Any]:
-    """The median cost of the algorithm that failed least often, among equals the cheapest; and in each replicate."""
+    """Return the median cost of the best algorithm, in the sample and in each replicate.
+
+    The best is the one that failed least often, among equals the cheapest.
+    """
     failures, best = np.full(1 + _REPLICATES, np.inf), np.full(1 + _REPLICATES, np.inf)
     for costs in sequential:
         if costs:
-            drawn = np.vstack([_finite(costs), _resampled(costs, draws)])
+            drawn = np.vstack([_finite(costs), _resampled(costs, draws)])  # row 0 is the sample itself
             failing, medians = np.isinf(drawn).mean(axis=1), np.median(drawn, axis=1)
             is_better = (failing < failures) | ((failing == failures) & (medians < best))
             failures, best = np.where(is_better, failing, failures), np.where(is_better, medians, best)
@@ -105,13 +115,13 @@ def _best(sequential: Sequence[Sequence[float]], draws: np.random.Generator) -> 
 
 
 def _resampled(costs: Sequence[float], draws: np.random.Generator) -> Any:
-    """Costs drawn again, (replicates, costs)."""
+    """Return costs drawn with replacement, shape (replicates, costs)."""
     sample = _finite(costs)
     return sample[draws.integers(0, sample.size, (_REPLICATES, sample.size))]
 
 
 def _medians(costs: Sequence[float], draws: np.random.Generator) -> Any:
-    """Of resampled costs, (replicates,)."""
+    """Return the medians of resampled costs, shape (replicates,)."""
     return np.median(_resampled(costs, draws), axis=1) if costs else np.full(_REPLICATES, np.inf)
 
 
@@ -124,15 +134,15 @@ def _finite(costs: Sequence[float]) -> Any:
 
 
 def _log_ratio(above: Any, below: Any) -> Any:
-    """Within bounds; 0 where neither side got there."""
+    """Return the logarithm of a ratio within bounds; 0 where both sides are infinite."""
     with np.errstate(invalid="ignore", divide="ignore"):
         ratio = np.nan_to_num(np.log(above) - np.log(below), nan=0.0, posinf=_FURTHEST, neginf=-_FURTHEST)
     return np.clip(ratio, -_FURTHEST, _FURTHEST)
 
 
 def _reach(deviations: Any, spread: Any) -> float:
-    """How many spreads an interval reaches to either side, so that all hold at once."""
-    moving = spread > 0
+    """Return the half-width of all intervals in units of their spreads, such that all hold at once (max-t)."""
+    moving = spread > 0  # a constant has no error and would divide by zero
     if not moving.any():
         return 0.0
     return float(np.quantile(np.abs(deviations[moving] / spread[moving, None]).max(axis=0), CONFIDENCE))
@@ -146,6 +156,7 @@ def _judged(ratio: float, reach: float, runs: int) -> Comparison:
         return Comparison(estimate, "shown")
     if ratio + reach <= 0:
         return Comparison(estimate, "not shown")
+    # An interval shrinks with the root of the number of runs; it must become shorter than the distance to 1.
     return Comparison(estimate, "undecided", math.ceil(runs * (reach / ratio) ** 2) if ratio else None)
 
 

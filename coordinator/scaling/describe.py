@@ -1,4 +1,4 @@
-"""What ``experiment.json`` says: all that is needed to repeat the experiment, or to see that another is asked for."""
+"""The content of ``experiment.json``: what is needed to repeat an experiment, or to notice that another is meant."""
 
 import hashlib
 import os
@@ -16,10 +16,10 @@ _FORMAT = 1
 
 
 def describe(file: ProblemFile, parameters: Parameters) -> dict[str, Any]:
-    """The experiment as plain JSON values.
+    """Return the description of an experiment as plain JSON values.
 
     Raises:
-        BadInput: if the problem file has gone meanwhile.
+        BadInput: if the problem file can no longer be read.
     """
     versions = fingerprint() | {"eclipse-zenoh": version("eclipse-zenoh")}
     return {
@@ -33,7 +33,7 @@ def describe(file: ProblemFile, parameters: Parameters) -> dict[str, Any]:
 
 
 def _problem(file: ProblemFile) -> dict[str, str]:
-    """``sha256`` is of what the problem says, ``text_sha256`` of the file with its comments and settings."""
+    """Describe the problem; ``sha256`` covers its fields, ``text_sha256`` the file with its comments and settings."""
     try:
         text = Path(file.name).read_text(encoding="utf-8")
     except OSError as error:
@@ -43,7 +43,7 @@ def _problem(file: ProblemFile) -> dict[str, str]:
 
 
 def _command(file: ProblemFile, parameters: Parameters) -> str:
-    """With every default spelt out."""
+    """Return the command that repeats the experiment, with every default spelt out."""
     words = ["supernode", "scale", file.name]
     for name, value in (parameters.to_json() | parameters.run).items():
         if name != "run":

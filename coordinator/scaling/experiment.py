@@ -1,13 +1,15 @@
-"""What a scaling experiment is: its parameters, and the runs that they make.
+"""The design of a scaling experiment: its parameters, and the runs that follow from them.
 
-Three series ask three questions, and a run that two of them need is made once:
+Three series ask three questions; a run that two of them need is made once:
 
-- *growing-population* (weak scaling): the deme on a node is fixed, the population grows with them; run to the target;
-- *fixed-population* (strong scaling): the whole population is fixed and divided among the nodes; run to the target;
-- *budget*: the deme on a node is fixed and so are the evaluations of all nodes together; how good is the answer then?
+- *growing-population* (weak scaling): the deme on a node is fixed, so the population grows with the nodes; runs end at
+  the target;
+- *fixed-population* (strong scaling): the whole population is fixed and divided among the nodes; runs end at the
+  target;
+- *budget*: the deme on a node is fixed, and so are the evaluations of all nodes together; the best fitness counts.
 
-Two references belong to them: the *sequential* algorithm, one deme in one process without neighbours; and the *twin* of
-a lockstep run, the same run of the same cells, bit for bit, on one processor without messages.
+There are two references: the *sequential* algorithm, one deme in one process without neighbours; and the *twin* of a
+lockstep run, the same run of the same cells, bit for bit, on one processor without messages.
 """
 
 import math
@@ -28,13 +30,13 @@ MODES: tuple[Mode, ...] = ("lockstep", "async")
 SERIES: tuple[Series, ...] = ("fixed-population", "growing-population", "budget")
 MOST_NODES = 4096  # each is a process
 
-_OWN = ("topology", "deme", "mode", "seed", "evaluations", "restarts")  # settings that the experiment itself decides
+_OWN = ("topology", "deme", "mode", "seed", "evaluations", "restarts")  # settings that the experiment decides
 _OF_NODES_ONLY = (
     "generations",
     "stall",
     "interval",
     "emigrants",
-)  # they mean nothing, or another thing, to one deme alone
+)  # settings that mean nothing, or something else, for the single deme of the sequential algorithm
 _BUDGET_PER_INDIVIDUAL = 128
 _LIMIT_PER_INDIVIDUAL = 1024
 _LEAST_BUDGET_GENERATIONS = 8
@@ -42,19 +44,21 @@ _LEAST_BUDGET_GENERATIONS = 8
 
 @dataclass(frozen=True)
 class Parameters:
-    """All that decides which runs there are; `design` makes them.
+    """The parameters of an experiment; `design` makes and checks them.
 
     Attributes:
-        nodes: the sizes, ascending.
-        repeats: runs of each kind on nodes, with seeds 1, 2, ...
-        seeds: runs of each kind in one process; verdicts on the search rest on these.
-        demes: on a node, in the growing-population and budget series.
-        population: of the fixed-population series.
-        budget: evaluations of a run of the budget series, of all nodes together.
-        evaluations: the limit of a run to the target.
-        sequential: demes of the sequential algorithm, the best of which counts.
-        launches: of a cluster of each size, for the time that it takes.
-        run: settings of every run.
+        nodes: the numbers of nodes, ascending; each is a size of the torus.
+        repeats: the number of runs of each kind on nodes, with seeds 1, 2, ...
+        seeds: the number of runs of each kind in one process; verdicts on the search rest on these.
+        modes: the modes to run in.
+        demes: the sizes of a node's deme, in the growing-population and budget series.
+        series: the series to run.
+        population: the population of all nodes together, in the fixed-population series.
+        budget: the evaluations of all nodes together in a run of the budget series.
+        evaluations: the limit of evaluations of all nodes together in a run to the target.
+        sequential: the deme sizes of the sequential algorithm; the best one counts.
+        launches: how often to launch a cluster of each size, to measure the time of a launch.
+        run: further settings of every run.
     """
 
     nodes: tuple[int, ...]
@@ -76,17 +80,17 @@ class Parameters:
 
     @property
     def goals(self) -> tuple[Goal, ...]:
-        """What the series run to."""
+        """The goals of the series, without repeats."""
         return tuple(dict.fromkeys(goal_of(series) for series in self.series))
 
     def limit(self, goal: Goal) -> int:
-        """Evaluations, of all nodes together, at which a run ends."""
+        """Return the evaluations of all nodes together at which a run ends."""
         return self.budget if goal == "budget" else self.evaluations
 
 
 @dataclass(frozen=True)
 class Case:
-    """One run: who computes it, how large, how, until when, with which seed."""
+    """One run of the experiment."""
 
     role: Role
     nodes: int
@@ -97,11 +101,11 @@ class Case:
 
     @property
     def key(self) -> str:
-        """Its name in the journal."""
+        """The name of the run in the journal, unique within an experiment."""
         return f"{self.role} {self.nodes} {self.mode} deme {self.deme} to {self.goal} seed {self.seed}"
 
     def settings(self, parameters: Parameters) -> dict[str, Any]:
-        """Of the run, as a problem file's ``[run]`` table has them."""
+        """Return the run's settings, as in the ``[run]`` table of a problem file."""
         left_out = _OF_NODES_ONLY if self.role == "sequential" else ()
         return {name: value for name, value in parameters.run.items() if name not in left_out} | {
             "topology": torus_of(self.nodes),
@@ -113,17 +117,17 @@ class Case:
         }
 
     def file(self, file: ProblemFile, parameters: Parameters) -> ProblemFile:
-        """The problem file of this run; nothing of its own ``[run]`` table is left.
+        """Return the problem file with the settings of this run instead of its own.
 
         Raises:
-            BadInput: if the settings do not fit each other.
+            BadInput: if the settings do not fit together.
         """
         return replace(file, run=Run.model_validate({})).with_run(**self.settings(parameters))
 
 
 @dataclass(frozen=True)
 class Point:
-    """A place on a curve: runs that differ only in their seed."""
+    """A point of a curve: runs that differ only in their seed."""
 
     series: Series
     mode: Mode
@@ -132,26 +136,26 @@ class Point:
 
     @property
     def goal(self) -> Goal:
-        """What its runs end at."""
+        """The goal at which its runs end."""
         return goal_of(self.series)
 
     @property
     def has_twin(self) -> bool:
-        """Whether the same run, bit for bit, can be made on one processor, and is of interest."""
+        """Whether twins of its runs are made: only lockstep runs can be repeated bit for bit."""
         return self.mode == "lockstep" and self.goal == "target"
 
     def case(self, seed: int, role: Role = "nodes") -> Case:
-        """Its run of that seed."""
+        """Return the run of that seed."""
         return Case(role, self.nodes, self.mode, self.deme, self.goal, seed)
 
 
 def goal_of(series: Series) -> Goal:
-    """What the runs of a series end at."""
+    """Return the goal at which the runs of a series end."""
     return "budget" if series == "budget" else "target"
 
 
 def points(parameters: Parameters) -> list[Point]:
-    """Every point of every curve, curve by curve."""
+    """Return every point of every curve, curve by curve."""
     return [
         Point(series, mode, nodes, parameters.population // nodes if series == "fixed-population" else deme)
         for series in parameters.series
@@ -162,13 +166,13 @@ def points(parameters: Parameters) -> list[Point]:
 
 
 def cases_on(parameters: Parameters, nodes: int, role: Role = "nodes") -> list[Case]:
-    """The runs of one size: seed by seed, so that what an interruption leaves is of all kinds."""
+    """Return the runs of one size, seed by seed, so that an interrupted experiment has some runs of each kind."""
     wanted = [point for point in points(parameters) if point.nodes == nodes and (role == "nodes" or point.has_twin)]
     return list(dict.fromkeys(point.case(seed, role) for seed in _seeds(parameters, role) for point in wanted))
 
 
 def sequential_cases(parameters: Parameters) -> list[Case]:
-    """The runs of the sequential algorithm."""
+    """Return the runs of the sequential algorithm, seed by seed."""
     return [
         Case("sequential", 1, "lockstep", deme, goal, seed)
         for seed in _seeds(parameters, "sequential")
@@ -178,7 +182,7 @@ def sequential_cases(parameters: Parameters) -> list[Case]:
 
 
 def all_cases(parameters: Parameters) -> Iterator[Case]:
-    """In the order in which they are run."""
+    """Yield all runs in the order in which they are made."""
     yield from sequential_cases(parameters)
     for nodes in parameters.nodes:
         yield from cases_on(parameters, nodes)
@@ -205,10 +209,12 @@ def design(
     launches: int = 1,
     **run: Any,
 ) -> Parameters:
-    """The parameters of an experiment, checked; what is None gets a value that suits the others.
+    """Return the checked parameters of an experiment; a parameter that is None gets a value that suits the others.
+
+    See `Parameters` for their meanings; ``run`` replaces settings of the file's ``[run]`` table.
 
     Raises:
-        BadInput: says which is wrong.
+        BadInput: if a parameter is wrong; the message names it.
     """
     settings = _settings(file, run)
     own_demes = tuple(sorted(set((file.run.deme,) if demes is None else demes)))
@@ -238,7 +244,7 @@ def design(
 
 
 def _settings(file: ProblemFile, run: dict[str, Any]) -> dict[str, Any]:
-    """The file's own settings, and over them those given; not what the experiment decides."""
+    """Return the file's settings, replaced by those given, without settings that the experiment decides."""
     given = {name: value for name, value in run.items() if value is not None}
     own = file.run.model_dump(exclude_unset=True, exclude_none=True)
     return {name: value for name, value in (own | given).items() if name not in _OWN}
@@ -258,11 +264,11 @@ def _check_range(name: str, values: Sequence[int], most: int | None = None) -> N
 
 
 def _check(file: ProblemFile, parameters: Parameters) -> None:
-    """Everything that can be wrong before the first process is launched."""
+    """Check everything that can be checked before the first process is launched, since an experiment takes hours."""
     if "fixed-population" in parameters.series:
         _check_division(parameters)
     for case in all_cases(parameters):
-        if case.seed == 1:
+        if case.seed == 1:  # the other seeds make runs of the same settings
             _check_limit(case, parameters)
             _check_target(case, case.file(file, parameters))
 

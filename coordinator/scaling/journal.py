@@ -1,7 +1,8 @@
-"""The folder of an experiment: what it is, and a line for each run that has ended.
+"""The folder of an experiment: its description, and a line for each run that has ended.
 
-``experiment.json`` is written once, before the first run. ``runs.jsonl`` grows by one line, forced to disk, for each
-thing that has happened; it alone is the truth from which an interrupted experiment goes on. All else is derived.
+``experiment.json`` is written once, before the first run. ``runs.jsonl`` gets one line for each event (a run, a launch,
+a measurement of memory, a failure) and is forced to disk then. An interrupted experiment continues from this file
+alone; all other files are derived from it.
 """
 
 import contextlib
@@ -21,13 +22,13 @@ _MUST_AGREE = ("parameters", "problem.sha256", "versions", "machine.cpu", "machi
 
 
 class Journal:
-    """An open experiment's folder; a context manager, since only one process may write to it.
+    """The open folder of an experiment; a context manager, which holds a lock since only one process may write.
 
     Attributes:
-        folder: where everything lies.
+        folder: the folder.
         experiment: the content of ``experiment.json``.
-        records: those of ``runs.jsonl``, in order.
-        runs: the last record of each run by its key.
+        records: the records of ``runs.jsonl``, in order.
+        runs: the latest record of each run, by its key.
 
     Raises:
         BadInput: if the folder cannot be used, or holds another experiment.
@@ -54,7 +55,7 @@ class Journal:
         os.close(self._lines)
 
     def append(self, record: Record) -> None:
-        """Keep one record, surely."""
+        """Append a record; it is on disk when this returns."""
         line = json.dumps(record, allow_nan=False) + "\n"
         with _complaints(self.folder):
             _write(self._lines, line.encode())
@@ -64,16 +65,20 @@ class Journal:
             self.runs[record["key"]] = record
 
     def of_type(self, kind: str) -> list[Record]:
-        """The records of one type: "run", "launch", "memory" or "failure"."""
+        """Return the records of one type: "run", "launch", "memory" or "failure"."""
         return [record for record in self.records if record["type"] == kind]
 
     def lacks(self, case: Case) -> bool:
-        """Whether this run has still to be made; one that failed is made again."""
+        """Return whether this run must still be made; a failed run is made again."""
         record = self.runs.get(case.key)
         return record is None or record["status"] == "failed"
 
     def _begun(self, experiment: Record) -> Record:
-        """The experiment in the folder, which is this one; without any, this one is begun."""
+        """Return the experiment in the folder; write this one if there is none.
+
+        Raises:
+            BadInput: if the folder holds another experiment.
+        """
         path = self.folder / "experiment.json"
         if not path.exists():
             if os.fstat(self._lines).st_size:
@@ -99,7 +104,7 @@ def _complaints(folder: Path) -> Iterator[None]:
 
 
 def _locked(folder: Path) -> int:
-    """An open descriptor of ``runs.jsonl`` that no other process holds."""
+    """Open and lock ``runs.jsonl``; return its descriptor."""
     descriptor = os.open(folder / "runs.jsonl", os.O_RDWR | os.O_APPEND | os.O_CREAT, 0o644)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -110,12 +115,12 @@ def _locked(folder: Path) -> int:
 
 
 def _write(descriptor: int, data: bytes) -> None:
-    while data:
+    while data:  # os.write may write only a part
         data = data[os.write(descriptor, data) :]
 
 
 def _write_whole(path: Path, text: str) -> None:
-    """Either all of it or nothing."""
+    """Write a file so that after a crash it has all of the text or does not exist."""
     beside = path.with_suffix(".new")
     with beside.open("w", encoding="utf-8") as file:
         file.write(text)
@@ -125,7 +130,7 @@ def _write_whole(path: Path, text: str) -> None:
 
 
 def _read(path: Path, descriptor: int) -> list[Record]:
-    """All records; a last line that was torn is cut off."""
+    """Return all records; cut off a last line that a crash left incomplete."""
     data = path.read_bytes()
     records, end = [], 0
     lines = data.splitlines(keepends=True)
@@ -142,7 +147,7 @@ def _read(path: Path, descriptor: int) -> list[Record]:
 
 
 def _parsed(line: bytes) -> Record | None:
-    """None unless it is a whole line."""
+    """Return the record in a line; None if the line is incomplete."""
     try:
         record = json.loads(line)
     except ValueError:
@@ -162,7 +167,7 @@ def _object(path: Path) -> Record:
 
 
 def _differences(found: Record, wanted: Record) -> Iterator[str]:
-    """What must agree and does not, by name."""
+    """Yield the names and both values of what must agree and does not."""
     there, here = dict(_flat(found)), dict(_flat(wanted))
     for name in sorted(there.keys() | here.keys()):
         matters = any(name == each or name.startswith(f"{each}.") for each in _MUST_AGREE)

@@ -1,4 +1,4 @@
-"""What is written down of a run, and of the processes that made it."""
+"""Make single runs of an experiment and measure what they and their processes use."""
 
 import contextlib
 import math
@@ -24,11 +24,11 @@ from wire.exchange import Champion
 from wire.news import Improvement
 
 _CPU_IN_ONE_PROCESS = ("cpu_seconds", "node_cpu_seconds", "critical_cpu_seconds")
-_LEAST_CPU = 1e-6  # seconds; a quotient needs something to divide by
+_LEAST_CPU = 1e-6  # seconds; keeps quotients of CPU times finite
 
 
 def memory_of_nodes(cluster: LocalCluster) -> float:
-    """Bytes of memory a node: its own pages, and its share of those that it shares (PSS). Slow: 1 ms a node."""
+    """Return the mean memory of a node in bytes, shared pages divided among their users (PSS). Takes 1 ms a node."""
     sizes = [_pss(process) for name, process in cluster.processes.items() if _is_node(name)]
     return sum(sizes) / len(sizes)
 
@@ -36,7 +36,17 @@ def memory_of_nodes(cluster: LocalCluster) -> float:
 def run_on_nodes(
     cluster: LocalCluster, file: ProblemFile, case: Case, preparation: dict[str, float]
 ) -> tuple[Record, dict[str, float]]:
-    """One run: what to write down of it, and the CPU seconds of each process, less those of preparing a job."""
+    """Make one run on a cluster.
+
+    Args:
+        cluster: the cluster.
+        file: the problem with the settings of the run.
+        case: the run.
+        preparation: by process, the CPU seconds that preparing a job costs; they are subtracted.
+
+    Returns:
+        The record of the run, and the CPU seconds that each process used for it.
+    """
     before = cluster.cpu_seconds_by_process()
     job = cluster.submit(file)
     told = list(job.improvements())
@@ -56,10 +66,12 @@ def run_on_nodes(
 
 
 def run_in_process(file: ProblemFile, case: Case) -> Record:
-    """One run by the simulator, in this process and without messages; its CPU time is that of this process.
+    """Make one run by the simulator, in this process and without messages; return its record.
+
+    Its CPU time is that of this process.
 
     Raises:
-        EvaluationFailed: if the problem breaks.
+        EvaluationFailed: if the problem's evaluation fails.
     """
     plan = Plan.of(file)
     collector = Collector(plan, job=1)
@@ -85,7 +97,7 @@ def run_in_process(file: ProblemFile, case: Case) -> Record:
 
 
 def _hit(told: Sequence[Improvement], target: float | None) -> Improvement | None:
-    """The first improvement heard of that reached the target; only what was heard has a time."""
+    """Return the first published improvement that reached the target; unlike cells' own records these have a time."""
     return next((better for better in told if target is not None and better.fitness <= target), None)
 
 
@@ -96,7 +108,7 @@ def _record(
     records: Sequence[ImprovementRecord],
     cpu: dict[str, float | None],
 ) -> Record:
-    """Flat, so that it is a row of a table."""
+    """Return the record of a run; it is flat, since it becomes a row of a table."""
     staleness = result.staleness or {}
     return {
         "type": "run",
@@ -129,10 +141,10 @@ def _record(
 
 
 def _evaluations_to_target(result: Result, records: Sequence[ImprovementRecord]) -> int | None:
-    """By all nodes, up to the end of the generation in which the first individual was born that reached the target.
+    """Return the evaluations of all nodes up to the end of the generation that first reached the target.
 
-    In lockstep it is a function of the run: it follows from what cells noted, not from what the spy heard. In async
-    mode cells may never have come to that generation: it is then at most what they have evaluated.
+    They are taken from what the cells noted, not from what the spy received, so in lockstep they are equal for equal
+    runs. In async mode some cells may not have come to that generation; the result never exceeds all evaluations made.
     """
     if not result.solved or result.target is None:
         return None
@@ -145,7 +157,7 @@ def _is_node(name: str) -> bool:
 
 
 def _pss(process: int) -> float:
-    with contextlib.suppress(OSError):  # it has ended
+    with contextlib.suppress(OSError):  # the process has ended
         for line in Path(f"/proc/{process}/smaps_rollup").read_text().splitlines():
             if line.startswith("Pss:"):
                 return float(line.split()[1]) * 1024

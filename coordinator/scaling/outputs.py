@@ -1,4 +1,4 @@
-"""Everything that is derived from the journal, and what the command prints."""
+"""Write the files that are derived from the journal, and make the text that the command prints."""
 
 import json
 from collections.abc import Sequence
@@ -35,7 +35,7 @@ _COLUMNS: tuple[tuple[str, Metric], ...] = (
 
 
 def write_all(summary: Summary, journal: Journal, formats: Sequence[str] = FORMATS) -> None:
-    """Tables, pictures in these formats, and the report.
+    """Write the tables, the pictures in these formats, and the report.
 
     Raises:
         BadInput: if they cannot be written.
@@ -51,7 +51,7 @@ def write_all(summary: Summary, journal: Journal, formats: Sequence[str] = FORMA
 
 
 def as_json(summary: Summary, folder: Path) -> str:
-    """One JSON object."""
+    """Return the summary as one JSON object."""
     return json.dumps(
         {
             "directory": str(folder),
@@ -82,7 +82,7 @@ def _value(estimate: Estimate | None) -> float | None:
 
 
 def as_words(summary: Summary, folder: Path) -> str:
-    """A table of points, the verdict, and where the rest is."""
+    """Return a table of points, the verdict, and the path of the report, as text."""
     header = ["", "nodes", "deme", *(title for title, _ in _COLUMNS)]
     lines = [header, *_lines(summary)]
     return "\n".join([*_aligned(lines), "", *verdict(summary), f"report: {folder / 'report.html'}"])

@@ -1,4 +1,4 @@
-"""Pictures of an experiment: on logarithmic axes, with intervals, and the ideal where there is one."""
+"""Draw the pictures of an experiment: curves over the number of nodes, with intervals and the ideal if there is one."""
 
 import io
 import math
@@ -29,19 +29,19 @@ from coordinator.scaling.summary import (
 )
 
 FORMATS = ("png", "svg")
-"""The formats of pictures that are written by default; PDF may be asked for too."""
+"""The formats of pictures by default; PDF is possible too."""
 
-_COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000")  # told apart by all eyes
+_COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000")  # safe for colour-blind readers
 _MARKERS = {"lockstep": "o", "async": "s"}
 _LINES = {"lockstep": "-", "async": "--"}
-_DODGE = 1.035  # so that error bars stand beside each other
-_LEAST_SPAN = 6.0
+_DODGE = 1.035  # factor between the positions of two curves, so that error bars do not cover each other
+_LEAST_SPAN = 6.0  # least ratio of the ends of a logarithmic axis
 _TO_TARGET = ("fixed-population", "growing-population")
 
 
 @dataclass(frozen=True)
 class _Panel:
-    """One pair of axes."""
+    """One pair of axes: a metric of some series, or of sizes if ``series`` is empty; ``ideal`` is for so many nodes."""
 
     metric: Metric
     series: tuple[str, ...]
@@ -51,7 +51,7 @@ class _Panel:
 
 @dataclass(frozen=True)
 class Picture:
-    """A picture: its file's name without an ending, what it shows, and its panels."""
+    """A picture: the name of its file without the extension, its caption, and its panels."""
 
     name: str
     caption: str
@@ -118,7 +118,7 @@ _PICTURES = (
 
 
 def draw_all(summary: Summary, folder: Path, formats: Sequence[str] = FORMATS) -> list[tuple[bytes, Picture]]:
-    """Draw every picture for which there are numbers, in each of the formats; as PNG they are returned too."""
+    """Draw every picture for which there are numbers, in each of the formats; return the pictures as PNG too."""
     drawn = []
     for picture in _PICTURES:
         panels = [panel for panel in picture.panels if _curves(summary, panel)]
@@ -132,7 +132,7 @@ def draw_all(summary: Summary, folder: Path, formats: Sequence[str] = FORMATS) -
 
 
 def _curves(summary: Summary, panel: _Panel) -> list[tuple[Curve | None, list[Row]]]:
-    """The curves of a panel that have numbers."""
+    """Return the curves of a panel that have finite numbers; the curve of sizes is None."""
     wanted: Sequence[Curve | None] = summary.curves(*panel.series) if panel.series else [None]
     found = [(curve, summary.find(panel.metric, curve)) for curve in wanted]
     return [(curve, rows) for curve, rows in found if any(row.estimate.value < float("inf") for row in rows)]
@@ -169,7 +169,7 @@ def _draw_panel(axes: Any, summary: Summary, panel: _Panel) -> None:
 
 
 def _color(curve: Curve | None, styles: dict[Curve, int]) -> str:
-    """The same for the same series and deme, whatever the mode."""
+    """Return a curve's colour, which depends on its series and deme; markers and lines show the mode."""
     families = list(dict.fromkeys((each.series, each.deme) for each in styles))
     place = 0 if curve is None else families.index((curve.series, curve.deme))
     return _COLORS[place % len(_COLORS)]
@@ -195,7 +195,7 @@ def _draw_curve(axes: Any, curve: Curve | None, rows: Iterable[Row], color: str,
 
 
 def _reach(row: Row, down: bool) -> float:
-    """The length of an error bar; one that would never end goes tenfold."""
+    """Return the length of an error bar, at most up to ten times the value: the bound may be infinite."""
     bound = row.estimate.low if down else row.estimate.high
     value = row.estimate.value
     if bound is None:
@@ -204,7 +204,7 @@ def _reach(row: Row, down: bool) -> float:
 
 
 def _frame(axes: Any, nodes: Sequence[int], panel: _Panel) -> None:
-    """Axes, ticks at the sizes, units."""
+    """Set up the axes: scales, ticks at the numbers of nodes, title and unit."""
     metric = panel.metric
     axes.set_xscale("log", base=2)
     axes.set_xticks(nodes, [str(each) for each in nodes])
@@ -227,14 +227,17 @@ def _frame(axes: Any, nodes: Sequence[int], panel: _Panel) -> None:
 
 
 def _from_zero(axes: Any) -> None:
-    """With room for a marker that lies at zero."""
+    """Begin a linear axis at zero, with room for a marker there; leave an axis that reaches far below zero."""
     low, high = axes.get_ylim()
     if low >= -0.1 * high:
         axes.set_ylim(-0.03 * high, 1.05 * high)
 
 
 def _ticks(axes: Any) -> None:
-    """Plain numbers; 1, 2 and 5 of each decade where there are few decades. A small difference shall look small."""
+    """Put plain numbers on a logarithmic axis: 1, 2 and 5 of each decade if there are few decades, else powers of 10.
+
+    An axis spans at least a factor of `_LEAST_SPAN`, so that a small difference looks small.
+    """
     low, high = axes.get_ylim()
     if high / low < _LEAST_SPAN:
         widen = (_LEAST_SPAN * low / high) ** 0.5
@@ -248,6 +251,6 @@ def _ticks(axes: Any) -> None:
 
 
 def _round_numbers(low: float, high: float, steps: Sequence[int]) -> list[float]:
-    """Those within a decade, of every decade."""
+    """Return the multiples ``steps`` of powers of ten between ``low`` and ``high``."""
     decades = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
     return [value for decade in decades for step in steps if low <= (value := float(f"{step}e{decade}")) <= high]

@@ -1,4 +1,4 @@
-"""The report of an experiment: its numbers in tables and pictures, and how to read them."""
+"""Write the report of an experiment: tables, pictures, and an explanation of how to read them."""
 
 import base64
 import json
@@ -36,7 +36,7 @@ _SECTIONS: tuple[tuple[str, tuple[str, ...], tuple[Metric, ...], tuple[str, ...]
 
 @dataclass(frozen=True)
 class _Cell:
-    """A number of a table, its interval, and whether it stands out."""
+    """A number in a table, its interval, and whether to highlight it."""
 
     text: str
     interval: str = ""
@@ -45,7 +45,7 @@ class _Cell:
 
 @dataclass(frozen=True)
 class _Table:
-    """Header and rows; the first columns are names."""
+    """A header and rows; the first ``names`` columns are names, the others numbers."""
 
     header: list[str]
     rows: list[list[_Cell]]
@@ -62,7 +62,7 @@ class _Section:
 def write_report(
     summary: Summary, experiment: dict[str, Any], pictures: Sequence[tuple[bytes, Picture]], path: Path
 ) -> None:
-    """Fill in the template."""
+    """Fill in the template and write the report to ``path``."""
     inlined = {picture.name: (_data_url(png), picture.caption) for png, picture in pictures}
     page = rendered(
         "coordinator.scaling",
@@ -92,7 +92,7 @@ def _series(summary: Summary, name: str) -> str:
 
 
 def _sections(summary: Summary, pictures: dict[str, tuple[str, str]]) -> list[_Section]:
-    """Those that have anything to show."""
+    """Return the sections that have anything to show."""
     speed_ups = _Section("Speed-up", _speed_ups(summary), _chosen(pictures, "strong-speedup", "weak-speedup"))
     reference = _Section("The sequential algorithm", [_sequential(summary)], [])
     others = [
@@ -110,7 +110,7 @@ def _chosen(pictures: dict[str, tuple[str, str]], *names: str) -> list[tuple[str
 
 
 def _points(summary: Summary, series: Sequence[str], metrics: Sequence[Metric]) -> _Table:
-    """A row for each point, a column for each metric that any point has."""
+    """Return a table with a row for each point, and a column for each metric that any point has."""
     curves = summary.curves(*series)
     shown = [metric for metric in metrics if any(summary.find(metric, curve) for curve in curves)]
     rows = [
@@ -136,7 +136,7 @@ def _title(metric: Metric) -> str:
 
 
 def _speed_ups(summary: Summary) -> list[_Table]:
-    """One table for each notion: speed-up and efficiency."""
+    """Return a table for each kind of speed-up, with the speed-ups and efficiencies of all points."""
     found = []
     for metric in SPEEDUPS:
         rows = [

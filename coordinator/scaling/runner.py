@@ -1,8 +1,9 @@
-"""Makes the runs of an experiment that have not been made yet, and writes each down as soon as it has ended.
+"""Make the runs of an experiment that are still missing, and record each as soon as it has ended.
 
-One cluster of each size is launched and held open for all its runs. It first makes two runs of no generation: the first
-warms the processes up, the second tells what it costs to prepare a job, which is not counted in the runs that follow.
-What runs in this process (the sequential algorithm, and twins) runs while there is no cluster.
+One cluster of each size is launched and kept open for all runs of its size. It first makes two runs without a
+generation: the first warms the processes up, the second measures the cost of preparing a job, which is subtracted from
+the runs that follow. The sequential algorithm and the twins run in this process while there is no cluster, so that the
+two do not compete for cores.
 """
 
 from collections import deque
@@ -21,11 +22,14 @@ _FAILURES_IN_A_ROW = 2
 
 
 class Runner:
-    """Runs an experiment; `run` is all there is to call.
+    """Runs an experiment by its only method `run`.
 
     Args:
-        say: told of each step, in one line.
-        force: launch clusters even if this machine cannot hold so many nodes.
+        file: the problem.
+        parameters: the parameters of the experiment.
+        journal: takes the records.
+        say: called with one line for each step.
+        force: whether to launch clusters even if this machine cannot hold so many nodes.
     """
 
     def __init__(
@@ -52,11 +56,11 @@ class Runner:
 
         Raises:
             ClusterFailed: if a size fails twice in a row.
-            EvaluationFailed: if the problem breaks in this process.
+            EvaluationFailed: if the problem's evaluation fails in this process.
         """
         if 0 < self._done < self._all:
-            self.say(f"going on: {self._done} of {self._all} runs are there")
-        import_all()  # compiles what is not compiled yet: no launch shall have to wait for that
+            self.say(f"going on: {self._done} of {self._all} runs are made already")
+        import_all()  # compiles what is not compiled yet, so that no measured launch includes that
         self._in_process(sequential_cases(self.parameters))
         for nodes in self.parameters.nodes:
             self._on_nodes(nodes)
@@ -65,7 +69,7 @@ class Runner:
     # In this process --------------------------------------------------------------------------------------------------
     def _in_process(self, cases: list[Case]) -> None:
         lacking = [case for case in cases if self.journal.lacks(case)]
-        if lacking:
+        if lacking:  # one run of a single generation first, whose times are not kept: it warms this process up
             case = lacking[0]
             run_in_process(case.file(self.file, self.parameters).with_run(evaluations=case.nodes * case.deme), case)
         for case in lacking:
@@ -73,7 +77,11 @@ class Runner:
 
     # On a cluster -----------------------------------------------------------------------------------------------------
     def _on_nodes(self, nodes: int) -> None:
-        """Every missing run of one size, on as many clusters as it takes."""
+        """Make every missing run of one size, on as many clusters as it takes.
+
+        Raises:
+            ClusterFailed: if clusters fail too often in a row.
+        """
         waiting = deque(case for case in cases_on(self.parameters, nodes) if self.journal.lacks(case))
         self._failures = 0
         while waiting:
@@ -82,7 +90,7 @@ class Runner:
                 self._failed(nodes, trouble)
 
     def _trouble(self, nodes: int, waiting: "deque[Case]") -> str | None:
-        """What ended a cluster before all runs were made, if anything did."""
+        """Make runs on a new cluster; return the failure that ended it before all were made, or None."""
         try:
             self._launch_for_the_time(nodes)
             return self._serve(nodes, waiting)
@@ -91,14 +99,14 @@ class Runner:
             return str(error)
 
     def _launch_for_the_time(self, nodes: int) -> None:
-        """Launches beyond the one that is needed, if a sample is wanted."""
+        """Make the launches beyond the one that is needed, if a sample of launch times is wanted."""
         done = sum(record["nodes"] == nodes for record in self.journal.of_type("launch"))
         for _ in range(done, self.parameters.launches - 1):
             with LocalCluster(topology=torus_of(nodes), force=self._force) as cluster:
                 self._keep_launch(cluster, nodes)
 
     def _serve(self, nodes: int, waiting: "deque[Case]") -> str | None:
-        """Launch a cluster and let it make runs, until all are made or one fails; why that one did."""
+        """Launch a cluster and make runs on it until all are made or one fails; return why that one failed."""
         with LocalCluster(topology=torus_of(nodes), force=self._force) as cluster:
             self._keep_launch(cluster, nodes)
             preparation = self._preparation(cluster, waiting[0])
@@ -114,7 +122,7 @@ class Runner:
         return None
 
     def _preparation(self, cluster: LocalCluster, case: Case) -> dict[str, float]:
-        """CPU seconds of each process for a job of no generation, once they are warm."""
+        """Return the CPU seconds that each warm process uses for a job without a generation."""
         file = case.file(self.file, self.parameters).with_run(deme=1, emigrants=1, evaluations=case.nodes)
         used: dict[str, float] = {}
         for _ in range(2):
@@ -129,14 +137,14 @@ class Runner:
             raise ClusterFailed(f"{nodes} nodes failed {_FAILURES_IN_A_ROW} times in a row, at last: {message}")
         self.say(f"{nodes} nodes: failed, going on with a new cluster: {message}")
 
-    # What is written down ---------------------------------------------------------------------------------------------
+    # Records ----------------------------------------------------------------------------------------------------------
     def _keep_launch(self, cluster: LocalCluster, nodes: int) -> None:
         seconds = round(cluster.seconds_to_ready, 6)
         self.journal.append({"type": "launch", "nodes": nodes, "seconds": seconds})
         self.say(f"{nodes} nodes ({torus_of(nodes)}): ready after {seconds:.2f} s")
 
     def _keep_memory(self, cluster: LocalCluster, nodes: int) -> None:
-        """Once for each size, after its first run."""
+        """Record the nodes' memory, once for each size, after its first run."""
         if not any(record["nodes"] == nodes for record in self.journal.of_type("memory")):
             self.journal.append({"type": "memory", "nodes": nodes, "bytes": round(memory_of_nodes(cluster))})
 

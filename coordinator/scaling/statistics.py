@@ -1,7 +1,8 @@
-"""How sure a number is: 95 % confidence intervals over repeats.
+"""Confidence intervals of 95 % over repeats.
 
 Medians, means and ratios of medians get bootstrap intervals (percentiles of resampled values, which need no assumption
-about the distribution and stay within the data); rates of success get Wilson's, which hold for few repeats too.
+about the distribution and stay within the data). Rates of success get Wilson's intervals, which also hold for few
+repeats.
 """
 
 import math
@@ -15,13 +16,19 @@ from scipy import stats
 
 CONFIDENCE = 0.95
 _RESAMPLES = 4999
-_SEED = 1992  # the same runs give the same report
-_NEVER = 1e150  # stands for a cost that was never paid off, so that medians and quotients stay numbers
+_SEED = 1992  # fixed, so that the same runs give the same report
+_NEVER = 1e150  # stands for an infinite cost, so that medians and quotients of resampled costs stay finite
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """A number and its interval; ``low`` and ``high`` are None where one value says nothing about others."""
+    """A number and its interval.
+
+    Attributes:
+        value: the number.
+        low, high: the bounds of the interval; None if there is none (a single value, a sum, too few runs).
+        count: the number of values that it rests on.
+    """
 
     value: float
     low: float | None
@@ -29,27 +36,27 @@ class Estimate:
     count: int
 
     def divided_by(self, divisor: float) -> "Estimate":
-        """The same of another unit."""
+        """Return this estimate in another unit, ``divisor`` times as large."""
         low, high = (None if bound is None else bound / divisor for bound in (self.low, self.high))
         return Estimate(self.value / divisor, low, high, self.count)
 
     def is_above(self, bound: float) -> bool:
-        """Whether the whole interval is."""
+        """Return whether the whole interval is above ``bound``."""
         return self.low is not None and self.low > bound
 
 
 def median(values: Sequence[float]) -> Estimate | None:
-    """Of no values, none. Infinite values are allowed."""
+    """Return the median; None of no values. Infinite values are allowed."""
     return _bootstrapped(np.median, values)
 
 
 def mean(values: Sequence[float]) -> Estimate | None:
-    """Of no values, none."""
+    """Return the mean; None of no values."""
     return _bootstrapped(np.mean, values)
 
 
 def proportion(successes: int, count: int) -> Estimate | None:
-    """Of no tries, none."""
+    """Return the rate of success; None of no tries."""
     if count == 0:
         return None
     interval = stats.binomtest(successes, count).proportion_ci(confidence_level=CONFIDENCE, method="wilson")
@@ -57,7 +64,7 @@ def proportion(successes: int, count: int) -> Estimate | None:
 
 
 def ratio_of_medians(above: Sequence[float], below: Sequence[float]) -> Estimate | None:
-    """None unless both medians are finite: a cost is infinite where a run did not get there at all."""
+    """Return the ratio of two medians; None unless both are finite. A run that missed the target costs infinity."""
     if not above or not below:
         return None
     upper, lower = statistics.median(above), statistics.median(below)
@@ -71,7 +78,7 @@ def ratio_of_medians(above: Sequence[float], below: Sequence[float]) -> Estimate
 
 
 def _quotient(above: Any, below: Any, axis: int) -> Any:
-    """Of medians; where neither side got there it is 0, which can only make a claim weaker."""
+    """Return the quotient of medians; 0 where the divisor is infinite, which can only weaken a claim."""
     upper, lower = np.median(above, axis=axis), np.median(below, axis=axis)
     return np.where(lower >= _NEVER / 2, 0.0, upper / lower)
 

@@ -1,13 +1,14 @@
-"""From runs to numbers with intervals: what each point costs, and which speed-up that is.
+"""Compute numbers with intervals from the runs: the costs of each point, and its speed-ups.
 
 Speed-ups are named after Alba's taxonomy (Alba 2002, "Parallel evolutionary algorithms can achieve super-linear
-performance", Information Processing Letters 82:7-13). *Strong*: the best sequential algorithm known here, divided by n
-nodes. *Weak, orthodox*: the same algorithm of n cells on one processor, divided by n nodes; his weak speed-up against
-panmixia, one population without structure, is the strong one here wherever the sequential deme is the best.
+performance", Information Processing Letters 82:7-13). *Strong*: the cost of the best sequential algorithm known here,
+divided by the cost on n nodes. *Weak, orthodox*: the cost of the same algorithm of n cells on one processor, divided by
+the cost on n nodes. Alba's weak speed-up against panmixia (one population without structure) equals the strong one here
+wherever the sequential deme is the best.
 
-A cost is in evaluations (those on the critical path: evaluations divided by nodes) or in CPU seconds (those on the
-critical path: of the node that used most). Only the former compares searches. In a strong speed-up a run that did not
-reach the target counts as dearer than any that did.
+A cost is counted in evaluations (on the critical path: all evaluations divided by the nodes) or in CPU seconds (on the
+critical path: of the node that used most). Only evaluations compare searches. In a strong speed-up a run that did not
+reach the target costs more than any run that did.
 """
 
 import math
@@ -25,11 +26,14 @@ from coordinator.scaling.statistics import Estimate
 
 @dataclass(frozen=True)
 class Metric:
-    """A number that is told of each point.
+    """A number that is computed for each point.
 
     Attributes:
+        name: its name in tables.
+        label: its name for people.
+        unit: its unit; empty if it has none.
         statistic: "median", "mean", "rate of success", "sum" or "ratio of medians".
-        of: a run's value; None if the run has none.
+        of: returns a run's value; None if the run has none.
     """
 
     name: str
@@ -117,33 +121,33 @@ class Curve:
 
     series: Series
     mode: str
-    deme: int | None  # None if it is what the population leaves for a node
+    deme: int | None  # None if it is a node's share of a fixed population
 
     @property
     def name(self) -> str:
-        """For tables and legends."""
+        """The name in tables and legends."""
         return f"{self.series}, {self.mode}" if self.deme is None else f"{self.series}, {self.mode}, deme {self.deme}"
 
 
 @dataclass(frozen=True)
 class Row:
-    """One number of one point; without a point's names, of a size."""
+    """One number of one point; without a curve and a deme, of a number of nodes."""
 
     curve: Curve | None
     nodes: int
     deme: int | None
     metric: Metric
     estimate: Estimate
-    comparison: Comparison | None = None  # of a speed-up in evaluations: its verdict among all of them
+    comparison: Comparison | None = None  # the verdict; only of strong speed-ups in evaluations
 
     @property
     def efficiency(self) -> Estimate:
-        """Of a speed-up: a node's share of it."""
+        """The efficiency, if this is a speed-up: the speed-up divided by the nodes."""
         return self.estimate.divided_by(self.nodes)
 
     @property
     def is_super_linear(self) -> bool:
-        """Of a speed-up: whether the whole interval of its efficiency is above 1."""
+        """Whether this is a speed-up, and the whole interval of its efficiency is above 1."""
         return self.metric in SPEEDUPS and self.metric is not INDEPENDENT and self.efficiency.is_above(1.0)
 
 
@@ -153,19 +157,23 @@ class Sequential:
 
     deme: int
     success: Estimate
-    evaluations: Estimate | None  # to the target; failures cost more than anything
-    cpu_seconds: Estimate | None
-    fitness: Estimate | None  # with the budget
-    best_for: tuple[str, ...] = ()
+    evaluations: Estimate | None  # to the target; infinite for failures
+    cpu_seconds: Estimate | None  # likewise
+    fitness: Estimate | None  # reached within the budget
+    best_for: tuple[str, ...] = ()  # the costs by which it is the best: "evaluations", "CPU time"
 
 
 @dataclass(frozen=True)
 class Summary:
-    """All that tables, plots and the report tell.
+    """Everything that tables, plots and the report show.
 
     Attributes:
-        failed: runs that the cluster or the problem broke; they count nowhere.
-        replayed: how many lockstep runs had the same history as their twin, and how many have a twin.
+        parameters: the parameters of the experiment.
+        rows: the numbers of all points and sizes.
+        sequential: the sequential algorithm, by deme.
+        runs: the latest record of each run, failed ones included.
+        failed: the runs that failed because the cluster or the problem broke; no number includes them.
+        replayed: how many lockstep runs have the same history as their twin, and how many have a twin.
     """
 
     parameters: Parameters
@@ -176,12 +184,12 @@ class Summary:
     replayed: tuple[int, int]
 
     def curves(self, *series: str) -> list[Curve]:
-        """Those of some series, in order."""
+        """Return the curves of some series, or of all, in order."""
         found = dict.fromkeys(row.curve for row in self.rows if row.curve is not None)
         return [curve for curve in found if not series or curve.series in series]
 
     def find(self, metric: Metric, curve: Curve | None = None, nodes: int | None = None) -> list[Row]:
-        """The rows of a metric, of one curve (or of sizes), by nodes."""
+        """Return the rows of a metric: of a curve, or (None) of sizes; for all numbers of nodes, or for one."""
         return [
             row
             for row in self.rows
@@ -189,12 +197,12 @@ class Summary:
         ]
 
     def super_linear(self) -> list[Row]:
-        """Every speed-up that surely exceeds the number of nodes."""
+        """Return every speed-up whose whole interval exceeds the number of nodes."""
         return [row for row in self.rows if row.is_super_linear]
 
 
 def summarise(parameters: Parameters, journal: Journal) -> Summary:
-    """The numbers of all runs in the journal."""
+    """Return the numbers of all runs in the journal."""
     runs = _Runs(journal.runs)
     return Summary(
         parameters=parameters,
@@ -207,7 +215,7 @@ def summarise(parameters: Parameters, journal: Journal) -> Summary:
 
 
 class _Runs:
-    """The runs that count, by case."""
+    """The runs that have not failed, by case."""
 
     def __init__(self, runs: dict[str, Record]) -> None:
         self._runs = {key: run for key, run in runs.items() if run["status"] != "failed"}
@@ -219,14 +227,14 @@ class _Runs:
         return self.of(point.case(seed) for seed in range(1, repeats + 1))
 
     def pairs(self, point: Point, repeats: int) -> list[tuple[Record, Record]]:
-        """Each run of a point with its twin."""
+        """Return each run of a point with its twin."""
         keys = [(point.case(seed).key, point.case(seed, "twin").key) for seed in range(1, repeats + 1)]
         return [(self._runs[one], self._runs[two]) for one, two in keys if one in self._runs and two in self._runs]
 
 
 # Sizes and points -----------------------------------------------------------------------------------------------------
 def _sizes(parameters: Parameters, journal: Journal) -> Iterator[Row]:
-    """What a size costs, whatever runs on it."""
+    """Yield the time of a launch and the memory of a node for each number of nodes."""
     for nodes in parameters.nodes:
         seconds = [record["seconds"] for record in journal.of_type("launch") if record["nodes"] == nodes]
         memory = [record["bytes"] / 1e6 for record in journal.of_type("memory") if record["nodes"] == nodes]
@@ -249,7 +257,7 @@ def _curve_of(point: Point) -> Curve:
 
 
 def _estimates(parameters: Parameters, point: Point, runs: _Runs) -> Iterator[tuple[Metric, Estimate | None]]:
-    """Every metric of a point."""
+    """Yield every metric of a point, except strong speed-ups, which are judged together."""
     its_runs = runs.at(point, parameters.repeats)
     yield SUCCESS, statistics.proportion(sum(run["solved"] for run in its_runs), len(its_runs))
     to_target = TO_TARGET if point.goal == "target" else ()
@@ -269,9 +277,9 @@ def _estimate(metric: Metric, runs: Sequence[Record]) -> Estimate | None:
 
 
 def _compared(parameters: Parameters, runs: _Runs) -> dict[Point, Comparison]:
-    """Each point beside the best sequential algorithm, in evaluations, all at once.
+    """Compare all points with the best sequential algorithm, in evaluations, at once.
 
-    A lockstep run needs the same evaluations as its twin, of which there are more seeds.
+    Lockstep points use their twins: these need the same evaluations, and there are more seeds of them.
     """
     of_target = [point for point in points(parameters) if point.goal == "target"]
     seeds = range(1, max(parameters.repeats, parameters.seeds) + 1)
@@ -285,7 +293,7 @@ def _compared(parameters: Parameters, runs: _Runs) -> dict[Point, Comparison]:
 
 
 def _strong(parameters: Parameters, runs: _Runs) -> Iterator[Row]:
-    """The best sequential algorithm over these nodes; and what independent runs of it would do."""
+    """Yield the strong speed-ups of all points, and those that independent sequential runs would have."""
     best = {cost: _best_sequential(parameters, runs, cost) for cost in (evaluations_on_path, cpu_on_path)}
     alone = [evaluations_on_path(run) for run in best[evaluations_on_path]]
     for point, comparison in _compared(parameters, runs).items():
@@ -304,7 +312,7 @@ def _strong(parameters: Parameters, runs: _Runs) -> Iterator[Row]:
 def _weak(
     parameters: Parameters, point: Point, its_runs: Sequence[Record], runs: _Runs
 ) -> Iterator[tuple[Metric, Estimate | None]]:
-    """The same algorithm on one processor over these nodes, run by run."""
+    """Yield the weak speed-ups of a point: ratios of CPU times, run by run."""
     if point.has_twin:
         pairs = runs.pairs(point, parameters.repeats)
         ratios = [twin["cpu_seconds"] / run["critical_cpu_seconds"] for run, twin in pairs]
@@ -314,12 +322,12 @@ def _weak(
 
 
 def evaluations_on_path(run: Record) -> float:
-    """Of each node, to the stop; infinite if the target was not reached."""
+    """Return the evaluations of one node up to the stop; infinite if the target was not reached."""
     return float(run["evaluations"]) / run["nodes"] if run["solved"] else math.inf
 
 
 def cpu_on_path(run: Record) -> float:
-    """Of the node that used most, to the stop; infinite if the target was not reached."""
+    """Return the CPU seconds of the node that used most, up to the stop; infinite if the target was not reached."""
     return float(run["critical_cpu_seconds"]) if run["solved"] else math.inf
 
 
@@ -329,7 +337,7 @@ def _sequential_runs(parameters: Parameters, runs: _Runs, deme: int, goal: str) 
 
 
 def _best_sequential(parameters: Parameters, runs: _Runs, cost: Callable[[Record], float]) -> list[Record]:
-    """The runs of the deme that reached the target most often; among equals, of the least median cost."""
+    """Return the runs of the deme that reached the target most often; among equals, those of the least median cost."""
 
     def merit(those: list[Record]) -> tuple[int, float]:
         return -sum(run["solved"] for run in those), middle([cost(run) for run in those]) if those else math.inf

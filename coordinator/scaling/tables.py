@@ -1,4 +1,4 @@
-"""Runs and summary as tables: Parquet and CSV for whoever wants to compute further."""
+"""Write runs and summary as tables, Parquet and CSV, for further computations."""
 
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,7 @@ _ROLES = {"nodes": 0, "twin": 1, "sequential": 2}
 
 
 def write_runs(summary: Summary, folder: Path) -> None:
-    """``runs.parquet`` and ``runs.csv``: one row for each run."""
+    """Write ``runs.parquet`` and ``runs.csv``, one row for each run."""
     if not summary.runs:
         return
     names = [name for name in summary.runs[0] if name != "type"]
@@ -26,7 +26,7 @@ def write_runs(summary: Summary, folder: Path) -> None:
 
 
 def write_summary(summary: Summary, folder: Path) -> None:
-    """``summary.csv``: one row for each number, with its interval."""
+    """Write ``summary.csv``, one row for each number, with its interval."""
     rows = [as_record(row) for row in summary.rows]
     if rows:
         table = pa.table({name: _column([row[name] for row in rows]) for name in rows[0]})
@@ -34,7 +34,7 @@ def write_summary(summary: Summary, folder: Path) -> None:
 
 
 def as_record(row: Row) -> dict[str, Any]:
-    """A number and where it belongs, as plain values; what is infinite becomes None."""
+    """Return a number with its point, metric and interval, as plain values; infinite values become None."""
     curve = row.curve
     speed_up = row.metric in SPEEDUPS
     return {
@@ -59,7 +59,7 @@ def _numbers(estimate: Estimate) -> dict[str, float | None]:
 
 
 def _column(values: list[Any]) -> Any:
-    """An array of one type: whole numbers among fractions become fractions, and nothing at all is text."""
+    """Return a column of one type: integers among floats become floats, and a column without values is text."""
     present = [value for value in values if value is not None]
     if not present:
         return pa.array(values, pa.string())

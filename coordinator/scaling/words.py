@@ -1,4 +1,4 @@
-"""Numbers as people read them, and what can be concluded, in plain words: for the terminal and for the report."""
+"""Numbers as text, and the conclusions in plain words, for the terminal and for the report."""
 
 import math
 from collections.abc import Iterable
@@ -42,7 +42,7 @@ NOTIONS = {
         "Work that only messages cause is on both sides, and it cannot exceed n."
     ),
 }
-"""What each speed-up means; every one that is shown is named so."""
+"""The meaning of each kind of speed-up."""
 
 CRITICAL_PATH = (
     "Critical-path CPU time is the CPU time of the node process that used most in a run, without what preparing a job "
@@ -61,7 +61,7 @@ SERIES = {
 
 
 def number(value: float) -> str:
-    """Three figures, or all of a whole part."""
+    """Return a number with three significant digits, or with all digits of its integer part."""
     if not math.isfinite(value):
         return "∞"
     if value == 0:
@@ -74,14 +74,14 @@ def number(value: float) -> str:
 
 
 def interval(estimate: Estimate | None) -> str:
-    """The interval alone, or nothing."""
+    """Return the interval as text; empty if there is none."""
     if estimate is None or estimate.low is None or estimate.high is None:
         return ""
     return f"{number(estimate.low)} – {number(estimate.high)}"
 
 
 def estimate_text(estimate: Estimate | None) -> str:
-    """A number with its interval."""
+    """Return a number with its interval as text."""
     if estimate is None:
         return "–"
     bounds = interval(estimate)
@@ -89,7 +89,7 @@ def estimate_text(estimate: Estimate | None) -> str:
 
 
 def verdict(summary: Summary) -> list[str]:
-    """Where super-linear speed-up of the search was shown, was not, or is undecided; and what else to know."""
+    """Return sentences: where super-linear speed-up of the search is shown, is not, or is undecided; and cautions."""
     found = _verdicts(summary) if "target" in summary.parameters.goals else []
     return [*found, *_cautions(summary)]
 
@@ -120,13 +120,13 @@ def _sizes(rows: Iterable[Row]) -> str:
 
 
 def _more(row: Row) -> str:
-    """Return how many seeds would decide, in words; nothing where that is not known."""
+    """Return how many seeds would decide, as text; empty if that is not known."""
     seeds = None if row.comparison is None else row.comparison.seeds
     return "" if seeds is None else f"; about {seeds:,} seeds would decide"
 
 
 def _cautions(summary: Summary) -> list[str]:
-    """What to keep in mind when reading the verdict."""
+    """Return what to keep in mind when reading the verdict."""
     found = []
     if summary.parameters.repeats < 10:
         found.append(

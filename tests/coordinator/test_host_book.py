@@ -104,7 +104,7 @@ def test_each_gets_the_lowest_numbers_that_nobody_has_and_the_same_when_it_asks_
 
 def test_a_name_is_had_once(room):
     room.join("a1", "a", 2)
-    assert room.join("a2", "a", 2) == Refused("a host named a is here already")
+    assert room.join("a2", "a", 2) == Refused("a host named a has joined already: give this one another name (--host)")
 
 
 def test_one_that_comes_again_in_time_gets_its_numbers_again(room):

@@ -132,7 +132,7 @@ def test_a_second_host_of_the_same_name_is_not_let_in(capfd):
             until(lambda: len(nodes(client)) == 2)
         twin = cluster.start("twin", ["node"], NODES=2, HOST="one")
         assert twin.wait(60) == 1
-    assert "a host named one is here already" in capfd.readouterr().err
+    assert "a host named one has joined already" in capfd.readouterr().err
 
 
 def _parent(process):
