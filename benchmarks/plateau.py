@@ -32,7 +32,7 @@ _RULES = ((1, None), (16, None), (20, None), (16, 1.0))  # deme, renewal
 class Flat(Problem):
     """A problem in which all individuals are equally fit."""
 
-    batches_alike = True
+    is_batch_invariant = True
     kind: str = "flat"
     renewal: float | None = None
 

@@ -46,7 +46,7 @@ _FOREVER = 1 << 20  # generations
 class Names(Problem):
     """A problem of selection alone: individuals are names, and the least name is the best."""
 
-    batches_alike = True
+    is_batch_invariant = True
 
     @cached_property
     def coding(self) -> RealVector:

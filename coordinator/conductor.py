@@ -441,11 +441,11 @@ class Conductor:
                 if isinstance(self.calls.next(look_at), StopRequest):
                     break
                 self._oracle.look()
-        foretold = self._oracle.foretold
-        if foretold is None:
+        bounds = self._oracle.bounds
+        if bounds is None:
             return judgement
-        self.job.log.write("oracle", says=foretold.words)
-        return judgement.in_the_light_of(foretold)
+        self.job.log.write("oracle", says=bounds.words)
+        return judgement.with_oracle(bounds)
 
     def _ask_again(self) -> None:
         """Ask for reports again and repeat the stops, which a dead router may have lost; both are idempotent."""

@@ -15,7 +15,7 @@ import time
 
 from coordinator.threads import ONE_THREAD
 from problems import BadInput, ProblemFile, registry
-from problems.foretelling import Foretold, has_oracle
+from problems.oracle_bounds import OracleBounds, has_oracle
 
 BEGINS_AFTER = 0.5
 """Seconds of search before the oracle is asked."""
@@ -28,12 +28,12 @@ class Consulting:
     """Asks the oracle of one job's problem. No method blocks; only the conductor's thread uses it.
 
     Attributes:
-        foretold: the oracle's answer; None until there is one.
+        bounds: the oracle's answer; None until there is one.
         look_at: when to call `look` again, on the monotonic clock; None if there is nothing to wait for.
     """
 
     def __init__(self) -> None:
-        self.foretold: Foretold | None = None
+        self.bounds: OracleBounds | None = None
         self.look_at: float | None = None
         self._file: ProblemFile | None = None
         self._process: subprocess.Popen[bytes] | None = None
@@ -42,7 +42,7 @@ class Consulting:
     @property
     def is_hopeless(self) -> bool:
         """Whether the oracle has answered that the problem has no solution."""
-        return self.foretold is not None and self.foretold.hopeless
+        return self.bounds is not None and self.bounds.hopeless
 
     @property
     def process(self) -> int | None:
@@ -59,7 +59,7 @@ class Consulting:
         if self._file is not None and self._file.sha256 == file.sha256:
             return
         self.close()
-        self._file, self.foretold = file, None
+        self._file, self.bounds = file, None
         if self._is_wanted and registry.is_built_in(file.kind) and _knows(file):
             self.look_at = time.monotonic() + BEGINS_AFTER
 
@@ -69,13 +69,13 @@ class Consulting:
 
     def ask(self) -> None:
         """Ask now, since the run has stalled, unless that was done already; only for problems that have an oracle."""
-        if self._is_wanted and self.foretold is None and self._process is None and not self._ends_at:
+        if self._is_wanted and self.bounds is None and self._process is None and not self._ends_at:
             self._start()
 
-    def look(self) -> Foretold | None:
+    def look(self) -> OracleBounds | None:
         """Start the process if it is time, or look whether it has answered; return the answer if there is one."""
         if self.look_at is None or (now := time.monotonic()) < self.look_at:
-            return self.foretold
+            return self.bounds
         if self._process is None:
             self._start()
         elif self._process.poll() is not None:
@@ -84,7 +84,7 @@ class Consulting:
             self._end()
         else:
             self.look_at = now + _LOOK_AGAIN
-        return self.foretold
+        return self.bounds
 
     def close(self) -> None:
         """Kill the process, if there is one, and forget the problem."""
@@ -117,9 +117,9 @@ class Consulting:
         said = process.stdout.read()
         self._end()
         try:
-            self.foretold = Foretold.from_json(said.decode())
+            self.bounds = OracleBounds.from_json(said.decode())
         except ValueError:
-            self.foretold = None
+            self.bounds = None
 
     def _end(self) -> None:
         self.look_at = None

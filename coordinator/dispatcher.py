@@ -121,7 +121,7 @@ class Dispatcher:
         self._numbers = itertools.count(first_wiring)
         self._threads: dict[int, threading.Thread] = {}
         self._conductors: dict[int, Conductor] = {}
-        self._deadlines = Alarms(self._be_late)
+        self._deadlines = Alarms(self._end_at_deadline)
         # One subscriber for all jobs: a declaration takes time, and each key ever declared some memory.
         self._subscribers = [
             session.declare_subscriber(keys.best, direct(self._hear_best)),
@@ -175,7 +175,7 @@ class Dispatcher:
         if seconds is not None:
             self._deadlines.set(spec.number, spec.submitted + seconds)
 
-    def _be_late(self, number: int) -> None:
+    def _end_at_deadline(self, number: int) -> None:
         """End a job at its deadline: clients get the best answer now, its nodes stop when they can. Alarms' thread."""
         with self._lock:
             job = self.jobs.get(number)

@@ -37,7 +37,7 @@ _NEW_ID_BYTES = 4
 # A job that is kept alive may have any number of epochs and states. These bounds keep answers, and the database, small.
 _FIRST_STATES, _LATEST_STATES = 10, 1000  # state changes of a job that `Store.transitions` returns
 _MOST_EPOCHS = 1000  # epochs of a job that `Store.epochs` returns, the latest,
-_MOST_TOLD = 1 << 19  # and the bytes of their directives
+_MOST_DIRECTIVE_BYTES = 1 << 19  # and the bytes of their directives
 _TIDY_EVERY = 100  # epochs of a job between two clean-ups of its rows
 _SMALL_BYTES = 1000  # estimated size of an ended job without its files, answer, result and epochs
 
@@ -322,7 +322,7 @@ class Store:
                 _note_ends(session, number, placement.past)
                 if placement.epoch % _TIDY_EVERY == 0:
                     _forget_states(session, number)
-                    _put_together(session, number, placement.past)
+                    _merge_oldest_epochs(session, number, placement.past)
 
     def forget_before(self, at: float) -> None:
         """Delete the jobs that ended before ``at`` (Unix time), with all their records."""
@@ -385,7 +385,7 @@ class Store:
         If there are very many, only the latest are returned.
         """
         told: list[dict[str, Any]] = []
-        room = _MOST_TOLD
+        room = _MOST_DIRECTIVE_BYTES
         with self.reading() as session:
             latest_first = select(EpochRow).where(EpochRow.number == number).order_by(EpochRow.id.desc())
             for row in session.scalars(latest_first.limit(_MOST_EPOCHS).execution_options(yield_per=50)):
@@ -513,7 +513,7 @@ def _forget_states(session: Session, number: int) -> None:
     session.execute(delete(TransitionRow).where(TransitionRow.number == number, between))
 
 
-def _put_together(session: Session, number: int, past: Past) -> None:
+def _merge_oldest_epochs(session: Session, number: int, past: Past) -> None:
     """Merge the rows of a job's oldest epochs as its past has merged their directives (see `spy.past.SEVERAL`)."""
     together = json.loads(past.texts[0]) if past.texts else {"do": None}
     if together["do"] != SEVERAL:

@@ -21,7 +21,7 @@ class InspectionTour(supernode.Problem):
 
     points: list[tuple[float, float]]  # m
 
-    batches_alike = True
+    is_batch_invariant = True
 
     @cached_property
     def coding(self) -> supernode.Permutation:

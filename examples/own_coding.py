@@ -73,7 +73,7 @@ class Warehouse(supernode.Problem):
     floor: list[str]
     moves: int
 
-    batches_alike = True
+    is_batch_invariant = True
 
     @cached_property
     def coding(self) -> Moves:

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from genetics.arrays import Cells, Genomes
-from genetics.operators import MATING, STRAYING, Table
-from genetics.randomness import CROSS, INITIAL, MUTATE, STRAY, below, draw, unit
+from genetics.operators import MUTATE_ONE_BIT, VARIATION, Table
+from genetics.randomness import CROSS, FLIP_ONE, INITIAL, MUTATE, below, draw, unit
 from lowlevel import pointers
 from lowlevel.compiled import kernel, subroutine
 
@@ -108,10 +108,10 @@ def _cross(
 
 
 @subroutine
-def _stray(individuals: Any, seed: Any, cell: Any, generation: Any, length: Any) -> Any:
+def _flip_one_bit(individuals: Any, seed: Any, cell: Any, generation: Any, length: Any) -> Any:
     """Flip one random bit of one random individual; return the individual's index."""
-    individual = below(draw(seed, cell, generation, STRAY, 0, 0), individuals.shape[0])
-    _flip(individuals[individual], below(draw(seed, cell, generation, STRAY, 0, 1), length))
+    individual = below(draw(seed, cell, generation, FLIP_ONE, 0, 0), individuals.shape[0])
+    _flip(individuals[individual], below(draw(seed, cell, generation, FLIP_ONE, 0, 1), length))
     return individual
 
 
@@ -163,7 +163,7 @@ def recombine(
     return offspring
 
 
-@kernel(MATING)
+@kernel(VARIATION)
 def variation(couples: Genomes, offspring: Genomes, seed: np.uint64, cell: int, generation: int, table: Table) -> None:
     """Fill one row's offspring, see `recombine`. The table has two entries: length and uniform; rate."""
     choices = pointers.integers(table, 0)[0]
@@ -176,14 +176,14 @@ def mutate_one(individuals: Genomes, seed: np.uint64, cells: Cells, generation: 
     """Flip one random bit of one random individual of each row; return the individuals' indices, shape (rows,)."""
     changed = np.empty(cells.size, np.int64)
     for row in range(cells.size):
-        changed[row] = _stray(individuals[row], seed, cells[row], generation, length)
+        changed[row] = _flip_one_bit(individuals[row], seed, cells[row], generation, length)
     return changed
 
 
-@kernel(STRAYING)
+@kernel(MUTATE_ONE_BIT)
 def mutate_one_bit(individuals: Genomes, seed: np.uint64, cell: int, generation: int, table: Table) -> int:
     """Flip a bit in one row, see `mutate_one`. The table has one entry: length."""
-    changed: int = _stray(individuals, seed, cell, generation, pointers.integers(table, 0)[0, 0])
+    changed: int = _flip_one_bit(individuals, seed, cell, generation, pointers.integers(table, 0)[0, 0])
     return changed
 
 

@@ -10,7 +10,7 @@ from numba import types
 from numba.extending import intrinsic
 
 from genetics.arrays import Cells, Genomes
-from genetics.operators import FITNESS, FOUNDING, MATING, STRAYING, Table
+from genetics.operators import FITNESS, INITIALISE, MUTATE_ONE_BIT, VARIATION, Table
 from lowlevel.compiled import kernel
 from lowlevel.numba_calls import call_by_address
 
@@ -26,42 +26,42 @@ def call_fitness(context: Any, address: Any, genomes: Any, fitness: Any, table: 
 
 
 @_intrinsic  # type: ignore[untyped-decorator]
-def call_mating(
+def call_variation(
     context: Any, address: Any, couples: Any, offspring: Any, seed: Any, cell: Any, generation: Any, table: Any
 ) -> Any:
     """Call a function of signature MATING."""
-    return types.void(types.int64, *MATING.args), lambda target, builder, _, arguments: call_by_address(
-        target, builder, arguments, MATING
+    return types.void(types.int64, *VARIATION.args), lambda target, builder, _, arguments: call_by_address(
+        target, builder, arguments, VARIATION
     )
 
 
 @_intrinsic  # type: ignore[untyped-decorator]
-def call_straying(
+def call_mutate_one_bit(
     context: Any, address: Any, individuals: Any, seed: Any, cell: Any, generation: Any, table: Any
 ) -> Any:
     """Call a function of signature STRAYING."""
-    return types.int64(types.int64, *STRAYING.args), lambda target, builder, _, arguments: call_by_address(
-        target, builder, arguments, STRAYING
+    return types.int64(types.int64, *MUTATE_ONE_BIT.args), lambda target, builder, _, arguments: call_by_address(
+        target, builder, arguments, MUTATE_ONE_BIT
     )
 
 
 @_intrinsic  # type: ignore[untyped-decorator]
-def call_founding(context: Any, address: Any, deme: Any, seed: Any, cell: Any, generation: Any, table: Any) -> Any:
+def call_initialise(context: Any, address: Any, deme: Any, seed: Any, cell: Any, generation: Any, table: Any) -> Any:
     """Call a function of signature FOUNDING."""
-    return types.void(types.int64, *FOUNDING.args), lambda target, builder, _, arguments: call_by_address(
-        target, builder, arguments, FOUNDING
+    return types.void(types.int64, *INITIALISE.args), lambda target, builder, _, arguments: call_by_address(
+        target, builder, arguments, INITIALISE
     )
 
 
 @kernel("void(int64, uint8[:,:,::1], uint64, int64[::1], int64, int64[:,::1])")
-def found_rows(address: int, demes: Genomes, seed: np.uint64, cells: Cells, generation: int, table: Table) -> None:
+def initialise_rows(address: int, demes: Genomes, seed: np.uint64, cells: Cells, generation: int, table: Table) -> None:
     """Fill first demes (rows, deme, genome_bytes), each by the function of signature FOUNDING at ``address``."""
     for row in range(cells.size):
-        call_founding(address, demes[row], seed, cells[row], generation, table)
+        call_initialise(address, demes[row], seed, cells[row], generation, table)
 
 
 @kernel("void(int64, uint8[:,:,:,::1], uint8[:,:,::1], uint64, int64[::1], int64, int64[:,::1])")
-def mate_rows(
+def vary_rows(
     address: int,
     couples: Genomes,
     offspring: Genomes,
@@ -72,4 +72,4 @@ def mate_rows(
 ) -> None:
     """Fill offspring (rows, 2 * n, bytes) of couples (rows, n, 2, bytes) by the function of signature MATING."""
     for row in range(cells.size):
-        call_mating(address, couples[row], offspring[row], seed, cells[row], generation, table)
+        call_variation(address, couples[row], offspring[row], seed, cells[row], generation, table)

@@ -23,12 +23,12 @@ TABLE = types.int64[:, ::1]
 """The type of a table, for signatures."""
 FITNESS = types.void(types.uint8[:, ::1], types.float64[::1], TABLE)
 """Evaluate: genomes (n, genome_bytes), their fitness (n,) to be filled, and the table."""
-MATING = types.void(types.uint8[:, :, ::1], types.uint8[:, ::1], types.uint64, types.int64, types.int64, TABLE)
+VARIATION = types.void(types.uint8[:, :, ::1], types.uint8[:, ::1], types.uint64, types.int64, types.int64, TABLE)
 """Cross and mutate: couples (n, 2, genome_bytes), two offspring of each (2 * n, genome_bytes) to be filled, seed, cell,
 generation, and the table."""
-FOUNDING = types.void(types.uint8[:, ::1], types.uint64, types.int64, types.int64, TABLE)
+INITIALISE = types.void(types.uint8[:, ::1], types.uint64, types.int64, types.int64, TABLE)
 """Make a first deme: the deme (n, genome_bytes), all zeros, to be filled, seed, cell, generation, and the table."""
-STRAYING = types.int64(types.uint8[:, ::1], types.uint64, types.int64, types.int64, TABLE)
+MUTATE_ONE_BIT = types.int64(types.uint8[:, ::1], types.uint64, types.int64, types.int64, TABLE)
 """Change one individual, by the one-bit rule: individuals (n, genome_bytes), seed, cell, generation, and the table.
 Returns the index of the changed individual."""
 

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from genetics.arrays import Genomes
-from genetics.operators import FOUNDING, MATING, Table
+from genetics.operators import INITIALISE, VARIATION, Table
 from genetics.randomness import CROSS, INITIAL, MUTATE, below, draw, unit
 from genetics.sequence_kernels import numbers_of
 from lowlevel.compiled import kernel, subroutine
@@ -15,7 +15,7 @@ _HALF = np.uint64(32)
 _MOST_EDGES = 4  # of an item: two in either parent
 
 
-@kernel(FOUNDING)
+@kernel(INITIALISE)
 def initialise(deme: Genomes, seed: np.uint64, cell: int, generation: int, table: Table) -> None:
     """Fill a deme with random orders, all equally probable (Fisher and Yates). The table has the number of items."""
     size = integers(table, 0)[0, 0]
@@ -139,7 +139,7 @@ def _mutate(order: Any, seed: Any, cell: Any, generation: Any, child: Any, rate:
         order[start], order[end] = order[end], order[start]
 
 
-@kernel(MATING)
+@kernel(VARIATION)
 def variation(couples: Genomes, offspring: Genomes, seed: np.uint64, cell: int, generation: int, table: Table) -> None:
     """Cross by order or by edges, then mutate. The table has two entries: by edges; rate and share of inversions."""
     by_edges, choices = integers(table, 0)[0, 0] != 0, reals(table, 1)[0]

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from genetics.arrays import Cells, Fitness, Genomes
-from genetics.operators import MATING, Table
+from genetics.operators import VARIATION, Table
 from genetics.randomness import CROSS, INITIAL, MUTATE, draw, normal, unit, words
 from lowlevel.compiled import inlined, kernel
 from lowlevel.pointers import integers, reals
@@ -139,7 +139,7 @@ def recombine(
     return offspring
 
 
-@kernel(MATING)
+@kernel(VARIATION)
 def variation(couples: Genomes, offspring: Genomes, seed: np.uint64, cell: int, generation: int, table: Table) -> None:
     """Fill one row's offspring, see `recombine`. The table has two entries: uniform; low, high and rate."""
     uniform, numbers = integers(table, 0)[0, 0] != 0, reals(table, 1)[0]

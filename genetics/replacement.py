@@ -55,7 +55,7 @@ def _worst(fitness: Any, seed: Any, cell: Any, generation: Any, tie: Any, number
 
 
 @subroutine
-def admit_to(
+def admit_row(
     genomes: Any,
     fitness: Any,
     emigrants: Any,
@@ -113,13 +113,13 @@ def admit(
     """
     for row in range(fitness.shape[0]):
         into, its_fitness = genomes[row], fitness[row]
-        admit_to(
+        admit_row(
             into, its_fitness, emigrants, emigrant_fitness, source_row[row], count, row, seed, cells[row], generation
         )
 
 
 @subroutine
-def take_place(
+def replace_local_row(
     genomes: Any,
     fitness: Any,
     offspring: Any,
@@ -154,7 +154,7 @@ def replace_local(
     """
     for row in range(fitness.shape[0]):
         its = offspring_fitness[row]
-        take_place(genomes[row], fitness[row], offspring[row], its, elitist, seed, cells[row], generation)
+        replace_local_row(genomes[row], fitness[row], offspring[row], its, elitist, seed, cells[row], generation)
 
 
 @subroutine
@@ -169,7 +169,7 @@ def _bring_back(
 
 
 @subroutine
-def leave_families(
+def replace_families_row(
     genomes: Any,
     fitness: Any,
     couples: Any,
@@ -225,7 +225,7 @@ def replace_families(
     for row in range(fitness.shape[0]):
         into, its_fitness, its_couples, cell = genomes[row], fitness[row], couples[row], cells[row]
         children, their_fitness = offspring[row], offspring_fitness[row]
-        leave_families(into, its_fitness, its_couples, children, their_fitness, elitist, seed, cell, generation)
+        replace_families_row(into, its_fitness, its_couples, children, their_fitness, elitist, seed, cell, generation)
 
 
 @subroutine
@@ -249,7 +249,7 @@ def _draw_leaving(order: Any, fitness: Any, stay: Any, seed: Any, cell: Any, gen
 
 
 @subroutine
-def renew(
+def replace_worst_row(
     genomes: Any,
     fitness: Any,
     offspring: Any,
@@ -291,4 +291,4 @@ def replace_worst(
     """
     for row in range(fitness.shape[0]):
         its = offspring_fitness[row]
-        renew(genomes[row], fitness[row], offspring[row], its, elitist, seed, cells[row], generation)
+        replace_worst_row(genomes[row], fitness[row], offspring[row], its, elitist, seed, cells[row], generation)

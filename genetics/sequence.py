@@ -87,9 +87,9 @@ class Sequence(ABC):
         demes = np.zeros((len(keys.cells), deme, self.genome_bytes), np.uint8)
         operator = self.initialise()
         if capabilities().numba_calls:
-            from genetics.calls_by_address import found_rows
+            from genetics.calls_by_address import initialise_rows
 
-            found_rows(operator.address, demes, keys.seed, keys.cells, keys.generation, operator.table)
+            initialise_rows(operator.address, demes, keys.seed, keys.cells, keys.generation, operator.table)
         else:
             for row, cell in enumerate(keys.cells):
                 operator.function(demes[row], keys.seed, cell, keys.generation, operator.table)
@@ -103,9 +103,9 @@ class Sequence(ABC):
             self._variations[recipe] = self.variation(recipe)
         operator = self._variations[recipe]
         if capabilities().numba_calls:
-            from genetics.calls_by_address import mate_rows
+            from genetics.calls_by_address import vary_rows
 
-            mate_rows(operator.address, couples, offspring, keys.seed, keys.cells, keys.generation, operator.table)
+            vary_rows(operator.address, couples, offspring, keys.seed, keys.cells, keys.generation, operator.table)
         else:
             for row, cell in enumerate(keys.cells):
                 operator.function(couples[row], offspring[row], keys.seed, cell, keys.generation, operator.table)

@@ -18,7 +18,7 @@ import shutil
 from pathlib import Path
 from typing import Any
 
-_HOUSE = Path(__file__).resolve().parent.parent
+_PROJECT = Path(__file__).resolve().parent.parent
 _KEPT = 16  # folders of one module; those unused for the longest time are deleted first
 _MODULE_IMPORT = re.compile(r"^import +([\w.]+)", re.MULTILINE)
 _NAMES_IMPORT = re.compile(r"^from +([\w.]+) +import +(?:\(([^)]*)\)|(.*))", re.MULTILINE)
@@ -84,7 +84,7 @@ def _folder_of(file: str) -> Path:
         OSError: if the folder cannot be made.
     """
     path = Path(file).resolve()
-    module = ".".join(path.relative_to(_HOUSE).with_suffix("").parts) if path.is_relative_to(_HOUSE) else path.stem
+    module = ".".join(path.relative_to(_PROJECT).with_suffix("").parts) if path.is_relative_to(_PROJECT) else path.stem
     folder = base_folder() / f"{module}-{digest_of(path)}"
     if not folder.is_dir():
         folder.mkdir(parents=True, exist_ok=True)
@@ -135,7 +135,7 @@ def _imports_of(path: Path) -> tuple[Path, ...]:
     for module, in_brackets, in_line in _NAMES_IMPORT.findall(text):
         parts = _COMMENT.sub("", in_brackets or in_line).split(",")
         names |= {f"{module}.{part.split()[0]}" for part in parts if part.strip()}
-    roots = {_HOUSE, path.parent}
+    roots = {_PROJECT, path.parent}
     files = {file for name in names for root in roots if (file := _file_of(name, root)) is not None}
     return tuple(files)
 

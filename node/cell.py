@@ -24,7 +24,7 @@ from lowlevel import capabilities
 from node.flags import REACHED, REFUSED, STALLED, STOPS, UNSOUND
 from node.history import History
 from node.inbox import Inbox
-from node.kernels import OWN, TOLD
+from node.kernels import OWN, PUBLISHED
 from node.outbox import Outbox
 from node.plan import Plan
 from node.rows import Rows
@@ -339,7 +339,7 @@ class Cell:
         if drains or (rows.exchanging and not stops):
             rows.messages.header[OWN, SENT] += 1
             for array in rows.messages:
-                array[TOLD] = array[OWN]
+                array[PUBLISHED] = array[OWN]
             encode = partial(rows.messages.encode, 0, self._tells_champion)
             actions.append(self._outbox.write(self.sent, rows.generation, encode))
         if stops:

@@ -64,12 +64,12 @@ from node.generation import (
     breed_on,
     inbox_of,
     lacks,
-    may_be_superseded,
+    next_message_replaces_it,
     nothing_bred,
     only_a_message,
     take_back,
 )
-from node.inbox import hear_one
+from node.inbox import take_in_one
 
 # Columns of the path. Numbers: the address of the cell's table of pointers (0: the path is closed), how often it has
 # been opened, generations left before Python must take a step, the most to breed at once, the end of the turn in ns,
@@ -158,7 +158,7 @@ def _take_news(path: Any, table: Any) -> Any:
     messages = length(news)  # the network thread may append more, which the next call reads
     for number in range(messages):
         message = item_of_list(news, number)
-        if hear_one(inbox_of(table), content(tuple_item(message, 1)), integer(tuple_item(message, 0))) <= 0:
+        if take_in_one(inbox_of(table), content(tuple_item(message, 1)), integer(tuple_item(message, 0))) <= 0:
             remove_first(news, number)
             return False
     remove_first(news, messages)
@@ -187,7 +187,7 @@ def _end_turn(own: int, path_at: int) -> Any:
         breed_on(table, 1)
         over = _is_over(path)
         run_again(thread)
-        if over or not may_be_superseded(table) or not _take_news(path, table):
+        if over or not next_message_replaces_it(table) or not _take_news(path, table):
             return new_ref(path[_TRUE])
         take_back(table)  # the next generation's message supersedes this one, and must leave no gap in the numbers
 
@@ -217,7 +217,7 @@ def _hear(own: int, sample: int) -> Any:
         return _put_among_news(path, message)
     table = integers_at(path[_TABLE], PLACES, 3)
     # This needs no turn lock: in lockstep Python steps the cell only while the path is closed.
-    heard = hear_one(inbox_of(table), content(message), its[1]) > 0
+    heard = take_in_one(inbox_of(table), content(message), its[1]) > 0
     decref(message)
     if not heard:  # refused, or of another epoch
         return call(otherwise, sample)

@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 from numba import types
 
-from genetics.calls_by_address import call_fitness, call_mating, call_straying
+from genetics.calls_by_address import call_fitness, call_mutate_one_bit, call_variation
 from genetics.operators import TABLE, Table, pointers
 from genetics.recipe import ONE_BIT
-from genetics.replacement import admit_to, leave_families, renew, take_place
+from genetics.replacement import admit_row, replace_families_row, replace_local_row, replace_worst_row
 from genetics.selection import first_unsound, pair, pair_with
 from lowlevel.compiled import kernel, subroutine
 from lowlevel.numba_calls import entry
@@ -25,7 +25,7 @@ from lowlevel.pointers import blocks, integers, octets, reals
 from node.flags import REACHED, REFUSED, STALLED, STOPS, UNSOUND
 from node.history import History
 from node.inbox import LACKING, NEXT, Inbox, hear, packed, turn
-from node.kernels import OWN, TOLD, is_noted, merge_champion, note_staleness, prepare_message
+from node.kernels import OWN, PUBLISHED, is_noted, merge_champion, note_staleness, prepare_message
 from node.outbox import Outbox
 from node.plan import Plan
 from node.rows import Rows
@@ -35,13 +35,13 @@ from wire.report import MOST_BIRTHS, Birth
 # Places in the table of pointers; `Generations.__init__` lists the arrays in the same order.
 _HEADER, _GENOMES, _FITNESS, _SOURCE_ROWS, _LATEST, _COUNTS, _USED, _STALENESS = range(8)
 _DEME, _DEME_FITNESS, _BETTER_AT, _COUPLES, _PARENTS, _OFFSPRING, _OFFSPRING_FITNESS = range(8, 15)
-_RECORDS, _NOTED, _OUT, _SAID, _MATING_TABLE, _STRAYING_TABLE, _JUDGING_TABLE = range(15, 22)
+_RECORDS, _NOTED, _OUT, _SAID, _VARIATION_TABLE, _MUTATE_TABLE, _FITNESS_TABLE = range(15, 22)
 _INBOX, _SETTINGS, _TARGET, _CLOCK, _DONE = range(22, 27)
 _NOTED_FITNESS, _BIRTHS, _BIRTH_FITNESS, _BIRTH_COUNT = range(27, 31)
 PLACES = 31
 
 # Columns of the settings; `_settings` lists the values in the same order.
-_MATING, _STRAYING, _JUDGING, _EACH, _ELITIST, _SEED, _CELL, _FIRST_EVALUATIONS, _EVALUATIONS = range(9)
+_VARIATION, _MUTATE_ONE_BIT, _FITNESS_KERNEL, _EACH, _ELITIST, _SEED, _CELL, _FIRST_EVALUATIONS, _EVALUATIONS = range(9)
 _INTERVAL, _LOCKSTEP, _CHAMPION, _TARGET_REPORTER, _STALL, _STOP_DISTANCE, _LIMIT = range(9, 16)
 _FAMILIES, _BETTER_HALF, _MOST_SELECTIONS = range(16, 19)
 
@@ -89,7 +89,7 @@ def _couple(table: Any, settings: Any, source_row: Any, now: Any) -> Any:
         pair_with(deme[0], heard, source_row, each, paired)
         return paired
     if (now - 1) % settings[_INTERVAL] == 0:
-        admit_to(deme, deme_fitness, heard, reals(table, _FITNESS), source_row, each, OWN, seed, cell, now)
+        admit_row(deme, deme_fitness, heard, reals(table, _FITNESS), source_row, each, OWN, seed, cell, now)
     parents, better_half = integers(table, _PARENTS), settings[_BETTER_HALF] != 0
     pair(deme_fitness, seed, cell, now, better_half, settings[_MOST_SELECTIONS], parents)
     for couple in range(parents.shape[0]):
@@ -101,7 +101,7 @@ def _couple(table: Any, settings: Any, source_row: Any, now: Any) -> Any:
 def _mutate_one_bit(table: Any, settings: Any, individuals: Any, now: Any) -> Any:
     """Apply one-bit mutation to one of the individuals, in place; return the index of the one that has changed."""
     seed, cell = np.uint64(settings[_SEED]), settings[_CELL]
-    return call_straying(settings[_STRAYING], individuals, seed, cell, now, integers(table, _STRAYING_TABLE))
+    return call_mutate_one_bit(settings[_MUTATE_ONE_BIT], individuals, seed, cell, now, integers(table, _MUTATE_TABLE))
 
 
 @subroutine
@@ -112,30 +112,30 @@ def _breed(table: Any, settings: Any, source_row: Any, now: Any) -> Any:
     """
     deme, deme_fitness = octets(table, _DEME), reals(table, _DEME_FITNESS)[0]
     offspring, offspring_fitness = octets(table, _OFFSPRING), reals(table, _OFFSPRING_FITNESS)[0]
-    judging_table, elitist = integers(table, _JUDGING_TABLE), settings[_ELITIST] != 0
+    fitness_table, elitist = integers(table, _FITNESS_TABLE), settings[_ELITIST] != 0
     seed, cell, alone = np.uint64(settings[_SEED]), settings[_CELL], deme_fitness.size == 1
     couples = _couple(table, settings, source_row, now)
-    call_mating(settings[_MATING], couples, offspring, seed, cell, now, integers(table, _MATING_TABLE))
+    call_variation(settings[_VARIATION], couples, offspring, seed, cell, now, integers(table, _VARIATION_TABLE))
     # One-bit mutation changes an offspring of a single individual, but an individual of an island after replacement,
     # as in step 5 of §3.1; so only the latter costs one more evaluation.
-    if settings[_STRAYING] and alone:
+    if settings[_MUTATE_ONE_BIT] and alone:
         _mutate_one_bit(table, settings, offspring, now)
-    call_fitness(settings[_JUDGING], offspring, offspring_fitness, judging_table)
+    call_fitness(settings[_FITNESS_KERNEL], offspring, offspring_fitness, fitness_table)
     wrong = first_unsound(offspring_fitness)
     if wrong >= 0:
         return wrong
     if alone:
-        take_place(deme, deme_fitness, offspring, offspring_fitness, elitist, seed, cell, now)
+        replace_local_row(deme, deme_fitness, offspring, offspring_fitness, elitist, seed, cell, now)
     else:
         if settings[_FAMILIES]:
             parents = integers(table, _PARENTS)
-            leave_families(deme, deme_fitness, parents, offspring, offspring_fitness, elitist, seed, cell, now)
+            replace_families_row(deme, deme_fitness, parents, offspring, offspring_fitness, elitist, seed, cell, now)
         else:
-            renew(deme, deme_fitness, offspring, offspring_fitness, elitist, seed, cell, now)
-        if settings[_STRAYING]:
+            replace_worst_row(deme, deme_fitness, offspring, offspring_fitness, elitist, seed, cell, now)
+        if settings[_MUTATE_ONE_BIT]:
             changed = _mutate_one_bit(table, settings, deme, now)
             offspring[0] = deme[changed]  # the offspring are in the deme by now, so their room serves for this one
-            call_fitness(settings[_JUDGING], offspring[:1], offspring_fitness[:1], judging_table)
+            call_fitness(settings[_FITNESS_KERNEL], offspring[:1], offspring_fitness[:1], fitness_table)
             deme_fitness[changed] = offspring_fitness[0]
             wrong = first_unsound(offspring_fitness[:1])
     return wrong
@@ -208,7 +208,7 @@ def _encode_message(table: Any, settings: Any, now: Any, flags: Any, done: Any) 
     stops = drains or now >= header[OWN, STOP_AT]
     if drains or (now % settings[_INTERVAL] == 0 and not stops):
         header[OWN, SENT] += 1
-        header[TOLD], genomes[TOLD], fitness[TOLD] = header[OWN], genomes[OWN], fitness[OWN]
+        header[PUBLISHED], genomes[PUBLISHED], fitness[PUBLISHED] = header[OWN], genomes[OWN], fitness[OWN]
         place = header[OWN, SENT] % 2  # as in `Outbox.write`
         champion, out, said = settings[_CHAMPION] != 0, octets(table, _OUT)[place], integers(table, _SAID)[place]
         done[_SIZE] = write_message(header[OWN], genomes[OWN], fitness[OWN], champion, out)
@@ -265,7 +265,7 @@ def nothing_bred(table: Any) -> Any:
 
 
 @subroutine
-def may_be_superseded(table: Any) -> Any:
+def next_message_replaces_it(table: Any) -> Any:
     """Return whether the next generation's message can replace the one that `breed_on` has just written.
 
     Not if there is anything to say beside it, if the history is full, or if the next generation is the last one, which
@@ -294,7 +294,7 @@ def only_a_message(table: Any) -> Any:
 
 
 @kernel(types.void(TABLE, PAYLOAD, types.int64), may_be_long=True)
-def live_on(table: Table, news: bytes, most: int) -> None:
+def take_in_and_breed(table: Table, news: bytes, most: int) -> None:
     """Take in the messages ``news``, then `breed_on`; other threads may run Python meanwhile."""
     refused = len(news) > 0 and hear(news, integers(table, _INBOX)) > 0
     breed_on(table, most)
@@ -317,7 +317,7 @@ class Generations:
 
     Attributes:
         offspring: the latest offspring, shape (2 * couples, genome_bytes).
-        table: pointers to everything that `live_on` works on.
+        table: pointers to everything that `take_in_and_breed` works on.
     """
 
     def __init__(self, plan: Plan, rows: Rows, inbox: Inbox, history: History, champion: bool, outbox: Outbox) -> None:
@@ -366,11 +366,11 @@ class Generations:
         # The table holds bare addresses, so everything that they point to must live as long as this object.
         self._kept = (variation, mutate_one_bit, fitness_kernel, arrays, inbox)
         self.table = pointers(*arrays)
-        self._live_on = partial(entry(live_on), self.table)
+        self._live_on = partial(entry(take_in_and_breed), self.table)
         self._done = done[0].data
 
     def __call__(self, news: Sequence[tuple[int, bytes]], most: int) -> None:
-        """Take in ``news`` and breed at most ``most`` generations, see `live_on`; then ask `done`."""
+        """Take in ``news`` and breed at most ``most`` generations, see `take_in_and_breed`; then ask `done`."""
         self._live_on(packed(news) if news else b"", most)
 
     def done(self) -> list[int]:

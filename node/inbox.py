@@ -20,7 +20,7 @@ from genetics import Cells
 from genetics.operators import TABLE, Table, pointers
 from lowlevel.compiled import kernel, subroutine
 from lowlevel.pointers import integers, octets, octets_of, reals
-from node.kernels import OWN, TOLD, note_staleness
+from node.kernels import OWN, PUBLISHED, note_staleness
 from node.plan import Plan
 from wire.exchange import Messages
 from wire.exchange_kernels import EPOCH, GENERATION, JOB, PAYLOAD, SENT, only_emigrants, read_message
@@ -73,15 +73,15 @@ def _note(header: Any, interval: Any, latest: Any, number: Any, counts: Any) -> 
 def _swap(row: Any, source_row: Any, names: Any, spare: Any, counts: Any) -> Any:
     """Point the slots marked in ``names`` to the spare ``row``; the row that they pointed to becomes spare.
 
-    The rows `OWN` and `TOLD`, to which slots point before any message has come, never become spare.
+    The rows `OWN` and `PUBLISHED`, to which slots point before any message has come, never become spare.
     """
     counts[_SPARE] -= 1
-    old = np.int64(TOLD)
+    old = np.int64(PUBLISHED)
     for slot in range(source_row.size):
         if names[slot]:
             old = source_row[slot]
             source_row[slot] = row
-    if old > TOLD:
+    if old > PUBLISHED:
         spare[counts[_SPARE]] = old
         counts[_SPARE] += 1
 
@@ -117,7 +117,7 @@ def _take_in(table: Any, limits: Any, payload: Any, number: Any, counts: Any) ->
 
 
 @subroutine
-def hear_one(table: Any, payload: Any, sender: Any) -> Any:
+def take_in_one(table: Any, payload: Any, sender: Any) -> Any:
     """`_take_in` a message of the cell ``sender``; return 0 also if that is no neighbour.
 
     The search is linear: a cell has a handful of neighbours.
@@ -150,7 +150,7 @@ def hear(news: bytes, table: Table) -> int:
     while start < everything.size:
         sender, size = _integer_at(everything, start), _integer_at(everything, start + 8)
         start += 16
-        refused += hear_one(table, everything[start : start + size], sender) < 0
+        refused += take_in_one(table, everything[start : start + size], sender) < 0
         start += size
     integers(table, _COUNTS)[0, _REFUSED] += refused
     return refused
@@ -174,7 +174,7 @@ class Inbox:
 
     Attributes:
         neighbours: the distinct cells that the cell's slots name, without the cell itself.
-        messages: rows for all messages; the cell's own are in rows `OWN` and `TOLD`.
+        messages: rows for all messages; the cell's own are in rows `OWN` and `PUBLISHED`.
         source_rows: for each slot the row of its message, shape (exchanges kept apart, slots).
         latest: shape (exchanges kept apart, neighbours). In lockstep 1 until the neighbour's message has come, then 0;
             in async mode the number of the neighbour's latest message.
@@ -198,8 +198,8 @@ class Inbox:
         # A slot points to one of these two rows if it names the cell itself, or a neighbour that has not sent anything
         # yet. A single individual breeds with the message that it published last: its own row changes in generations
         # between exchanges too.
-        # An island takes nothing in from itself: `admit_to` skips the row OWN.
-        self.source_rows = np.full((exchanges, len(slots)), TOLD if plan.run.deme == 1 else OWN)
+        # An island takes nothing in from itself: `admit_row` skips the row OWN.
+        self.source_rows = np.full((exchanges, len(slots)), PUBLISHED if plan.run.deme == 1 else OWN)
         self.used = np.zeros(len(slots), np.int64)
         self.staleness = np.zeros(len(Staleness._fields), np.int64)
         spare = np.arange(2, 3 + exchanges * others)  # one for each message that may be kept, and one to decode into

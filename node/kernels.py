@@ -18,7 +18,7 @@ from lowlevel.compiled import kernel, subroutine
 from wire.exchange_kernels import BIRTHPLACE, BORN, EVALUATIONS, GENERATION, SENT, STOP_AT, Header
 from wire.report import MOST_BIRTHS
 
-OWN, TOLD = 0, 1
+OWN, PUBLISHED = 0, 1
 """Rows of a cell's messages: its own, which changes in every generation, and that as it was published last."""
 
 NOTED_ALL, NOTED_EACH = 256, 64
@@ -249,7 +249,7 @@ def note_staleness(header: Header, source_row: Cells, now: int, used: Cells, sta
     """
     for slot in range(source_row.size):
         sender = source_row[slot]
-        if sender <= TOLD:
+        if sender <= PUBLISHED:
             continue
         behind = max(0, now - header[sender, GENERATION])  # a neighbour may be ahead
         staleness[0] += 1

@@ -164,7 +164,7 @@ class Rows:
         """Return one evaluator for all rows if that gives the same bits as one for each row, else one for each."""
         if any(each is not self.plan.problem for each in self.problems):
             return [guarded(each) for each in self.problems]
-        if len(self.cells) > 1 and not self.plan.problem.batches_alike:
+        if len(self.cells) > 1 and not self.plan.problem.is_batch_invariant:
             return [self.plan.evaluate] * len(self.cells)
         return self.plan.evaluate
 

@@ -141,8 +141,8 @@ class ProblemFile:
         return replace(self, attempt_fields=changed)
 
     def _worked_out(self, fields: dict[str, Any]) -> dict[str, Any]:
-        """Return the fields with derived ones, see `Problem.work_out`; those of a user's own kind stay unchanged."""
-        return registry.find(self.kind).work_out(fields) if registry.is_built_in(self.kind) else fields
+        """Return the fields with derived ones, see `Problem.derive_fields`; a user's own kind has none."""
+        return registry.find(self.kind).derive_fields(fields) if registry.is_built_in(self.kind) else fields
 
     def go_on_from(self, before: "ProblemFile", problem: Problem) -> None:
         """Refuse to continue with the individuals of another problem if this one codes them differently.
@@ -265,7 +265,7 @@ def load(path: str | Path) -> ProblemFile:
     if registry.is_built_in(loaded.kind):
         try:
             kind = registry.find(loaded.kind)
-            loaded = replace(loaded, fields=kind.work_out(kind.gather(loaded.fields, loaded.folder)))
+            loaded = replace(loaded, fields=kind.derive_fields(kind.gather(loaded.fields, loaded.folder)))
         except BadInput as error:
             raise BadInput(f"{path}: {error}") from None
         loaded.problem()

@@ -134,7 +134,7 @@ def cleared(problem: Problem, verdict: Verdict) -> dict[str, Any] | None:
     }
 
 
-def foretold(problem: Problem) -> Answer:
+def oracle_answer(problem: Problem) -> Answer:
     """Call ``problem.oracle`` and return its answer.
 
     Raises:

@@ -1,6 +1,6 @@
 """The process in which a problem's oracle runs: ``python -m problems.oracle_process PARENT``.
 
-It reads a problem file as JSON from standard input and writes a `Foretold` as JSON to standard output. An oracle may
+It reads a problem file as JSON from standard input and writes `OracleBounds` as JSON to standard output. An oracle may
 need hours and gigabytes. The kernel therefore limits this process's processor time and memory, and kills it when the
 thread that started it exits. If it is killed, the parent reads no answer, as if the problem had no oracle.
 """
@@ -29,10 +29,10 @@ def main() -> None:
 
 
 def _answer_to(text: str) -> str:
-    """Return the oracle's `Foretold` as JSON; an empty text if there is no oracle or it fails."""
+    """Return the oracle's `OracleBounds` as JSON; an empty text if there is no oracle or it fails."""
     from problems.errors import BadInput, EvaluationFailed
     from problems.file import ProblemFile
-    from problems.foretelling import has_oracle, solve_exactly
+    from problems.oracle_bounds import has_oracle, solve_exactly
 
     try:
         file = ProblemFile.from_json(text)

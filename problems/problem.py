@@ -141,7 +141,7 @@ class Problem(Table):
     template: ClassVar[str] = ""
     """A commented problem file, which `supernode init` writes."""
 
-    batches_alike: ClassVar[bool] = False
+    is_batch_invariant: ClassVar[bool] = False
     """Whether `evaluate` returns bit-identical values however genomes are batched.
 
     Sums over rows do; matrix products do not. If True, the simulator evaluates all cells in one batch.
@@ -198,7 +198,7 @@ class Problem(Table):
         return fields
 
     @classmethod
-    def work_out(cls, fields: dict[str, Any]) -> dict[str, Any]:
+    def derive_fields(cls, fields: dict[str, Any]) -> dict[str, Any]:
         """Return the fields plus derived fields that are costly to compute, so that nodes need not compute them again.
 
         Called for built-in kinds after `gather` and after each update; it reads no file. Wrong fields do not raise

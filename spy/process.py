@@ -26,7 +26,7 @@ from node.node_config import NodeConfig
 from node.plan import Plan
 from problems import BadInput
 from spy.collector import Collector
-from spy.tally import added_up
+from spy.tally import statistics_of
 from spy.verification import verify
 from topologies import ROOT
 from wire import control, sessions
@@ -361,7 +361,7 @@ class SpyProcess:
 
     def _publish_statistics(self, assignment: _Assignment) -> None:
         counters, root = list(assignment.counters.values()), assignment.root
-        statistics = added_up(counters, assignment.job, assignment.plan.epoch, root.generation)._replace(
+        statistics = statistics_of(counters, assignment.job, assignment.plan.epoch, root.generation)._replace(
             rejected=root.rejected + sum(each.rejected for each in counters),
             nodes_alive=len(self.alive),
             messages_per_second=sum(assignment.rates.values(), 0.0),

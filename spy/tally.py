@@ -8,7 +8,7 @@ from topologies import ROOT
 from wire.news import Counters, Statistics
 
 
-def added_up(counters: Sequence[Counters], job: int, epoch: int, generation: int) -> Statistics:
+def statistics_of(counters: Sequence[Counters], job: int, epoch: int, generation: int) -> Statistics:
     """Return the sums of counters and the spread of fitness; ``messages_per_second`` is left 0 for the caller to set.
 
     Args:

@@ -8,8 +8,8 @@ from typing import Any, Literal, get_args
 
 from node.plan import Plan
 from problems import BadInput, EvaluationFailed
-from problems.foretelling import Foretold, has_oracle
 from problems.guard import advised, checked, cleared, described, merged, solved_at
+from problems.oracle_bounds import OracleBounds, has_oracle
 from spy.collector import Collector
 from wire.control import Judged
 from wire.news import Improvement
@@ -88,13 +88,13 @@ class Judgement:
         """Whether the oracle's answer may still change the status."""
         return self.has_oracle and self.status in ("stalled", "infeasible") and self.next_attempt is None
 
-    def in_the_light_of(self, foretold: Foretold) -> "Judgement":
+    def with_oracle(self, bounds: OracleBounds) -> "Judgement":
         """Return the judgement completed by the oracle's answer: infeasible, optimal, or only its words."""
-        if foretold.hopeless:
-            return replace(self, status="infeasible", oracle=foretold.words, advice=())
-        if self.feasible and self.best is not None and foretold.is_reached_by(self.best.fitness):
-            return replace(self, status="optimal", oracle=f"this is the optimum, by {foretold.method}", advice=())
-        return replace(self, oracle=foretold.words)
+        if bounds.hopeless:
+            return replace(self, status="infeasible", oracle=bounds.words, advice=())
+        if self.feasible and self.best is not None and bounds.is_reached_by(self.best.fitness):
+            return replace(self, status="optimal", oracle=f"this is the optimum, by {bounds.method}", advice=())
+        return replace(self, oracle=bounds.words)
 
 
 def verify(

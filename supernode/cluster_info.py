@@ -121,7 +121,7 @@ def write_info(folder: Path, info: ClusterInfo) -> None:
     new.replace(folder / _ENTRY)  # atomic, unlike writing the file in place
 
 
-def remove_card(folder: Path) -> None:
+def remove_info(folder: Path) -> None:
     """Remove the entry from ``folder``: no cluster is up there any more."""
     with contextlib.suppress(FileNotFoundError):
         (folder / _ENTRY).unlink()

@@ -231,8 +231,8 @@ class Simulation:
         while (look_at := self._oracle.look_at) is not None and self._outside() is None:
             threading.Event().wait(max(0.0, look_at - time.monotonic()))
             self._oracle.look()
-        foretold = self._oracle.foretold
-        return judgement if foretold is None else judgement.in_the_light_of(foretold)
+        bounds = self._oracle.bounds
+        return judgement if bounds is None else judgement.with_oracle(bounds)
 
     def _load_compiled_code(self) -> None:
         """Compile or load the kernels now by one evaluation, so that the run's clock does not count it."""

@@ -21,7 +21,7 @@ from coordinator.errors import ClusterFailed
 from coordinator.launcher import Launcher, ServiceOptions
 from problems.errors import BadInput
 from supernode.client import Client
-from supernode.cluster_info import ClusterInfo, Place, occupy, remove_card, write_info
+from supernode.cluster_info import ClusterInfo, Place, occupy, remove_info, write_info
 from wire import sessions
 
 if TYPE_CHECKING:
@@ -113,9 +113,9 @@ def wanted_address(options: argparse.Namespace) -> "ListenAddress | None":
         if options.dashboard_token_file is not None:
             raise BadInput("--dashboard-token-file: expected --dashboard too")
         return None
-    from supernode.dashboard.listen_address import door_of
+    from supernode.dashboard.listen_address import listen_address_of
 
-    return door_of(options.dashboard, options.dashboard_token_file)
+    return listen_address_of(options.dashboard, options.dashboard_token_file)
 
 
 def check_keep(days: float, records: int) -> tuple[float, int]:
@@ -181,7 +181,7 @@ class Supervisor:
                     self._wait_for_the_end()
         finally:
             # The entry is removed before the lock is released: the next cluster in this folder writes its own.
-            remove_card(folder)
+            remove_info(folder)
             os.close(lock)
 
     @contextmanager

@@ -177,7 +177,7 @@ class JobState:
 
     def encode(self) -> bytes:
         """Return the change as msgpack."""
-        message = None if self.message is None else sayable(self.message)
+        message = None if self.message is None else encodable(self.message)
         return pack([VERSION, self.job, self.number, self.status, plain(self.fitness), message, self.at])
 
     @staticmethod
@@ -235,7 +235,7 @@ def encode_answer(answer: Answer) -> bytes:
         case Done(value):
             return pack(["done", value])
         case Refused(message, blame):
-            return pack(["refused", sayable(message), blame])
+            return pack(["refused", encodable(message), blame])
 
 
 def decode_answer(payload: bytes) -> Answer:
@@ -260,11 +260,11 @@ def job_id(value: object) -> str:
     """
     if type(value) is not str or not _ID.fullmatch(value):
         found = repr(value if type(value) is not str or len(value) <= _MOST_NAME else f"{value[:_MOST_NAME]}…")
-        raise Rejected(f"expected a job's id, 1 to 64 of the characters A-Z a-z 0-9 . _ -, found {sayable(found)}")
+        raise Rejected(f"expected a job's id, 1 to 64 of the characters A-Z a-z 0-9 . _ -, found {encodable(found)}")
     return value
 
 
-def sayable(text: str) -> str:
+def encodable(text: str) -> str:
     """Return ``text`` with "?" for each character that UTF-8 cannot encode: lone surrogates, which JSON allows."""
     return text.encode("utf-8", "replace").decode("utf-8")
 
@@ -381,4 +381,4 @@ def _listed(names: dict[str, Any]) -> str:
 def _short(value: object) -> str:
     """Return ``value`` as it appears in an error: a client may have sent megabytes."""
     text = repr(value)
-    return sayable(text if len(text) <= _MOST_NAME else f"{text[: _MOST_NAME - 1]}…")
+    return encodable(text if len(text) <= _MOST_NAME else f"{text[: _MOST_NAME - 1]}…")

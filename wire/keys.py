@@ -28,7 +28,7 @@ class Keys:
     def life(self, node: int, process: int | str) -> str:
         """Return the key of the liveliness token of the process that runs a node. A replacement has another token.
 
-        ``process`` is the process id; of a node on a host that has joined, "PID-HOST" (see `home_of`).
+        ``process`` is the process id; of a node on a host that has joined, "PID-HOST" (see `host_of_life`).
         """
         return f"{self.node(node)}/life/{process}"
 
@@ -53,7 +53,7 @@ class Keys:
         return (None if whose == "spy" else int(whose)), int(life.partition("-")[0])
 
     @staticmethod
-    def home_of(key: str) -> str:
+    def host_of_life(key: str) -> str:
         """Return the host of the process that such a key names; "" for a process that the coordinator launched."""
         return key.rpartition("/")[2].partition("-")[2]
 

@@ -43,7 +43,7 @@ class Seal:
         self._secret = secret
         self._sender = os.urandom(_SENDER_BYTES)
         self._numbers = itertools.count()
-        self._heard: dict[bytes, _Heard] = {}  # by sender; only senders with a valid seal get an entry
+        self._heard: dict[bytes, _Received] = {}  # by sender; only senders with a valid seal get an entry
 
     def close(self, key: str, payload: bytes) -> bytes:
         """Return ``payload`` with a seal that is valid for the key expression ``key`` only."""
@@ -64,7 +64,7 @@ class Seal:
             raise Rejected(NOT_OURS)
         sender = signed[:_SENDER_BYTES]
         number = int.from_bytes(sealed[_MAC_BYTES + _SENDER_BYTES : _HEAD_BYTES], "big")
-        if not self._heard.setdefault(sender, _Heard()).is_new(number):
+        if not self._heard.setdefault(sender, _Received()).is_new(number):
             raise Rejected("repeated")
         return sealed[_HEAD_BYTES:]
 
@@ -75,7 +75,7 @@ class Seal:
         return code.digest()
 
 
-class _Heard:
+class _Received:
     """The numbers received from one sender: the sliding window of RFC 6479, kept in one integer.
 
     A window rather than the highest number alone, since queries may overtake each other on their way.

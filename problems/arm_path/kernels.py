@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from genetics.arrays import Fitness, Genomes
 from genetics.bit_kernels import integers_of, recombine_row
-from genetics.operators import FITNESS, MATING, Table
+from genetics.operators import FITNESS, VARIATION, Table
 from lowlevel.compiled import kernel, subroutine
 from lowlevel.pointers import integers, reals
 from problems.arm_path.ranges import FULL_TURN, MOST_RANGES, Arm, Obstacles, Room, legal_ranges, stays
@@ -350,7 +350,7 @@ def mark(computed: Genomes, cells: Genomes, table: Table) -> None:
                 cells[(code, fixed) if joint == 0 else (fixed, code)] = 1
 
 
-@kernel(MATING)
+@kernel(VARIATION)
 def variation(couples: Genomes, offspring: Genomes, seed: np.uint64, cell: int, generation: int, table: Table) -> None:
     """Recombine couples as `coding.CoarseToFine.recombine` does.
 

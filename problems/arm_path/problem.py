@@ -103,7 +103,7 @@ vertices = [[-1.5, -0.4], [-0.8, -0.9], [-1.4, -1.3]]   # m
 topology = "torus 4x4"
 seed = 1
 """
-    batches_alike: ClassVar[bool] = True
+    is_batch_invariant: ClassVar[bool] = True
     any_thread: ClassVar[bool] = True
 
     arm: Arm = quantity("", "the arm")

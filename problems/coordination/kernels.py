@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from genetics.arrays import Fitness, Genomes
 from genetics.bit_kernels import integers_of
-from genetics.operators import FITNESS, FOUNDING, MATING, Table
+from genetics.operators import FITNESS, INITIALISE, VARIATION, Table
 from genetics.randomness import CROSS, INITIAL, MUTATE, below, draw, unit
 from genetics.sequence_kernels import clear_after, numbers_of
 from lowlevel.compiled import kernel, subroutine
@@ -201,7 +201,7 @@ def _sort(points: Any) -> Any:
             points[hole, axis] = value
 
 
-@kernel(FOUNDING)
+@kernel(INITIALISE)
 def initialise(deme: Genomes, seed: np.uint64, cell: int, generation: int, table: Table) -> None:
     """Fill first demes with sorted uniform draws (§3.2, initial population).
 
@@ -461,7 +461,7 @@ def _mutate(points: Any, count: Any, variable: Any, tuned: Any, diagram: Any, ch
     return count
 
 
-@kernel(MATING)
+@kernel(VARIATION)
 def variation(couples: Genomes, offspring: Genomes, seed: np.uint64, cell: int, generation: int, table: Table) -> None:
     """Make one offspring of each parent: a mutant of it, or its child with the other parent, perhaps mutated.
 

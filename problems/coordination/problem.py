@@ -68,7 +68,7 @@ obstacles = [                   # where the robots would collide: [i0, j0, i1, j
 topology = "torus 4x4"
 seed = 1
 """
-    batches_alike: ClassVar[bool] = True
+    is_batch_invariant: ClassVar[bool] = True
     any_thread: ClassVar[bool] = True
 
     individuals: Literal["variable", "fixed", "binary"] = quantity(
@@ -85,7 +85,7 @@ seed = 1
     random: RandomDiagram | None = quantity("", "instead of diagram, a random one", default=None)
     robots: list[Robot] | None = quantity("", "instead of diagram, two arms", default=None, min_length=2, max_length=2)
     clearance: float = quantity("m", "least distance between the links of two arms", default=0.0, ge=0, le=1e3)
-    # The next two are computed once, by `work_out`, and sent to the nodes with the other fields.
+    # The next two are computed once, by `derive_fields`, and sent to the nodes with the other fields.
     collisions: Diagram | None = quantity(
         "", "the diagram of the robots; set by the program when it reads the file, not in a file", default=None
     )
@@ -121,7 +121,7 @@ seed = 1
         return fields | {"robots": [_with_path(robot, folder, number) for number, robot in enumerate(robots)]}
 
     @classmethod
-    def work_out(cls, fields: dict[str, Any]) -> dict[str, Any]:
+    def derive_fields(cls, fields: dict[str, Any]) -> dict[str, Any]:
         """Return the fields with the diagram of the robots, computed again if the robots or the clearance changed."""
         if fields.get("robots") is None:  # drop the diagram of robots that an update has removed
             return {name: value for name, value in fields.items() if name not in ("collisions", "collisions_of")}

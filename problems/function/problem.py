@@ -67,7 +67,7 @@ topology = "torus 4x4"
 seed = 1
 """
     oracle_decides: ClassVar[bool] = False  # the oracle's value may be only that of a code near the optimum
-    batches_alike: ClassVar[bool] = True
+    is_batch_invariant: ClassVar[bool] = True
     any_thread: ClassVar[bool] = True
 
     name: Name = quantity("", "the function")

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from genetics.arrays import Genomes
-from genetics.operators import FOUNDING, MATING, Table
+from genetics.operators import INITIALISE, VARIATION, Table
 from genetics.randomness import CROSS, INITIAL, MUTATE, below, draw, normal, unit
 from genetics.sequence_kernels import clear_after, numbers_of
 from lowlevel import pointers
@@ -142,7 +142,7 @@ def _grow(numbers: Any, shape: Any, dice: Any, individual: Any, number: Any) -> 
     _tidy(numbers, shape)
 
 
-@kernel(FOUNDING)
+@kernel(INITIALISE)
 def initialise(deme: Genomes, seed: np.uint64, cell: int, generation: int, table: Table) -> None:
     """Random trajectories by the relative transition scheme."""
     shape, dice = _shape_of(table), Dice(seed, cell, generation)
@@ -299,7 +299,7 @@ def _copies_before(offspring: Any, child: Any) -> Any:
     return copies
 
 
-@kernel(MATING)
+@kernel(VARIATION)
 def variation(couples: Genomes, offspring: Genomes, seed: np.uint64, cell: int, generation: int, table: Table) -> None:
     """Cross and mutate; extra copies of the same trajectory give way to new ones (§IV)."""
     shape, dice = _shape_of(table), Dice(seed, cell, generation)

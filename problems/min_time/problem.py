@@ -64,7 +64,7 @@ seed = 1
 stall = 50                      # generations without a quicker one, after which it ends
 """
     oracle_decides: ClassVar[bool] = False  # the best of one family of paths
-    batches_alike: ClassVar[bool] = True
+    is_batch_invariant: ClassVar[bool] = True
     any_thread: ClassVar[bool] = True
 
     start: list[Angle] = quantity("rad", "where the arm starts from rest, one angle a joint", min_length=1)

@@ -131,7 +131,7 @@ vertices = [[6.4, 3.2], [7.4, 3.0], [7.0, 3.9]]   # m
 topology = "torus 4x4"
 seed = 1
 """
-    batches_alike: ClassVar[bool] = True
+    is_batch_invariant: ClassVar[bool] = True
     any_thread: ClassVar[bool] = True
 
     start: Pose = quantity("m, m, rad", "where the robot stands: [x, y, heading]")
@@ -163,7 +163,7 @@ seed = 1
     )
 
     @classmethod
-    def work_out(cls, fields: dict[str, Any]) -> dict[str, Any]:
+    def derive_fields(cls, fields: dict[str, Any]) -> dict[str, Any]:
         """With the number of commands, which the floor chooses once: individuals outlive what moves on it."""
         obstacles = fields.get("obstacles", [])
         if fields.get("commands") is not None or not isinstance(obstacles, list):

@@ -87,7 +87,7 @@ seed = 1
 target = 0.03                   # nothing crossed, and a detour of at most 1.1; else the first path that is free will do
 """
     oracle_decides: ClassVar[bool] = False  # of the straight way, or around spheres that stand for more than they hold
-    batches_alike: ClassVar[bool] = True
+    is_batch_invariant: ClassVar[bool] = True
     any_thread: ClassVar[bool] = True
 
     start: Axes = quantity("m or rad", "where the path begins, one number an axis")
@@ -146,7 +146,7 @@ target = 0.03                   # nothing crossed, and a detour of at most 1.1; 
         return gathered(fields, folder)
 
     @classmethod
-    def work_out(cls, fields: dict[str, Any]) -> dict[str, Any]:
+    def derive_fields(cls, fields: dict[str, Any]) -> dict[str, Any]:
         """With the spheres; those that are there are made anew if the world has moved since."""
         if fields.get("vehicle") is None:
             return {name: value for name, value in fields.items() if name not in ("hierarchy", "hierarchy_of")}

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from genetics.arrays import Fitness, Genomes
-from genetics.operators import FITNESS, FOUNDING, MATING, Table
+from genetics.operators import FITNESS, INITIALISE, VARIATION, Table
 from genetics.randomness import CROSS, INITIAL, MUTATE, below, draw, unit
 from genetics.sequence_kernels import clear_after, numbers_of
 from lowlevel.compiled import kernel, subroutine
@@ -68,7 +68,7 @@ def _place(world: Any, which: Any) -> Any:
     return world.settings[which] * world.classes.shape[1] + world.settings[which + 1]
 
 
-@kernel(FOUNDING)
+@kernel(INITIALISE)
 def found_random(deme: Genomes, seed: np.uint64, cell: int, generation: int, table: Table) -> None:
     """Random blocks, and one straight line in the whole population (§3.2).
 
@@ -88,7 +88,7 @@ def found_random(deme: Genomes, seed: np.uint64, cell: int, generation: int, tab
         clear_after(numbers, count, 1)
 
 
-@kernel(FOUNDING)
+@kernel(INITIALISE)
 def found_lines(deme: Genomes, seed: np.uint64, cell: int, generation: int, table: Table) -> None:
     """Straight lines through none to two random cells; the first of the whole population through none."""
     world, room = world_of(table), room_for(world_of(table))
@@ -121,7 +121,7 @@ def _flip_bits(numbers: Any, width: Any, rate: Any, seed: Any, cell: Any, genera
         numbers[1 + block] = gene
 
 
-@kernel(MATING)
+@kernel(VARIATION)
 def one_point(couples: Genomes, offspring: Genomes, seed: np.uint64, cell: int, generation: int, table: Table) -> None:
     """One-point crossover of some couples, then bit mutation (§3.3).
 
@@ -161,7 +161,7 @@ def _near(world: Any, cell: Any, bits: Any, more_bits: Any) -> Any:
     return min(max(row, 0), rows - 1) * columns + min(max(column, 0), columns - 1)
 
 
-@kernel(MATING)
+@kernel(VARIATION)
 def merge(couples: Genomes, offspring: Genomes, seed: np.uint64, cell: int, generation: int, table: Table) -> None:
     """Each offspring is the best path over the cells of both parents and a small window or a detour.
 

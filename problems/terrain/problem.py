@@ -110,7 +110,7 @@ difficult = [2.0, 3.0, 4.0]
 topology = "torus 4x4"
 seed = 1
 """
-    batches_alike: ClassVar[bool] = True
+    is_batch_invariant: ClassVar[bool] = True
     any_thread: ClassVar[bool] = True
 
     start: Place = quantity("cell", "where the robot stands: [row, column]")

@@ -31,14 +31,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Print the figure, the method, and how long it took."""
     from problems import BadInput, load
-    from problems.guard import foretold
+    from problems.guard import oracle_answer
 
     file = load(options.problem)
     with contextlib.redirect_stdout(sys.stderr), _patience(options.quiet):  # a user's module may print
         problem = file.problem()
         started = time.perf_counter()
         try:
-            answer = foretold(problem)
+            answer = oracle_answer(problem)
         except BadInput as error:
             raise BadInput(f"{options.problem}: {error}") from None
         seconds = time.perf_counter() - started

@@ -9,7 +9,7 @@ from starlette.responses import PlainTextResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 
-class Patient:
+class CancellableApp:
     """An ASGI application that knows which requests are waiting for its answer.
 
     Only the server's loop may use it.
@@ -70,7 +70,7 @@ class Server(uvicorn.Server):
         config: the configuration of the server, with the same application.
     """
 
-    def __init__(self, app: Patient, config: uvicorn.Config) -> None:
+    def __init__(self, app: CancellableApp, config: uvicorn.Config) -> None:
         super().__init__(config)
         self._app = app
 

@@ -66,7 +66,7 @@ class ListenAddress:
         return f"http://{host}:{sock.getsockname()[1]}/"
 
 
-def door_of(address: str, token_file: str | None) -> ListenAddress:
+def listen_address_of(address: str, token_file: str | None) -> ListenAddress:
     """Return the address that the options ``--dashboard`` and ``--dashboard-token-file`` ask for.
 
     Raises:

@@ -33,7 +33,7 @@ from problems.errors import shorten
 from problems.registry import find_built_in, kinds
 from supernode.client import AsyncClientJob
 from supernode.cluster_info import Place
-from supernode.dashboard.ending import Patient, Server
+from supernode.dashboard.ending import CancellableApp, Server
 from supernode.dashboard.guard import Guard
 from supernode.dashboard.listen_address import ListenAddress
 from supernode.dashboard.metrics import Metrics
@@ -172,7 +172,7 @@ def serve(
         broken.append(error)
         server.should_exit = True
 
-    app = Patient(Guard(application(place, single, give_up), listen_address))
+    app = CancellableApp(Guard(application(place, single, give_up), listen_address))
     config = uvicorn.Config(
         app,
         log_level="error",
@@ -340,7 +340,7 @@ async def _body(request: Request) -> bytes:
 
 def _text(given: Mapping[str, Any], field: str, default: str, most: int | None = None) -> str:
     text = given.get(field, default)
-    if not isinstance(text, str) or text != wire.sayable(text):
+    if not isinstance(text, str) or text != wire.encodable(text):
         raise BadInput(f"{field}: expected text, found {shorten(text)}")
     if most is not None and len(text) > most:
         raise BadInput(f"{field}: expected at most {most} characters, found {len(text)}")
@@ -387,7 +387,7 @@ async def _healthz(request: Request) -> Response:
 
 # Errors ---------------------------------------------------------------------------------------------------------------
 def _refusal(text: str, status: int) -> Response:
-    return JSONResponse({"error": wire.sayable(text)}, status)
+    return JSONResponse({"error": wire.encodable(text)}, status)
 
 
 async def _bad_input(_: Request, error: Exception) -> Response:

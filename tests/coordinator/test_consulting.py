@@ -13,7 +13,7 @@ import pytest
 import supernode
 from coordinator.consulting import Consulting
 from problems import Answer, load
-from problems.foretelling import Foretold, meaning
+from problems.oracle_bounds import OracleBounds, meaning
 from supernode.__main__ import main
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -104,7 +104,7 @@ def wait_for(consulting):
         assert time.monotonic() < until
         time.sleep(max(0.0, look_at - time.monotonic()))
         consulting.look()
-    return consulting.foretold
+    return consulting.bounds
 
 
 def is_gone(process):
@@ -207,21 +207,21 @@ def test_the_oracle_of_a_users_own_kind_is_asked_when_the_run_has_stalled(own):
 
 
 @pytest.mark.parametrize(
-    ("answer", "target", "foretold"),
+    ("answer", "target", "bounds"),
     [
-        (Answer("optimum", 2.0, "m"), None, Foretold(False, 2.0, True, "m")),
-        (Answer("optimum", 2.0, "m"), 1.0, Foretold(True, 2.0, True, "m")),
-        (Answer("optimum", 1.0000005, "m"), 1.0, Foretold(False, 1.0000005, True, "m")),
-        (Answer("lower bound", 2.0, "m"), 2.0, Foretold(False, 2.0, False, "m")),
-        (Answer("lower bound", 2.0, "m"), 0.0, Foretold(True, 2.0, False, "m")),
-        (Answer("lower bound", float("inf"), "m"), None, Foretold(True, None, False, "m")),
-        (Answer("upper bound", 2.0, "m"), 0.0, Foretold(False, None, False, "m")),
-        (Answer("upper bound", float("inf"), "m"), 0.0, Foretold(False, None, False, "m")),
+        (Answer("optimum", 2.0, "m"), None, OracleBounds(False, 2.0, True, "m")),
+        (Answer("optimum", 2.0, "m"), 1.0, OracleBounds(True, 2.0, True, "m")),
+        (Answer("optimum", 1.0000005, "m"), 1.0, OracleBounds(False, 1.0000005, True, "m")),
+        (Answer("lower bound", 2.0, "m"), 2.0, OracleBounds(False, 2.0, False, "m")),
+        (Answer("lower bound", 2.0, "m"), 0.0, OracleBounds(True, 2.0, False, "m")),
+        (Answer("lower bound", float("inf"), "m"), None, OracleBounds(True, None, False, "m")),
+        (Answer("upper bound", 2.0, "m"), 0.0, OracleBounds(False, None, False, "m")),
+        (Answer("upper bound", float("inf"), "m"), 0.0, OracleBounds(False, None, False, "m")),
     ],
 )
-def test_what_an_answer_means(answer, target, foretold):
-    assert meaning(answer, target) == foretold
-    assert Foretold.from_json(foretold.to_json()) == foretold
+def test_what_an_answer_means(answer, target, bounds):
+    assert meaning(answer, target) == bounds
+    assert OracleBounds.from_json(bounds.to_json()) == bounds
 
 
 @pytest.mark.parametrize("kind", ["function", "min-time", "sphere-path"])
@@ -247,10 +247,10 @@ def test_another_problem_is_asked_about_anew_and_another_attempt_is_not(closed):
     consulting.ask()
     assert wait_for(consulting).hopeless
     consulting.turn_to(file.next_attempt({"commands": 20}))
-    assert consulting.foretold is not None
+    assert consulting.bounds is not None
     assert consulting.look_at is None
     consulting.turn_to(file.changed({"goal": [2.0, 1.0, 0.0]}, {}))
-    assert consulting.foretold is None
+    assert consulting.bounds is None
     consulting.ask()
     assert not wait_for(consulting).hopeless
 

@@ -232,9 +232,9 @@ def test_of_many_epochs_the_latest_are_told(store, monkeypatch):
     for epoch in range(1, 8):
         store.note_placing(1, Placement(epoch, file, (0, 1, 2, 3), 7, {"do": "update", "fields": {"goal": "x" * 100}}))
     assert [each["epoch"] for each in store.epochs(1)] == [1, 2, 3, 4, 5, 6, 7]
-    monkeypatch.setattr("coordinator.store._MOST_TOLD", 300)
+    monkeypatch.setattr("coordinator.store._MOST_DIRECTIVE_BYTES", 300)
     assert [each["epoch"] for each in store.epochs(1)] == [6, 7]
-    monkeypatch.setattr("coordinator.store._MOST_TOLD", 10)
+    monkeypatch.setattr("coordinator.store._MOST_DIRECTIVE_BYTES", 10)
     assert [each["epoch"] for each in store.epochs(1)] == [7]
 
 

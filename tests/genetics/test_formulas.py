@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from genetics import BitString, Keys, RealVector, Recipe, randomness, replacement, selection
-from genetics.randomness import CROSS, INITIAL, MUTATE, SELECT, STRAY, TIE
+from genetics.randomness import CROSS, FLIP_ONE, INITIAL, MUTATE, SELECT, TIE
 
 keyed = st.tuples(st.integers(0, (1 << 64) - 1), st.integers(0, (1 << 20) - 1), st.integers(1, (1 << 31) - 1))
 
@@ -93,7 +93,7 @@ def test_the_one_bit_rule(key, deme):
     before = coding.random(draws.keys, deme)
     after = before.copy()
     coding.mutate_one(after, draws.keys)
-    individual, bit = below(draws.bits(STRAY, 0, 0), deme), below(draws.bits(STRAY, 0, 1), 35)
+    individual, bit = below(draws.bits(FLIP_ONE, 0, 0), deme), below(draws.bits(FLIP_ONE, 0, 1), 35)
     expected = as_bits(before[0], 35)
     expected[individual, bit] ^= 1
     np.testing.assert_array_equal(as_bits(after[0], 35), expected)

@@ -105,5 +105,5 @@ def test_a_pointer_knows_no_strides():
 
 
 def test_all_signatures_end_with_a_table():
-    for signature in (operators.FITNESS, operators.MATING, operators.STRAYING):
+    for signature in (operators.FITNESS, operators.VARIATION, operators.MUTATE_ONE_BIT):
         assert signature.args[-1] == operators.types.int64[:, ::1]

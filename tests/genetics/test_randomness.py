@@ -121,7 +121,7 @@ def test_every_coordinate_makes_another_stream():
 
 
 def test_purposes_are_distinct_and_fit_beside_the_cell():
-    assert {"INITIAL", "SELECT", "CROSS", "MUTATE", "STRAY", "DELAY"} <= PURPOSES.keys()
+    assert {"INITIAL", "SELECT", "CROSS", "MUTATE", "FLIP_ONE", "DELAY"} <= PURPOSES.keys()
     assert len(set(PURPOSES.values())) == len(PURPOSES)
     assert all(0 <= value < 8 for value in PURPOSES.values())
 

@@ -5,7 +5,7 @@ import numpy as np
 from hypothesis import strategies as st
 
 from genetics import Sequence
-from genetics.operators import FITNESS, FOUNDING, MATING, Operator
+from genetics.operators import FITNESS, INITIALISE, VARIATION, Operator
 from genetics.randomness import CROSS, INITIAL, MUTATE, below, draw, unit
 from genetics.sequence_kernels import clear_after, numbers_of
 from lowlevel.pointers import integers, reals
@@ -14,7 +14,7 @@ from problems import Problem
 GENES = ((0, 9), (7, 1000))
 
 
-@numba.njit(FOUNDING)  # these are not kept on disk, as kernels are
+@numba.njit(INITIALISE)  # these are not kept on disk, as kernels are
 def found(deme, seed, cell, generation, table):
     """Lists of random length and random genes."""
     limits = integers(table, 0)[0]
@@ -29,7 +29,7 @@ def found(deme, seed, cell, generation, table):
             numbers[1 + place] = low + below(bits, high - low + 1)
 
 
-@numba.njit(MATING)
+@numba.njit(VARIATION)
 def mate(couples, offspring, seed, cell, generation, table):
     """The head of one parent and the tail of the other, as much as there is room for; the first fills up the least."""
     limits, rate = integers(table, 0)[0], reals(table, 1)[0, 0]

@@ -60,7 +60,7 @@ class LoneNode(NodeProcess):
         """As from Zenoh."""
         self.handlers[sender](SimpleNamespace(payload=Payload(payload)))
 
-    def open_mail(self):
+    def run_queued(self):
         """As the main thread does."""
         while not self.queue.empty():
             self.queue.get_nowait()()

@@ -57,7 +57,7 @@ class Torus:
             self.nodes[number].gets(sender, payload)
             self.collect(number)
         for node in self.nodes:
-            node.open_mail()
+            node.run_queued()
         return [action for node in self.nodes for action in node.done if isinstance(action, Report)]
 
     def collect(self, number):
@@ -316,7 +316,7 @@ def test_what_cannot_be_published_ends_the_process(pair):
     one.assignment.links.publish = breaks
     one.gets(1, other.published.pop(0))
     with pytest.raises(ZeroDivisionError):
-        one.open_mail()
+        one.run_queued()
     assert not one.assignment.turn.locked()
 
 

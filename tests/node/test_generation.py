@@ -28,7 +28,7 @@ ENDS = [
     {"target": -1.0, "stall": 7},
     {"target": -1.0, "seconds": 1e6},  # until somebody outside proposes a stop
 ]
-WISH = (11, "cancel")  # at which generation of the root
+ASKED_TO_STOP = (11, "cancel")  # at which generation of the root
 MOST = (1 << 64) - 1
 
 
@@ -58,12 +58,14 @@ def choices(name, shape):
 
 def reports_of(plan, order=1, **bus):
     """What cells on a bus report."""
-    return Bus(plan, random.Random(order), WISH if plan.run.seconds else None, **bus).run()
+    return Bus(plan, random.Random(order), ASKED_TO_STOP if plan.run.seconds else None, **bus).run()
 
 
 def simulated(plan):
     generations = iter(range(1 << 30))
-    return simulate(plan, outside=lambda: WISH[1] if plan.run.seconds and next(generations) >= WISH[0] else None)
+    return simulate(
+        plan, outside=lambda: ASKED_TO_STOP[1] if plan.run.seconds and next(generations) >= ASKED_TO_STOP[0] else None
+    )
 
 
 @pytest.mark.parametrize("name", PROBLEMS)

@@ -9,7 +9,7 @@ from exchanges import Emigrant, Exchange, decode, read_slowly
 from one_max import plan_of
 
 from node.inbox import NEXT, Inbox
-from node.kernels import TOLD
+from node.kernels import PUBLISHED
 from wire.exchange import Champion
 from wire.report import Staleness
 from wire.strict import Rejected
@@ -141,7 +141,7 @@ def spoilt(rng, payload):
 def in_slots(inbox, source_row):
     """The messages that the slots stand for; None for the cell's own."""
     (row,) = source_row
-    return [None if place <= TOLD else Exchange.of(inbox.messages, place) for place in row]
+    return [None if place <= PUBLISHED else Exchange.of(inbox.messages, place) for place in row]
 
 
 def some_news(rng, plan, model, generations, sent):
@@ -276,7 +276,7 @@ def test_messages_of_cells_with_large_numbers():
 
 def test_before_anything_is_heard_the_cell_stands_in_for_its_neighbours():
     inbox = Inbox(plan_in(mode="async"), 5, JOB)
-    assert (inbox.take(0) <= TOLD).all()
+    assert (inbox.take(0) <= PUBLISHED).all()
     assert inbox.hear([]) == set()
     assert not inbox.staleness.any()
 
@@ -294,7 +294,7 @@ def test_each_neighbour_has_a_row_of_its_own_in_each_exchange(mode):
             (row, other, exchange)
             for exchange, source_row in enumerate(inbox.source_rows.tolist())
             for other, row in zip(slots, source_row, strict=True)
-            if row > TOLD
+            if row > PUBLISHED
         }
         assert len({row for row, *_ in held}) == len({(other, exchange) for _, other, exchange in held}) == len(held)
         assert all(0 < row < len(inbox.messages.header) for row, *_ in held)

@@ -44,7 +44,7 @@ class Node:
                 self.turn_taking.publish(self.assignment, action)
 
 
-def test_without_a_baton_every_message_is_published_at_once():
+def test_without_a_token_every_message_is_published_at_once():
     node = Node()
     node.assignment.hands_on = False
     for _ in range(3):
@@ -52,7 +52,7 @@ def test_without_a_baton_every_message_is_published_at_once():
     assert node.published == [(2, 3), (3, 4), (4, 5)]
 
 
-def test_of_a_turn_the_last_message_is_published_when_the_baton_is_handed_on():
+def test_of_a_turn_the_last_message_is_published_when_the_token_is_handed_on():
     node = Node()
     for _ in range(3):
         node.breeds()
@@ -64,7 +64,7 @@ def test_of_a_turn_the_last_message_is_published_when_the_baton_is_handed_on():
     assert node.published == [(4, 3), (5, 4)]
 
 
-def test_handing_on_gives_the_baton_back():
+def test_handing_on_gives_the_token_back():
     node = Node()
     node.breeds()
     node.turn_taking.hand_on()
@@ -106,7 +106,7 @@ def test_where_some_generations_tell_nothing_no_message_is_kept_back():
     assert node.published == [(2, 2), (4, 3)]
 
 
-def test_with_events_a_node_waits_for_no_baton():
+def test_with_events_a_node_waits_for_no_token():
     node = Node()
     assert node.core_token.take()  # somebody else has it
     node.assignment.events.append(Halt())
@@ -115,7 +115,7 @@ def test_with_events_a_node_waits_for_no_baton():
     assert not node.core_token.take()  # nobody has handed it on
 
 
-def test_on_a_core_without_a_baton_nobody_waits():
+def test_on_a_core_without_a_token_nobody_waits():
     node = Node()
     node.assignment.core = CORE + 1
     node.breeds()

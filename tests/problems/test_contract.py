@@ -110,7 +110,7 @@ def test_fitness_does_not_depend_on_the_batch(plan):
     genomes = some_genomes(plan)
     together = plan.evaluate(genomes)
     alone = np.concatenate([plan.evaluate(genome[None]) for genome in genomes])
-    if plan.problem.batches_alike:
+    if plan.problem.is_batch_invariant:
         np.testing.assert_array_equal(together, alone)
     else:
         np.testing.assert_allclose(together, alone, rtol=1e-9)
@@ -164,7 +164,7 @@ def test_cells_live_the_same_with_and_without_its_compiled_fitness(plan):
 
 
 def test_built_in_kinds_are_evaluated_all_at_once():
-    assert all(registry.find(kind).batches_alike for kind in registry.kinds())
+    assert all(registry.find(kind).is_batch_invariant for kind in registry.kinds())
 
 
 def test_every_solution_that_decodes_can_be_checked_and_agrees(plan):

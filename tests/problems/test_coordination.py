@@ -384,7 +384,7 @@ def arms_problem():
     pytest.importorskip("fcl")
     fields = load(EXAMPLES / "coordination-arms.toml").fields
     robots = [robot | {"cells": 60, "path": robot["path"][:3]} for robot in fields["robots"]]
-    return ProblemFile("arms", Coordination.work_out(fields | {"robots": robots}), Run(), Path()).problem()
+    return ProblemFile("arms", Coordination.derive_fields(fields | {"robots": robots}), Run(), Path()).problem()
 
 
 def test_a_file_of_robots_is_read_with_their_diagram():
@@ -403,7 +403,7 @@ def test_when_a_robot_goes_the_other_way_the_diagram_is_made_anew():
     first, second = before.fields["robots"]
     robots = [first, second | {"path": second["path"][::-1]}]
     after = before.changed({"robots": robots}, {})
-    fresh = Coordination.work_out({"kind": "coordination", "robots": robots})
+    fresh = Coordination.derive_fields({"kind": "coordination", "robots": robots})
     assert after.fields["collisions"] == fresh["collisions"] != before.fields["collisions"]
     unmoved = before.changed({"bits": 9}, {})
     assert unmoved.fields["collisions"] == before.fields["collisions"]
@@ -411,7 +411,7 @@ def test_when_a_robot_goes_the_other_way_the_diagram_is_made_anew():
 
 def test_without_robots_there_is_no_diagram_of_theirs():
     robots = arms_problem().model_dump(mode="json", exclude_unset=True, by_alias=True)
-    fields = Coordination.work_out(robots | {"robots": None, "random": {"seed": 1}})
+    fields = Coordination.derive_fields(robots | {"robots": None, "random": {"seed": 1}})
     assert not {"collisions", "collisions_of"} & fields.keys()
 
 

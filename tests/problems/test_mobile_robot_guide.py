@@ -164,19 +164,19 @@ def test_the_recipe_chooses_the_guide_unless_the_file_does():
 @pytest.mark.parametrize(("obstacles", "commands"), [(0, 8), (3, 9), (20, 18), (200, 24)])
 def test_the_floor_chooses_the_number_of_commands(obstacles, commands):
     fields = FIELDS | {"obstacles": [{"shape": "circle", "center": [1.0, 6.0], "radius": 0.1}] * obstacles}
-    assert MobileRobot.work_out(fields)["commands"] == commands
+    assert MobileRobot.derive_fields(fields)["commands"] == commands
     assert MobileRobot.model_validate(fields).pairs == commands
-    assert MobileRobot.work_out(fields | {"commands": 5})["commands"] == 5
+    assert MobileRobot.derive_fields(fields | {"commands": 5})["commands"] == 5
 
 
 def test_an_update_of_the_obstacles_keeps_the_number_of_commands(tmp_path):
-    file = ProblemFile("floor", MobileRobot.work_out(FIELDS), Run(), tmp_path)
+    file = ProblemFile("floor", MobileRobot.derive_fields(FIELDS), Run(), tmp_path)
     moved = file.changed({"obstacles": [*POCKET, *POCKET, *POCKET, *POCKET]}, {})
     assert moved.problem().pairs == file.problem().pairs == 9
 
 
 def test_what_is_wrong_with_obstacles_is_said_by_the_check_of_the_file(tmp_path):
-    file = ProblemFile("floor", MobileRobot.work_out(FIELDS | {"obstacles": 7}), Run(), tmp_path)
+    file = ProblemFile("floor", MobileRobot.derive_fields(FIELDS | {"obstacles": 7}), Run(), tmp_path)
     with pytest.raises(BadInput, match="floor: obstacles"):
         file.problem()
 

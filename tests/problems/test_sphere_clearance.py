@@ -242,8 +242,8 @@ def test_an_end_nearer_than_the_clearance_and_one_that_accuracy_blocks_are_told_
 def test_another_clearance_makes_other_spheres(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     fields = disc().model_dump(mode="json", exclude_unset=True)
-    before = ProblemFile("disc", SpherePath.work_out(fields), Run(), tmp_path)
+    before = ProblemFile("disc", SpherePath.derive_fields(fields), Run(), tmp_path)
     after = before.changed({"clearance": 0.1}, {})
     assert after.fields["hierarchy"] == disc(clearance=0.1).cells_code != before.fields["hierarchy"]
     assert len(list(making.folder().iterdir())) == 2
-    assert before.fields["hierarchy_of"] == SpherePath.work_out(fields | {"clearance": 0.0})["hierarchy_of"]
+    assert before.fields["hierarchy_of"] == SpherePath.derive_fields(fields | {"clearance": 0.0})["hierarchy_of"]

@@ -274,10 +274,10 @@ def test_the_cells_are_made_once_and_travel_as_a_text(monkeypatch):
 
 
 def test_when_the_world_moves_its_spheres_are_made_anew(monkeypatch):
-    before = ProblemFile("cart", SpherePath.work_out(_written(cart())), Run(), Path())
+    before = ProblemFile("cart", SpherePath.derive_fields(_written(cart())), Run(), Path())
     obstacles = before.fields["obstacles"][:-1]
     after = before.changed({"obstacles": obstacles}, {})
-    fresh = SpherePath.work_out(_written(cart()) | {"obstacles": obstacles})
+    fresh = SpherePath.derive_fields(_written(cart()) | {"obstacles": obstacles})
     assert after.fields == fresh
     assert len(after.problem().obstacle_spheres) < len(before.problem().obstacle_spheres)
     monkeypatch.setattr(cells, "subdivide", None)  # not needed for an end that moves
@@ -286,7 +286,7 @@ def test_when_the_world_moves_its_spheres_are_made_anew(monkeypatch):
 
 
 def test_without_a_vehicle_there_are_no_spheres_of_its():
-    moved = ProblemFile("cart", SpherePath.work_out(_written(cart())), Run(), Path())
+    moved = ProblemFile("cart", SpherePath.derive_fields(_written(cart())), Run(), Path())
     spheres = {"vehicle": None, "obstacles": [], "spheres": [[2.0, 2.0, 0.0, 0.1]]}
     assert moved.changed(spheres, {}).problem().obstacle_spheres.shape == (1, 4)
 

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from spy.tally import added_up
+from spy.tally import statistics_of
 from wire.news import Counters
 
 
@@ -14,7 +14,7 @@ def counters(cell, *, median=2.0, digest=0, age=0):
 
 
 def test_sums_and_spread():
-    news = added_up([counters(0, age=7), counters(1, median=4.0, digest=9), counters(2, median=3.0)], 1, 2, 6)
+    news = statistics_of([counters(0, age=7), counters(1, median=4.0, digest=9), counters(2, median=3.0)], 1, 2, 6)
     assert (news.job, news.epoch, news.generation, news.nodes_alive) == (1, 2, 6, 3)
     assert (news.evaluations, news.messages, news.received, news.lost, news.rejected) == (300, 60, 240, 3, 6)
     assert (news.best, news.median, news.worst, news.age) == (1.0, 3.0, 5.0, 7)
@@ -23,5 +23,5 @@ def test_sums_and_spread():
 
 
 def test_before_any_node_has_told():
-    news = added_up([], 1, 0, 0)
+    news = statistics_of([], 1, 0, 0)
     assert (news.evaluations, news.best, news.worst, news.diversity) == (0, math.inf, math.inf, 0.0)

@@ -16,7 +16,7 @@ from coordinator.database import url_in
 from coordinator.store import Store
 from problems import BadInput
 from supernode.__main__ import main
-from supernode.cluster_info import ClusterInfo, occupy, read_info, remove_card, write_info
+from supernode.cluster_info import ClusterInfo, occupy, read_info, remove_info, write_info
 
 COMMANDS = ("up", "down", "status", "submit", "jobs", "watch", "cancel", "update", "rewire")
 
@@ -314,8 +314,8 @@ def test_the_state_folder_is_private_and_its_card_comes_and_goes(tmp_path):
     info = ClusterInfo("tcp/127.0.0.1:1", "c", os.getpid(), "0")
     write_info(folder, info)
     assert read_info(folder) == info
-    remove_card(folder)
-    remove_card(folder)
+    remove_info(folder)
+    remove_info(folder)
     assert [path.name for path in folder.iterdir()] == ["up.lock"]
     os.close(lock)
 

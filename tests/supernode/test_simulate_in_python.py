@@ -130,7 +130,7 @@ class Onemax(supernode.Problem):
 
     size: int = 20
     least: float = 0.0
-    batches_alike = True
+    is_batch_invariant = True
 
     @property
     def coding(self):

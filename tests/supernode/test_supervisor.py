@@ -42,7 +42,7 @@ class FakeLauncher:
         self.service.close()
 
 
-def upkeep_in(folder):
+def supervisor_in(folder):
     keep = {"max_queue": 5, "keep_records": 1000, "allow_modules": ("mine",)}
     return Supervisor(LaunchRequest("torus 2x2", ServiceOptions(state=folder, listen=(LISTEN,), **keep)))
 
@@ -61,10 +61,10 @@ def test_it_is_up_until_ctrl_c_and_leaves_no_card(tmp_path):
             seen.append(client.status()["cluster"])
         seen.append(read_info(tmp_path))
         with pytest.raises(supernode.ClusterFailed, match=r"is up in .* already"):
-            upkeep_in(tmp_path).run(tmp_path, print)
+            supervisor_in(tmp_path).run(tmp_path, print)
         os.kill(os.getpid(), signal.SIGINT)
 
-    upkeep_in(tmp_path).run(tmp_path, look)
+    supervisor_in(tmp_path).run(tmp_path, look)
     line, cluster, info = seen
     assert line == f"up: 0 nodes (torus 2x2) in {tmp_path}, {LISTEN}"
     assert (info.cluster, info.process) == (cluster, os.getpid())
@@ -88,13 +88,13 @@ def test_it_is_up_until_ctrl_c_and_leaves_no_card(tmp_path):
 
 def test_what_breaks_is_said(tmp_path):
     def run():
-        upkeep_in(tmp_path).run(tmp_path, lambda _: FakeLauncher.latest.on_death("the zygote ended"))
+        supervisor_in(tmp_path).run(tmp_path, lambda _: FakeLauncher.latest.on_death("the zygote ended"))
 
     with pytest.raises(supernode.ClusterFailed, match="the zygote ended"):
         run()
     assert FakeLauncher.latest.closed
     assert not (tmp_path / "cluster.json").exists()
-    upkeep_in(tmp_path).run(tmp_path, lambda _: os.kill(os.getpid(), signal.SIGTERM))
+    supervisor_in(tmp_path).run(tmp_path, lambda _: os.kill(os.getpid(), signal.SIGTERM))
 
 
 def in_a_process(script):

@@ -17,7 +17,7 @@ def all_keys(cluster="c1", nodes=(0, 1, 12)):
     keys = Keys(cluster)
     found = {}
     for name in dir(Keys):
-        if name.startswith(("_", "any_", "every_")) or name in ("cluster", "life_of", "home_of"):
+        if name.startswith(("_", "any_", "every_")) or name in ("cluster", "life_of", "host_of_life"):
             continue
         value = getattr(keys, name)
         if callable(value):
@@ -67,7 +67,7 @@ def test_a_token_says_whose_life_it_is_and_by_which_process(cluster):
     for process, number, host in ((4711, 4711, ""), ("4711-h1", 4711, "h1"), ("1-a-host", 1, "a-host")):
         for token, whose in ((keys.life(12, process), 12), (keys.spy_life(process), None)):
             assert Keys.life_of(token) == (whose, number)
-            assert Keys.home_of(token) == host
+            assert Keys.host_of_life(token) == host
 
 
 def test_the_keys_of_the_protocol():

@@ -7,7 +7,7 @@ import math
 from dataclasses import dataclass
 
 from problems.file import ProblemFile
-from problems.guard import foretold, solved_at
+from problems.guard import oracle_answer, solved_at
 from problems.problem import Answer, Problem
 
 _TOLERANCE = 1e-6  # relative, but absolute below 1
@@ -15,7 +15,7 @@ _LONGEST = 500  # characters of a method or message
 
 
 @dataclass(frozen=True)
-class Foretold:
+class OracleBounds:
     """Bounds that hold for every solution of a problem.
 
     Attributes:
@@ -47,7 +47,7 @@ class Foretold:
         return json.dumps([self.hopeless, self.least, self.is_optimum, self.method])
 
     @staticmethod
-    def from_json(text: str) -> Foretold:
+    def from_json(text: str) -> OracleBounds:
         """Return the bounds that `to_json` has encoded.
 
         Raises:
@@ -55,7 +55,7 @@ class Foretold:
         """
         match json.loads(text):
             case [bool(hopeless), float() | None as least, bool(is_optimum), str(method)]:
-                return Foretold(hopeless, least, is_optimum, method)
+                return OracleBounds(hopeless, least, is_optimum, method)
         raise ValueError(f"expected what an oracle foretells, found {text[:_LONGEST]!r}")
 
 
@@ -64,17 +64,17 @@ def has_oracle(model: type[Problem]) -> bool:
     return model.oracle_decides and model.oracle is not Problem.oracle
 
 
-def solve_exactly(file: ProblemFile, problem: Problem) -> Foretold:
+def solve_exactly(file: ProblemFile, problem: Problem) -> OracleBounds:
     """Call the problem's oracle and return what its answer means for a run of ``file``.
 
     Raises:
         BadInput: if there is no oracle for this problem.
         EvaluationFailed: if the oracle raises, or returns no `Answer`.
     """
-    return meaning(foretold(problem), solved_at(problem) if file.run.target is None else None)
+    return meaning(oracle_answer(problem), solved_at(problem) if file.run.target is None else None)
 
 
-def meaning(answer: Answer, target: float | None) -> Foretold:
+def meaning(answer: Answer, target: float | None) -> OracleBounds:
     """Return what an oracle's answer means for a run.
 
     Args:
@@ -84,11 +84,11 @@ def meaning(answer: Answer, target: float | None) -> Foretold:
     """
     method = answer.method[:_LONGEST]
     if answer.meaning == "upper bound":  # it excludes nothing: better solutions may exist
-        return Foretold(False, None, False, method)
+        return OracleBounds(False, None, False, method)
     if math.isinf(answer.fitness):  # no solution is feasible
-        return Foretold(True, None, False, method)
+        return OracleBounds(True, None, False, method)
     hopeless = target is not None and answer.fitness > target + _tolerance(target)
-    return Foretold(hopeless, float(answer.fitness), answer.meaning == "optimum", method)
+    return OracleBounds(hopeless, float(answer.fitness), answer.meaning == "optimum", method)
 
 
 def _tolerance(fitness: float) -> float:
