@@ -1,4 +1,9 @@
-"""The shortest way of a point through polygons: a visibility graph of the corners that it can bend around."""
+"""The shortest way of a point through polygons, by a visibility graph of the corners that it can bend around.
+
+A shortest way is straight between corners, bends only around reflex corners of the free region, and is tangent to the
+obstacle at each of them. So only such corners and pairs are in the graph, which leaves most pairs out before the costly
+test whether a line stays in the region.
+"""
 
 from __future__ import annotations
 
@@ -12,12 +17,12 @@ from problems.mobile_robot.oracle_shapes import Floats, Points, part_at
 
 
 def length_of(way: Points) -> float:
-    """Of a way, given by its corners, m."""
+    """Return the length of a way given by its corners, m."""
     return float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum())
 
 
 def shortest_way(free: shapely.Geometry, start: tuple[float, float], goal: tuple[float, float]) -> Points | None:
-    """The corners of the shortest way through polygons, both ends included, shape (n, 2); None if there is none."""
+    """Return the corners of the shortest way through polygons, both ends included, (n, 2); None if there is none."""
     part = part_at(free, start)
     if not part.covers(shapely.Point(goal)):
         return None
@@ -40,7 +45,10 @@ def shortest_way(free: shapely.Geometry, start: tuple[float, float], goal: tuple
 
 
 def _corners(part: shapely.Polygon, start: tuple[float, float], goal: tuple[float, float]) -> tuple[Points, ...]:
-    """The start, the goal and all corners that a way can bend around, and the corners before and after each of them."""
+    """Return the start, the goal and all corners that a way can bend around, with the corners before and after each.
+
+    The start and goal are their own neighbours, so `_tangents` excludes none of their lines.
+    """
     ends = np.array([start, goal])
     columns = [(ends, ends, ends)]
     part = shapely.geometry.polygon.orient(part)  # what is free is on the left of each ring
@@ -53,7 +61,10 @@ def _corners(part: shapely.Polygon, start: tuple[float, float], goal: tuple[floa
 
 
 def _tangents(places: Points, before: Points, after: Points) -> NDArray[np.int64]:
-    """Pairs of places whose line passes both corners without entering them: no other is part of a shortest way."""
+    """Return pairs of places whose line passes both corners without entering them, (pairs, 2).
+
+    No other line is part of a shortest way. A line passes a corner if both neighbours of it are on the same side.
+    """
     back, ahead, pairs = before - places, after - places, []
     for one in range(len(places)):
         along = places[one + 1 :] - places[one]
