@@ -1,4 +1,4 @@
-"""Robots and floors as the arrays that the compiled scan takes."""
+"""Convert robots and floors into the arrays that the compiled scan takes."""
 
 from collections.abc import Sequence
 
@@ -11,13 +11,13 @@ from problems.plane import CONTACT, Obstacle, Point, Shapes, anticlockwise
 Floats = NDArray[np.float64]
 
 SLIMMEST = 1e-6
-"""The least width of a robot (m), far more than `CONTACT`."""
+"""The least width of a robot (m), far more than `CONTACT`, so that a robot smaller by that is still a polygon."""
 
-_MARGIN = 1e-9  # m, by which what encloses a shape is larger than it
+_MARGIN = 1e-9  # m: boxes and discs around shapes are larger by this, so that rounding never leaves out a shape
 
 
 def _offset(vertices: Sequence[Point], by: float) -> Floats:
-    """The outline of a simple polygon, anticlockwise, with each edge moved inwards; shape (corners, 2)."""
+    """Return the outline of a simple polygon, anticlockwise, with each edge moved inwards by ``by``; (corners, 2)."""
     corners = _without_repeats(anticlockwise(vertices))
     along = np.roll(corners, -1, axis=0) - corners
     along /= np.linalg.norm(along, axis=1, keepdims=True)
@@ -28,7 +28,7 @@ def _offset(vertices: Sequence[Point], by: float) -> Floats:
 
 
 def is_wide(vertices: Sequence[Point]) -> bool:
-    """Whether a simple polygon stays one when each edge moves inwards by half of `SLIMMEST`."""
+    """Return whether a simple polygon stays one when each edge moves inwards by half of `SLIMMEST`."""
     outline = _offset(vertices, SLIMMEST / 2.0)
     inner = shapely.Polygon(outline)
     return bool(inner.is_valid and inner.exterior.is_ccw)
@@ -43,7 +43,7 @@ def _without_repeats(corners: Floats) -> Floats:
 def robot_arrays(
     vertices: Sequence[Point] | None, radius: float | None, clearance: float = 0.0
 ) -> tuple[Floats, float]:
-    """The outline and thickness of `problems.mobile_robot.contact.Robot`, which keeps a clearance (m) all round."""
+    """Return the outline and thickness of `problems.mobile_robot.contact.Robot`, thicker by a clearance (m)."""
     if vertices is not None:
         return _offset(vertices, CONTACT), clearance
     assert radius is not None, "a robot is a polygon or a disc"
@@ -51,7 +51,7 @@ def robot_arrays(
 
 
 def floor_arrays(bounds: Sequence[float], obstacles: Sequence[Obstacle]) -> tuple[NDArray[np.generic], ...]:
-    """The fields of `problems.mobile_robot.contact.Floor`."""
+    """Return the fields of `problems.mobile_robot.contact.Floor`."""
     shapes = Shapes.of(obstacles)
     parts = np.split(shapes.corners, shapes.starts[1:-1]) if obstacles else []
     boxes, middles = np.empty((len(parts), 4)), np.empty((len(parts), 3))
