@@ -1,4 +1,8 @@
-"""The exact answer that terrain is held against: Dijkstra's algorithm over all cells, by scipy."""
+"""The oracle of terrain: the optimum by Dijkstra's algorithm over all cells, by scipy.
+
+It is exact because costs are sums over steps: each step's rank depends only on the cell entered and the heading, and
+ranks are linear (`checker.ranked`). Rules and costs come from `checker`, not from the kernels.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +24,7 @@ METHOD = "Dijkstra's algorithm over all cells"
 
 
 def solve_exactly(problem: Terrain) -> Answer:
-    """The cost of the easiest path of all, whether or not there are blocks enough to code it, and such a path."""
+    """Return the cost of the easiest path, and such a path, even if a genome has too few blocks to code it."""
     blocked = problem.impassable
     columns = blocked.shape[1]
     start, goal = (row * columns + column for row, column in (problem.start, problem.goal))
@@ -38,7 +42,7 @@ def solve_exactly(problem: Terrain) -> Answer:
 
 
 def _graph(problem: Terrain, blocked: NDArray[np.bool_]) -> sparse.csr_array:
-    """From each cell to its neighbours, weighed by what the step costs."""
+    """Return the graph of all clear steps from each cell to its neighbours, weighed by the costs of the steps."""
     rows, columns = blocked.shape
     numbers = np.arange(rows * columns).reshape(rows, columns)
     free = np.pad(~blocked, 1)
@@ -60,13 +64,13 @@ def _graph(problem: Terrain, blocked: NDArray[np.bool_]) -> sparse.csr_array:
 
 
 def _shifted(padded: NDArray[np.bool_], d_row: int, d_column: int) -> NDArray[np.bool_]:
-    """What lies a step from each cell."""
+    """Return for each cell the value of the cell one step away; the map is padded by one cell on each side."""
     rows, columns = padded.shape[0] - 2, padded.shape[1] - 2
     return padded[1 + d_row : 1 + d_row + rows, 1 + d_column : 1 + d_column + columns]
 
 
 def _difficulties(problem: Terrain, heading: int) -> NDArray[np.float64]:
-    """Of a step into each cell by a heading, ranked; NaN where it is impassable."""
+    """Return the ranked difficulty of a step into each cell by a heading; NaN where the cell is impassable."""
     characters = np.array([list(row) for row in problem.map])
     ranks = np.full(characters.shape, np.nan)
     for character in problem.legend:
