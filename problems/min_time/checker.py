@@ -83,6 +83,7 @@ def verify(problem: MinTime, solution: Solution) -> Verdict:
     with np.errstate(all="ignore"):
         law = _law(claim)
         wrong = list(_wrong_rows(problem.arm, claim, law))
+        # Between rows the law is followed, which means something only if the rows agree with it.
         between = _wrong_between(problem, claim, law) if not wrong else ()
         objections = [*_wrong_ends(problem, claim), *wrong, *between]
     time = float(law.times[-1])
@@ -137,6 +138,7 @@ def kane(arm: Arm, q: Floats, qd: Floats, qdd: Floats) -> Floats:
     swing = 1j * np.cumsum(qdd, axis=1) - np.cumsum(qd, axis=1) ** 2
     lengths = np.array(arm.lengths)
     ends = np.cumsum(lengths * along, axis=1)
+    # Accelerations of the rods' ends, summed from the base outwards.
     rising = np.cumsum(lengths * along * swing, axis=1)
     joints = np.concatenate([np.zeros((len(q), 1)), ends[:, :-1]], axis=1)
     before = np.concatenate([np.zeros((len(q), 1)), rising[:, :-1]], axis=1)
@@ -185,7 +187,9 @@ def _near(one: Floats, other: Floats, scale: float = 1.0) -> bool:
 
 def _curve(nodes: Floats, places: NDArray[np.floating[Any]]) -> Floats:
     """Return the uniform cubic B-spline and its first three derivatives at some places, shape (4, places, joints)."""
+    # Phantom ends, as docs/min-time.md defines the curve.
     points = np.concatenate([[2 * nodes[0] - nodes[1]], nodes, [2 * nodes[-1] - nodes[-2]]])
+    # A nonsensical claim may have any places; it is refused later, but must not fail here.
     places = np.clip(np.nan_to_num(places), 0.0, len(nodes) - 1.0)
     stretch = np.minimum(places.astype(np.int64), len(nodes) - 2)
     part = (places - stretch)[:, None]
@@ -230,6 +234,8 @@ def _by_steps(claim: Claim) -> Law:
     length = (len(claim.nodes) - 1) / count
     places = np.arange(count + 1) * length
     speeds, pushes = _along(claim, _curve(claim.nodes, places))
+    # The middle Bézier point follows from the claimed acceleration at the step's beginning. If that is wrong, so are
+    # the times, which are compared.
     steps = np.array([speeds[:-1] ** 2, speeds[:-1] ** 2 + length * pushes[:-1], speeds[1:] ** 2])
     ends = np.append(pushes[:-1], (steps[2, -1] - steps[1, -1]) / length)
     shares = np.arange(_SAMPLES + 1) / _SAMPLES
@@ -273,6 +279,7 @@ def _by_moments(claim: Claim, claimed: Floats) -> Law:
     """
     _, pushes = _along(claim, _curve(claim.nodes, claimed))
     seconds = np.diff(claim.t)
+    # The trapezoidal rule is exact, since the second derivative is linear in time.
     speeds = np.append(0.0, np.cumsum((pushes[:-1] + pushes[1:]) / 2 * seconds))
     gained = speeds[:-1] * seconds + (2 * pushes[:-1] + pushes[1:]) * seconds**2 / 6
     places = np.append(0.0, np.cumsum(gained))
@@ -289,6 +296,7 @@ def _by_moments(claim: Claim, claimed: Floats) -> Law:
     )
     if max(abs(pushes[0]), abs(pushes[-1])) > _ROUNDING * np.abs(pushes).max():
         between[3] = np.inf  # the acceleration jumps from or to rest, which no jerk allows
+    # Times are part of the claim here. Ones that do not increase from 0 become NaN, which no comparison accepts.
     times = claim.t if claim.t[0] == 0.0 and np.all(seconds > 0.0) else np.full(len(claim.t), np.nan)
     return Law(times, np.array([places, speeds, pushes]), between.reshape(4, -1))
 
@@ -309,6 +317,7 @@ def _wrong_rows(arm: Arm, claim: Claim, law: Law) -> Iterator[str]:
     turning = slope * speeds[:, None]
     due = slope * pushes[:, None] + bend * speeds[:, None] ** 2
     expected = {
+        # Each: what is claimed, what is expected, and the scale of the allowed error.
         "place": (places if claim.place is None else claim.place, places, 1.0),
         "q": (claim.q, angles, 1.0),
         "qd": (claim.qd, turning, 1.0 + np.abs(turning).max()),

@@ -93,8 +93,10 @@ def _tidy(numbers: Any, shape: Any) -> Any:
     numbers[last : last + shape.joints] = shape.greatest
     count = 0
     for item in range(items):
+        # Items move forwards in place: count never exceeds item.
         if item > count:
             numbers[1 + count * width : 1 + (count + 1) * width] = numbers[1 + item * width : 1 + (item + 1) * width]
+        # A way there and back: the node before goes, and this one coincides with the one before that.
         if count > 0 and _is_same(numbers, count, count - 2, shape):
             count -= 1
         elif (count == 0 and item == items - 1) or not _is_same(numbers, count, count - 1, shape):
@@ -135,6 +137,8 @@ def _grow(numbers: Any, shape: Any, dice: Any, individual: Any, number: Any) -> 
     count = 0
     while count == 0 or np.any(place < shape.cells):
         needed = np.max(shape.cells - place)
+        # Beyond this, only moves towards the goal are made, for all joints at once: as many as the joint with most to
+        # go needs.
         if shape.most - count <= needed + 1 or needed == 0:  # a move away would take two items
             for joint in range(shape.joints):
                 move[joint] = 1 if place[joint] < shape.cells[joint] else 0
@@ -204,6 +208,7 @@ def _cross(one: Any, other: Any, child: Any, second: Any, radius: Any, shape: An
     for joint in range(shape.joints):
         if shape.greatest[joint] > 0:
             place[joint] = one[1 + cut * shape.width + joint] / shape.greatest[joint]
+    # The cut is an intermediate node of both parents, so start and goal are never cut off.
     match, distance = _nearest(other, place, shape)
     if match >= 0 and distance <= radius * radius:
         _join(child, one, cut, other, match + 1, shape)
@@ -334,5 +339,6 @@ def variation(couples: Genomes, offspring: Genomes, seed: np.uint64, cell: int, 
         else:
             _mutate(numbers, rates[1], shape, dice, child)
         _tidy(numbers, shape)
+        # Copies are counted among the offspring of this cell; a third one of the same trajectory is replaced.
         if _copies_before(offspring, child) >= MOST_COPIES:
             _grow(numbers, shape, dice, child, _SECOND_LIFE)

@@ -123,10 +123,12 @@ def inverse_dynamics(chain: Any, speed: Any, acceleration: Any, weight: Any, tor
         row, turn = chain.joints[joint], chain.turns[joint]
         place, axis, centre = _triple(row, PLACE), _triple(row, AXIS), _triple(row, CENTRE)
         rising = _plus(rising, _plus(cross(swinging, place), cross(turning, cross(turning, place))))
+        # From here on all vectors are in the joint's own frame.
         rising, before, swinging = _back(turn, rising), _back(turn, turning), _back(turn, swinging)
         spin = _times(speed[joint], axis)
         turning = _plus(before, spin)
         swinging = _plus(swinging, _plus(_times(acceleration[joint], axis), cross(before, spin)))
+        # Newton's law for the force and Euler's for the moment, both at the body's centre of mass.
         at_centre = _plus(rising, _plus(cross(swinging, centre), cross(turning, cross(turning, centre))))
         force = _times(row[MASS], at_centre)
         moment = _plus(_inertia_times(row, swinging), cross(turning, _inertia_times(row, turning)))
@@ -138,6 +140,7 @@ def inverse_dynamics(chain: Any, speed: Any, acceleration: Any, weight: Any, tor
         torque[joint] = dot(_triple(row, AXIS), chain.moment[joint])
         if joint > 0:
             force, moment = _forth(turn, chain.force[joint]), _forth(turn, chain.moment[joint])
+            # Moved from this joint's origin to that of the joint before.
             moment = _plus(moment, cross(_triple(row, PLACE), force))
             for each in range(3):
                 chain.force[joint - 1, each] += force[each]
@@ -158,9 +161,11 @@ def scaled_chain(chain: Any, angles: Any, slope: Any, bend: Any, still: Any, a: 
 def scaled_two_links(arm: Any, angles: Any, slope: Any, bend: Any, a: Any, b: Any, c: Any) -> Any:
     """Fill a, b and c for two planar links; ``arm`` holds the five constants of `Arm.two_links`."""
     cosine, sine = np.cos(angles[1]), np.sin(angles[1])
+    # Entries of the mass matrix: [[inner, outer], [outer, arm[2]]].
     inner, outer = arm[0] + 2.0 * arm[1] * cosine, arm[2] + arm[1] * cosine
     a[0] = inner * slope[0] + outer * slope[1]
     a[1] = outer * slope[0] + arm[2] * slope[1]
+    # The factor of the Coriolis and centrifugal terms.
     pull = arm[1] * sine
     b[0] = inner * bend[0] + outer * bend[1] - pull * (2.0 * slope[0] + slope[1]) * slope[1]
     b[1] = outer * bend[0] + arm[2] * bend[1] + pull * slope[0] * slope[0]

@@ -161,6 +161,8 @@ def _by_steps(task: Any, room: Any, points: Any, steps: Any) -> Any:
     time = 0.0
     for point in range(points + 1):
         stretch = min(point // steps, points // steps - 1)
+        # s̈ at the step's beginning: the difference of its first two Bézier points over its length. At the last point it
+        # is that of the last two.
         push = steps * (x[2 * point + 1] - x[2 * point] if point < points else x[2 * point] - x[2 * point - 1])
         share = (point - stretch * steps) / steps
         _fill(rows[point], task, room, stretch, share, time, np.sqrt(x[2 * point]), push)
@@ -183,6 +185,7 @@ def _by_moments(task: Any, room: Any, points: Any, steps: Any) -> Any:
         stretch = min(np.int64(at), stretches - 1)
         _fill(rows[moment], task, room, stretch, at - stretch, moment * period, fast, push)
         if moment < count:
+            # The sampled speeds are those before the slowdown: their period is shorter, and s̈ falls with its square.
             following = smooth_push(room, points, period / slowdown, window, moment + 1) / slowdown**2
             place, speed, push = advance(place, speed, push, (following - push) / period, period)
     return rows

@@ -117,6 +117,7 @@ def _genome(problem: MinTime, nodes: Nodes) -> Any:
     from problems.min_time.coding import LEVELS
 
     coding, items = problem.coding, nodes[1:]
+    # The gene nearest to the grid line, as the coding's kernels round it; both joints have the same range of genes.
     genes = (items * coding.greatest[0] + (problem.grid - 1) // 2) // (problem.grid - 1)
     return coding.encode(np.column_stack([genes, np.full(len(items), LEVELS)]))
 

@@ -82,6 +82,7 @@ def _curves(task: Any, room: Any, start: Any, end: Any, forth: Any, back: Any) -
         _limit_forwards(rows[half, 0], task, room, half)
         _limit_backwards(rows[half, 1], task, room, half)
     for level in range(start.size):
+        # A level above the speed limit is impossible; -1 then runs along the whole row.
         forth[level, 0] = start[level] if start[level] <= caps[0] else -1.0
         back[level, 2 * STEPS] = end[level] if end[level] <= caps[2 * STEPS] else -1.0
         for half in range(2 * STEPS):
@@ -212,6 +213,7 @@ def dynamic_program(
     weighed = 0
     # No move decreases a coordinate, so in this order every state is final when its turn comes.
     for state in range(lines * lines * (count + 1) * count):
+        # The state's number holds row, column, entry and exit, the last varying fastest.
         row, column = state // count // (count + 1) // lines, state // count // (count + 1) % lines
         entry, exit_ = state // count % (count + 1), state % count
         so_far = best[row, column, entry, exit_]
@@ -228,6 +230,7 @@ def dynamic_program(
                 end[level] = _squared_rate(speed, room.nodes[1], room.nodes[3])
             _curves(task, room, start, end, forth, back)
             if onward < count:
+                # The next state: this stretch's exit is the move into its node.
                 following = corners[2, 0], corners[2, 1], exit_, onward
                 _arrive(so_far, start, end, forth, back, entry, best[following], origin[following])
             else:
@@ -274,6 +277,8 @@ def tree_search(table: Table, lines: int, most: int) -> tuple[float, Integers, i
     ways = np.ones((lines, lines))  # the number of paths from each node to the goal; 1 from the last row and column
     for row in range(lines - 2, -1, -1):
         for column in range(lines - 2, -1, -1):
+            # By the three moves: both joints, or one of them. The counts tell how much of the tree a cut-off branch
+            # held.
             ways[row, column] = ways[row + 1, column] + ways[row, column + 1] + ways[row + 1, column + 1]
     path, chosen = np.zeros((deepest + 2, 2), np.int64), np.zeros(deepest + 2, np.int64)
     best_path, best = path[:0].copy(), np.inf
@@ -307,6 +312,7 @@ def tree_search(table: Table, lines: int, most: int) -> tuple[float, Integers, i
             if not at_goal:
                 cap_speeds(task, room, first, STEPS, STEPS)
                 for half in range(2 * first, 2 * (first + STEPS)):
+                    # Only forwards: a path's bound extends that of its parent by one stretch.
                     _limit_forwards(rows, task, room, half)
                     bound[half + 1] = min(room.caps[half + 1], _greatest(rows, bound[half], -_LENGTH))
                 spent[depth] = spent[depth - 1] + _least_time(bound, first)

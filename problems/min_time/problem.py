@@ -108,6 +108,7 @@ stall = 50                      # generations without a quicker one, after which
             for angle, body in zip(angles, self.arm.chain, strict=True):
                 if body.limits is not None and not body.limits[0] <= angle <= body.limits[1]:
                     raise ValueError(f"{name}: expected {body.name} within {list(body.limits)}, found {angle:g}")
+            # An arm that cannot hold still at an end cannot be at rest there, so every trajectory would be infeasible.
             load = self.arm.holding_torque(angles)
             for joint in np.flatnonzero(np.abs(load) > limits):
                 raise ValueError(
@@ -224,6 +225,7 @@ stall = 50                      # generations without a quicker one, after which
         from problems.min_time import kernels
 
         arm, coding = self.arm, self.coding
+        # Two rods have closed-form dynamics.
         is_chain = not (arm.is_planar and arm.size == 2)
         return Operator.of(
             kernels.evaluate,

@@ -112,6 +112,7 @@ def place_on_curve(nodes: Any, stretch: Any, share: Any, angles: Any, slope: Any
     for joint in range(nodes.shape[1]):
         one, two = nodes[stretch, joint], nodes[stretch + 1, joint]
         three, four = nodes[stretch + 2, joint], nodes[stretch + 3, joint]
+        # Second differences of the control points: the second derivative runs linearly from the first to the second.
         before, after = one - 2.0 * two + three, two - 2.0 * three + four
         angles[joint] = rest * two + share * three + (rest * rest * rest * before + share * share * share * after) / 6.0
         slope[joint] = three - two + 0.5 * (share * share * after - rest * rest * before)
@@ -181,6 +182,7 @@ def _limit(row: Any, inertia: Any, pull: Any, low: Any, high: Any) -> Any:
 
     With hardly any inertia the row still bounds x alone, by pull * x, so such points are rows like any other.
     """
+    # A row bounds s̈ from both sides, so a negative factor exchanges its sides.
     if inertia < 0.0:
         inertia, pull, low, high = -inertia, -pull, -high, -low
     each = 1.0 / max(inertia, _NO_INERTIA)
@@ -195,6 +197,8 @@ def limit_half(rows: Any, task: Any, room: Any, point: Any, share: Any, tightnes
     the load of gravity is not divided, since no slower motion lessens it.
     """
     for joint in range(task.joints):
+        # x at the grid point is the row's x plus shift * s̈, so a s̈ + b x becomes (a + b * shift) s̈ + b * (the row's
+        # x).
         torque, load = share * task.torque[joint], room.load[point, joint]
         pull = room.pull[point, joint]
         inertia = room.inertia[point, joint] + shift * pull
@@ -214,11 +218,13 @@ def controllable(rows: Any, least: Any, most: Any, length: Any) -> Any:
     An empty range is returned with its lower end above its upper end. A negative ``length`` goes backwards in s.
     """
     slant = 1.0 / length
+    # The last row holds the target: least <= x + length * s̈ <= most, divided by the length.
     end = rows[rows.shape[0] - 1]
     end[0], end[1], end[2] = slant, min(least * slant, most * slant), max(least * slant, most * slant)
     lowest, highest = 0.0, _FASTEST
     for upper in range(rows.shape[0]):
         for lower in range(rows.shape[0]):
+            # From s̈ <= high - slant * x of one row and s̈ >= low - slant * x of the other: rise * x <= room_left.
             rise, room_left = rows[upper, 0] - rows[lower, 0], rows[upper, 2] - rows[lower, 1]
             if rise > 0.0:
                 highest = min(highest, room_left / rise)
@@ -242,6 +248,7 @@ def greatest_acceleration(rows: Any, x: Any) -> Any:
 def _is_scaled(task: Any, room: Any, points: Any, steps: Any) -> Any:
     """Fill x along a curve of stretches of ``steps`` steps, rest to rest; return False if the limits forbid it."""
     least, most, x, rows, length = room.least, room.most, room.x, room.rows, 1.0 / steps
+    # Backwards from rest at the goal: the x from which the rest of the curve can be followed.
     least[2 * points], most[2 * points] = 0.0, 0.0
     for half in range(2 * points - 1, -1, -1):
         share, tightness = room.shares[half // (2 * steps)], room.tightness[half // 2]
@@ -254,6 +261,7 @@ def _is_scaled(task: Any, room: Any, points: Any, steps: Any) -> Any:
         if high < low:
             return False
         least[half], most[half] = low, high
+    # The arm starts at rest, which must be among the controllable x.
     if least[0] > _ROUNDING:
         return False
     x[0] = 0.0
@@ -276,6 +284,7 @@ def scale_time(task: Any, room: Any, points: Any, steps: Any) -> Any:
     for _ in range(_ROUNDS):
         if not _is_scaled(task, room, points, steps):
             return np.inf
+        # Tightening accumulates from round to round.
         slowdown = _tighten(task, room, points, steps)
         if slowdown <= _TIGHT_ENOUGH:
             break
@@ -325,11 +334,14 @@ def _tighten(task: Any, room: Any, points: Any, steps: Any) -> Any:
         first, middle, last = room.x[2 * point], room.x[2 * point + 1], room.x[2 * point + 2]
         for part in range(1, _PARTS):
             share = part / _PARTS
+            # s̈ is half of the slope of x; a parabola's slope is linear between the differences of its Bézier points.
             push = steps * ((middle - first) * (1.0 - share) + (last - middle) * share)
             x = first * (1.0 - share) ** 2 + 2.0 * middle * share * (1.0 - share) + last * share**2
             forced, fast, _ = exceeded_at(task, room, point, share, steps, push, x, 0.0)
             divisor, excess = max(divisor, forced), max(excess, fast)
         room.tightness[point] *= divisor
+        # A step's caps are those of its two ends and its middle; neighbours share the ends, so they become slower there
+        # too.
         for place in range(2 * point, 2 * point + 3):
             room.caps[place] /= excess
         slowdown = max(slowdown, divisor, excess)
@@ -348,6 +360,7 @@ def exceeded_at(task: Any, room: Any, point: Any, share: Any, steps: Any, push: 
         and the greatest share of its limit that a jerk has, where ``surge`` is the third derivative of s by time.
     """
     stretch = point // steps
+    # The four points must be of one stretch: at nodes the third derivative jumps, and a cubic across them would be off.
     place = min(max(point - 1, stretch * steps), (stretch + 1) * steps - 3)
     one = point - place + share
     two, three, four = one - 1.0, one - 2.0, one - 3.0
@@ -370,6 +383,7 @@ def exceeded_at(task: Any, room: Any, point: Any, share: Any, steps: Any, push: 
         b = w1 * pull[place, j] + w2 * pull[place + 1, j] + w3 * pull[place + 2, j] + w4 * pull[place + 3, j]
         c = w1 * load[place, j] + w2 * load[place + 1, j] + w3 * load[place + 2, j] + w4 * load[place + 3, j]
         limit, moving = full * task.torque[j], a * push + b * x
+        # Gravity's load takes its part of the limit; only the rest is left for the torque that moves the arm.
         left = max(limit - c if moving > 0.0 else limit + c, _ROUNDING * limit)
         divisor = max(divisor, abs(moving) / left)
         first = w1 * slope[place, j] + w2 * slope[place + 1, j] + w3 * slope[place + 2, j] + w4 * slope[place + 3, j]

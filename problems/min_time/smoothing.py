@@ -34,6 +34,7 @@ def sample_speeds(room: Any, points: Any, steps: Any) -> Any:
     period, point, begin, end, area = time / points, -1, 0.0, 0.0, 0.0
     for moment in range(points + 1):
         now = moment * period
+        # Go on to the step that this moment lies in; both run forwards, so that takes one pass.
         while point < 0 or (end < now and point < points - 1):
             point += 1
             begin = end
@@ -101,6 +102,7 @@ def best_window(task: Any, room: Any, points: Any, steps: Any) -> Any:
     period = sample_speeds(room, points, steps)
     best, chosen = np.inf, 1
     for number in range(_WINDOWS):
+        # The window is a whole number of periods, so that s̈ stays linear between moments.
         window = max(1, points >> number)
         slowdown = slowdown_of(task, room, points, steps, period, window, _FEW_PARTS)
         if slowdown * (points + window) < best:

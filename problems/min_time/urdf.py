@@ -46,12 +46,14 @@ def read(name: str, joints: list[str] | None, folder: Path, stated: Container[st
         raise BadInput(f"arm.urdf: {_MISSING.format('pinocchio')}") from error
     path = _path(name, folder)
     model = _reduced(pinocchio, _parsed(pinocchio, path), joints)
+    # Joint 0 is pinocchio's universe, which never moves.
     for joint in range(1, model.njoints):
         if model.parents[joint] != joint - 1:
             raise BadInput(
                 f"arm.joints: expected a serial chain, found {model.names[joint]!r} after "
                 f"{model.names[model.parents[joint]]!r}; name the joints of one chain"
             )
+    # A joint with nothing heavy beyond it could accelerate without bound, so no least time would exist.
     if np.linalg.eigvalsh(_mass_matrix(pinocchio, model))[0] < _LEAST_INERTIA:
         raise BadInput(f"arm.urdf: expected links with a mass beyond every joint that moves, found none in {path}")
     limits = {"torque": ("effort", "N m", model.effortLimit), "velocity": ("velocity", "rad/s", model.velocityLimit)}
