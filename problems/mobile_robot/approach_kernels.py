@@ -82,6 +82,8 @@ def _backed_out(robot: Any, back: Any, floor: Any, goal: Any, number: Any, found
             east, north = x - length * np.cos(ahead), y - length * np.sin(ahead)
             if count == _MOST or length <= 0.0 or drive(robot, floor, east, north, ahead, length)[0] < length:
                 break
+            # A place where the robot can turn all around is kept in any case, and ends this drive back: from there the
+            # scan can do the rest.
             turns = can_turn(robot, floor, east, north, ahead, _FULL_TURN)
             if turns or _is_new(found, count, east, north, ahead, size / _STEPS / 2.0):
                 found[count, 0], found[count, 1], found[count, 2] = east, north, ahead
@@ -136,9 +138,11 @@ def approaches_to(
         return found[:0].copy()
     first, count = 0, _backed_out(robot, back, floor, goal, -1, found, 0)
     for _ in range(1, LONGEST):
+        # Enough roomy places, or the last round found nothing new.
         if np.sum(found[:count, 6]) >= _ENOUGH or first == count:
             break
         last = count
+        # Approaches of the last round only; those before have been backed out of.
         for number in range(first, last):
             if found[number, 6] == 0.0:
                 count = _backed_out(robot, back, floor, goal, number, found, count)

@@ -139,6 +139,7 @@ def _wrong_claims(claimed: RobotSolution) -> Iterator[str]:
 def _collisions(problem: MobileRobot, path: list[Pose]) -> Iterator[str]:
     thickness = problem.robot.radius or 0.0
     obstacles = problem.obstacles
+    # Obstacles are shrunk by the allowed overlap once, and prepared, for all segments.
     forbidden = _forbidden(obstacles, thickness, [_allowed(each) for each in obstacles])
     for number, (pose, following) in enumerate(pairwise(path), start=1):
         pieces = _swept(problem.robot, pose, following)
@@ -162,6 +163,7 @@ def _clearance(problem: MobileRobot, path: list[Pose]) -> Clearance:
         [shapely.Point(each.center) if isinstance(each, Circle) else each.polygon for each in problem.obstacles],
         dtype=object,
     )
+    # Discs count as their centres and radii, so that distances to them are exact.
     gaps = thickness + np.array(round_ones)
     least, where = np.inf, {}
     for number, (pose, following) in enumerate(list(pairwise(path)) or [(path[0], path[0])], start=len(path) > 1):

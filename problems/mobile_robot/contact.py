@@ -74,11 +74,14 @@ def _drive_to_edge(px: Any, py: Any, ax: Any, ay: Any, bx: Any, by: Any, thickne
     run = bx - ax
     length = np.hypot(run, rise)
     normal_x, normal_y = rise / length, -run / length
+    # The edge moved outwards by the thickness. Its round ends belong to the corners, which `_drive_to_corner` tests.
     top, bottom = ay + thickness * normal_y, by + thickness * normal_y
     if py > top + _SLACK or py < bottom - _SLACK:
         return _NEVER
     share = min(1.0, max(0.0, (py - top) / rise))
+    # The line at the height of p. A slack beyond the ends counts as the end itself.
     hit = ax + thickness * normal_x + share * run - px
+    # The true robot touches earlier, by `CONTACT` measured along the edge's normal.
     gap = -CONTACT / normal_x
     if hit < -gap:  # p is past the edge already, deeper than contact: the edge's line is behind it
         return _NEVER
@@ -93,7 +96,9 @@ def _drive_to_corner(px: Any, py: Any, cx: Any, cy: Any, thickness: Any) -> Any:
         return _NEVER
     touching = thickness + CONTACT
     hit = ahead - np.sqrt((thickness - aside) * (thickness + aside))
+    # Factored squares: they do not lose digits where aside is close to the thickness.
     stop = ahead - np.sqrt((touching - aside) * (touching + aside))
+    # p is already deeper in the disc than contact, so it does not drive into it.
     if hit < 0.0 and np.hypot(ahead, aside) < thickness - CONTACT:
         return _NEVER
     return hit, stop
@@ -137,6 +142,7 @@ def _drive_to_shape(robot: Any, floor: Any, shape: Any, x: Any, y: Any, cosine: 
     for corner in range(first, last):
         east, north = floor.corners[corner, 0] - x, floor.corners[corner, 1] - y
         bx, by = cosine * east + sine * north, cosine * north - sine * east
+        # Skip edges that lie behind, aside, or farther ahead than something that is in the way already.
         near = min(ax, bx) - wide <= free[0] and max(ax, bx) + wide >= 0.0
         if near and min(ay, by) <= wide and max(ay, by) >= -wide:
             free = _drive_into(robot, ax, ay, bx, by, last - first == 1, thickness, free)
@@ -215,6 +221,7 @@ def _turn_to_line(px: Any, py: Any, nx: Any, ny: Any, offset: Any, low: Any, hig
     unit normal n points to; t is n turned by a right angle. The point leaves the free side at n turned by
     acos(offset / radius), so there x·t is the positive root of radius² - offset².
     """
+    # Negative if p is nearer to the origin than the line: its circle never crosses it.
     squared = px * px + py * py - offset * offset
     if squared <= 0.0:
         return np.inf
@@ -241,6 +248,7 @@ def _turn_to_corner(px: Any, py: Any, cx: Any, cy: Any, thickness: Any, sense: A
     """Return the angle until the corner p turns into the thickened corner c, by the cosine rule."""
     radius_squared, away_squared = px * px + py * py, cx * cx + cy * cy
     dot_at_contact = (radius_squared + away_squared - thickness * thickness) / 2.0
+    # Beyond ±1 the circle of p never meets that of c; p or c at the origin gives NaN, which counts as never.
     share = dot_at_contact / np.sqrt(radius_squared * away_squared)
     if not -1.0 < share < 1.0:
         return np.inf
@@ -256,6 +264,7 @@ def _turns_into(
     previous = outline.shape[0] - 1
     for corner in range(outline.shape[0]):
         px, py, qx, qy = outline[corner, 0], outline[corner, 1], outline[previous, 0], outline[previous, 1]
+        # Any encounter within the turn blocks it; which one comes first does not matter.
         if not single and _turn_to_edge(px, py, ax, ay, bx, by, thickness, sense) <= turn:
             return True
         # Seen from the robot, the obstacle's corner turns the other way into the robot's edge.

@@ -30,6 +30,7 @@ def _to_edge(x: Any, y: Any, ax: Any, ay: Any, bx: Any, by: Any) -> Any:
     """Return the distance of a point to the segment between a and b."""
     run, rise = bx - ax, by - ay
     squared = run * run + rise * rise
+    # A disc is a single corner, whose edge to itself has no length.
     share = 0.0 if squared == 0.0 else min(1.0, max(0.0, ((x - ax) * run + (y - ay) * rise) / squared))
     return np.hypot(ax + share * run - x, ay + share * rise - y)
 
@@ -170,6 +171,7 @@ def _distances_to(
         for column in range(first_column, first_column + 2):
             for row in range(first_row, first_row + 2):
                 x, y = west + column * spacing, south + row * spacing
+                # The four nodes around a source know their distance to it; all others get theirs from neighbours.
                 distances[column, row] = min(distances[column, row], length + np.hypot(east - x, north - y))
     _spread(distances, prices, spacing)
     return distances

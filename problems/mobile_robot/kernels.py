@@ -72,6 +72,7 @@ def _way_is_free(robot: Any, floor: Any, pose: Any, goal: Any, spare: Any) -> An
     """
     x, y = pose[0], pose[1]
     away = np.hypot(goal[0] - x, goal[1] - y)
+    # Already at the goal's place: there is nothing to face.
     if away <= CONTACT:
         return True
     facing = np.arctan2(goal[1] - y, goal[0] - x)
@@ -120,9 +121,11 @@ def _arrive(task: Any, room: Any, row: Any) -> Any:
     Return the number of these commands, -1 if the robot can face neither the goal nor an approach with a free way.
     """
     robot, floor, path, spare = task.robot, task.floor, room.path, room.spare
+    # The goal itself comes first (-1), so an approach is used only where it is needed.
     for number in range(-1, len(task.approaches)):
         if room.free[1 + number]:
             target = task.goal if number < 0 else task.approaches[number, :3]
+            # Called for what it writes to ``spare``: `_look_around` went on to other targets since.
             _way_is_free(robot, floor, path[row], target, spare)
             last = _drive_on(robot, floor, path, row, target, spare)
             if last >= 0:
@@ -159,10 +162,13 @@ def _scan(task: Any, room: Any) -> Any:
         if last >= 0:
             return 0.0, row, last
         short = _short_of(task, path[row])
+        # The paper's fitness is that of the last pose, so there each pose replaces the one before.
         if short < fitness or not task.around:
             nearest, fitness = row, short
         if row == codes.size:
             break
+        # Even rows are rotates, odd rows are moves. A rotate codes i / 2^q of a full turn, a move (i + 1) / 2^q of the
+        # free length, which is never 0.
         share = codes[row] / levels
         if row % 2 == 0:
             if not turn_to(robot, floor, path[row], _FULL_TURN * share, path[row + 1]):

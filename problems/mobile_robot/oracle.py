@@ -62,11 +62,13 @@ def solve_exactly(problem: MobileRobot) -> Answer:
     # A robot that keeps a clearance is one that is thicker by it. If it covers no disc about its reference point, that
     # point may be anywhere, even over an obstacle, so the inner radius stays 0 and excludes nothing.
     outer, inner = (radius + problem.clearance if radius > 0.0 else 0.0 for radius in _discs(problem))
+    # First the proof that there is no way, which also gives the lower bound of the length.
     least, away = _least(problem, inner)
     if away > 0.0:
         method = "visibility graph of a disc that the robot covers" if problem.robot.vertices else "visibility graph"
         return Answer("lower bound", away, f"{method}: the goal is out of reach")
     figures = {"shortest_length_at_least": least}
+    # Then the proof that there is one.
     roomy = free_of_disc(problem, outer, surely=True)
     way = shortest_way(roomy, problem.start[:2], problem.goal[:2])
     if way is not None:
@@ -80,6 +82,7 @@ def solve_exactly(problem: MobileRobot) -> Answer:
 
 def _of_a_polygon(problem: MobileRobot, roomy: shapely.Geometry, figures: dict[str, float]) -> Answer:
     """Return the answer for a polygon whose enclosing disc does not get through."""
+    # Before the search for a way, which would run to its end in vain if there is none.
     away = _best_in_slices(problem)
     if away > 0.0:
         return Answer("lower bound", away, f"{_SLICES} slices of the headings: the goal is out of reach")
@@ -159,6 +162,7 @@ def _best_in_slices(problem: MobileRobot) -> float:
     goes on turning passes from a slice to the next at one place, which must be free in both slices: hence the graph of
     parts that intersect.
     """
+    # Nodes of the graph are the connected free parts of all slices, numbered slice by slice from ``firsts`` on.
     covered = _covered_in_a_slice(problem)
     pieces = [list(parts(_free_in_slice(problem, [piece @ turned(each) for piece in covered]))) for each in _HEADINGS]
     firsts = np.cumsum([0, *map(len, pieces)])
@@ -215,6 +219,7 @@ def _free_in_slice(problem: MobileRobot, covered: list[Points]) -> shapely.Geome
     (x0, y0), (x1, y1) = room_for(problem, np.concatenate(covered), problem.clearance)
     if x0 > x1 or y0 > y1:
         return shapely.Polygon()
+    # The checker measures clearance with that tolerance, so a proof must grant it.
     gap = max(problem.clearance - TOLERANCE, 0.0)
     solids = [
         solid.buffer(gap, quad_segs=ARC)

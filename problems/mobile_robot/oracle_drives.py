@@ -64,6 +64,7 @@ def find_way(problem: MobileRobot, roomy: shapely.Geometry) -> Floats | None:
     """
     gaps = _gaps(problem)
     space = _Space(problem, roomy, [problem.start[2], problem.goal[2], *gaps[:, 2]])
+    # The goal's wave goes backwards: it holds poses from which drives ahead and turns lead to the goal.
     out = _Wave(space, np.array(problem.start), ahead=True)
     into = _Wave(space, np.array(problem.goal), ahead=False)
     passages: list[tuple[_Wave, _Wave]] = []
@@ -95,6 +96,8 @@ class _Layer(NamedTuple):
 
     def blocks(self, places: Points) -> Flags:
         """Return which headings are blocked at each place, (places, headings)."""
+        # The bounds are walls for the robot at each heading; low and high already have its extent and the clearance
+        # taken off.
         outside = (places[:, None] < self.low - _TOUCH) | (places[:, None] > self.high + _TOUCH)
         blocked: Flags = np.any(outside, axis=2)
         at, solids = self.tree.query(shapely.points(places), predicate="intersects")
@@ -165,6 +168,7 @@ class _Space:
         return lengths
 
     def _lengths_along(self, places: Points, heading: int, along: Points) -> Floats:
+        # The nearest wall in the direction of the drive, then the nearest forbidden place on the line.
         far = np.where(along > 0.0, self.standing.high[heading], self.standing.low[heading])
         with np.errstate(divide="ignore", invalid="ignore"):
             to_bounds = np.where(np.abs(along) > 1e-12, (far - places) / along, np.inf).min(axis=1)
@@ -190,6 +194,8 @@ def _layer(problem: MobileRobot, begins: Floats, ends: Floats) -> _Layer:
                 solids += forbidden(obstacle, piece, surely=True)
         owners += [number] * (len(solids) - len(owners))
     shapes = np.array(solids, dtype=object)
+    # Grown by the clearance and shrunk by the contact that is free; AROUND makes up for the flat sides of round
+    # corners.
     shapes = shapely.buffer(shapes, problem.clearance * AROUND - _TOUCH, quad_segs=ARC, join_style="round")
     return _Layer(shapes, np.array(owners, np.int64), shapely.STRtree(shapes), low, high)
 
@@ -289,6 +295,7 @@ def _gaps(problem: MobileRobot) -> Floats:
     wide = 2.0 * (problem.robot.circumscribed_radius + problem.clearance)
     poses = []
     for one, other in combinations([*solids, *walls], 2):
+        # Obstacles that touch leave no gap, and through a wide one the enclosing disc gets by itself.
         if not 0.0 < shapely.distance(one, other) < wide:
             continue
         here, there = shapely.get_coordinates(shapely.shortest_line(one, other))
@@ -299,6 +306,7 @@ def _gaps(problem: MobileRobot) -> Floats:
 
 def _passages(space: _Space, gap: Floats, reach: float) -> Iterator[tuple[_Wave, _Wave]]:
     """Yield the waves that lead to a gap and on from it, once they connect different roomy parts."""
+    # A gap that is near to fewer than two roomy parts connects none.
     near = shapely.distance(space.parts, shapely.Point(gap[:2])) < reach
     if near.sum() < 2 or space.standing.blocks(gap[None, :2])[0, space.index(gap[2])]:
         return
@@ -334,6 +342,7 @@ def _chain(out: _Wave, into: _Wave, passages: list[tuple[_Wave, _Wave]]) -> tupl
             return (steps[0].part if steps else part), steps
         for to, beyond in passages:
             if part in to.reached:
+                # Sorted, so that the oracle's answer does not depend on the order of a set.
                 for following in sorted(beyond.reached.keys() - came.keys()):
                     came[following] = [*came[part], _Step(part, to, beyond, following)]
                     queue.append(following)

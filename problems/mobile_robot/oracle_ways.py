@@ -31,10 +31,12 @@ def shortest_way(free: shapely.Geometry, start: tuple[float, float], goal: tuple
     places, before, after = _corners(part, start, goal)
     pairs = _tangents(places, before, after)
     shapely.prepare(part)
+    # What is left of the pairs must see each other.
     pairs = pairs[shapely.covers(part, shapely.linestrings(places[pairs]))]
     lengths = np.linalg.norm(places[pairs[:, 1]] - places[pairs[:, 0]], axis=1)
     graph = coo_array((lengths, (pairs[:, 0], pairs[:, 1])), shape=(len(places), len(places))).tocsr()
     _, previous = dijkstra(graph, directed=False, indices=0, return_predecessors=True)
+    # Place 0 is the start, place 1 the goal; the way is read backwards from the goal.
     way = [1]
     while way[-1] != 0:
         if previous[way[-1]] < 0:
@@ -55,6 +57,7 @@ def _corners(part: shapely.Polygon, start: tuple[float, float], goal: tuple[floa
     for ring in (part.exterior, *part.interiors):
         here = shapely.get_coordinates(ring)[:-1]
         before, after = np.roll(here, 1, axis=0), np.roll(here, -1, axis=0)
+        # With the free region on the left, a turn to the right is a reflex corner of it.
         bends = _cross(here - before, after - here) < 0.0
         columns.append((here[bends], before[bends], after[bends]))
     return tuple(np.concatenate(column) for column in zip(*columns, strict=True))

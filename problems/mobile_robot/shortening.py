@@ -165,6 +165,7 @@ def shortened(robot: Any, floor: Any, path: Any, last: Any) -> Any:
 
     Turns and drives alternate, and the last is a turn. Both ends are the path's, up to full turns of the heading.
     """
+    # The way's stops only; the turns between them are found anew.
     way, places = np.empty((max(_MOST_PLACES, last + 1), 2)), np.empty((_MOST_PLACES, 2))
     stops = 0
     for row in range(last + 1):
@@ -175,6 +176,7 @@ def shortened(robot: Any, floor: Any, path: Any, last: Any) -> Any:
     for number in range(_ROUNDS):
         count = _refined(way, stops, places, number > 0)
         cost, before = _search(robot, floor, places[:count], ends, known, stop, costs, previous)
+        # The known cost counts each stop of the way found so far, so a round can only improve on it.
         if before < 0 or cost >= known:
             break
         stops = _traced(places[:count], previous, before, way)
