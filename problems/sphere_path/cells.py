@@ -77,6 +77,7 @@ def subdivide(space: Space, translations: int, accuracy: float, clearance: Clear
     level, kinds, spheres = _whole(space), list[Kinds](), 0
     while len(level.centres):
         kinds.append(_kinds(level, space, translations, accuracy, clearance))
+        # Checked on every level, so that a too fine accuracy fails before it costs minutes.
         spheres += int(np.count_nonzero(kinds[-1] == CLOSED))
         level = level.halved(kinds[-1] == HALVED)
         if spheres > MOST_SPHERES or len(level.centres) > _MOST_CELLS:
@@ -107,6 +108,7 @@ def spheres_of(code: str, space: Space) -> Floats:
     level, place = _whole(space), 0
     spheres = [np.empty((0, len(space.scale) + 1))]
     while len(level.centres):
+        # The same walk as in `subdivide`: the kinds of a level say which of its cells the next level halves.
         own = kinds[place : place + len(level.centres)]
         place += len(own)
         if len(own) < len(level.centres):

@@ -45,10 +45,12 @@ def verify(problem: SpherePath, solution: Solution) -> Verdict:
     claimed = _parsed(problem, solution)
     path = np.array(claimed.path)
     places = path * problem.space.scale
+    # Places as lengths, as in the fitness: a vehicle's angles count as arcs.
     crossed, length = crossed_by(problem, places), length_of(places)
     if problem.vehicle is None:
         clearance, collisions = _clearance_of_spheres(problem, places), list(_crossings(crossed, problem.clearance))
     else:
+        # Crossed spheres still count in the fitness, but only the world decides whether the path is feasible.
         clearance, collisions = _in_the_world(problem, path)
     objections = [
         *_wrong_ends(problem, path),
@@ -88,6 +90,7 @@ def _wrong_ends(problem: SpherePath, path: Floats) -> Iterator[str]:
 
 
 def _beyond_bounds(problem: SpherePath, path: Floats) -> Iterator[str]:
+    # Rows are unwrapped along periodic axes, so only the other axes have bounds.
     low, high = problem.space.bounds.T
     rounding = _ROUNDING * (high - low)
     beyond = ((path < low - rounding) | (path > high + rounding)) & ~problem.space.periodic
@@ -147,6 +150,7 @@ def _clearance_of_vehicle(world: World, path: Floats) -> Clearance:
         configuration: Floats = begin + share * (end - begin)
         return configuration
 
+    # No gap changes by more than any point of the vehicle moves: that bounds what lies between measured places.
     ways = [world.way(begin, end) for begin, end in moves]
     accuracy = _ACCURACY * world.reach
     least, move, share = least_along(lambda *place: world.clearance(at(*place)), ways, accuracy)

@@ -89,6 +89,7 @@ def _pieces(problem: SpherePath, path: Floats) -> list[Floats]:
     turns = np.where(problem.space.periodic, high - low, 0.0)
     for begin, end in pairwise(path):
         for row in (begin, end):
+            # Whole periods only, along periodic axes only.
             shift = turns * np.floor((row - low) / (high - low)) * (turns > 0.0)
             pieces.append(np.array([begin - shift, end - shift]))
     return pieces

@@ -49,6 +49,7 @@ def _bound(obstacles: Any, members: Any, bounding: Any) -> Any:
             place, radius = obstacles[member, axis], obstacles[member, axes]
             low, high = min(low, place - radius), max(high, place + radius)
             least, most = min(least, place), max(most, place)
+        # The middle of the box around the spheres: not the least bounding sphere, but one found in a single pass.
         bounding[axis] = 0.5 * (low + high)
         if most - least > width:
             widest, width = axis, most - least

@@ -80,6 +80,7 @@ def _follow(genome: Any, table: Any, way: Any) -> Any:
                 place = axes[_LOW, axis] + axes[_STEP, axis] * way.codes[(row - 1) * count + axis]
             step = place - way.places[row - 1, axis]
             if axes[_PERIOD, axis] > 0.0:
+                # The shorter way: the step is reduced to at most half a period, and the place is unwrapped accordingly.
                 step -= axes[_PERIOD, axis] * np.floor(step / axes[_PERIOD, axis] + 0.5)
                 place = way.places[row - 1, axis] + step
             way.places[row, axis] = place
@@ -140,6 +141,7 @@ def _count(way: Any, table: Any) -> Any:
     squared = 0.0
     for axis in range(rows - 1):
         squared += way.step[axis] * way.step[axis]
+    # A segment of no length is a point: the share along it is 0.
     inverse = 1.0 / squared if squared > 0.0 else 0.0
     crossed, place = 0, 0
     while place < following.size:
@@ -166,6 +168,7 @@ def _turn_to_first(way: Any, axes: Any, widest: Any) -> Any:
         low, period = axes[_LOW, axis], axes[_PERIOD, axis]
         way.first[axis] = way.last[axis] = 0.0
         if period > 0.0:
+            # The segment begins within the bounds, as the obstacles' centres do.
             way.origin[axis] -= period * np.floor((way.origin[axis] - low) / period)
             end = way.origin[axis] + way.step[axis]
             if max(way.origin[axis], end) - period > low - widest:
@@ -192,6 +195,7 @@ def _turn_to_next(way: Any, axes: Any) -> Any:
 def _crossed(way: Any, table: Any) -> Any:
     """Return the number of obstacles crossed, each counted once, however many segments cross it."""
     axes, widest = reals(table, 1), reals(table, 2)[0, 3]
+    # Counted over all segments and images of a path: an obstacle that several of them cross counts once.
     way.counted[:] = False
     crossed = 0
     for segment in range(way.places.shape[0] - 1):
@@ -208,6 +212,7 @@ def _crossed(way: Any, table: Any) -> Any:
 @subroutine
 def _evaluate(genome: Any, table: Any, way: Any) -> Any:
     weights = reals(table, 2)[0]
+    # Rounding may make the straight path shorter than the straight way.
     detour = max(0.0, _follow(genome, table, way) - weights[1])
     return _crossed(way, table) + weights[0] * detour / (detour + weights[2])
 

@@ -66,6 +66,7 @@ def made_or_kept(problem: SpherePath) -> str:
     if code is None:
         with telling("making the spheres of configurations in collision; they are kept for the next time"):
             gaps = _spare_gaps_of(problem)
+            # Gaps less the clearance: a configuration that keeps too little distance is covered like one in collision.
             code = cells.subdivide(problem.space, dimensions_of(problem.mesh), problem.accuracy, gaps)
         with contextlib.suppress(OSError):  # the cache is optional: a full disk or a read-only home is no error
             _write(kept, code)
@@ -108,6 +109,7 @@ def _write(path: Path, code: str) -> None:
     draft.replace(path)
     files = sorted(((file.stat().st_mtime_ns, file) for file in path.parent.iterdir()), reverse=True)
     total = 0
+    # Newest first, so that the oldest files are the ones beyond the limit.
     for _, file in files:
         total += file.stat().st_size
         if total > MOST_BYTES:

@@ -66,7 +66,9 @@ def around(start: Floats, goal: Floats, centre: Floats, radius: float) -> float:
     first, second = float(np.linalg.norm(one)), float(np.linalg.norm(other))
     if min(first, second) < radius:
         raise ValueError("expected a start and a goal outside the sphere")
+    # arctan2 is exact for small angles too, where arccos of the cosine would lose digits.
     between = np.arctan2(_cross_size(one, other), float(one @ other))
+    # Each tangent takes its angle at the centre; what is left between the points of contact is the arc.
     arc = between - np.arccos(radius / first) - np.arccos(radius / second)
     if arc <= 0.0:
         return float(np.linalg.norm(goal - start))

@@ -173,6 +173,7 @@ target = 0.03                   # nothing crossed, and a detour of at most 1.1; 
         """The box of configurations; angles of a vehicle count as arcs of its farthest point."""
         scale = np.ones(len(self.start))
         if self.vehicle is not None:
+            # The first two or three axes are translations in m, the others angles.
             scale[2 if self.mesh is None else 3 :] = self.vehicle.reach
         periodic = self.periodic or [False] * len(self.start)
         return Space(np.array(self.bounds), scale, np.array(periodic))
@@ -336,6 +337,7 @@ target = 0.03                   # nothing crossed, and a detour of at most 1.1; 
         space = self.space
         # On a periodic axis the greatest place is the least one again, so the last code stops a step before it.
         codes = (1 << self.bits) - np.where(space.periodic, 0, 1)
+        # Contact is free, so the kernels' spheres are smaller by it.
         obstacles = self.forbidden_spheres - [*np.zeros(len(self.start)), CONTACT]
         middle = space.low + space.span / 2.0
         obstacles[:, :-1] = middle + space.shorter(obstacles[:, :-1] - middle)  # the image within the bounds

@@ -71,6 +71,7 @@ def random_spheres(random: Random, space: Space, start: Floats, goal: Floats) ->
         if random.corridor:
             away = space.clearances(free, centres)
         else:
+            # Without a corridor only the ends must be free, not the straight way between them.
             away = np.minimum(*(space.clearances(place[None], centres) for place in free))
         clear = away >= radii + random.clearance
         kept.append(np.column_stack([centres, radii])[clear])

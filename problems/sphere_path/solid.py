@@ -33,6 +33,7 @@ def _squared_to_edge(begin: Any, end: Any) -> Any:
 @subroutine
 def _squared_to_triangle(a: Any, b: Any, c: Any) -> Any:
     """Return the squared distance of the origin to the triangle of three corners."""
+    # The nearest point is on an edge, or it is the foot of the perpendicular on the triangle's plane.
     edges = min(_squared_to_edge(a, b), _squared_to_edge(b, c), _squared_to_edge(c, a))
     normal = cross(difference(a, b), difference(a, c))
     size = dot(normal, normal)
@@ -96,6 +97,7 @@ class _Solid:
         places = configurations[:, :3]
         gaps = np.array([self._gap(turn, place) for turn, place in zip(turns, places, strict=True)])
         within = np.einsum("nij,pj->npi", turns, self._own_parts) + places[:, None]
+        # The obstacle's points in the vehicle's frame, by the transposed rotations.
         around = np.einsum("nji,npj->npi", turns, self._parts - places[:, None])
         gaps[_any_in(within, self.obstacle) | _any_in(around, self.vehicle)] = 0.0
         return gaps

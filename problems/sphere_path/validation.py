@@ -122,6 +122,7 @@ def _spheres_wrap_once(problem: SpherePath) -> None:
 
 
 def _ends_are_free(problem: SpherePath) -> None:
+    # With the same spheres and the same contact as the fitness, so that a valid file never starts with a crossing.
     obstacles = problem.forbidden_spheres
     for name, place, written in (("start", problem.ends[0], problem.start), ("goal", problem.ends[1], problem.goal)):
         depth = obstacles[:, -1] - CONTACT - problem.space.clearances(place[None], obstacles[:, :-1])

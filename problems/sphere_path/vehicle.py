@@ -142,6 +142,8 @@ def unpacked(text: str) -> Floats:
     """
     try:
         stream = zlib.decompressobj()
+        # Bounded, since the text may come over the network: a count, corners of 12 bytes (three a triangle at most) and
+        # faces of 12.
         data = stream.decompress(base64.b64decode(text, validate=True), 4 + 48 * MOST_TRIANGLES)
         if not stream.eof:
             raise ValueError

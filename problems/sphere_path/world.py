@@ -75,11 +75,14 @@ class World:
 
     def _gap(self, body: Any, thickness: float) -> float:
         away = float(fcl.distance(self._vehicle, body, fcl.DistanceRequest(), fcl.DistanceResult()))
+        # python-fcl reports 0 or less where surfaces intersect, which says nothing about the depth.
         return away - thickness - self._thickness if away > 0.0 else -np.inf
 
     def way(self, begin: Floats, end: Floats) -> float:
         """Return an upper bound of how far any point of the vehicle moves on a straight motion, m."""
         motion = end - begin
+        # Several angles at once: each turns the farthest point by at most its own arc, so the sum of the arcs is a
+        # bound.
         angles = np.abs(motion[self._dimensions :]).sum()
         return float(np.linalg.norm(motion[: self._dimensions]) + self.reach * angles)
 

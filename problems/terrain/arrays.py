@@ -20,6 +20,7 @@ def world_arrays(problem: Terrain) -> tuple[NDArray[Any], ...]:
     They are the settings, the penalty K, the classes of the cells, the costs of steps, and the closed corners.
     """
     characters = np.array([list(row) for row in problem.map])
+    # Only what is on the map: K is made of the highest difficulty that occurs.
     present = [(char, name) for char, name in problem.legend.items() if np.any(characters == char)]
     classes = np.full(characters.shape, BLOCKED, np.int64)
     for place, (character, _) in enumerate(present):
@@ -34,7 +35,9 @@ def world_arrays(problem: Terrain) -> tuple[NDArray[Any], ...]:
     if problem.clearance > 0.0:
         corners = _near(obstacles, least, (rows + 1, columns + 1), 0.0).astype(np.int64)
     ranked = np.array([[_ranked(problem, name, heading) for heading in range(8)] for _, name in present])
+    # K of §3.4, with difficulties ranked as numbers.
     worst = np.sqrt(2.0) * max(characters.shape) ** 2 * ranked.max()
+    # Odd headings are diagonals.
     lengths = np.where(np.arange(8) % 2 == 0, 1.0, np.sqrt(2.0))
     settings = np.array([*problem.start, *problem.goal, problem.corner_cutting], np.int64)
     return settings, np.array([worst]), classes, ranked * lengths, corners

@@ -43,6 +43,7 @@ def verify(problem: Terrain, solution: Solution) -> Verdict:
             cost += dist(here, there) * ranked(problem, difficulty(problem, there, STEPS.index(step)))
     away = dist(claimed.path[-1], problem.goal)
     objections = [*_wrong_ends(problem, claimed, away), *astray, *_wrong_claims(claimed, cost)]
+    # As in §3.4, computed here a second time.
     fitness = cost if away == 0.0 and blocked == 0 else dearest(problem) * (1 + blocked) + away
     return Verdict(fitness, tuple(objections), _clearance(problem, claimed.path))
 
@@ -91,6 +92,7 @@ def difficulty(problem: Terrain, cell: Cell, heading: int) -> Triangle:
     if isinstance(found, tuple):
         return found
     towards, rise = STEPS[heading], STEPS[("E", "NE", "N", "NW", "W", "SW", "S", "SE").index(found.uphill)]
+    # By a cosine, where `arrays` counts eighths of a turn: an independent computation.
     cosine = (towards[0] * rise[0] + towards[1] * rise[1]) / (dist(towards, (0, 0)) * dist(rise, (0, 0)))
     return found.up if cosine > 0.1 else found.down if cosine < -0.1 else found.across
 

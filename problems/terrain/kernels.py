@@ -147,6 +147,7 @@ def one_point(couples: Genomes, offspring: Genomes, seed: np.uint64, cell: int, 
             whole, rest = cut // width, cut % width
             numbers[1 : 1 + whole] = head[1 : 1 + whole]
             if rest > 0:
+                # The cut lies within this block: its high bits are the head's, its low bits the tail's.
                 kept = (1 << (width - rest)) - 1
                 numbers[1 + whole] = (np.int64(head[1 + whole]) & ~kept) | (np.int64(tail[1 + whole]) & kept)
             _flip_bits(numbers, width, rates[1], seed, cell, generation, number)
@@ -156,6 +157,7 @@ def one_point(couples: Genomes, offspring: Genomes, seed: np.uint64, cell: int, 
 def _near(world: Any, cell: Any, bits: Any, more_bits: Any) -> Any:
     """Return a random cell of the map within some rows and columns of another; the reach is log-uniform."""
     rows, columns = world.classes.shape
+    # Between a sixteenth and the whole of the longer side.
     reach = 1 + np.int64(max(rows, columns) * 2.0 ** (-4.0 * unit(more_bits)))
     row = cell // columns - reach + below(bits, 2 * reach + 1)
     column = cell % columns - reach + below(bits << np.uint64(32), 2 * reach + 1)
@@ -242,8 +244,10 @@ def led_on(genomes: Genomes, old_table: Table, new_table: Table, reach: int) -> 
             away = np.hypot(
                 np.float64(cell // columns - begin // columns), np.float64(cell % columns - begin % columns)
             )
+            # Of equally near cells the last one, which leaves the shortest rest of the path.
             if away <= nearest:
                 joint, nearest = place, away
+        # From the new start to the path, along it, and from its end to the goal, if it does not end there.
         steps = line_steps(new, room, 0, begin, np.int64(room.trail[joint]))
         for place in range(joint + 1, count):
             steps = line_steps(new, room, steps, np.int64(room.trail[place - 1]), np.int64(room.trail[place]))

@@ -41,5 +41,6 @@ def motion(problem: Terrain, solution: Solution, pace: Pace) -> Motion:
 def _with_turns(path: Floats, moves: list[tuple[float, int]]) -> Floats:
     """Return rows of row, column and heading (rad, unwrapped), with a turn on the spot wherever the heading changes."""
     headings = np.unwrap([heading for heading, cells in moves for _ in range(cells)] or [0.0])
+    # Each inner cell twice: once with the heading of arrival, once with that of departure.
     places = np.repeat(path, 2, axis=0)[1:-1] if len(path) > 1 else path
     return np.column_stack([places, np.repeat(headings, 2)[: len(places)]])

@@ -29,6 +29,7 @@ def solve_exactly(problem: Terrain) -> Answer:
     columns = blocked.shape[1]
     start, goal = (row * columns + column for row, column in (problem.start, problem.goal))
     costs, before = csgraph.dijkstra(_graph(problem, blocked), indices=start, return_predecessors=True)
+    # That there is no way is an exact answer too.
     if not np.isfinite(costs[goal]):
         return Answer("optimum", np.inf, METHOD)
     cells = [goal]
@@ -52,6 +53,7 @@ def _graph(problem: Terrain, blocked: NDArray[np.bool_]) -> sparse.csr_array:
         if d_row and d_column and not problem.corner_cutting:
             is_open &= _shifted(free, d_row, 0) & _shifted(free, 0, d_column)
         if d_row and d_column and problem.clearance > 0.0:
+            # On the fine grid the middle of a diagonal step is one place away from the centre that it begins at.
             middles = problem.distances[1 + d_row :, 1 + d_column :][::2, ::2][:rows, :columns]
             is_open &= middles >= checker.least_allowed(problem)
         tail = numbers[is_open]
@@ -76,6 +78,7 @@ def _difficulties(problem: Terrain, heading: int) -> NDArray[np.float64]:
     for character in problem.legend:
         places = np.argwhere(characters == character)
         if len(places):
+            # All cells of a character have the same difficulty, so one of them is enough.
             first = (int(places[0][0]), int(places[0][1]))
             ranks[characters == character] = checker.ranked(problem, checker.difficulty(problem, first, heading))
     return ranks

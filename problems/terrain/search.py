@@ -80,6 +80,7 @@ def mark_wall(world: Any, room: Any, stamp: Any, cell: Any, heading: Any, side: 
     row, column = cell // columns, cell % columns
     while most > 0:
         tried = 0
+        # Turn away from the wall until a step is clear; after eight tries the cell is shut in.
         while tried < 8 and not is_clear(world, row + D_ROW[heading], column + D_COLUMN[heading], heading):
             heading = (heading + side) & 7
             tried += 1
@@ -104,6 +105,7 @@ def mark_way(world: Any, room: Any, stamp: Any, begin: Any, end: Any, most: Any)
     room.marked[begin] = stamp
     at_row, at_column = row, column
     for step in range(1, steps + 1):
+        # Rounded division in integers: the cell nearest to the line at each step along its longer side.
         to_row = row + (2 * step * d_row + steps) // (2 * steps)
         to_column = column + (2 * step * d_column + steps) // (2 * steps)
         heading = heading_of(to_row - at_row, to_column - at_column)
@@ -138,6 +140,7 @@ def mark_path(world: Any, room: Any, stamp: Any, numbers: Any, bits: Any) -> Any
             astray = not is_on_map(world, row, column)
             if astray or at == goal or count == room.trail.size:
                 break
+            # A blocked step from an impassable cell is no hit: walls are followed from passable ground.
             was_passable = is_passable(world, row - D_ROW[heading], column - D_COLUMN[heading])
             if was_passable and not is_clear(world, row, column, heading):
                 room.hits[hits] = count - 1
@@ -219,6 +222,7 @@ def find_best(world: Any, room: Any, stamp: Any) -> Any:
             if room.marked[to] != stamp:
                 continue
             if is_clear(world, to_row, to_column, heading):
+                # The same costs and penalty as in `walking.walk`, so that the search minimises the fitness.
                 cost = key + world.costs[world.classes[to_row, to_column], heading]
             else:
                 cost = key + world.penalty
@@ -240,6 +244,7 @@ def _trace(world: Any, room: Any, start: Any, goal: Any) -> Any:
         room.steps[count] = heading
         cell -= D_ROW[heading] * columns + D_COLUMN[heading]
         count += 1
+    # Read backwards from the goal.
     room.steps[:count] = room.steps[:count][::-1].copy()
     return count
 
@@ -273,6 +278,7 @@ def write_path(room: Any, count: Any, bits: Any, numbers: Any) -> Any:
     blocks, step = 1, 0
     while step < count:
         now, run = np.int64(room.steps[step]), 1
+        # A straight run is one block, unless it is longer than a block's greatest length.
         while step + run < count and room.steps[step + run] == now and run + 1 < 1 << bits:
             run += 1
         turn = ((now - heading + 4) & 7) - 4

@@ -82,6 +82,7 @@ def walk(world: Any, numbers: Any, bits: Any, moves: Any) -> Any:
     """
     row, column = world.settings[START], world.settings[START + 1]
     goal_row, goal_column = world.settings[GOAL], world.settings[GOAL + 1]
+    # The first block is only the first heading (§3.1).
     heading = np.int64(numbers[1]) & 7
     cost, blocked, block = 0.0, 0, 0
     while block + 1 < numbers[0] and not (row == goal_row and column == goal_column):
