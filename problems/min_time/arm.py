@@ -61,20 +61,20 @@ class Arm(Table):
         "m/s²", "downwards: along -y for rods (0 if not given), along -z for a URDF (9.81)", default=None, ge=0, le=1e3
     )
     torque: list[Positive] | None = quantity(
-        "N m", "limits, one a joint; if not given, those of the URDF", default=None, min_length=1, max_length=64
+        "N m", "torque limits, one a joint; if not given, the URDF's", default=None, min_length=1, max_length=64
     )
     velocity: list[Positive] | None = quantity(
         "rad/s",
-        "limits, one a joint; if not given, those of the URDF, and none of rods",
+        "velocity limits, one a joint; if not given, those of the URDF; none for rods",
         default=None,
         min_length=1,
         max_length=64,
     )
     acceleration: list[Positive] | None = quantity(
-        "rad/s²", "limits, one a joint; none if not given", default=None, min_length=1, max_length=64
+        "rad/s²", "acceleration limits, one a joint; none if not given", default=None, min_length=1, max_length=64
     )
     jerk: list[Positive] | None = quantity(
-        "rad/s³", "limits, one a joint; none if not given", default=None, min_length=1, max_length=64
+        "rad/s³", "jerk limits, one a joint; none if not given", default=None, min_length=1, max_length=64
     )
 
     @model_validator(mode="after")

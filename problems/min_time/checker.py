@@ -108,7 +108,7 @@ def torques(arm: Arm, q: Floats, qd: Floats, qdd: Floats) -> Floats:
     except ImportError as error:
         if arm.is_planar:
             return kane(arm, q, qd, qdd)
-        raise BadInput("solution: pinocchio is not installed: pip install 'supernode[dynamics]'") from error
+        raise BadInput("solution: check needs pinocchio for this arm: pip install 'supernode[dynamics]'") from error
     model = pinocchio_model(pinocchio, arm)
     data = model.createData()
     return np.array([pinocchio.rnea(model, data, *row) for row in zip(q, qd, qdd, strict=True)])

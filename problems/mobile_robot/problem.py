@@ -146,8 +146,8 @@ seed = 1
     bits: int = quantity("bit", "bits of each command", default=8, ge=1, le=62)
     guide: Literal["straight", "around"] | None = quantity(
         "",
-        "what a scan that does not see the goal is worth: the straight distance from where it ends, or the way around"
-        ' the obstacles from where that is least; if not given, the recipe\'s: tuned "around", paper "straight"',
+        "fitness of a scan that does not see the goal: the straight distance from where it ends, or the way around the"
+        ' obstacles from where that is least; if not given, the recipe\'s: tuned "around", paper "straight"',
         default=None,
     )
     shorten: bool | None = quantity(

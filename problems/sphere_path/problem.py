@@ -97,7 +97,7 @@ target = 0.03                   # nothing crossed, and a detour of at most 1.1; 
         "m or rad", "[least, greatest] of each axis"
     )
     nodes: int = quantity("", "m, places between start and goal", default=4, ge=1, le=200)
-    bits: int = quantity("bit", "p, of each component of a node", default=8, ge=1, le=62)
+    bits: int = quantity("bit", "p, bits of each component of a node", default=8, ge=1, le=62)
     periodic: list[bool] | None = quantity("", "which axes are periodic, as angles; none if not given", default=None)
     length_weight: float = quantity(
         "",
@@ -235,7 +235,7 @@ target = 0.03                   # nothing crossed, and a detour of at most 1.1; 
     @property
     def solved_when(self) -> str:
         """The condition of `solved_at` in words."""
-        weighed = ", and whatever detour" if self.length_weight else ""
+        weighed = ", whatever the detour" if self.length_weight else ""
         return f"no sphere is crossed{weighed}"
 
     @cached_property

@@ -65,7 +65,7 @@ def random_spheres(random: Random, space: Space, start: Floats, goal: Floats) ->
     kept, found, drawn = [np.empty((0, len(start) + 1))], 0, 0
     while found < random.count:
         if drawn > _DRAWS_EACH * random.count:
-            raise ValueError(f"random.count: expected at most {found}, for which there is room, found {random.count}")
+            raise ValueError(f"random.count: expected at most {found}, the number that fits, found {random.count}")
         centres = generator.uniform(space.low, space.low + space.span, (_BATCH, len(start)))
         radii = generator.uniform(*random.radius, _BATCH)
         if random.corridor:

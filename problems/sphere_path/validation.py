@@ -96,7 +96,7 @@ def _leaves_room(problem: SpherePath, random: Random) -> None:
     """Raise if a random world's corridor has more places than a path has nodes, or less clearance than it keeps."""
     if random.corridor > problem.nodes:
         raise ValueError(
-            f"random.corridor: expected at most nodes, {problem.nodes}, which a path has, found {random.corridor}"
+            f"random.corridor: expected at most nodes, {problem.nodes}, which bounds a path, found {random.corridor}"
         )
     if random.clearance < problem.clearance:
         raise ValueError(

@@ -133,7 +133,7 @@ def _hindrance(problem: Terrain, here: Cell, there: Cell) -> str | None:
     if not is_free(*there):
         if not (0 <= there[0] < len(blocked) and 0 <= there[1] < len(blocked[0])):
             return "is off the map"
-        return "is impassable" + (f", or nearer to what is than the clearance {near}" if near else "")
+        return "is impassable" + (f", or nearer to such a cell than the clearance {near}" if near else "")
     is_diagonal = here[0] != there[0] and here[1] != there[1]
     if is_diagonal and not (problem.corner_cutting or (is_free(here[0], there[1]) and is_free(there[0], here[1]))):
         return "cuts a corner"

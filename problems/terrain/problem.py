@@ -124,7 +124,7 @@ seed = 1
     terrain: dict[str, str] = quantity(
         "",
         "what a character of the map is: the name of a difficulty, or \"impassable\"; '.', 'G' and 'S' are clear "
-        "unless told, all others impassable",
+        "unless stated otherwise, all others impassable",
         default_factory=dict,
     )
     difficulty: dict[str, Fuzzy | Slope] = quantity(

@@ -22,7 +22,7 @@ def led_on(old: Terrain, new: Terrain, genomes: Genomes) -> Genomes:
     from problems.terrain import kernels
 
     if old.impassable.shape != new.impassable.shape or old.coding.genome_bytes != new.coding.genome_bytes:
-        raise ValueError(f"expected a map of {old.impassable.shape} cells again, found {new.impassable.shape}")
+        raise ValueError(f"expected a map of the same size, {old.impassable.shape}, found {new.impassable.shape}")
     flat = writable(genomes.reshape(-1, genomes.shape[-1]))
     led: Genomes = kernels.led_on(flat, old.fitness_kernel.table, new.fitness_kernel.table, new.coding.reach)
     return led.reshape(genomes.shape)

@@ -564,7 +564,7 @@ BAD_FILES = [
     (HEAD + "random = {seed = 1, count = 9, radius = [2, 1]}", "random.radius: expected [least, greatest], found [2"),
     (
         HEAD + "random = {seed = 1, count = 9, radius = [20, 20]}",
-        "random.count: expected at most 0, for which there is room, found 9",
+        "random.count: expected at most 0, the number that fits, found 9",
     ),
     (
         HEAD + "random = {seed = 1, count = 9, radius = [1, 1], corridor = 9}",
