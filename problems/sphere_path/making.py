@@ -91,8 +91,8 @@ def _read(path: Path) -> str | None:
         text = path.read_text(encoding="ascii")
     except (OSError, UnicodeDecodeError):
         return None
-    told, code = text[:_DIGITS], text[_DIGITS:]
-    return code if hashlib.sha256(code.encode()).hexdigest() == told else None
+    stated, code = text[:_DIGITS], text[_DIGITS:]
+    return code if hashlib.sha256(code.encode()).hexdigest() == stated else None
 
 
 def _write(path: Path, code: str) -> None:

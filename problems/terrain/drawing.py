@@ -51,9 +51,9 @@ def draw(problem: Terrain, figure: Figure, solution: Solution | None, population
 def _title(problem: Terrain, solution: Solution | None) -> str:
     if solution is None:
         return "no path found"
-    said = f"cost {solution['cost']:.4g}, {len(solution['moves'])} moves"
+    title = f"cost {solution['cost']:.4g}, {len(solution['moves'])} moves"
     objections = problem.check(solution).objections
-    return f"{said}: {objections[0]}" if objections else said
+    return f"{title}: {objections[0]}" if objections else title
 
 
 def _colors(problem: Terrain) -> dict[str, Color]:

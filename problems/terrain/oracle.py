@@ -15,7 +15,7 @@ from scipy.sparse import csgraph
 
 from problems.problem import Answer
 from problems.terrain import checker
-from problems.terrain.solution import STEPS, told
+from problems.terrain.solution import STEPS, solution_of
 
 if TYPE_CHECKING:
     from problems.terrain.problem import Terrain
@@ -38,7 +38,7 @@ def solve_exactly(problem: Terrain) -> Answer:
     path = np.column_stack(np.divmod(cells[::-1], columns))
     headings = np.array([STEPS.index(tuple(step)) for step in np.diff(path, axis=0).tolist()], np.int64)
     return Answer(
-        "optimum", float(costs[goal]), METHOD, told(problem.start, headings, costs[goal]), {"cells": len(cells)}
+        "optimum", float(costs[goal]), METHOD, solution_of(problem.start, headings, costs[goal]), {"cells": len(cells)}
     )
 
 

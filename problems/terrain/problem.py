@@ -16,7 +16,7 @@ from problems.errors import BadInput, shorten
 from problems.problem import Answer, Populations, Problem, RecipeName, Solution, Table, Verdict, quantity
 from problems.terrain import checker, movingai
 from problems.terrain.arrays import world_arrays
-from problems.terrain.solution import told
+from problems.terrain.solution import solution_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -284,7 +284,7 @@ seed = 1
         from problems.terrain import kernels
 
         moves, cost = kernels.follow(writable(genome), self._compiled.table)
-        return told(self.start, np.repeat(moves[:, 0], moves[:, 1]), cost)
+        return solution_of(self.start, np.repeat(moves[:, 0], moves[:, 1]), cost)
 
     def describe(self, solution: Solution) -> str:
         """Return the cost and the moves as text, one move a line."""

@@ -26,7 +26,7 @@ class TerrainSolution(Table):
     moves: list[tuple[float, Annotated[int, Field(ge=1)]]]
 
 
-def told(start: Cell, headings: NDArray[np.int64], cost: float) -> Solution:
+def solution_of(start: Cell, headings: NDArray[np.int64], cost: float) -> Solution:
     """Return the solution of some steps, given by their headings in eighths of a turn, 0 to 7."""
     places = np.cumsum([start, *(STEPS[heading] for heading in headings)], axis=0)
     moves = [[heading * EIGHTH, len(list(run))] for heading, run in groupby(headings.tolist())]
