@@ -92,6 +92,7 @@ class Arm(Table):
             )
         if self.size == 0:
             raise ValueError("expected at least one joint, found none")
+        # Checked for rods and URDFs alike: reading a URDF fills in its limits before the model is made.
         if self.torque is None:
             raise ValueError(f"torque: expected one limit for each of {self.size} joints, found none")
         for name in LIMITS:
@@ -169,7 +170,9 @@ class Arm(Table):
         two are the moments of gravity, N·m: the factors of cos q₁ and of cos(q₁ + q₂).
         """
         one, two = self.chain
+        # The second joint lies at the end of the first rod, along x of its frame.
         length, gravity = two.place[0], -self.falling[1]
+        # The second rod's moment of inertia about its own joint, by the parallel axis theorem.
         own = two.inertia[2][2] + two.mass * two.centre[0] ** 2
         return np.array(
             [
@@ -186,6 +189,7 @@ class Arm(Table):
 
         By virtual work: the torque of a joint is the work of the weights of all bodies beyond it for a unit turn.
         """
+        # Forward kinematics from the base outwards: the rotation and position of each joint's frame in the base frame.
         turn, place = np.eye(3), np.zeros(3)
         axes, places, torque = [], [], np.zeros(self.size)
         for angle, body in zip(angles, self.chain, strict=True):
@@ -194,6 +198,7 @@ class Arm(Table):
             axes.append(turn @ body.axis)
             places.append(place)
             arms = place + turn @ body.centre - np.array(places)
+            # The weight of this body counts for all joints at or before it.
             torque[: len(axes)] -= np.cross(axes, arms) @ (body.mass * self.falling)
         return torque
 

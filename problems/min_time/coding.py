@@ -35,6 +35,7 @@ class Trajectories(Sequence):
         self.grid_steps, self.radius = tuple(grid_steps), radius
         self.greatest = tuple((FINEST if free else steps) if steps else 0 for steps in self.grid_steps)
         self.least_level = LEVELS if full_torque else 1
+        # Items hold a gene for each joint and the torque level, each with its range.
         super().__init__(1, most, [*((0, gene) for gene in self.greatest), (self.least_level, LEVELS)])
 
     def initialise(self) -> Operator:

@@ -293,6 +293,8 @@ def _refine(numbers: Any, rate: Any, shape: Any, dice: Any, child: Any) -> Any:
     Levels are never lowered: less torque never makes a given curve faster.
     """
     count = np.int64(numbers[0])
+    # With half of the rate a node is left out, with the other half one is put in. Fewer nodes make quicker curves, but
+    # some curves need one more.
     kind = unit(_bits(dice, child, 0))
     if kind < 0.5 * rate and count > 2:
         _leave_out(numbers, below(_bits(dice, child, 1), count - 1), shape)
@@ -303,6 +305,7 @@ def _refine(numbers: Any, rate: Any, shape: Any, dice: Any, child: Any) -> Any:
         if shape.greatest[joint] > 0:
             size = max(size, 0.5 * shape.cells[joint] / shape.greatest[joint])
     number = 3
+    # A shift is tried on most offspring; the others keep the nodes as crossover or the change above left them.
     if unit(_bits(dice, child, number)) < 0.8:
         _change_some(numbers, False, size, shape, dice, child, number + 1)
     number += (2 + 2 * shape.joints) * (shape.most + 1) + 1
@@ -330,6 +333,7 @@ def variation(couples: Genomes, offspring: Genomes, seed: np.uint64, cell: int, 
     refining, rates = operators.integers(table, 0)[0, 3] != 0, operators.reals(table, 2)[0]
     for couple in range(couples.shape[0]):
         one, other = numbers_of(couples[couple, 0]), numbers_of(couples[couple, 1])
+        # The second offspring is the cut seen from the other parent: its head, and the first one's tail.
         first, second = numbers_of(offspring[2 * couple]), numbers_of(offspring[2 * couple + 1])
         _cross(one, other, first, second, rates[0], shape, dice, couple)
     for child in range(offspring.shape[0]):

@@ -286,6 +286,7 @@ def tree_search(table: Table, lines: int, most: int) -> tuple[float, Integers, i
     rows = np.empty(room.rows.shape[1:])
     room.nodes[1] = task.ends[0]
     depth, weighed, done = 0, 0, 0.0
+    # An explicit stack: ``chosen`` holds the next move to try at each depth.
     while depth >= 0 and weighed < most:
         if chosen[depth] == 3:
             depth -= 1
@@ -318,10 +319,12 @@ def tree_search(table: Table, lines: int, most: int) -> tuple[float, Integers, i
                 spent[depth] = spent[depth - 1] + _least_time(bound, first)
         if at_goal:
             room.shares[:] = 1.0
+            # The whole path, timed as the fitness does, but with the steps of this module.
             time = scale_time(task, room, depth * STEPS, STEPS)
             if time < best:
                 best, best_path = time, path[: depth + 1].copy()
         if at_goal or spent[depth] >= best:
+            # Done with all paths through this node: at the goal the path itself, else all that the bound rules out.
             done += ways[row, column]
             depth -= 1
     return best, best_path, weighed, done / ways[0, 0]

@@ -96,6 +96,7 @@ stall = 50                      # generations without a quicker one, after which
         if not (joints is None or (isinstance(joints, list) and all(isinstance(name, str) for name in joints))):
             raise BadInput(f"arm.joints: expected a list of names, found {shorten(joints)}")
         read = urdf.read(arm["urdf"], joints, folder, arm)
+        # What the file states comes last, so that its limits replace the URDF's.
         rest = {name: value for name, value in arm.items() if name not in ("urdf", "joints")}
         return fields | {"arm": read | rest}
 
@@ -132,6 +133,7 @@ stall = 50                      # generations without a quicker one, after which
         """The coding {α_11, .., α_m1, s_1; ..; α_1n, .., α_mn, s_n} (§III)."""
         from problems.min_time.coding import Trajectories
 
+        # A joint whose start is its goal has a single place: it does not move at all, since the curve stays in the box.
         steps = [self.grid - 1 if start != goal else 0 for start, goal in zip(self.start, self.goal, strict=True)]
         most = max(2, _NODES_A_STEP * (self.grid - 1))
         return Trajectories(steps, most, self.radius, self.free, full_torque=self.profile != "coded")
@@ -139,6 +141,7 @@ stall = 50                      # generations without a quicker one, after which
     def recipe(self, name: RecipeName, deme: int) -> Recipe:
         """Return the recipe of §IV and §V (paper), or refinement in small steps that never loses the best (tuned)."""
         if name == "paper":
+            # On an island offspring replace all parents, and no trajectory is selected more than twice (§IV).
             return Recipe("analogous", 0.3, "offspring", renewal=None if deme == 1 else 1.0, most_selections=2)
         return Recipe("refining", 0.3, "elitist", most_selections=0 if deme == 1 else 2)
 
@@ -158,6 +161,7 @@ stall = 50                      # generations without a quicker one, after which
         """
         from problems.min_time.kernels import points_of
 
+        # The first number of a genome is its number of nodes: one for each stretch.
         stretches = writable(genomes).view(np.uint16)[:, 0]
         return int(sum(count * points_of(count) + 1 for count in stretches.tolist()))
 

@@ -23,6 +23,7 @@ def _offset(vertices: Sequence[Point], by: float) -> Floats:
     along /= np.linalg.norm(along, axis=1, keepdims=True)
     outwards = np.column_stack([along[:, 1], -along[:, 0]])
     before = np.roll(outwards, 1, axis=0)
+    # A corner moves along the bisector of its edges' normals, so far that both edges move by the same distance.
     bend = 1.0 + np.sum(outwards * before, axis=1, keepdims=True)
     return np.ascontiguousarray(corners - by * (outwards + before) / bend)
 
@@ -47,6 +48,7 @@ def robot_arrays(
     if vertices is not None:
         return _offset(vertices, CONTACT), clearance
     assert radius is not None, "a robot is a polygon or a disc"
+    # A disc is a single corner at the reference point, thickened by its radius.
     return np.zeros((1, 2)), radius - CONTACT + clearance
 
 

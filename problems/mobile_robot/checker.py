@@ -52,6 +52,7 @@ def verify(problem: MobileRobot, solution: Solution) -> Verdict:
     objections = [
         *_wrong_start(problem, claimed.path[0]),
         *_wrong_claims(claimed),
+        # A collision is a lack of clearance too; naming it once is enough.
         *(list(_collisions(problem, claimed.path)) or _too_near(problem, clearance)),
         *_wrong_end(away, off),
     ]
@@ -208,6 +209,7 @@ def _swept(body: Body, pose: Pose, following: Pose) -> Pieces:
     if body.vertices is None:
         return np.array([shapely.LineString([pose[:2], following[:2]])])
     turn = float(np.clip(following[2] - pose[2], -_FULL_TURN, _FULL_TURN))  # a longer turn covers nothing new
+    # A pure move has two samples: both ends, between which the hulls of the edges sweep exactly.
     samples = 2 + int(_SAMPLES_A_RADIAN * abs(turn))
     last = np.array([*following[:2], pose[2] + turn])
     outlines = _placed(body.vertices, np.linspace(np.array(pose), last, samples))

@@ -36,6 +36,7 @@ def distance_around(problem: MobileRobot, place: tuple[float, float]) -> float:
     # The approaches are taken from the problem without a check: a path that uses them is swept like any other.
     for x, y, length in problem.sources:
         nodes_there = _around(problem, (x, y))
+        # The goal is one more node, behind all sources: each source joins its four nodes with its own length.
         edges.append((nodes_there, np.full(4, goal), length + _away(nodes[nodes_there], (x, y))))
     one, other, lengths = (np.concatenate(each) for each in zip(*edges, strict=True))
     # Several approaches near a node make several edges to the goal. A sparse matrix would add them up, so only the
@@ -79,6 +80,7 @@ def _clearances(problem: MobileRobot, nodes: Floats) -> Floats:
         else:
             shapely.prepare(obstacle.polygon)
             from_it = shapely.distance(obstacle.polygon.exterior, shapely.points(nodes[near]))
+            # The exterior ring gives distances on both sides; inside they count as negative.
             from_it[shapely.contains_xy(obstacle.polygon, nodes[near])] *= -1.0
         clearances[near] = np.minimum(clearances[near], from_it)
     return clearances
@@ -100,5 +102,6 @@ def _edges(
     numbers = np.arange(prices.size).reshape(prices.shape)
     one = numbers[: columns - east, max(0, -north) : rows - max(0, north)].ravel()
     other = numbers[east:, max(0, north) : rows - max(0, -north)].ravel()
+    # The price of an edge is the mean of its ends' prices.
     lengths = spacing * np.hypot(east, north) * (prices.ravel()[one] + prices.ravel()[other]) / 2.0
     return one, other, lengths

@@ -88,6 +88,7 @@ def _relax(distances: Any, prices: Any, spacing: Any, column: Any, row: Any) -> 
     best = before
     for other in range(max(0, column - 1), min(columns, column + 2)):
         for beside in range(max(0, row - 1), min(rows, row + 2)):
+            # The node itself is among the neighbours; its own distance plus something never wins.
             length = spacing * (1.0 if other == column or beside == row else np.sqrt(2.0))
             best = min(best, distances[other, beside] + length * (prices[column, row] + prices[other, beside]) / 2.0)
     distances[column, row] = best

@@ -33,6 +33,7 @@ AROUND = 1.0 / np.cos(1.5 * np.pi / 4.0 / ARC)
 def free_of_disc(problem: MobileRobot, radius: float, surely: bool) -> shapely.Geometry:
     """Return where the centre of a disc may be: a subset of it if ``surely``, else a superset."""
     x0, y0, x1, y1 = problem.bounds
+    # Walls are straight, so here the radius itself is exact; only the checker's tolerance counts.
     gap = radius if surely else radius - TOLERANCE
     if min(x1 - x0, y1 - y0) < 2.0 * gap:
         return shapely.Polygon()
@@ -49,6 +50,7 @@ def grown(obstacle: Obstacle, radius: float, surely: bool) -> shapely.Geometry:
         pieces, radius = [shapely.Point(obstacle.center)], radius + obstacle.radius
     else:
         pieces = [shapely.Polygon(piece) for piece in convex(obstacle.polygon)]
+    # A buffer's corners lie on the true circle, so its sides lie within: grown by AROUND it encloses the circle.
     by = radius * AROUND if surely else radius - TOLERANCE
     return shapely.union_all([piece.buffer(by, quad_segs=ARC) for piece in pieces])
 
@@ -60,6 +62,8 @@ def forbidden(obstacle: Obstacle, piece: Points, surely: bool) -> Iterator[shape
     differences of corners, which are exact for polygons. Only circles are approximated.
     """
     if isinstance(obstacle, Circle):
+        # The reference points at which a corner of the piece is at the circle's centre; the hull covers all other
+        # points.
         places = shapely.MultiPoint(obstacle.center - piece).convex_hull
         radius = obstacle.radius * AROUND if surely else obstacle.radius - TOLERANCE
         yield places.buffer(max(radius, 0.0), quad_segs=ARC)
@@ -100,6 +104,7 @@ def convex(shape: shapely.Geometry) -> list[Points]:
     """Return the corners of convex pieces that make up a shape, one array each; none for an empty shape."""
     pieces: list[Points] = []
     for part in parts(shape):
+        # A part as large as its hull is convex.
         whole = part.convex_hull.area <= part.area * (1.0 + 1e-12)
         solids = [part] if whole else shapely.get_parts(shapely.constrained_delaunay_triangles(part))
         pieces += [shapely.get_coordinates(solid)[:-1] for solid in solids]

@@ -82,6 +82,7 @@ class Body(Table):
         """The radius of the largest disc about the reference point that the robot covers, m; 0 if it covers none."""
         if self.vertices is None:
             return self.radius or 0.0
+        # The disc must lie within the outline, so the reference point must; then the nearest edge bounds it.
         outline, reference = shapely.Polygon(self.vertices), shapely.Point(0.0, 0.0)
         return float(outline.exterior.distance(reference)) if outline.contains(reference) else 0.0
 
@@ -170,6 +171,7 @@ seed = 1
         a running job have genomes of that length.
         """
         obstacles = fields.get("obstacles", [])
+        # A field of a wrong type is left as it is; validation names it.
         if fields.get("commands") is not None or not isinstance(obstacles, list):
             return fields
         return fields | {"commands": _commands_for(len(obstacles))}
@@ -220,6 +222,7 @@ seed = 1
         """Return half as many commands again; None for the paper's guide, since the paper has no further attempts."""
         if self.guide == "straight":
             return None
+        # Never fewer than before, even if the file asks for more than the bound.
         return {"commands": max(self.pairs, min(_MOST_AT_LAST, self.pairs * 3 // 2))}
 
     def recipe(self, name: RecipeName, deme: int) -> Recipe:
@@ -302,6 +305,7 @@ seed = 1
             outline,
             *floor,
             self.grid[:3],
+            # The paper's guide reads no distances: a grid of one node stands in for them.
             guide_kernels.distances(self.grid, self.sources, floor) if goes_around else np.zeros((1, 1)),
             self.approaches,
         )

@@ -75,6 +75,7 @@ def _others(problem: SpherePath, populations: Populations) -> Floats:
     """Return some paths of the last generation, (n, rows, axes)."""
     if not populations:
         return np.empty((0, 2, len(problem.start)))
+    # Individuals of a late generation are often copies of each other; each path is drawn once.
     last = np.unique(populations[max(populations)], axis=0)
     return problem.paths(last[:: max(1, -(-len(last) // _MOST_OTHERS))])[0]
 

@@ -51,5 +51,6 @@ def _disc(floor: _Floor, radius: float, configurations: Floats) -> Floats:
 
 
 def _polygon(floor: _Floor, corners: Floats, configurations: Floats) -> Floats:
+    # Each pose turns and moves all corners at once: (poses, corners, 2).
     turned = np.einsum("nij,cj->nci", rotations(configurations[:, 2:], 2), corners) + configurations[:, None, :2]
     return floor.gaps(shapely.polygons(turned))

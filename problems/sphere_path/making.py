@@ -29,6 +29,7 @@ _DIGITS = 64  # of a SHA-256 digest in hexadecimal
 def gaps_of(problem: SpherePath) -> cells.Clearance:
     """Return the exact gaps between a problem's vehicle and all obstacles, see `cells.Clearance`."""
     assert problem.vehicle is not None, "obstacles are there for a vehicle"
+    # Imported here, since nodes get the spheres ready made and never measure a gap.
     if problem.mesh is None:
         from problems.sphere_path.floor import in_the_plane
 

@@ -134,6 +134,7 @@ target = 0.03                   # nothing crossed, and a detour of at most 1.1; 
         if not isinstance(problem.get("vehicle"), dict):
             raise BadInput('unit: expected "rad": only the axes of a vehicle may be angles, found "deg"')
         read = super().from_degrees(fields, problem)
+        # Angles come after the translations.
         first = dimensions_of(problem.get("mesh"), problem["vehicle"].get("mesh"))
         for name in {"start", "goal", "bounds"} & read.keys():
             if isinstance(axes := read[name], list):
@@ -158,6 +159,7 @@ target = 0.03                   # nothing crossed, and a detour of at most 1.1; 
             return fields
         fields = {name: value for name, value in fields.items() if name != "hierarchy"}
         try:
+            # The fields are validated first: spheres are only made of a problem without errors.
             problem = cls.model_validate_json(json.dumps(fields), strict=True)
         except ValidationError:
             return fields  # the caller validates the fields again, which raises the error
@@ -311,6 +313,7 @@ target = 0.03                   # nothing crossed, and a detour of at most 1.1; 
     def _spare(self, found: Solution) -> float | None:
         """Return the gap beyond the clearance, m, on a path through spheres but is free in the world, or None."""
         verdict = self.check(found)
+        # Only a path that crosses spheres, but meets nothing in the world, shows that accuracy is to blame.
         if not (found["crossed"] and verdict.feasible) or verdict.clearance is None:
             return None
         return max(0.0, verdict.clearance.least - self.clearance)

@@ -58,6 +58,7 @@ class Space:
 
     def shorter(self, step: Floats) -> Floats:
         """Return the same difference of places, (.., axes) lengths, but the shorter way along periodic axes."""
+        # 1 stands in where there is no period, so that nothing is divided by 0; the result is not used there.
         periods = np.where(self.periodic, self.span, 1.0)
         return np.where(self.periodic, step - periods * np.floor(step / periods + 0.5), step)
 
@@ -67,12 +68,15 @@ class Space:
         In closed form: the nearest point of each segment to each image of a centre that may be the nearest.
         """
         nearest = np.full(len(centres), np.inf)
+        # A path of one place is a segment of no length.
         ends = path[1:] if len(path) > 1 else path
         turns = [(-1, 0, 1) if periodic else (0,) for periodic in self.periodic]
         for begin, end in zip(path, ends, strict=False):
             along = end - begin
             length = float(np.linalg.norm(along))
             heading = along / length if length > 0.0 else along
+            # The image nearest to the segment's beginning, then its neighbours: enough for segments of at most half a
+            # period, which are the ones that the fitness makes.
             offsets = self.shorter(centres - begin)
             for turn in product(*turns):
                 away = offsets + np.array(turn) * self.periods

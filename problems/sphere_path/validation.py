@@ -30,6 +30,7 @@ def validate(problem: SpherePath) -> None:
     if problem.random is not None:
         _leaves_room(problem, problem.random)
     _spheres_wrap_once(problem)
+    # Last, since the spheres of a vehicle are made for it, which needs fields that fit and may take long.
     _ends_are_free(problem)
 
 
@@ -66,6 +67,7 @@ def _fits_its_world(problem: SpherePath, vehicle: Vehicle) -> None:
         raise ValueError("vehicle: expected a radius or a mesh, and no obstacles of the plane, beside a mesh")
     if dimensions == 3 and problem.mesh is None:
         raise ValueError("mesh: expected the obstacle of a vehicle in space, found nothing")
+    # A turn changes nothing about a disc or ball.
     turns = (0, 1, 3) if vehicle.radius is None else (0,)
     fitting = [axes for (world, axes), angles in _ANGLES.items() if world == dimensions and angles in turns]
     if len(problem.start) not in fitting:

@@ -137,6 +137,7 @@ def _hindrance(problem: Terrain, here: Cell, there: Cell) -> str | None:
     is_diagonal = here[0] != there[0] and here[1] != there[1]
     if is_diagonal and not (problem.corner_cutting or (is_free(here[0], there[1]) and is_free(there[0], here[1]))):
         return "cuts a corner"
+    # On the fine grid a cell's centre is at 2 row + 1, so the middle of two centres is the sum of the rows plus 1.
     middle = (here[0] + there[0] + 1, here[1] + there[1] + 1)
     if near and is_diagonal and problem.distances[middle] < least_allowed(problem):
         return f"comes nearer to an obstacle half-way than the clearance {near}"
@@ -180,6 +181,7 @@ def _wrong_claims(claimed: TerrainSolution, cost: float) -> Iterator[str]:
         if abs(heading - eighths * EIGHTH) > TOLERANCE:
             yield f"move {number} heads for {heading:g} rad, which is no multiple of π/4"
         d_row, d_column = STEPS[eighths % 8]
+        # The bound keeps a move of many cells from filling the memory: more cells than the path has are wrong anyway.
         led += [(row + d_row * step, column + d_column * step) for step in range(1, min(cells, len(claimed.path)) + 1)]
         row, column = led[-1]
         if len(led) > len(claimed.path):

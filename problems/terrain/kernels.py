@@ -234,9 +234,11 @@ def led_on(genomes: Genomes, old_table: Table, new_table: Table, reach: int) -> 
     room, bits, columns = room_for(old), _bits_for(old), old.classes.shape[1]
     begin, goal = _place(new, START), _place(new, GOAL)
     walls = _WALLS * max(old.classes.shape[0], columns)
+    # Zeros, since unused bytes of a genome must be 0.
     led = np.zeros_like(genomes)
     for individual in range(genomes.shape[0]):
         numbers = numbers_of(led[individual])
+        # On the old map, for which the path was made. Odd stamps list old paths, even ones are those of mending.
         count, _ = mark_path(old, room, 2 * individual + 1, numbers_of(genomes[individual]), bits)
         joint, nearest = 0, np.inf
         for place in range(count):

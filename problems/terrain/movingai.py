@@ -28,6 +28,7 @@ def read(path: Path) -> list[str]:
             f"file: expected lines 'type octile', 'height ..', 'width ..', 'map', found {shorten(lines[:4])}"
         )
     rows = lines[4:]
+    # Blank lines at the end are no rows.
     while rows and not rows[-1].strip():
         rows.pop()
     height, width = words[1][1:], words[2][1:]

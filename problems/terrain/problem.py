@@ -230,6 +230,7 @@ seed = 1
     @cached_property
     def legend(self) -> dict[str, str]:
         """The name of the difficulty of each character that is passable."""
+        # The file's entries replace the defaults; a character without an entry is an obstacle.
         return {character: name for character, name in (TERRAIN | self.terrain).items() if name != IMPASSABLE}
 
     @cached_property
