@@ -1,4 +1,4 @@
-"""Arms as a problem file describes them: uniform rods in a plane, or a chain of bodies that a URDF holds."""
+"""Arms as a problem file describes them: uniform rods in a plane, or a chain of bodies read from a URDF."""
 
 from __future__ import annotations
 
@@ -20,27 +20,33 @@ Floats = NDArray[np.float64]
 EARTH = 9.81  # m/s²
 
 LIMITS = {"torque": "N m", "velocity": "rad/s", "acceleration": "rad/s²", "jerk": "rad/s³"}
-"""What of a joint may be limited: fields of an arm, and their units."""
+"""The quantities of a joint that may be limited: names of fields of `Arm`, and their units."""
 
 
 class Body(Table):
     """A revolute joint and the body that it turns, both in the joint's frame."""
 
     name: str = quantity("", "the joint's name")
-    rotation: Matrix = quantity("", "of the joint's frame in the frame before it")
-    place: Triple = quantity("m", "of the joint in the frame before it")
+    rotation: Matrix = quantity("", "rotation of the joint's frame in the frame before it")
+    place: Triple = quantity("m", "position of the joint in the frame before it")
     axis: Triple = quantity("", "unit vector about which the joint turns")
-    mass: float = quantity("kg", "of the body", ge=0, le=1e6)
-    centre: Triple = quantity("m", "of mass")
-    inertia: Matrix = quantity("kg m²", "about the centre of mass")
+    mass: float = quantity("kg", "mass of the body", ge=0, le=1e6)
+    centre: Triple = quantity("m", "centre of mass")
+    inertia: Matrix = quantity("kg m²", "inertia about the centre of mass")
     limits: tuple[Finite, Finite] | None = quantity("rad", "[lowest, highest] angle", default=None)
 
 
 class Arm(Table):
-    """A serial arm of revolute joints, by masses and lengths or by a URDF."""
+    """A serial arm of revolute joints, described by masses and lengths of rods or by a URDF.
 
-    masses: list[Positive] | None = quantity("kg", "of uniform rods in a plane, from the base outwards", default=None)
-    lengths: list[Positive] | None = quantity("m", "of the rods", default=None)
+    A loaded problem never holds ``urdf`` or ``joints``: `MinTime.gather` has replaced them with ``bodies``, so that
+    nodes need neither the file nor pinocchio.
+    """
+
+    masses: list[Positive] | None = quantity(
+        "kg", "masses of uniform rods in a plane, from the base outwards", default=None
+    )
+    lengths: list[Positive] | None = quantity("m", "lengths of the rods", default=None)
     tip_mass: float = quantity("kg", "a point mass at the end of the last rod", default=0.0, ge=0, le=1e6)
     urdf: str | None = quantity(
         "",
@@ -50,32 +56,34 @@ class Arm(Table):
     joints: list[str] | None = quantity(
         "", "which joints of the URDF move, from the base outwards; if not given, all revolute ones", default=None
     )
-    bodies: list[Body] | None = quantity("", "what takes the place of the URDF when the file is read", default=None)
+    bodies: list[Body] | None = quantity("", "joints and links, which replace the URDF when loaded", default=None)
     gravity: float | None = quantity(
         "m/s²", "downwards: along -y for rods (0 if not given), along -z for a URDF (9.81)", default=None, ge=0, le=1e3
     )
     torque: list[Positive] | None = quantity(
-        "N m", "limits, one a joint; if not given, those of the URDF", default=None, min_length=1, max_length=64
+        "N m", "torque limits, one a joint; if not given, the URDF's", default=None, min_length=1, max_length=64
     )
     velocity: list[Positive] | None = quantity(
         "rad/s",
-        "limits, one a joint; if not given, those of the URDF, and none of rods",
+        "velocity limits, one a joint; if not given, those of the URDF; none for rods",
         default=None,
         min_length=1,
         max_length=64,
     )
     acceleration: list[Positive] | None = quantity(
-        "rad/s²", "limits, one a joint; none if not given", default=None, min_length=1, max_length=64
+        "rad/s²", "acceleration limits, one a joint; none if not given", default=None, min_length=1, max_length=64
     )
     jerk: list[Positive] | None = quantity(
-        "rad/s³", "limits, one a joint; none if not given", default=None, min_length=1, max_length=64
+        "rad/s³", "jerk limits, one a joint; none if not given", default=None, min_length=1, max_length=64
     )
 
     @model_validator(mode="after")
     def _one_description(self) -> Self:
         rods = self.masses is not None or self.lengths is not None
         if self.urdf is not None:
-            raise ValueError(f"urdf: expected a problem file that is loaded, so that {self.urdf!r} is read")
+            raise ValueError(
+                f"urdf: expected an arm loaded from a problem file, which reads the URDF, found the name {self.urdf!r}"
+            )
         if rods == (self.bodies is not None):
             raise ValueError(f"expected either masses and lengths or urdf, found {'both' if rods else 'neither'}")
         if rods and len(self.masses or []) != len(self.lengths or []):
@@ -84,6 +92,7 @@ class Arm(Table):
             )
         if self.size == 0:
             raise ValueError("expected at least one joint, found none")
+        # Checked for rods and URDFs alike: reading a URDF fills in its limits before the model is made.
         if self.torque is None:
             raise ValueError(f"torque: expected one limit for each of {self.size} joints, found none")
         for name in LIMITS:
@@ -99,16 +108,16 @@ class Arm(Table):
 
     @property
     def is_planar(self) -> bool:
-        """Whether it is made of rods in a plane."""
+        """Whether the arm consists of rods in a plane."""
         return self.bodies is None
 
     @property
     def names(self) -> list[str]:
-        """Of the joints."""
+        """The names of the joints, from the base outwards."""
         return [body.name for body in self.chain]
 
     def limit_of(self, name: str) -> Floats:
-        """The limits of one of `LIMITS`, shape (joints,); inf where there is none."""
+        """Return the limits of one of the quantities of `LIMITS`, shape (joints,); inf where there is no limit."""
         values = getattr(self, name)
         return np.full(self.size, np.inf) if values is None else np.array(values)
 
@@ -121,13 +130,15 @@ class Arm(Table):
 
     @cached_property
     def chain(self) -> list[Body]:
-        """All joints with their bodies."""
+        """All joints with their bodies, from the base outwards."""
         if self.bodies is not None:
             return self.bodies
         masses, lengths = self.masses or [], self.lengths or []
         return [self._rod(link, masses[link], lengths) for link in range(len(masses))]
 
     def _rod(self, link: int, mass: float, lengths: list[float]) -> Body:
+        # The tip mass is part of the last rod's body. The inertia is that of the rod about its own centre, moved to the
+        # common centre of mass by the parallel axis theorem, and that of the point mass.
         length, tip = lengths[link], self.tip_mass if link == len(lengths) - 1 else 0.0
         centre = (mass / 2 + tip) * length / (mass + tip)
         swing = mass * length**2 / 12 + mass * (length / 2 - centre) ** 2 + tip * (length - centre) ** 2
@@ -143,7 +154,7 @@ class Arm(Table):
 
     @property
     def rows(self) -> Floats:
-        """The chain as kernels want it: see `problems.min_time.dynamics`."""
+        """The chain as the kernels take it, shape (joints, `problems.min_time.dynamics.COLUMNS`)."""
         return np.array(
             [
                 np.concatenate([np.ravel(part) for part in (b.rotation, b.place, b.axis, b.mass, b.centre, b.inertia)])
@@ -153,12 +164,15 @@ class Arm(Table):
 
     @property
     def two_links(self) -> Floats:
-        """The constants of two planar links: α, β and δ of the mass matrix [[α + 2β cos q₂, ..], [δ + β cos q₂, δ]].
+        """The five constants of the closed-form dynamics of two planar links.
 
-        And the moments of weight, N·m, that gravity turns about the joints with cos q₁ and cos(q₁ + q₂).
+        The first three are α, β and δ of the mass matrix [[α + 2β cos q₂, ..], [δ + β cos q₂, δ]], in kg m². The last
+        two are the moments of gravity, N·m: the factors of cos q₁ and of cos(q₁ + q₂).
         """
         one, two = self.chain
+        # The second joint lies at the end of the first rod, along x of its frame.
         length, gravity = two.place[0], -self.falling[1]
+        # The second rod's moment of inertia about its own joint, by the parallel axis theorem.
         own = two.inertia[2][2] + two.mass * two.centre[0] ** 2
         return np.array(
             [
@@ -171,7 +185,11 @@ class Arm(Table):
         )
 
     def holding_torque(self, angles: list[float]) -> Floats:
-        """What holds the arm still, N·m, shape (joints,): the work of all weights for each joint's turn."""
+        """Return the torques that hold the arm still against gravity, N·m, shape (joints,).
+
+        By virtual work: the torque of a joint is the work of the weights of all bodies beyond it for a unit turn.
+        """
+        # Forward kinematics from the base outwards: the rotation and position of each joint's frame in the base frame.
         turn, place = np.eye(3), np.zeros(3)
         axes, places, torque = [], [], np.zeros(self.size)
         for angle, body in zip(angles, self.chain, strict=True):
@@ -180,12 +198,13 @@ class Arm(Table):
             axes.append(turn @ body.axis)
             places.append(place)
             arms = place + turn @ body.centre - np.array(places)
+            # The weight of this body counts for all joints at or before it.
             torque[: len(axes)] -= np.cross(axes, arms) @ (body.mass * self.falling)
         return torque
 
 
 def rotation_about(axis: Floats, angle: float) -> Floats:
-    """The matrix of a turn about a unit vector."""
+    """Return the matrix of a rotation about a unit vector, by Rodrigues' formula."""
     x, y, z = axis
     skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     turn: Floats = np.eye(3) + np.sin(angle) * skew + (1.0 - np.cos(angle)) * skew @ skew

@@ -1,6 +1,8 @@
-"""The verify of min-time solutions: its own curve and time law, and pinocchio's dynamics; nothing that `evaluate` uses.
+"""The verification of min-time solutions. It shares no code with `evaluate`.
 
-Where pinocchio is not installed, rods in a plane are verified by Kane's equations in complex numbers.
+The curve, the law of motion along it and the dynamics are worked out a second time in other ways: the spline by a basis
+matrix, the times by numeric integration, the torques by pinocchio. Where pinocchio is not installed, rods in a plane
+are verified by Kane's equations in complex numbers.
 """
 
 from __future__ import annotations
@@ -23,17 +25,17 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 TOLERANCE = 0.01
-"""By how much of its limit a torque, velocity, acceleration or jerk may exceed it."""
+"""The share of its limit by which a torque, velocity, acceleration or jerk may exceed it."""
 
-_SAMPLES = 8  # between two rows
+_SAMPLES = 8  # parts of the stretch between two rows, at whose ends the limits are looked at
 _ROUNDING = 1e-6
-# 200 nodes are too few where a step almost comes to rest between its ends.
+# Gauss-Legendre nodes; 200 are too few where a step almost comes to rest between its ends.
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(1000)
 _BASIS = np.array([[1, 4, 1, 0], [-3, 0, 3, 0], [3, -6, 3, 0], [-1, 3, -3, 1]]) / 6.0
 
 
 class Rows(Table):
-    """A trajectory."""
+    """The trajectory of a solution, row by row; ``place`` is there if jerk is limited."""
 
     t: list[Annotated[float, Field(ge=0)]] = Field(min_length=1)
     q: list[list[float]]
@@ -44,7 +46,7 @@ class Rows(Table):
 
 
 class Trip(Table):
-    """What a solution of min-time is made of."""
+    """A solution of min-time, as `MinTime.decode` writes it."""
 
     time: Annotated[float, Field(ge=0)]
     nodes: list[list[float]] = Field(min_length=2)
@@ -61,11 +63,11 @@ class Claim(NamedTuple):
     qd: Floats
     qdd: Floats
     torque: Floats
-    place: Floats | None  # (rows,): along the curve, 1 a stretch; None: equally far apart
+    place: Floats | None  # (rows,): s along the curve, 1 a stretch; None if rows are equally spaced along the curve
 
 
 class Law(NamedTuple):
-    """How a curve is gone along, as it follows from the accelerations that rows claim."""
+    """The motion along a curve, as it follows from the accelerations that the rows claim."""
 
     times: Floats  # (rows,), s
     states: Floats  # (3, rows): place along the curve, and its first two derivatives by time
@@ -73,13 +75,15 @@ class Law(NamedTuple):
 
 
 def verify(problem: MinTime, solution: Solution) -> Verdict:
-    """The time that the trajectory takes, and all that is wrong with it."""
+    """Return the time that the trajectory takes, and all that is wrong with it."""
     claim = _parsed(problem, solution)
     if len(claim.t) == 1:
         return _verify_standing(problem, claim)
-    with np.errstate(all="ignore"):  # what becomes of nonsense is compared, and found wrong
+    # A nonsensical claim may divide by zero or overflow; the comparisons below then fail, as they should.
+    with np.errstate(all="ignore"):
         law = _law(claim)
         wrong = list(_wrong_rows(problem.arm, claim, law))
+        # Between rows the law is followed, which means something only if the rows agree with it.
         between = _wrong_between(problem, claim, law) if not wrong else ()
         objections = [*_wrong_ends(problem, claim), *wrong, *between]
     time = float(law.times[-1])
@@ -87,31 +91,31 @@ def verify(problem: MinTime, solution: Solution) -> Verdict:
 
 
 def greatest_shares(problem: MinTime, solution: Solution) -> dict[str, Floats]:
-    """Of what is limited, the greatest share of its limit for each joint, at the rows of a trajectory and between."""
+    """Return for each limited quantity the greatest share of its limit, shape (joints,), at and between the rows."""
     claim = _parsed(problem, solution)
     shares = _shares(problem, _motion(problem, claim, _law(claim)))
     return {name: values.max(axis=0) for name, values in shares.items()}
 
 
 def torques(arm: Arm, q: Floats, qd: Floats, qdd: Floats) -> Floats:
-    """The torques of joint angles, speeds and accelerations, N·m: (n, joints) each to (n, joints).
+    """Return the torques of joint angles, speeds and accelerations, N·m: (n, joints) each to (n, joints).
 
     Raises:
-        BadInput: if that takes pinocchio, and it is not installed.
+        BadInput: If the arm needs pinocchio, which is not installed.
     """
     try:
         import pinocchio
     except ImportError as error:
         if arm.is_planar:
             return kane(arm, q, qd, qdd)
-        raise BadInput("solution: pinocchio is not installed: pip install 'supernode[dynamics]'") from error
+        raise BadInput("solution: check needs pinocchio for this arm: pip install 'supernode[dynamics]'") from error
     model = pinocchio_model(pinocchio, arm)
     data = model.createData()
     return np.array([pinocchio.rnea(model, data, *row) for row in zip(q, qd, qdd, strict=True)])
 
 
 def pinocchio_model(pinocchio: Any, arm: Arm) -> Any:
-    """The arm as pinocchio knows it."""
+    """Return the arm as a pinocchio model."""
     model = pinocchio.Model()
     model.gravity.linear = arm.falling
     joint = 0
@@ -125,11 +129,16 @@ def pinocchio_model(pinocchio: Any, arm: Arm) -> Any:
 
 
 def kane(arm: Arm, q: Floats, qd: Floats, qdd: Floats) -> Floats:
-    """Kane's equations of rods in a plane: each body's inertial force times what a joint's turn moves it by."""
+    """Return the torques of rods in a plane by Kane's equations, N·m: (n, joints) each to (n, joints).
+
+    The torque of a joint is the sum, over all bodies beyond it, of the body's inertial force times the velocity of its
+    centre for a unit speed of that joint. Points of the plane are complex numbers; a factor 1j is a right angle.
+    """
     along = np.exp(1j * np.cumsum(q, axis=1))
     swing = 1j * np.cumsum(qdd, axis=1) - np.cumsum(qd, axis=1) ** 2
     lengths = np.array(arm.lengths)
     ends = np.cumsum(lengths * along, axis=1)
+    # Accelerations of the rods' ends, summed from the base outwards.
     rising = np.cumsum(lengths * along * swing, axis=1)
     joints = np.concatenate([np.zeros((len(q), 1)), ends[:, :-1]], axis=1)
     before = np.concatenate([np.zeros((len(q), 1)), rising[:, :-1]], axis=1)
@@ -163,7 +172,7 @@ def _parsed(problem: MinTime, solution: Solution) -> Claim:
 
 
 def _verify_standing(problem: MinTime, claim: Claim) -> Verdict:
-    """A trajectory of one row: of an arm that is at its goal."""
+    """Verify a trajectory of one row, which only an arm that starts at its goal may have."""
     torque = torques(problem.arm, claim.q, claim.qd, claim.qdd)
     ends = np.array([problem.start, problem.goal])
     stands = not np.any(claim.qd) and not np.any(claim.qdd) and claim.t[0] == claim.time == 0.0
@@ -177,8 +186,10 @@ def _near(one: Floats, other: Floats, scale: float = 1.0) -> bool:
 
 
 def _curve(nodes: Floats, places: NDArray[np.floating[Any]]) -> Floats:
-    """The uniform cubic B-spline and its first three derivatives at some places: shape (4, places, joints)."""
+    """Return the uniform cubic B-spline and its first three derivatives at some places, shape (4, places, joints)."""
+    # Phantom ends, as docs/min-time.md defines the curve.
     points = np.concatenate([[2 * nodes[0] - nodes[1]], nodes, [2 * nodes[-1] - nodes[-2]]])
+    # A nonsensical claim may have any places; it is refused later, but must not fail here.
     places = np.clip(np.nan_to_num(places), 0.0, len(nodes) - 1.0)
     stretch = np.minimum(places.astype(np.int64), len(nodes) - 2)
     part = (places - stretch)[:, None]
@@ -203,7 +214,10 @@ def _law(claim: Claim) -> Law:
 
 
 def _along(claim: Claim, curve: Floats) -> tuple[Floats, Floats]:
-    """The first two derivatives of the place by time, (rows,) each, by the rows' speeds and accelerations."""
+    """Return the first two derivatives of the place by time, (rows,) each, from the rows' speeds and accelerations.
+
+    The claimed vectors are projected onto the curve's tangent. What they have besides is found by `_wrong_rows`.
+    """
     _, slope, bend, _ = curve
     steepness = np.sum(slope**2, axis=1)
     speeds = np.sum(claim.qd * slope, axis=1) / steepness
@@ -211,15 +225,17 @@ def _along(claim: Claim, curve: Floats) -> tuple[Floats, Floats]:
 
 
 def _by_steps(claim: Claim) -> Law:
-    """Of rows equally far apart along the curve: between them the squared speed is a parabola, of three Bézier points.
+    """Return the law of rows equally spaced along the curve, without a limit of jerk.
 
-    Accelerations of a row are those with which the step that begins there begins, at the last those with which the
-    last step ends.
+    Between rows the squared speed is a parabola in s, given by three Bézier points. Accelerations of a row are those at
+    the beginning of the step that begins there; of the last row, those at the end of the last step.
     """
     count = len(claim.t) - 1
     length = (len(claim.nodes) - 1) / count
     places = np.arange(count + 1) * length
     speeds, pushes = _along(claim, _curve(claim.nodes, places))
+    # The middle Bézier point follows from the claimed acceleration at the step's beginning. If that is wrong, so are
+    # the times, which are compared.
     steps = np.array([speeds[:-1] ** 2, speeds[:-1] ** 2 + length * pushes[:-1], speeds[1:] ** 2])
     ends = np.append(pushes[:-1], (steps[2, -1] - steps[1, -1]) / length)
     shares = np.arange(_SAMPLES + 1) / _SAMPLES
@@ -237,7 +253,11 @@ def _by_steps(claim: Claim) -> Law:
 
 
 def _times(steps: Floats, length: float) -> Floats:
-    """What each step takes, s: the integral of 1 / speed, in an angle that makes it smooth where the speed is 0."""
+    """Return the time of each step, s: the integral of 1 / speed.
+
+    Where the speed is 0 at an end of a step, the integrand is unbounded there. The substitution share = sin²(angle)
+    makes it smooth, so that Gaussian quadrature converges.
+    """
     angles, weights = (_NODES + 1) * np.pi / 4, _WEIGHTS * np.pi / 4
     speed = np.sqrt(_squared(steps, np.sin(angles) ** 2))
     times: Floats = (2 * length * np.sin(angles) * np.cos(angles) / speed) @ weights
@@ -245,16 +265,21 @@ def _times(steps: Floats, length: float) -> Floats:
 
 
 def _squared(steps: Floats, shares: Floats) -> Floats:
-    """The squared speeds at shares of each step: (3, steps) and (shares,) to (steps, shares)."""
+    """Return the squared speeds at shares of each step: (3, steps) and (shares,) to (steps, shares)."""
     first, middle, last = steps[:, :, None]
     squared: Floats = first * (1 - shares) ** 2 + 2 * middle * shares * (1 - shares) + last * shares**2
     return squared
 
 
 def _by_moments(claim: Claim, claimed: Floats) -> Law:
-    """Of rows that say where they are: between them the second derivative of the place is linear in time."""
+    """Return the law of rows that state their places, with a limit of jerk.
+
+    Between rows the second derivative of the place is linear in time. It is integrated from rest at the start; the
+    claimed places serve only to find it, and are compared with the result.
+    """
     _, pushes = _along(claim, _curve(claim.nodes, claimed))
     seconds = np.diff(claim.t)
+    # The trapezoidal rule is exact, since the second derivative is linear in time.
     speeds = np.append(0.0, np.cumsum((pushes[:-1] + pushes[1:]) / 2 * seconds))
     gained = speeds[:-1] * seconds + (2 * pushes[:-1] + pushes[1:]) * seconds**2 / 6
     places = np.append(0.0, np.cumsum(gained))
@@ -269,8 +294,9 @@ def _by_moments(claim: Claim, claimed: Floats) -> Law:
             np.broadcast_to(surge, time.shape),
         ]
     )
-    if max(abs(pushes[0]), abs(pushes[-1])) > _ROUNDING * np.abs(pushes).max():  # it jumps from and to rest
-        between[3] = np.inf
+    if max(abs(pushes[0]), abs(pushes[-1])) > _ROUNDING * np.abs(pushes).max():
+        between[3] = np.inf  # the acceleration jumps from or to rest, which no jerk allows
+    # Times are part of the claim here. Ones that do not increase from 0 become NaN, which no comparison accepts.
     times = claim.t if claim.t[0] == 0.0 and np.all(seconds > 0.0) else np.full(len(claim.t), np.nan)
     return Law(times, np.array([places, speeds, pushes]), between.reshape(4, -1))
 
@@ -285,12 +311,13 @@ def _wrong_ends(problem: MinTime, claim: Claim) -> Iterator[str]:
 
 
 def _wrong_rows(arm: Arm, claim: Claim, law: Law) -> Iterator[str]:
-    """Rows that are not what follows from the nodes and the speed along the curve."""
+    """Yield what of the rows differs from what follows from the nodes and the speed along the curve."""
     places, speeds, pushes = law.states
     angles, slope, bend, _ = _curve(claim.nodes, places)
     turning = slope * speeds[:, None]
     due = slope * pushes[:, None] + bend * speeds[:, None] ** 2
     expected = {
+        # Each: what is claimed, what is expected, and the scale of the allowed error.
         "place": (places if claim.place is None else claim.place, places, 1.0),
         "q": (claim.q, angles, 1.0),
         "qd": (claim.qd, turning, 1.0 + np.abs(turning).max()),
@@ -305,7 +332,7 @@ def _wrong_rows(arm: Arm, claim: Claim, law: Law) -> Iterator[str]:
 
 
 def _wrong_between(problem: MinTime, claim: Claim, law: Law) -> Iterator[str]:
-    """Limits that are exceeded, and a curve that leaves its room, looked for between the rows too."""
+    """Yield the limits that are exceeded at or between the rows, and whether the curve leaves the box or a range."""
     arm, motion = problem.arm, _motion(problem, claim, law)
     for name, shares in _shares(problem, motion).items():
         worst = shares.max(axis=0)
@@ -327,7 +354,7 @@ def _wrong_between(problem: MinTime, claim: Claim, law: Law) -> Iterator[str]:
 
 
 def _motion(problem: MinTime, claim: Claim, law: Law) -> Floats:
-    """Angles and their first three derivatives by time, at the rows and between: shape (4, samples, joints)."""
+    """Return angles and their first three derivatives by time, at the rows and between: shape (4, samples, joints)."""
     places, speed, push, surge = (values[:, None] for values in law.between)
     q, slope, bend, third = _curve(claim.nodes, places[:, 0])
     jerk = third * speed**3 + 3 * bend * speed * push + slope * np.where(np.isinf(surge), 0.0, surge)
@@ -336,7 +363,7 @@ def _motion(problem: MinTime, claim: Claim, law: Law) -> Floats:
 
 
 def _shares(problem: MinTime, motion: Floats) -> dict[str, Floats]:
-    """Of what is limited, its shares of the limits: shape (samples, joints) each."""
+    """Return for each limited quantity its shares of the limits, shape (samples, joints)."""
     q, qd, qdd, jerk = motion
     found = {"velocity": qd, "acceleration": qdd, "jerk": jerk, "torque": torques(problem.arm, q, qd, qdd)}
     return {

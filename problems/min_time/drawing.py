@@ -23,7 +23,7 @@ CURVE = "#1f5fa8"
 START = "#2a8c4a"
 GOAL = "#c8321e"
 COLORS = ("#1f5fa8", "#d9731a", "#2a8c4a", "#8a4fbf", "#c8321e", "#7a6a4f", "#c45aa0")
-_MOST_LINES = 60  # of a grid that is drawn
+_MOST_LINES = 60  # a finer grid is not drawn
 _SCHEME = """\
 The first trajectories are random: from a node
 to one of its neighbours, with these odds,
@@ -47,7 +47,7 @@ def draw(problem: MinTime, figure: Figure, solution: Solution | None, population
 
 
 def _draw_space(problem: MinTime, axes: Axes, solution: Solution | None, populations: Populations) -> None:
-    """The grid, and the curve through its nodes."""
+    """Draw the grid, the nodes and their curve in joint space."""
     start, goal = np.array(problem.start), np.array(problem.goal)
     _draw_grid(problem, axes)
     if populations:
@@ -78,7 +78,7 @@ def _draw_grid(problem: MinTime, axes: Axes) -> None:
 
 
 def _draw_scheme(problem: MinTime, axes: Axes) -> None:
-    """The relative transition scheme (figure 1), with its odds: the likelier a move, the darker its arrow."""
+    """Draw the relative transition scheme (figure 1) with its odds: the likelier a move, the darker its arrow."""
     axes.set_axis_off()
     axes.set(aspect="equal", xlim=(-1.7, 9.3), ylim=(-1.5, 1.5))
     towards = np.sign(np.subtract(problem.goal, problem.start))
@@ -97,12 +97,12 @@ def _draw_scheme(problem: MinTime, axes: Axes) -> None:
 
 
 def _is_possible(move: tuple[int, ...], towards: Floats) -> bool:
-    """Some joint moves, at most one away from the goal, and none that is there from the start."""
+    """Return whether some joint moves, at most one away from the goal, and none whose start is its goal."""
     return any(move) and move.count(-1) <= 1 and not np.any((towards == 0.0) & (np.array(move) != 0))
 
 
 def _draw_population(problem: MinTime, axes: Axes, populations: Populations) -> None:
-    """The nodes of the first and of the last generation, joined."""
+    """Draw the nodes of the first and of the last generation, joined by lines."""
     for generation, color in ((min(populations), "0.7"), (max(populations), "#8a4fbf")):
         lines = [_nodes(problem, genome) for genome in populations[generation]]
         axes.add_collection(LineCollection(lines, colors=color, linewidths=0.5, alpha=0.5, zorder=2))
@@ -117,7 +117,7 @@ def _nodes(problem: MinTime, genome: NDArray[np.uint8]) -> Floats:
 
 
 def _draw_motion(problem: MinTime, above: Axes, below: Axes, solution: Solution | None) -> None:
-    """Joint angles in time, and beneath them the torques as shares of their limits."""
+    """Draw joint angles over time, and beneath them the torques as shares of their limits."""
     if solution is not None:
         rows = {name: np.array(values) for name, values in solution["trajectory"].items()}
         t, q = _between_rows(rows["t"], rows["q"], rows["qd"])
@@ -137,7 +137,10 @@ def _draw_motion(problem: MinTime, above: Axes, below: Axes, solution: Solution 
 
 
 def _between_rows(t: Floats, q: Floats, qd: Floats) -> tuple[Floats, Floats]:
-    """More times and angles: by the cubic of each step, as rows are far apart in time where the arm is slow."""
+    """Return more times and angles, by a cubic Hermite polynomial in each step.
+
+    Rows are equally spaced along the curve, so where the arm is slow they are far apart in time.
+    """
     times, angles = [t[:1]], [q[:1]]
     for row in range(len(t) - 1):
         share = np.linspace(0.0, 1.0, 9)[1:, None]

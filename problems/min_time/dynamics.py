@@ -1,7 +1,8 @@
-"""The inverse dynamics of serial arms as compiled code, linear in what time scaling asks of it.
+"""Compiled inverse dynamics of serial arms, split into the coefficients that time scaling needs.
 
 Along a path q(s) the torques are τ = a s̈ + b ṡ² + c, with a = M q', b = M q'' + C(q, q') q' and c the load of gravity.
-Two planar links have them in closed form; any other arm by the recursive Newton-Euler algorithm (Luh, Walker and Paul
+They are linear in s̈ and ṡ², so a, b and c are computed once for each grid point, whatever the speed there turns out to
+be. Two planar links use a closed form. Any other arm uses the recursive Newton-Euler algorithm (Luh, Walker and Paul
 1980) in the frames of its joints.
 """
 
@@ -12,26 +13,30 @@ import numpy as np
 from lowlevel.compiled import subroutine
 from problems.vectors import cross, dot
 
-# Columns of a joint's row: where its frame is in the frame before it, about which axis it turns, and what it carries.
+# First columns of the parts of a joint's row: the rotation and position of its frame in the frame before it, its axis,
+# and the mass, centre of mass and inertia of its body, all in the joint's frame. `Arm.rows` fills them in this order.
 ROTATION, PLACE, AXIS, MASS, CENTRE, INERTIA = 0, 9, 12, 15, 16, 19
 COLUMNS = 28
 
 
 class Chain(NamedTuple):
-    """An arm and room for its inverse dynamics."""
+    """An arm and the working arrays of its inverse dynamics.
+
+    The arrays are overwritten by every evaluation, so a chain belongs to one kernel call.
+    """
 
     joints: Any  # (n, COLUMNS)
     gravity: Any  # (3,), m/s², in the frame of the base
-    turns: Any  # (n, 3, 3): from each joint's frame to the one before
-    turning: Any  # (n, 3), rad/s
-    swinging: Any  # (n, 3), rad/s²
-    force: Any  # (n, 3), N: on the body, later by the joint
-    moment: Any  # (n, 3), N·m
+    turns: Any  # (n, 3, 3): rotation from each joint's frame to the one before
+    turning: Any  # (n, 3), rad/s: angular velocity
+    swinging: Any  # (n, 3), rad/s²: angular acceleration
+    force: Any  # (n, 3), N: first the force on each body, after the backward pass the force that its joint transmits
+    moment: Any  # (n, 3), N·m: likewise
 
 
 @subroutine
 def chain_of(joints: Any, gravity: Any) -> Any:
-    """A `Chain` with room of its own."""
+    """Return a `Chain` with working arrays of its own."""
     n = joints.shape[0]
     return Chain(
         joints, gravity, np.empty((n, 3, 3)), np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3))
@@ -50,7 +55,7 @@ def _times(factor: Any, vector: Any) -> Any:
 
 @subroutine
 def _forth(turn: Any, vector: Any) -> Any:
-    """A vector of a joint's frame in the frame before."""
+    """Return a vector of a joint's frame in the coordinates of the frame before."""
     return (
         turn[0, 0] * vector[0] + turn[0, 1] * vector[1] + turn[0, 2] * vector[2],
         turn[1, 0] * vector[0] + turn[1, 1] * vector[1] + turn[1, 2] * vector[2],
@@ -60,7 +65,7 @@ def _forth(turn: Any, vector: Any) -> Any:
 
 @subroutine
 def _back(turn: Any, vector: Any) -> Any:
-    """A vector of the frame before in a joint's frame."""
+    """Return a vector of the frame before in the coordinates of a joint's frame: the rotation's transpose."""
     return (
         turn[0, 0] * vector[0] + turn[1, 0] * vector[1] + turn[2, 0] * vector[2],
         turn[0, 1] * vector[0] + turn[1, 1] * vector[1] + turn[2, 1] * vector[2],
@@ -75,7 +80,7 @@ def _triple(row: Any, column: Any) -> Any:
 
 @subroutine
 def _inertia_times(row: Any, vector: Any) -> Any:
-    """The inertia about the centre of mass, times a vector."""
+    """Return the inertia about the centre of mass, times a vector."""
     return (
         dot(_triple(row, INERTIA), vector),
         dot(_triple(row, INERTIA + 3), vector),
@@ -85,13 +90,13 @@ def _inertia_times(row: Any, vector: Any) -> Any:
 
 @subroutine
 def turn_joints(chain: Any, angles: Any) -> Any:
-    """Set the frames for a configuration, rad."""
+    """Set the rotation of each joint's frame for a configuration, rad."""
     for joint in range(chain.joints.shape[0]):
         row, turn = chain.joints[joint], chain.turns[joint]
         x, y, z = _triple(row, AXIS)
         cosine, sine = np.cos(angles[joint]), np.sin(angles[joint])
         rest = 1.0 - cosine
-        about = (
+        about = (  # Rodrigues' formula, written out
             (cosine + x * x * rest, x * y * rest - z * sine, x * z * rest + y * sine),
             (y * x * rest + z * sine, cosine + y * y * rest, y * z * rest - x * sine),
             (z * x * rest - y * sine, z * y * rest + x * sine, cosine + z * z * rest),
@@ -105,32 +110,37 @@ def turn_joints(chain: Any, angles: Any) -> Any:
 
 @subroutine
 def inverse_dynamics(chain: Any, speed: Any, acceleration: Any, weight: Any, torque: Any) -> Any:
-    """Fill ``torque``, N·m, for the frames of `turn_joints`, joint speeds (rad/s) and accelerations (rad/s²).
+    """Fill ``torque``, N·m, by the recursive Newton-Euler algorithm.
 
-    ``weight`` is the share of gravity that counts: 1 or 0.
+    `turn_joints` must have set the frames. Joint speeds are in rad/s, accelerations in rad/s². ``weight`` switches
+    gravity on (1) or off (0).
     """
     n = chain.joints.shape[0]
     turning, swinging = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-    rising = _times(-weight, chain.gravity)  # the frame's acceleration; the base rises instead of bodies falling
-    for joint in range(n):
+    # The linear acceleration of the frame. An upward acceleration of the base stands for gravity on all bodies.
+    rising = _times(-weight, chain.gravity)
+    for joint in range(n):  # outwards: motion of each frame, force and moment on each body
         row, turn = chain.joints[joint], chain.turns[joint]
         place, axis, centre = _triple(row, PLACE), _triple(row, AXIS), _triple(row, CENTRE)
         rising = _plus(rising, _plus(cross(swinging, place), cross(turning, cross(turning, place))))
+        # From here on all vectors are in the joint's own frame.
         rising, before, swinging = _back(turn, rising), _back(turn, turning), _back(turn, swinging)
         spin = _times(speed[joint], axis)
         turning = _plus(before, spin)
         swinging = _plus(swinging, _plus(_times(acceleration[joint], axis), cross(before, spin)))
+        # Newton's law for the force and Euler's for the moment, both at the body's centre of mass.
         at_centre = _plus(rising, _plus(cross(swinging, centre), cross(turning, cross(turning, centre))))
         force = _times(row[MASS], at_centre)
         moment = _plus(_inertia_times(row, swinging), cross(turning, _inertia_times(row, turning)))
         moment = _plus(moment, cross(centre, force))
         for each in range(3):
             chain.force[joint, each], chain.moment[joint, each] = force[each], moment[each]
-    for joint in range(n - 1, -1, -1):
+    for joint in range(n - 1, -1, -1):  # inwards: each joint transmits the loads of all bodies beyond it
         row, turn = chain.joints[joint], chain.turns[joint]
         torque[joint] = dot(_triple(row, AXIS), chain.moment[joint])
         if joint > 0:
             force, moment = _forth(turn, chain.force[joint]), _forth(turn, chain.moment[joint])
+            # Moved from this joint's origin to that of the joint before.
             moment = _plus(moment, cross(_triple(row, PLACE), force))
             for each in range(3):
                 chain.force[joint - 1, each] += force[each]
@@ -139,7 +149,8 @@ def inverse_dynamics(chain: Any, speed: Any, acceleration: Any, weight: Any, tor
 
 @subroutine
 def scaled_chain(chain: Any, angles: Any, slope: Any, bend: Any, still: Any, a: Any, b: Any, c: Any) -> Any:
-    """Fill a, b and c at a point of a path with q' ``slope`` and q'' ``bend``; ``still`` are zeros."""
+    """Fill a, b and c at a point of a path with q' ``slope`` and q'' ``bend``; ``still`` is an array of zeros."""
+    # The inverse dynamics are M(q) q̈ + C(q, q̇) q̇ + g(q). Each call leaves only the terms of one coefficient.
     turn_joints(chain, angles)
     inverse_dynamics(chain, still, slope, 0.0, a)
     inverse_dynamics(chain, slope, bend, 0.0, b)
@@ -148,11 +159,13 @@ def scaled_chain(chain: Any, angles: Any, slope: Any, bend: Any, still: Any, a: 
 
 @subroutine
 def scaled_two_links(arm: Any, angles: Any, slope: Any, bend: Any, a: Any, b: Any, c: Any) -> Any:
-    """Likewise for two planar links, ``arm`` being the five constants of `two_links`."""
+    """Fill a, b and c for two planar links; ``arm`` holds the five constants of `Arm.two_links`."""
     cosine, sine = np.cos(angles[1]), np.sin(angles[1])
+    # Entries of the mass matrix: [[inner, outer], [outer, arm[2]]].
     inner, outer = arm[0] + 2.0 * arm[1] * cosine, arm[2] + arm[1] * cosine
     a[0] = inner * slope[0] + outer * slope[1]
     a[1] = outer * slope[0] + arm[2] * slope[1]
+    # The factor of the Coriolis and centrifugal terms.
     pull = arm[1] * sine
     b[0] = inner * bend[0] + outer * bend[1] - pull * (2.0 * slope[0] + slope[1]) * slope[1]
     b[1] = outer * bend[0] + arm[2] * bend[1] + pull * slope[0] * slope[0]

@@ -1,4 +1,4 @@
-"""A min-time solution over time: its trajectory is one already."""
+"""The motion of a min-time solution: its trajectory, which already has times."""
 
 from __future__ import annotations
 
@@ -18,7 +18,14 @@ _BETWEEN = "between rows the limits hold for the law of docs/min-time.md; a cubi
 
 
 def motion(problem: MinTime, solution: Solution, pace: Pace) -> Motion:
-    """Row by row; accelerations and torques of a row are those of the step that begins there."""
+    """Return the trajectory as a motion, row by row.
+
+    Accelerations and torques of a row are those of the step that begins there. A pace is refused: another speed would
+    no longer be the solution that was verified.
+
+    Raises:
+        BadInput: If the pace states a speed, an acceleration or a rate.
+    """
     own = "which has times of its own"
     pace.refuse(problem.kind, speed=own, turn_speed=own, acceleration=own, turn_acceleration=own,
                 rate="whose rows are those of the solution")  # fmt: skip

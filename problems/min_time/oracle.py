@@ -1,6 +1,10 @@
-"""What min-time is held against: the quickest path of grid nodes, by a dynamic program and by a tree search.
+"""The yardsticks of min-time: the quickest path of grid nodes, by a dynamic program and by a tree search.
 
-They share the inner problem, the time scaling of one curve, with the fitness, but nothing of the search.
+Both share the inner problem, the time scaling of one curve, with the fitness, but nothing of the search. The time
+scaling itself is tested against closed forms, pinocchio and TOPP-RA.
+
+Neither gives a lower bound. Both know only moves between neighbours that never lead away from the goal, and the dynamic
+program only some levels of speed. A trajectory with fewer nodes, or with nodes off the grid, may be quicker.
 """
 
 from __future__ import annotations
@@ -18,17 +22,17 @@ if TYPE_CHECKING:
 
 Nodes = NDArray[np.int64]  # (nodes, 2), start and goal included, in grid steps
 
-_LEVELS = 128
+_LEVELS = 128  # levels of speed at the nodes
 
 
 class Found(NamedTuple):
-    """What a search came to.
+    """The result of a search.
 
     Attributes:
-        time: of the best trajectory, s, as the fitness finds it.
-        nodes: its nodes.
-        inverse_dynamics: evaluations made.
-        searched: the share of all paths that was searched or ruled out.
+        time: The time of the best trajectory, s, as the fitness finds it; inf if no trajectory was found.
+        nodes: The nodes of the best trajectory.
+        inverse_dynamics: The number of evaluations of the inverse dynamics.
+        searched: The share of all paths that was searched or ruled out.
     """
 
     time: float
@@ -38,10 +42,10 @@ class Found(NamedTuple):
 
 
 def solve_exactly(problem: MinTime) -> Answer:
-    """The answer of `dynamic_program`.
+    """Return the best trajectory of `dynamic_program`, as an upper bound of the least time.
 
     Raises:
-        BadInput: if the arm has not two joints that move.
+        BadInput: If the arm does not have exactly two joints, both of which move.
     """
     if problem.start == problem.goal:
         return Answer("optimum", 0.0, "staying where it is")
@@ -58,22 +62,26 @@ def solve_exactly(problem: MinTime) -> Answer:
 
 
 def dynamic_program(problem: MinTime, longest: int = 1, levels: int = _LEVELS) -> Found:
-    """The best path over (node before, node, node after, speed), timed by the fitness.
+    """Return the best path by a dynamic program over (node before, node, node after, speed), timed by the fitness.
+
+    The program's own time is not returned: it allows only some levels of speed at the nodes, and does not look between
+    grid points. So the fitness times its path again.
 
     Args:
-        problem: of two joints.
-        longest: move from node to node, in grid steps of each joint.
-        levels: of speed at the nodes.
+        problem: A problem with two joints.
+        longest: The longest move from node to node, in grid steps of each joint.
+        levels: The number of levels of speed at the nodes.
 
     Raises:
-        BadInput: if the arm has not two joints that move.
+        BadInput: If the arm does not have exactly two joints, both of which move.
     """
     from problems.min_time import oracle_kernels
 
     moves = [(row, column) for row in range(longest + 1) for column in range(longest + 1) if row or column]
     table, lines = _table(problem)
-    # The straight line with a node on each line of the grid takes T for the distance d, at 2 d / T or less if it speeds
-    # up and slows down evenly; other paths are longer, and quicker.
+    # The range of speeds comes from the straight line with a node on each line of the grid. Over the distance d in time
+    # T its greatest speed is 2 d / T if it speeds up and slows down evenly. Others are longer and quicker, so twice
+    # that is allowed.
     straight = np.repeat(np.arange(lines)[:, None], 2, axis=1)
     distance = float(np.hypot(*np.subtract(problem.goal, problem.start)))
     fastest = 4.0 * distance / _time(problem, straight)
@@ -82,14 +90,14 @@ def dynamic_program(problem: MinTime, longest: int = 1, levels: int = _LEVELS) -
 
 
 def tree_search(problem: MinTime, most: int = 1 << 62) -> Found:
-    """Depth-first search with branch and bound of all paths from neighbour to neighbour (§II).
+    """Search all paths from neighbour to neighbour depth first, with branch and bound (§II).
 
     Args:
-        problem: of two joints.
-        most: evaluations of the inverse dynamics after which the search ends.
+        problem: A problem with two joints.
+        most: The number of evaluations of the inverse dynamics after which the search ends.
 
     Raises:
-        BadInput: if the arm has not two joints that move.
+        BadInput: If the arm does not have exactly two joints, both of which move.
     """
     from problems.min_time import oracle_kernels
 
@@ -109,6 +117,7 @@ def _genome(problem: MinTime, nodes: Nodes) -> Any:
     from problems.min_time.coding import LEVELS
 
     coding, items = problem.coding, nodes[1:]
+    # The gene nearest to the grid line, as the coding's kernels round it; both joints have the same range of genes.
     genes = (items * coding.greatest[0] + (problem.grid - 1) // 2) // (problem.grid - 1)
     return coding.encode(np.column_stack([genes, np.full(len(items), LEVELS)]))
 

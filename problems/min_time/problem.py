@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Arm", "Body", "MinTime"]
 
-_NODES_A_STEP = 5  # the most nodes of a trajectory, for each step of the grid
+_NODES_A_STEP = 5  # a trajectory has at most so many nodes for each step of the grid
 
 
 class MinTime(WithAngles):
@@ -63,7 +63,7 @@ topology = "torus 4x4"
 seed = 1
 stall = 50                      # generations without a quicker one, after which it ends
 """
-    oracle_decides: ClassVar[bool] = False  # the best of one family of paths
+    oracle_decides: ClassVar[bool] = False  # the oracle knows only paths along the grid; others may be quicker
     is_batch_invariant: ClassVar[bool] = True
     any_thread: ClassVar[bool] = True
 
@@ -86,7 +86,7 @@ stall = 50                      # generations without a quicker one, after which
 
     @classmethod
     def gather(cls, fields: dict[str, Any], folder: Path) -> dict[str, Any]:
-        """The URDF's bodies and limits of torque and velocity in the place of its name; limits in the file win."""
+        """Replace the URDF's name with its bodies and its limits of torque and velocity; limits in the file win."""
         arm = fields.get("arm")
         if not (isinstance(arm, dict) and isinstance(arm.get("urdf"), str)):
             return fields
@@ -96,6 +96,7 @@ stall = 50                      # generations without a quicker one, after which
         if not (joints is None or (isinstance(joints, list) and all(isinstance(name, str) for name in joints))):
             raise BadInput(f"arm.joints: expected a list of names, found {shorten(joints)}")
         read = urdf.read(arm["urdf"], joints, folder, arm)
+        # What the file states comes last, so that its limits replace the URDF's.
         rest = {name: value for name, value in arm.items() if name not in ("urdf", "joints")}
         return fields | {"arm": read | rest}
 
@@ -108,6 +109,7 @@ stall = 50                      # generations without a quicker one, after which
             for angle, body in zip(angles, self.arm.chain, strict=True):
                 if body.limits is not None and not body.limits[0] <= angle <= body.limits[1]:
                     raise ValueError(f"{name}: expected {body.name} within {list(body.limits)}, found {angle:g}")
+            # An arm that cannot hold still at an end cannot be at rest there, so every trajectory would be infeasible.
             load = self.arm.holding_torque(angles)
             for joint in np.flatnonzero(np.abs(load) > limits):
                 raise ValueError(
@@ -117,7 +119,10 @@ stall = 50                      # generations without a quicker one, after which
         return self
 
     def for_recipe(self, name: RecipeName, deme: int) -> Self:
-        """Levels in the genome as in the paper, or full torque: less never makes a trajectory faster."""
+        """Return the problem with a profile: levels in the genome (paper) or always full torque (tuned).
+
+        Less torque never makes a given curve faster, so tuned does not search for levels.
+        """
         if self.profile is not None:
             return self
         profile = "optimal" if name == "tuned" else "coded"
@@ -125,21 +130,23 @@ stall = 50                      # generations without a quicker one, after which
 
     @cached_property
     def coding(self) -> Trajectories:
-        """{α_11, .., α_m1, s_1; ..; α_1n, .., α_mn, s_n} (§III)."""
+        """The coding {α_11, .., α_m1, s_1; ..; α_1n, .., α_mn, s_n} (§III)."""
         from problems.min_time.coding import Trajectories
 
+        # A joint whose start is its goal has a single place: it does not move at all, since the curve stays in the box.
         steps = [self.grid - 1 if start != goal else 0 for start, goal in zip(self.start, self.goal, strict=True)]
         most = max(2, _NODES_A_STEP * (self.grid - 1))
         return Trajectories(steps, most, self.radius, self.free, full_torque=self.profile != "coded")
 
     def recipe(self, name: RecipeName, deme: int) -> Recipe:
-        """§IV and §V, or refinement in small steps, never losing the best."""
+        """Return the recipe of §IV and §V (paper), or refinement in small steps that never loses the best (tuned)."""
         if name == "paper":
+            # On an island offspring replace all parents, and no trajectory is selected more than twice (§IV).
             return Recipe("analogous", 0.3, "offspring", renewal=None if deme == 1 else 1.0, most_selections=2)
         return Recipe("refining", 0.3, "elitist", most_selections=0 if deme == 1 else 2)
 
     def evaluate(self, genomes: Genomes) -> Fitness:
-        """The travel time, s, +inf if the limits forbid the curve: (n, genome_bytes) to (n,)."""
+        """Return the travel times, s, +inf if the limits forbid the curve: (n, genome_bytes) to (n,)."""
         return self._compiled.fitness(genomes)
 
     @property
@@ -148,19 +155,23 @@ stall = 50                      # generations without a quicker one, after which
         return self._compiled
 
     def inverse_dynamics(self, genomes: Genomes) -> int:
-        """How many evaluations of the inverse dynamics `evaluate` makes of genomes, (n, genome_bytes)."""
+        """Return how many evaluations of the inverse dynamics `evaluate` makes for genomes, (n, genome_bytes).
+
+        The benchmarks compare it with the count of the tree search.
+        """
         from problems.min_time.kernels import points_of
 
+        # The first number of a genome is its number of nodes: one for each stretch.
         stretches = writable(genomes).view(np.uint16)[:, 0]
         return int(sum(count * points_of(count) + 1 for count in stretches.tolist()))
 
     def decode(self, genome: Genomes) -> Solution:
-        """``{"time": s, "nodes": [[..], ..], "trajectory": {"t": [..], "q": [[..], ..], "qd", "qdd", "torque"}}``.
+        """Return ``{"time": s, "nodes": [[..], ..], "trajectory": {"t": [..], "q": [[..]], "qd", "qdd", "torque"}}``.
 
-        Rows of the trajectory are equally spaced along the curve, as many between any two nodes. Between two rows the
-        second derivative of the curve's parameter s by time is linear in s; accelerations and torques of a row are
-        those of the step that begins there. With a limit of jerk rows are equally spaced in time, that derivative is
-        linear in time between them, and ``trajectory`` also has ``place``, the s of each row.
+        Without a limit of jerk the rows are equally spaced along the curve, with the same number on each stretch.
+        Between two rows the second derivative of the curve's parameter s by time is linear in s. Accelerations and
+        torques of a row are those at the beginning of the step that begins there. With a limit of jerk the rows are
+        equally spaced in time, that derivative is linear in time, and ``trajectory`` also has ``place``, each row's s.
         """
         from problems.min_time import kernels
 
@@ -173,7 +184,7 @@ stall = 50                      # generations without a quicker one, after which
         return {"time": time[-1], "nodes": nodes.tolist(), "trajectory": {"t": time} | columns}
 
     def describe(self, solution: Solution) -> str:
-        """The time, the nodes, and how near each joint comes to its limits."""
+        """Return a text with the time, the nodes, and how near each joint comes to its limits."""
         nodes = " → ".join("(" + ", ".join(f"{angle:.3f}" for angle in node) + ")" for node in solution["nodes"])
         lines = [f"{solution['time']:.4f} s by nodes {nodes} rad"]
         for name, column in (("torque", "torque"), ("velocity", "qd"), ("acceleration", "qdd")):
@@ -188,36 +199,37 @@ stall = 50                      # generations without a quicker one, after which
         return "\n".join(lines)
 
     def check(self, solution: Solution) -> Verdict:
-        """See `problems.min_time.checker`, which shares no code with `evaluate`."""
+        """Verify a solution by `problems.min_time.checker`, which shares no code with `evaluate`."""
         from problems.min_time import checker
 
         return checker.verify(self, solution)
 
     def oracle(self) -> Answer:
-        """The best trajectory through nodes of the grid; see `problems.min_time.oracle`."""
+        """Return the best trajectory through nodes of the grid, an upper bound; see `problems.min_time.oracle`."""
         from problems.min_time import oracle
 
         return oracle.solve_exactly(self)
 
     def motion(self, solution: Solution, pace: Pace) -> Motion:
-        """The trajectory, row by row."""
+        """Return the trajectory as a motion, row by row."""
         from problems.min_time import moving
 
         return moving.motion(self, solution, pace)
 
     def draw(self, figure: Figure, solution: Solution | None, populations: Populations) -> None:
-        """The nodes in joint space (figure 1), and joints and torques against time (figure 2)."""
+        """Draw the nodes in joint space (figure 1), and joints and torques against time (figure 2)."""
         from problems.min_time import drawing
 
         drawing.draw(self, figure, solution, populations)
 
     @cached_property
     def _compiled(self) -> Operator:
-        """The fitness, and the table of all kernels."""
+        """The fitness, with the table that all kernels read; `problems.min_time.kernels` names its parts."""
         from genetics.operators import Operator
         from problems.min_time import kernels
 
         arm, coding = self.arm, self.coding
+        # Two rods have closed-form dynamics.
         is_chain = not (arm.is_planar and arm.size == 2)
         return Operator.of(
             kernels.evaluate,

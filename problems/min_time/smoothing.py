@@ -1,11 +1,12 @@
-"""Motions of limited jerk, compiled: a time-optimal motion, smoothed over time and slowed down until all limits hold.
+"""Compiled motions of limited jerk: a time-optimal motion, smoothed over time and slowed down until all limits hold.
 
 `problems.min_time.scaling` finds ṡ(t), whose slope jumps. Its moving average over a window of time is a motion along
-the same curve, rest to rest, that takes longer by the window, and whose s̈ is continuous, 0 at both ends. With ṡ linear
-between even moments and a window of a whole number of them, s̈ is linear in between too. Then the whole motion is slowed
-down (or sped up) evenly until velocities, accelerations, jerks and torques all hold. Of seven windows, the whole time
-and halves of it, the one that takes the least time counts. One joint that jerk alone limits takes the least time so;
-other motions may take longer than the quickest of their jerk.
+the same curve, from rest to rest, that takes longer by the window; its s̈ is continuous, and 0 at both ends. If ṡ is
+linear between equally spaced moments and the window is a whole number of periods, s̈ is linear between moments too.
+Then the whole motion is slowed down (or sped up) evenly until velocities, accelerations, jerks and torques all hold.
+Seven windows are tried: the whole time, a half of it, a quarter and so on; the quickest motion counts.
+
+This is optimal for one joint that only jerk limits. Other motions may take longer than necessary: see docs/min-time.md.
 """
 
 from typing import Any
@@ -16,15 +17,16 @@ from lowlevel.compiled import subroutine
 from problems.min_time.scaling import exceeded_at, step_time
 
 _WINDOWS = 7
-_FEW_PARTS, _PARTS = 1, 16  # of a time step, at whose ends limits are looked at: to choose a window, and for it
-_MARGIN = 1e-4  # of speed, for what lies between
+# Limits are checked at the ends of so many parts of each time step: few to choose a window, more for the chosen one.
+_FEW_PARTS, _PARTS = 1, 16
+_MARGIN = 1e-4  # the share by which the motion is slower still, for excesses between the checked moments
 
 
 @subroutine
 def sample_speeds(room: Any, points: Any, steps: Any) -> Any:
-    """Fill ṡ at ``points`` + 1 even moments of the motion in the room; returns the time between two of them, s.
+    """Fill ṡ at ``points`` + 1 equally spaced moments of the motion in the room; return the period between them, s.
 
-    It is taken as linear in time between grid points, and scaled so that the whole curve is gone through.
+    ṡ is taken as linear in time between grid points. It is then scaled so that its integral is the whole curve.
     """
     x, time = room.x, 0.0
     for point in range(points):
@@ -32,6 +34,7 @@ def sample_speeds(room: Any, points: Any, steps: Any) -> Any:
     period, point, begin, end, area = time / points, -1, 0.0, 0.0, 0.0
     for moment in range(points + 1):
         now = moment * period
+        # Go on to the step that this moment lies in; both run forwards, so that takes one pass.
         while point < 0 or (end < now and point < points - 1):
             point += 1
             begin = end
@@ -47,7 +50,10 @@ def sample_speeds(room: Any, points: Any, steps: Any) -> Any:
 
 @subroutine
 def smooth_push(room: Any, points: Any, period: Any, window: Any, moment: Any) -> Any:
-    """The smoothed motion's s̈ at a moment, 0 to ``points`` + ``window``."""
+    """Return the smoothed motion's s̈ at a moment, 0 to ``points`` + ``window``.
+
+    The derivative of a moving average is the difference of the values at the window's ends, over its length.
+    """
     ahead = room.speeds[moment] if moment <= points else 0.0
     behind = room.speeds[moment - window] if moment >= window else 0.0
     return (ahead - behind) / (window * period)
@@ -55,7 +61,7 @@ def smooth_push(room: Any, points: Any, period: Any, window: Any, moment: Any) -
 
 @subroutine
 def advance(place: Any, speed: Any, push: Any, surge: Any, time: Any) -> Any:
-    """s, ṡ and s̈ after some time at a constant third derivative of s."""
+    """Return s, ṡ and s̈ after some time at a constant third derivative of s (``surge``)."""
     return (
         place + time * (speed + time * (push / 2.0 + time * surge / 6.0)),
         speed + time * (push + time * surge / 2.0),
@@ -65,7 +71,7 @@ def advance(place: Any, speed: Any, push: Any, surge: Any, time: Any) -> Any:
 
 @subroutine
 def slowdown_of(task: Any, room: Any, points: Any, steps: Any, period: Any, window: Any, parts: Any) -> Any:
-    """By what the times of a smoothed motion must be multiplied for all limits to hold, at parts of each time step."""
+    """Return the factor of time with which all limits hold, at the ends of so many parts of each time step."""
     place, speed, push, slowest = 0.0, 0.0, 0.0, 0.0
     for moment in range(points + window):
         surge = (smooth_push(room, points, period, window, moment + 1) - push) / period
@@ -78,7 +84,10 @@ def slowdown_of(task: Any, room: Any, points: Any, steps: Any, period: Any, wind
 
 @subroutine
 def _slowdown_at(task: Any, room: Any, points: Any, steps: Any, place: Any, speed: Any, push: Any, surge: Any) -> Any:
-    """By what times must be multiplied for the limits to hold at one place."""
+    """Return the factor of time with which all limits hold at one place.
+
+    Times longer by f make speeds f, accelerations f² and jerks f³ times smaller, hence the roots.
+    """
     point = min(points - 1, max(0, np.int64(place * steps)))
     forced, fast, jerk = exceeded_at(task, room, point, place * steps - point, steps, push, speed * speed, surge)
     return max(np.sqrt(max(forced, fast)), jerk ** (1.0 / 3.0))
@@ -86,13 +95,14 @@ def _slowdown_at(task: Any, room: Any, points: Any, steps: Any, place: Any, spee
 
 @subroutine
 def best_window(task: Any, room: Any, points: Any, steps: Any) -> Any:
-    """The quickest smoothed motion along the curve in the room: its window, its time step (s), and its slowdown.
+    """Return the window, the time step (s) and the slowdown of the quickest smoothed motion along the curve.
 
-    `sample_speeds` has filled the room then.
+    It leaves the sampled speeds in the room, which `smooth_push` reads afterwards.
     """
     period = sample_speeds(room, points, steps)
     best, chosen = np.inf, 1
     for number in range(_WINDOWS):
+        # The window is a whole number of periods, so that s̈ stays linear between moments.
         window = max(1, points >> number)
         slowdown = slowdown_of(task, room, points, steps, period, window, _FEW_PARTS)
         if slowdown * (points + window) < best:
@@ -103,6 +113,6 @@ def best_window(task: Any, room: Any, points: Any, steps: Any) -> Any:
 
 @subroutine
 def smooth_time(task: Any, room: Any, points: Any, steps: Any) -> Any:
-    """The time of the quickest smoothed motion, s."""
+    """Return the time of the quickest smoothed motion, s."""
     window, period, _ = best_window(task, room, points, steps)
     return period * (points + window)

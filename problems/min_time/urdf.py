@@ -1,4 +1,7 @@
-"""Arms from URDF files, read by pinocchio (the extra ``dynamics``) into plain values."""
+"""Read arms from URDF files by pinocchio (the extra ``dynamics``) into plain values.
+
+It runs only where a problem file is read. The result replaces the file's name, so nodes need no pinocchio.
+"""
 
 from __future__ import annotations
 
@@ -17,24 +20,25 @@ from numpy.typing import NDArray
 from problems.errors import BadInput
 
 _PACKAGE = "example-robot-data"
-_LEAST_INERTIA = 1e-12  # kg m²
-_MOST = 1e6  # of any limit, as in a problem file
+_LEAST_INERTIA = 1e-12  # kg m²: a mass matrix with a smaller eigenvalue counts as singular
+_MOST = 1e6  # the greatest value of any limit, as in a problem file
 _MISSING = "{} is not installed: pip install 'supernode[dynamics]'"
 
 
 def read(name: str, joints: list[str] | None, folder: Path, stated: Container[str] = ()) -> dict[str, Any]:
-    """The fields ``bodies``, ``torque`` and ``velocity`` of an arm.
+    """Return the fields ``bodies``, ``torque`` and ``velocity`` of an arm.
 
-    All other joints of the URDF are held at their neutral places.
+    Joints that are not named are held at their neutral positions, and their links become part of the link before.
 
     Args:
-        name: as the problem file says it.
-        joints: which move; None for all revolute ones.
-        folder: of the problem file.
-        stated: fields that the problem file states itself, so that the URDF need not.
+        name: The URDF's name as in the problem file.
+        joints: The names of the joints that move; None for all revolute ones.
+        folder: The folder of the problem file.
+        stated: Fields that the problem file states itself, so that the URDF need not.
 
     Raises:
-        BadInput: says what cannot be read, or what is no serial chain.
+        BadInput: If pinocchio is not installed, the URDF cannot be read, its joints are no serial chain, a link has no
+            mass, or a limit is missing.
     """
     try:
         import pinocchio
@@ -42,12 +46,14 @@ def read(name: str, joints: list[str] | None, folder: Path, stated: Container[st
         raise BadInput(f"arm.urdf: {_MISSING.format('pinocchio')}") from error
     path = _path(name, folder)
     model = _reduced(pinocchio, _parsed(pinocchio, path), joints)
+    # Joint 0 is pinocchio's universe, which never moves.
     for joint in range(1, model.njoints):
         if model.parents[joint] != joint - 1:
             raise BadInput(
                 f"arm.joints: expected a serial chain, found {model.names[joint]!r} after "
-                f"{model.names[model.parents[joint]]!r}; name those that shall move"
+                f"{model.names[model.parents[joint]]!r}; name the joints of one chain"
             )
+    # A joint with nothing heavy beyond it could accelerate without bound, so no least time would exist.
     if np.linalg.eigvalsh(_mass_matrix(pinocchio, model))[0] < _LEAST_INERTIA:
         raise BadInput(f"arm.urdf: expected links with a mass beyond every joint that moves, found none in {path}")
     limits = {"torque": ("effort", "N m", model.effortLimit), "velocity": ("velocity", "rad/s", model.velocityLimit)}
@@ -59,7 +65,11 @@ def read(name: str, joints: list[str] | None, folder: Path, stated: Container[st
 
 
 def _limit(joint: str, value: float, field: str, attribute: str, unit: str) -> float:
-    """A limit of a joint: some exporters write 0 where nobody knows it, and a continuous joint may have none at all."""
+    """Return a limit of a joint, if the URDF states one.
+
+    Some exporters write 0 for an unknown limit, and a continuous joint may have none at all. Both are refused, since
+    neither 0 nor infinity would be the robot's limit.
+    """
     if not 0.0 < value <= _MOST:
         raise BadInput(
             f"arm.{field}: expected the URDF to state a limit above 0 for every joint that moves, found "
@@ -69,7 +79,7 @@ def _limit(joint: str, value: float, field: str, attribute: str, unit: str) -> f
 
 
 def _parsed(pinocchio: Any, path: Path) -> Any:
-    """The model of all joints; what the parser complains of is said in one line, and nowhere else."""
+    """Return the model of all joints; what the parser writes to stderr becomes one line of the error."""
     with TemporaryFile() as complaints:
         try:
             with _stderr_to(complaints.fileno()):
@@ -82,7 +92,7 @@ def _parsed(pinocchio: Any, path: Path) -> Any:
 
 @contextmanager
 def _stderr_to(descriptor: int) -> Iterator[None]:
-    """File descriptor 2 is another for a while: urdfdom, which is C++, writes there and knows no other place."""
+    """Redirect file descriptor 2 for a while: urdfdom (C++) writes its errors there, past Python's `sys.stderr`."""
     kept = os.dup(2)
     os.dup2(descriptor, 2)
     try:
@@ -93,13 +103,13 @@ def _stderr_to(descriptor: int) -> Iterator[None]:
 
 
 def _first_complaint(text: str) -> str:
-    """Of urdfdom's, each of which is a line ``Error: ..`` and a line that says where in its source."""
+    """Return the first error of urdfdom, which writes a line ``Error: ..`` and a line with the place in its source."""
     complaint = re.search(r"^Error:\s*(.*\S)", text, re.MULTILINE)
     return complaint[1] if complaint else ""
 
 
 def _mass_matrix(pinocchio: Any, model: Any) -> NDArray[np.float64]:
-    """At the neutral place, kg m²."""
+    """Return the mass matrix at the neutral position, kg m²; pinocchio fills only its upper triangle."""
     upper = np.triu(pinocchio.crba(model, model.createData(), pinocchio.neutral(model)))
     matrix: NDArray[np.float64] = upper + np.triu(upper, 1).T
     return matrix
@@ -125,7 +135,7 @@ def _is_revolute(model: Any, joint: int) -> bool:
 
 
 def _reduced(pinocchio: Any, model: Any, joints: list[str] | None) -> Any:
-    """The model with only the joints that move."""
+    """Return the model with only the joints that move; the others are locked at their neutral positions."""
     revolute = [model.names[joint] for joint in range(1, model.njoints) if _is_revolute(model, joint)]
     if not revolute:
         raise BadInput("arm.urdf: expected revolute joints, found none")
@@ -141,7 +151,7 @@ def _body(model: Any, joint: int) -> dict[str, Any]:
     placement, inertia = model.jointPlacements[joint], model.inertias[joint]
     moving = model.joints[joint]
     motion = moving.createData()
-    moving.calc(motion, np.array([1.0, 0.0])[: moving.nq])
+    moving.calc(motion, np.array([1.0, 0.0])[: moving.nq])  # a continuous joint's state is a cosine and a sine
     body = {
         "name": model.names[joint],
         "rotation": placement.rotation.tolist(),

@@ -1,8 +1,9 @@
-"""The verify of mobile-robot solutions: shapely, along the whole path; nothing that `evaluate` uses.
+"""The verification of mobile-robot solutions by shapely, along the whole path. It shares no code with `evaluate`.
 
-A straight move sweeps the hulls of the robot's edges, which shapely intersects exactly. A turn is sampled so finely
-that no point of the robot moves farther than 1/250 of its circumscribed radius from one sample to the next; something
-sharp that only grazes the robot between two samples can go unseen. Overlaps up to a micrometre are allowed.
+A straight move sweeps the convex hulls of the robot's edges, which shapely intersects exactly. A turn is sampled so
+finely that no point of the robot moves farther than 1/250 of its circumscribed radius from one sample to the next.
+Something sharp that only grazes the robot between two samples can go unseen. Overlaps up to a micrometre are allowed,
+since contact is free and computed poses have rounding errors.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ _FULL_TURN = 2.0 * np.pi
 
 
 class RobotSolution(Table):
-    """What a solution of mobile-robot is made of."""
+    """A solution of mobile-robot, as `MobileRobot.decode` writes it."""
 
     commands: list[tuple[Literal["rotate", "move"], float]]
     path: Annotated[list[Pose], Field(min_length=1)]
@@ -43,7 +44,7 @@ class RobotSolution(Table):
 
 
 def verify(problem: MobileRobot, solution: Solution) -> Verdict:
-    """What the last pose is worth, and all that is wrong with the way there."""
+    """Return the fitness of the path, by its last pose, and all that is wrong with the way there."""
     claimed = _parsed(solution)
     away, off = _short_of(problem, claimed.path[-1])
     arrived = away <= TOLERANCE and off <= TOLERANCE
@@ -51,6 +52,7 @@ def verify(problem: MobileRobot, solution: Solution) -> Verdict:
     objections = [
         *_wrong_start(problem, claimed.path[0]),
         *_wrong_claims(claimed),
+        # A collision is a lack of clearance too; naming it once is enough.
         *(list(_collisions(problem, claimed.path)) or _too_near(problem, clearance)),
         *_wrong_end(away, off),
     ]
@@ -58,7 +60,7 @@ def verify(problem: MobileRobot, solution: Solution) -> Verdict:
 
 
 def objection_to(problem: MobileRobot, pose: Pose) -> str | None:
-    """Why the robot cannot stand there, if it cannot."""
+    """Return why the robot cannot stand at a pose, None if it can."""
     standing = _swept(problem.robot, pose, pose)
     thickness = (problem.robot.radius or 0.0) + problem.clearance
     if _beyond(problem, standing, thickness) > CONTACT:
@@ -87,18 +89,18 @@ def _parsed(solution: Solution) -> RobotSolution:
 
 
 def _angle(difference: float) -> float:
-    """The size of the difference of two headings, in [0, π]."""
+    """Return the size of the difference of two headings, in [0, π]."""
     return abs((difference + np.pi) % _FULL_TURN - np.pi)
 
 
 def _short_of(problem: MobileRobot, pose: Pose) -> tuple[float, float]:
-    """How far a pose is from the goal, m and rad."""
+    """Return how far a pose is from the goal, m and rad."""
     x, y, heading = problem.goal
     return float(np.hypot(pose[0] - x, pose[1] - y)), _angle(pose[2] - heading)
 
 
 def _worth(problem: MobileRobot, pose: Pose) -> float:
-    """The fitness of a path that ends there, short of the goal, m."""
+    """Return the fitness of a path that ends at a pose short of the goal, m."""
     away, off = _short_of(problem, pose)
     if problem.guide != "straight":
         away = distance_around(problem, pose[:2])
@@ -138,6 +140,7 @@ def _wrong_claims(claimed: RobotSolution) -> Iterator[str]:
 def _collisions(problem: MobileRobot, path: list[Pose]) -> Iterator[str]:
     thickness = problem.robot.radius or 0.0
     obstacles = problem.obstacles
+    # Obstacles are shrunk by the allowed overlap once, and prepared, for all segments.
     forbidden = _forbidden(obstacles, thickness, [_allowed(each) for each in obstacles])
     for number, (pose, following) in enumerate(pairwise(path), start=1):
         pieces = _swept(problem.robot, pose, following)
@@ -151,13 +154,17 @@ def _collisions(problem: MobileRobot, path: list[Pose]) -> Iterator[str]:
 
 
 def _clearance(problem: MobileRobot, path: list[Pose]) -> Clearance:
-    """How near the robot comes to an obstacle or a wall, and in which segment of the path (0: where it stands)."""
+    """Return how near the robot comes to an obstacle or a wall, and in which segment (0 for a path of one pose).
+
+    It is measured from what is swept, exactly on straight moves, at the samples on turns.
+    """
     thickness = problem.robot.radius or 0.0
     round_ones = [each.radius if isinstance(each, Circle) else 0.0 for each in problem.obstacles]
     cores = np.array(
         [shapely.Point(each.center) if isinstance(each, Circle) else each.polygon for each in problem.obstacles],
         dtype=object,
     )
+    # Discs count as their centres and radii, so that distances to them are exact.
     gaps = thickness + np.array(round_ones)
     least, where = np.inf, {}
     for number, (pose, following) in enumerate(list(pairwise(path)) or [(path[0], path[0])], start=len(path) > 1):
@@ -168,6 +175,7 @@ def _clearance(problem: MobileRobot, path: list[Pose]) -> Clearance:
         if not problem.obstacles:
             continue
         around = shapely.box(*shapely.total_bounds(pieces))
+        # Only an obstacle whose distance to the sweep's bounding box is below the least so far can lower it.
         near = np.flatnonzero(shapely.distance(around, cores) - gaps < least)
         for index in near.tolist():
             here = float(shapely.distance(pieces, cores[index]).min() - gaps[index])
@@ -187,17 +195,21 @@ def _too_near(problem: MobileRobot, clearance: Clearance) -> Iterator[str]:
 
 
 def _allowed(obstacle: Obstacle) -> float:
-    """How deep an overlap may be, m; less in obstacles so slim that nothing of them would be left."""
+    """Return how deep an overlap with an obstacle may be, m.
+
+    It is less than `TOLERANCE` for obstacles so slim that nothing of them would be left at that depth.
+    """
     if isinstance(obstacle, Circle):
         return min(TOLERANCE, obstacle.radius / 2.0)
     return float(min(TOLERANCE, obstacle.polygon.area / obstacle.polygon.length / 2.0))
 
 
 def _swept(body: Body, pose: Pose, following: Pose) -> Pieces:
-    """Shapes that cover a motion, but for the robot's thickness if it is a disc."""
+    """Return shapes that cover a motion, without the robot's thickness if it is a disc."""
     if body.vertices is None:
         return np.array([shapely.LineString([pose[:2], following[:2]])])
-    turn = float(np.clip(following[2] - pose[2], -_FULL_TURN, _FULL_TURN))  # more than that covers nothing new
+    turn = float(np.clip(following[2] - pose[2], -_FULL_TURN, _FULL_TURN))  # a longer turn covers nothing new
+    # A pure move has two samples: both ends, between which the hulls of the edges sweep exactly.
     samples = 2 + int(_SAMPLES_A_RADIAN * abs(turn))
     last = np.array([*following[:2], pose[2] + turn])
     outlines = _placed(body.vertices, np.linspace(np.array(pose), last, samples))
@@ -210,7 +222,7 @@ def _swept(body: Body, pose: Pose, following: Pose) -> Pieces:
 
 
 def _placed(vertices: list[tuple[float, float]], poses: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The robot's outline at each pose, shape (poses, corners, 2)."""
+    """Return the robot's outline at each pose, shape (poses, corners, 2)."""
     places = poses[:, 0] + 1j * poses[:, 1]
     local = np.array(vertices) @ np.array([1.0, 1j])
     corners = places[:, None] + np.exp(1j * poses[:, 2])[:, None] * local
@@ -218,20 +230,23 @@ def _placed(vertices: list[tuple[float, float]], poses: NDArray[np.float64]) -> 
 
 
 def _beyond(problem: MobileRobot, pieces: Pieces, thickness: float) -> float:
-    """By how much some pieces, thickened, reach beyond the bounds, m; negative if they keep within."""
+    """Return how far some pieces, thickened, reach beyond the bounds, m; negative if they stay within."""
     west, south, east, north = shapely.total_bounds(pieces)
     x0, y0, x1, y1 = problem.bounds
     return float(max(x0 - west, y0 - south, east - x1, north - y1) + thickness)
 
 
 def _overlaps(pieces: Pieces, thickness: float, obstacle: Obstacle, depth: float) -> NDArray[np.bool_]:
-    """Which pieces, thickened, are deeper in an obstacle than ``depth``."""
+    """Return which pieces, thickened, are deeper in an obstacle than ``depth``."""
     overlapping: NDArray[np.bool_] = shapely.dwithin(pieces, *_forbidden([obstacle], thickness, [depth]))
     return overlapping
 
 
 def _forbidden(obstacles: list[Obstacle], thickness: float, depths: list[float]) -> tuple[Pieces, NDArray[np.float64]]:
-    """What is left of obstacles at these depths, and how near, in m, the robot's middle must not come to it."""
+    """Return what is left of obstacles shrunk by these depths, and the distances (m) that the robot must keep to it.
+
+    A disc keeps its centre and is shrunk by way of its distance, so that it stays exact.
+    """
     cores = np.empty(len(obstacles), object)
     reaches = np.full(len(obstacles), thickness)
     for index, (obstacle, depth) in enumerate(zip(obstacles, depths, strict=True)):
@@ -245,7 +260,7 @@ def _forbidden(obstacles: list[Obstacle], thickness: float, depths: list[float])
 
 
 def _depth(pieces: Pieces, thickness: float, obstacle: Obstacle) -> float:
-    """How deep some pieces, thickened, are in an obstacle, m; by halving."""
+    """Return how deep some pieces, thickened, are in an obstacle, m, by bisection."""
     size = obstacle.radius if isinstance(obstacle, Circle) else np.sqrt(obstacle.polygon.area)
     low, high = 0.0, thickness + float(size)
     for _ in range(30):

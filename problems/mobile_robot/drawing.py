@@ -26,8 +26,8 @@ ROBOT = "#1f5fa8"
 START = "#2a8c4a"
 GOAL = "#c8321e"
 WALL = "0.2"
-_WIDTH = 10.0  # of the figure, inches
-_OUTLINES = 0.5  # of the robot's size from one outline to the next
+_WIDTH = 10.0  # inches, of the figure
+_OUTLINES = 0.5  # the distance from one outline to the next, in sizes of the robot
 
 
 def draw(problem: MobileRobot, figure: Figure, solution: Solution | None, populations: Populations) -> None:
@@ -70,7 +70,7 @@ def _draw_floor(problem: MobileRobot, axes: Axes) -> None:
 
 
 def _body(problem: MobileRobot, pose: Poses) -> Patch:
-    """The robot's outline at a pose."""
+    """Return the robot's outline at a pose."""
     if problem.robot.vertices is None:
         return Circle((pose[0], pose[1]), problem.robot.radius or 0.0)
     cosine, sine = np.cos(pose[2]), np.sin(pose[2])
@@ -82,7 +82,7 @@ def _size(problem: MobileRobot) -> float:
 
 
 def _draw_path(problem: MobileRobot, axes: Axes, path: Poses) -> None:
-    """The swept robot, the line of its reference point, and its heading where it starts to drive."""
+    """Draw the swept robot, the line of its reference point, and its heading at each pose in between."""
     bodies = [_body(problem, pose) for pose in _along(path, _OUTLINES * _size(problem))]
     axes.add_collection(PatchCollection(bodies, facecolor=ROBOT, alpha=0.10, edgecolor="none", zorder=3))
     axes.add_collection(
@@ -99,7 +99,7 @@ def _ahead(pose: Poses, length: float) -> Poses:
 
 
 def _along(path: Poses, step: float) -> Poses:
-    """Poses along the path, so many that no point of the robot goes much farther than ``step`` between two."""
+    """Return poses along the path, so many that no point of the robot goes much farther than ``step`` between two."""
     poses = [path[:1]]
     for pose, following in pairwise(path):
         motion = following - pose
@@ -128,7 +128,7 @@ def _draw_robot(problem: MobileRobot, axes: Axes, pose: tuple[float, float, floa
 
 
 def _draw_population(problem: MobileRobot, axes: Axes, populations: Populations) -> None:
-    """Where the individuals of the first and the last generation end."""
+    """Draw where the paths of the first and the last generation end."""
     for generation, marker, color in ((min(populations), "x", "0.45"), (max(populations), "+", "#8a4fbf")):
         ends = np.array([problem.decode(genome)["path"][-1] for genome in populations[generation]])
         axes.plot(

@@ -1,10 +1,12 @@
-"""What guides a scan that does not see its goal: a grid over the floor, and what a metre costs near obstacles.
+"""The guide of a scan that does not see its goal: a grid over the floor, and the price of a metre near obstacles.
 
 The way around the obstacles is the cheapest one along the grid's edges to the goal. A metre costs 1 where there is room
-to turn, more where it is tight, and so much where nothing of the robot fits that no way leads through a wall unless
-there is no other. Prices are continuous in the clearance, so that two who compute them in different ways agree.
+to turn, more where it is tight, and so much where the robot cannot fit that no way leads through a wall unless there is
+no other. The guide proves nothing: a way is proven by the closed forms of `contact`.
 
-`guide_kernels` computes the distances for `evaluate`, `guide_check` for `check`. They share these numbers, and no code.
+Prices are continuous in the clearance, so that two implementations that differ in rounding agree but for rounding.
+`guide_kernels` computes the distances for `evaluate`, `guide_check` for `check`. They share the numbers of this module,
+but no code.
 """
 
 from __future__ import annotations
@@ -19,18 +21,18 @@ if TYPE_CHECKING:
     from problems.mobile_robot.problem import Body
 
 PRICES = (1000.0, 3.0, 1.0)
-"""Of a metre: where nothing fits, where the robot just fits, and where it has room; straight lines between."""
+"""The price of a metre where nothing fits, where the robot just fits, and where it has room; linear in between."""
 
-_ROOMY = 1.25  # of the circumscribed radius: the clearance from which a metre costs 1
+_ROOMY = 1.25  # a metre costs 1 from a clearance of so many circumscribed radii on
 _FEWEST_NODES = 1 << 12
 _MOST_NODES = 1 << 15
 
 
 class Guide(NamedTuple):
-    """A grid of square cells with nodes in their middles, and the clearances of `PRICES`."""
+    """A grid of square cells with nodes in their middles, and the clearances to which `PRICES` belong."""
 
-    west: float  # m, of the first node
-    south: float
+    west: float  # m, x of the first node
+    south: float  # m, y of the first node
     spacing: float  # m
     columns: int
     rows: int
@@ -40,7 +42,11 @@ class Guide(NamedTuple):
 
 
 def guide_of(bounds: Sequence[float], body: Body, clearance: float) -> Guide:
-    """The grid over a floor for a robot; its cells are half of the disc that the robot covers, if they can be."""
+    """Return the grid over a floor for a robot.
+
+    The cells are half as wide as the radius of the disc that the robot covers, unless there would be too few or too
+    many of them.
+    """
     x0, y0, x1, y1 = bounds
     area, covered = (x1 - x0) * (y1 - y0), body.covered_radius
     spacing = float(np.clip(covered / 2.0, np.sqrt(area / _MOST_NODES), np.sqrt(area / _FEWEST_NODES)))

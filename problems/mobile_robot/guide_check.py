@@ -1,4 +1,4 @@
-"""The way around obstacles once more, by shapely and scipy: what `check` says of a path that ends short of the goal.
+"""The way around obstacles by shapely and scipy, for `check`: the fitness of a path that ends short of the goal.
 
 It computes what `problems.mobile_robot.guide` defines, and shares no code with `guide_kernels`.
 """
@@ -19,11 +19,11 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-_STEPS = ((1, 0), (0, 1), (1, 1), (1, -1))  # to half of a node's neighbours, in columns and rows
+_STEPS = ((1, 0), (0, 1), (1, 1), (1, -1))  # columns and rows to half of a node's neighbours; edges are undirected
 
 
 def distance_around(problem: MobileRobot, place: tuple[float, float]) -> float:
-    """How far a place is from the goal around the obstacles, m."""
+    """Return how far a place is from the goal around the obstacles, m."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import dijkstra
 
@@ -33,12 +33,14 @@ def distance_around(problem: MobileRobot, place: tuple[float, float]) -> float:
     nodes = np.stack(np.meshgrid(east, north, indexing="ij"), axis=-1).reshape(-1, 2)
     goal = len(nodes)
     edges = [_edges(grid.spacing, _prices(problem, nodes).reshape(grid.columns, grid.rows), *step) for step in _STEPS]
-    # The approaches are taken from the problem, as they are: a path that needs them is swept as any other.
+    # The approaches are taken from the problem without a check: a path that uses them is swept like any other.
     for x, y, length in problem.sources:
         nodes_there = _around(problem, (x, y))
+        # The goal is one more node, behind all sources: each source joins its four nodes with its own length.
         edges.append((nodes_there, np.full(4, goal), length + _away(nodes[nodes_there], (x, y))))
     one, other, lengths = (np.concatenate(each) for each in zip(*edges, strict=True))
-    # Several approaches near a node make several edges to the goal, of which only the shortest may count.
+    # Several approaches near a node make several edges to the goal. A sparse matrix would add them up, so only the
+    # shortest is kept.
     order = np.lexsort((lengths, other, one))
     one, other, lengths = one[order], other[order], lengths[order]
     first = np.append(True, (np.diff(one) != 0) | (np.diff(other) != 0))
@@ -54,7 +56,7 @@ def _away(nodes: Floats, place: tuple[float, float]) -> Floats:
 
 
 def _around(problem: MobileRobot, place: tuple[float, float]) -> NDArray[np.int64]:
-    """The numbers of the four nodes around a place."""
+    """Return the numbers of the four nodes around a place."""
     grid = problem.grid
     column = int(np.clip(np.floor((place[0] - grid.west) / grid.spacing), 0, grid.columns - 2))
     row = int(np.clip(np.floor((place[1] - grid.south) / grid.spacing), 0, grid.rows - 2))
@@ -62,13 +64,13 @@ def _around(problem: MobileRobot, place: tuple[float, float]) -> NDArray[np.int6
 
 
 def _prices(problem: MobileRobot, nodes: Floats) -> Floats:
-    """What a metre costs at each node."""
+    """Return the price of a metre at each node."""
     grid = problem.grid
     return np.interp(_clearances(problem, nodes), [grid.blocked, grid.tight, grid.roomy], PRICES)
 
 
 def _clearances(problem: MobileRobot, nodes: Floats) -> Floats:
-    """From the nearest wall or obstacle, m; negative within one."""
+    """Return the distance of each node to the nearest wall or obstacle, m; negative within one."""
     x0, y0, x1, y1 = problem.bounds
     clearances: Floats = np.min([nodes[:, 0] - x0, x1 - nodes[:, 0], nodes[:, 1] - y0, y1 - nodes[:, 1]], axis=0)
     for obstacle in problem.obstacles:
@@ -78,13 +80,14 @@ def _clearances(problem: MobileRobot, nodes: Floats) -> Floats:
         else:
             shapely.prepare(obstacle.polygon)
             from_it = shapely.distance(obstacle.polygon.exterior, shapely.points(nodes[near]))
+            # The exterior ring gives distances on both sides; inside they count as negative.
             from_it[shapely.contains_xy(obstacle.polygon, nodes[near])] *= -1.0
         clearances[near] = np.minimum(clearances[near], from_it)
     return clearances
 
 
 def _near(nodes: Floats, obstacle: Obstacle, reach: float) -> NDArray[np.bool_]:
-    """Which nodes may be nearer to an obstacle than ``reach``: farther away all prices are the same."""
+    """Return which nodes may be nearer to an obstacle than ``reach``; farther away all prices are the same."""
     low, high = obstacle.corners.min(axis=0), obstacle.corners.max(axis=0)
     beyond = np.maximum(low - nodes, nodes - high).max(axis=1)
     near: NDArray[np.bool_] = beyond < reach + obstacle.thickness
@@ -94,10 +97,11 @@ def _near(nodes: Floats, obstacle: Obstacle, reach: float) -> NDArray[np.bool_]:
 def _edges(
     spacing: float, prices: Floats, east: int, north: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], Floats]:
-    """From each node to its neighbour so many columns and rows away, and how long they count, m."""
+    """Return the edges from each node to its neighbour so many columns and rows away: both nodes, and the cost, m."""
     columns, rows = prices.shape
     numbers = np.arange(prices.size).reshape(prices.shape)
     one = numbers[: columns - east, max(0, -north) : rows - max(0, north)].ravel()
     other = numbers[east:, max(0, north) : rows - max(0, -north)].ravel()
+    # The price of an edge is the mean of its ends' prices.
     lengths = spacing * np.hypot(east, north) * (prices.ravel()[one] + prices.ravel()[other]) / 2.0
     return one, other, lengths

@@ -1,4 +1,7 @@
-"""The compiled way around obstacles: distances to the goal over a grid (see `problems.mobile_robot.guide`)."""
+"""The compiled way around obstacles: distances to the goal over a grid, as `problems.mobile_robot.guide` defines them.
+
+Each process computes them once for a floor. A scan then only looks up the four nodes around a place.
+"""
 
 from typing import Any, NamedTuple
 
@@ -16,24 +19,28 @@ _MOST, _TIGHT, _LEAST = PRICES
 class Field(NamedTuple):
     """Distances to the goal at the nodes of a grid."""
 
-    west: Any  # m, of the first node
-    south: Any
+    west: Any  # m, x of the first node
+    south: Any  # m, y of the first node
     spacing: Any  # m
     distances: Any  # (columns, rows), m
 
 
 @subroutine
 def _to_edge(x: Any, y: Any, ax: Any, ay: Any, bx: Any, by: Any) -> Any:
-    """The distance of a point to the line between a and b."""
+    """Return the distance of a point to the segment between a and b."""
     run, rise = bx - ax, by - ay
     squared = run * run + rise * rise
+    # A disc is a single corner, whose edge to itself has no length.
     share = 0.0 if squared == 0.0 else min(1.0, max(0.0, ((x - ax) * run + (y - ay) * rise) / squared))
     return np.hypot(ax + share * run - x, ay + share * rise - y)
 
 
 @subroutine
 def _clearance(x: Any, y: Any, corners: Any, first: Any, last: Any, thickness: Any) -> Any:
-    """The distance of a point to one shape; within it, that to its outline, negative."""
+    """Return the distance of a point to one shape; within the shape, the negative distance to its outline.
+
+    A point is inside if a ray from it to the right crosses the outline an odd number of times.
+    """
     inside, nearest = False, np.inf
     ax, ay = corners[last - 1]
     for corner in range(first, last):
@@ -47,7 +54,7 @@ def _clearance(x: Any, y: Any, corners: Any, first: Any, last: Any, thickness: A
 
 @subroutine
 def _price(clearance: Any, blocked: Any, tight: Any, roomy: Any) -> Any:
-    """Of a metre (see `PRICES`)."""
+    """Return the price of a metre (see `PRICES`)."""
     if clearance >= roomy:
         return _LEAST
     if clearance >= tight:
@@ -59,7 +66,7 @@ def _price(clearance: Any, blocked: Any, tight: Any, roomy: Any) -> Any:
 
 @subroutine
 def _lower_by_shape(clearances: Any, grid: Any, box: Any, corners: Any, first: Any, last: Any, thickness: Any) -> Any:
-    """Lower the clearances of the nodes near a shape; beyond ``roomy`` (the last of the grid) nobody cares to know."""
+    """Lower the clearances of the nodes near a shape; those beyond ``roomy`` (the grid's last) keep theirs."""
     west, south, spacing, roomy = grid
     columns, rows = clearances.shape
     left = max(0, int(np.floor((box[0] - roomy - west) / spacing)))
@@ -75,12 +82,13 @@ def _lower_by_shape(clearances: Any, grid: Any, box: Any, corners: Any, first: A
 
 @subroutine
 def _relax(distances: Any, prices: Any, spacing: Any, column: Any, row: Any) -> Any:
-    """Lower the distance of one node to what its neighbours make of it; whether that changed it."""
+    """Lower the distance of one node to the least over its neighbours; return whether that changed it."""
     columns, rows = distances.shape
     before = distances[column, row]
     best = before
     for other in range(max(0, column - 1), min(columns, column + 2)):
         for beside in range(max(0, row - 1), min(rows, row + 2)):
+            # The node itself is among the neighbours; its own distance plus something never wins.
             length = spacing * (1.0 if other == column or beside == row else np.sqrt(2.0))
             best = min(best, distances[other, beside] + length * (prices[column, row] + prices[other, beside]) / 2.0)
     distances[column, row] = best
@@ -89,7 +97,11 @@ def _relax(distances: Any, prices: Any, spacing: Any, column: Any, row: Any) -> 
 
 @subroutine
 def _spread(distances: Any, prices: Any, spacing: Any) -> None:
-    """Let distances spread over the grid, sweep after sweep from each of its corners, until none gets shorter."""
+    """Spread the distances over the grid, sweep after sweep from each of its corners, until none gets shorter.
+
+    The result is that of Dijkstra's algorithm. A sweep carries distances along any way that keeps to its directions, so
+    few rounds are needed, and no priority queue.
+    """
     columns, rows = distances.shape
     changed = True
     while changed:
@@ -105,14 +117,17 @@ def _spread(distances: Any, prices: Any, spacing: Any) -> None:
 
 @subroutine
 def _cell_of(west: Any, south: Any, spacing: Any, columns: Any, rows: Any, x: Any, y: Any) -> Any:
-    """The first of the four nodes around a place."""
+    """Return column and row of the first of the four nodes around a place."""
     column = min(max(int(np.floor((x - west) / spacing)), 0), columns - 2)
     return column, min(max(int(np.floor((y - south) / spacing)), 0), rows - 2)
 
 
 @subroutine
 def _clearances(grid: Any, columns: Any, rows: Any, bounds: Any, shapes: Any) -> Any:
-    """Of all nodes, from walls and obstacles, m; wrong only where they are beyond ``roomy``."""
+    """Return the clearances of all nodes from walls and obstacles, m; only those beyond ``roomy`` may be too large.
+
+    That is enough, since all of these have the same price.
+    """
     west, south, spacing, _ = grid
     corners, starts, thickness, boxes = shapes
     clearances = np.empty((columns, rows))
@@ -142,7 +157,7 @@ def _distances_to(
     thickness: Floats,
     boxes: Floats,
 ) -> Floats:
-    """See `distances`; ``grid`` is west, south and spacing, ``radii`` are the clearances blocked, tight and roomy."""
+    """Return what `distances` does; ``grid`` is west, south and spacing, ``radii`` are blocked, tight and roomy."""
     west, south, spacing = grid
     blocked, tight, roomy = radii
     shapes = (corners, starts, thickness, boxes)
@@ -157,13 +172,14 @@ def _distances_to(
         for column in range(first_column, first_column + 2):
             for row in range(first_row, first_row + 2):
                 x, y = west + column * spacing, south + row * spacing
+                # The four nodes around a source know their distance to it; all others get theirs from neighbours.
                 distances[column, row] = min(distances[column, row], length + np.hypot(east - x, north - y))
     _spread(distances, prices, spacing)
     return distances
 
 
 def distances(guide: Guide, sources: Floats, floor: tuple[NDArray[Any], ...]) -> Floats:
-    """The distance of each node to the goal, m, shape (columns, rows).
+    """Return the distance of each node to the goal, m, shape (columns, rows).
 
     ``sources`` are x and y of the goal and 0, or of each approach and its length; ``floor`` has the fields of
     `contact.Floor`.
@@ -186,7 +202,7 @@ def distances(guide: Guide, sources: Floats, floor: tuple[NDArray[Any], ...]) ->
 
 @subroutine
 def distance_at(field: Any, x: Any, y: Any) -> Any:
-    """The distance of a place to the goal, around the obstacles: over the best of the four nodes around it."""
+    """Return the distance of a place to the goal around the obstacles, over the best of the four nodes around it."""
     west, south, spacing, distances = field
     first_column, first_row = _cell_of(west, south, spacing, distances.shape[0], distances.shape[1], x, y)
     best = np.inf

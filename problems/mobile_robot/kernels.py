@@ -2,10 +2,16 @@
 
 Poses are x (m), y (m) and heading (rad), unwrapped: straight interpolation between two poses is the motion.
 
-The table (see `genetics.operators`): bits of each command, whether by Gray code, commands, whether the way to the goal
-is measured around obstacles; the poses of start and goal; the circumscribed radius and the robot's thickness (m); its
-outline; the fields of `contact.Floor`; where the guide's grid begins and its spacing (m), and its distances; the
-approaches to the goal (see `approach_kernels`), none unless the way is measured around obstacles.
+The parts of the table (see `genetics.operators`), in the order in which `MobileRobot` packs them:
+    integers 0: bits of each command, whether they are a Gray code, the number of commands (rotates and moves), whether
+        the way to the goal is measured around obstacles
+    reals 1: the poses of start and goal
+    reals 2: the circumscribed radius and the robot's thickness, m
+    reals 3: the robot's outline
+    4 to 9: the fields of `contact.Floor`
+    reals 10: the first node of the guide's grid and its spacing, m
+    reals 11: the guide's distances, m
+    reals 12: the approaches to the goal (see `approach_kernels`), none unless ways are measured around obstacles
 """
 
 from typing import Any, NamedTuple
@@ -30,20 +36,20 @@ _FULL_TURN = 2.0 * np.pi
 
 
 class Task(NamedTuple):
-    """Which robot is to go where, and by commands of how many levels."""
+    """The problem as the kernels take it: the robot, the floor, the goal, and how commands are coded and judged."""
 
     robot: Any
     floor: Any
     goal: Any  # (3,): m, m, rad
-    radius: Any  # m, the circumscribed one, by which an angle counts as a length
-    levels: Any  # 2^q
+    radius: Any  # m, the circumscribed radius: a difference of headings times this counts as a length
+    levels: Any  # 2^q, the number of values of a command
     around: Any  # whether the way to the goal is measured around obstacles
-    field: Any  # guide_kernels.Field, if so
+    field: Any  # guide_kernels.Field, used only if so
     approaches: Any  # see approach_kernels
 
 
 class Room(NamedTuple):
-    """What a scan writes to."""
+    """The working arrays of a scan; each scan overwrites them."""
 
     codes: Any  # (commands,)
     path: Any  # (commands + 4 + 2 * LONGEST, 3): the poses, the first of which is the start
@@ -53,7 +59,7 @@ class Room(NamedTuple):
 
 @subroutine
 def _move(robot: Any, floor: Any, pose: Any, share: Any, moved: Any) -> Any:
-    """Drive a share of the free length ahead. Fills the pose ``moved``."""
+    """Fill the pose ``moved`` after a drive over a share of the free length ahead."""
     x, y, heading = pose
     length = share * max(0.0, drive(robot, floor, x, y, heading, np.inf)[1])
     moved[0], moved[1], moved[2] = x + length * np.cos(heading), y + length * np.sin(heading), heading
@@ -61,12 +67,13 @@ def _move(robot: Any, floor: Any, pose: Any, share: Any, moved: Any) -> Any:
 
 @subroutine
 def _way_is_free(robot: Any, floor: Any, pose: Any, goal: Any, spare: Any) -> Any:
-    """Whether the robot, once it faces the goal, can drive there and turn to the goal's heading.
+    """Return whether the robot, once it faces the goal, can drive there and turn to the goal's heading.
 
-    Fills the last three poses of the visible path, ``spare``, but for the heading's full turns.
+    Fill ``spare``, the last three poses of the path, up to full turns of the heading.
     """
     x, y = pose[0], pose[1]
     away = np.hypot(goal[0] - x, goal[1] - y)
+    # Already at the goal's place: there is nothing to face.
     if away <= CONTACT:
         return True
     facing = np.arctan2(goal[1] - y, goal[0] - x)
@@ -79,14 +86,15 @@ def _way_is_free(robot: Any, floor: Any, pose: Any, goal: Any, spare: Any) -> An
 
 @subroutine
 def _drive_on(robot: Any, floor: Any, path: Any, row: Any, goal: Any, spare: Any) -> Any:
-    """The commands that lead from a pose with a free way to the goal: turn, drive, turn; or -1 if it cannot face it.
+    """Append the poses that lead from a pose with a free way to the goal: turn, drive, turn.
 
-    Appends their poses to the path.
+    Return the number of these commands, -1 if the robot cannot turn to face the goal.
     """
     if np.hypot(goal[0] - path[row, 0], goal[1] - path[row, 1]) <= CONTACT:
         return 1 if turn_to(robot, floor, path[row], goal[2], path[row + 1]) else -1
     if not turn_to(robot, floor, path[row], spare[0, 2], path[row + 1]):
         return -1
+    # `_way_is_free` computed its poses from the wrapped heading; the path's headings are unwrapped.
     full_turns = path[row + 1, 2] - spare[0, 2]
     path[row + 2], path[row + 3] = spare[1], spare[2]
     path[row + 2, 2] = path[row + 1, 2]
@@ -96,7 +104,10 @@ def _drive_on(robot: Any, floor: Any, path: Any, row: Any, goal: Any, spare: Any
 
 @subroutine
 def _look_around(task: Any, room: Any, row: Any) -> Any:
-    """Fill in whether the way is free from a pose of the path to the goal, and to approaches that are looked for."""
+    """Fill in whether the way is free from a pose of the path to the goal, and to the approaches that scans look for.
+
+    That depends on the place alone, not on the heading, so it is done once for each place.
+    """
     room.free[0] = _way_is_free(task.robot, task.floor, room.path[row], task.goal, room.spare)
     for number in range(len(task.approaches)):
         room.free[1 + number] = task.approaches[number, 6] > 0.0 and _way_is_free(
@@ -106,14 +117,16 @@ def _look_around(task: Any, room: Any, row: Any) -> Any:
 
 @subroutine
 def _arrive(task: Any, room: Any, row: Any) -> Any:
-    """The commands that lead from a pose to the goal, over an approach if need be; -1 if it can face none of them.
+    """Append the poses that lead from a pose to the goal, directly or over an approach.
 
-    Appends their poses to the path.
+    Return the number of these commands, -1 if the robot can face neither the goal nor an approach with a free way.
     """
     robot, floor, path, spare = task.robot, task.floor, room.path, room.spare
+    # The goal itself comes first (-1), so an approach is used only where it is needed.
     for number in range(-1, len(task.approaches)):
         if room.free[1 + number]:
             target = task.goal if number < 0 else task.approaches[number, :3]
+            # Called for what it writes to ``spare``: `_look_around` went on to other targets since.
             _way_is_free(robot, floor, path[row], target, spare)
             last = _drive_on(robot, floor, path, row, target, spare)
             if last >= 0:
@@ -123,7 +136,7 @@ def _arrive(task: Any, room: Any, row: Any) -> Any:
 
 @subroutine
 def _short_of(task: Any, pose: Any) -> Any:
-    """How far a pose is from the goal, m: the way, and the turn at the circumscribed radius."""
+    """Return how far a pose is from the goal, m: the way, plus the turn times the circumscribed radius."""
     x, y, heading = pose
     goal = task.goal
     away = distance_at(task.field, x, y) if task.around else np.hypot(goal[0] - x, goal[1] - y)
@@ -132,12 +145,15 @@ def _short_of(task: Any, pose: Any) -> Any:
 
 @subroutine
 def _scan(task: Any, room: Any) -> Any:
-    """Carry out the commands from the pose ``path[0]`` until the goal is visible, or an approach to it.
+    """Carry out the commands from the pose ``path[0]`` until the goal, or an approach to it, is visible.
 
-    Appends the poses to the path. Returns the fitness, the number of commands that it is the fitness of, and of those
-    that then lead to the goal. If the goal is never visible, the last pose counts, or, where ways are measured around
-    obstacles, the nearest: so later commands may try what they like. A rotation that is blocked both ways ends the
-    scan (§5), or, where ways are measured around obstacles, is left out.
+    The poses are appended to the path. If the goal is never visible, the last pose counts; where ways are measured
+    around obstacles, the nearest pose counts, so that commands behind it may vary freely. A rotation that is blocked
+    both ways ends the scan (§5), or, where ways are measured around obstacles, is left out.
+
+    Returns:
+        The fitness, the number of commands up to the pose that counts, and the number of further commands that lead
+        from there to the goal (0 if it is not visible).
     """
     robot, floor, levels, codes, path = task.robot, task.floor, task.levels, room.codes, room.path
     row, nearest, fitness = 0, 0, np.inf
@@ -147,10 +163,13 @@ def _scan(task: Any, room: Any) -> Any:
         if last >= 0:
             return 0.0, row, last
         short = _short_of(task, path[row])
+        # The paper's fitness is that of the last pose, so there each pose replaces the one before.
         if short < fitness or not task.around:
             nearest, fitness = row, short
         if row == codes.size:
             break
+        # Even rows are rotates, odd rows are moves. A rotate codes i / 2^q of a full turn, a move (i + 1) / 2^q of the
+        # free length, which is never 0.
         share = codes[row] / levels
         if row % 2 == 0:
             if not turn_to(robot, floor, path[row], _FULL_TURN * share, path[row + 1]):
@@ -188,7 +207,7 @@ def _room_for(table: Any) -> Any:
 
 @subroutine
 def _carry_out(genome: Any, table: Any, task: Any, room: Any) -> Any:
-    """`_scan` for the commands that a genome codes."""
+    """Return the result of `_scan` for the commands that a genome codes."""
     layout = integers(table, 0)[0]
     integers_of(genome, layout[0], layout[1] != 0, room.codes)
     return _scan(task, room)
@@ -196,7 +215,7 @@ def _carry_out(genome: Any, table: Any, task: Any, room: Any) -> Any:
 
 @kernel(FITNESS, may_be_long=True)
 def evaluate(genomes: Genomes, fitness: Fitness, table: Table) -> None:
-    """How far the scan of each list of coded commands stays from the goal, m; 0 if the goal is visible (§5)."""
+    """Fill how far the scan of each list of coded commands stays from the goal, m; 0 if the goal is visible (§5)."""
     task, room = _task_of(table), _room_for(table)
     for row in range(fitness.size):
         fitness[row] = _carry_out(genomes[row], table, task, room)[0]
@@ -204,15 +223,15 @@ def evaluate(genomes: Genomes, fitness: Fitness, table: Table) -> None:
 
 @kernel("Tuple((float64[:,::1], int64))(uint8[::1], int64[:,::1], boolean)")
 def follow(genome: Genomes, table: Table, shorten: bool) -> tuple[Floats, int]:
-    """The poses, shape (poses, 3), that a genome's commands lead to, and how many of the commands count.
+    """Return the poses, shape (poses, 3), that a genome's commands lead to, and how many of the commands count.
 
-    What leads from there to the goal follows in the poses: turns and drives by turns. A way to the goal is shortened if
-    that is asked for; then it is another.
+    The poses behind those of the commands lead to the goal: turns and drives, alternately. With ``shorten`` a way that
+    reaches the goal is shortened, so its poses are no longer those of the genome's commands.
     """
     room, task = _room_for(table), _task_of(table)
     _, scanned, last = _carry_out(genome, table, task, room)
     if shorten and last > 0:
         poses = shortened(task.robot, task.floor, room.path, scanned + last)
         if len(poses) > 0:
-            return poses, max(0, len(poses) - 4)
+            return poses, max(0, len(poses) - 4)  # the last three commands count as those that lead to the goal
     return room.path[: 1 + scanned + last].copy(), scanned

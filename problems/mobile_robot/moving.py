@@ -1,4 +1,4 @@
-"""A mobile-robot solution over time: it turns on the spot, and moves ahead, each from rest to rest."""
+"""The motion of a mobile-robot solution: turns on the spot and drives ahead, each from rest to rest."""
 
 from __future__ import annotations
 
@@ -16,7 +16,10 @@ if TYPE_CHECKING:
 
 
 def motion(problem: MobileRobot, solution: Solution, pace: Pace) -> Motion:
-    """Moves at most at --speed, m/s; turns, unless told, such that no point of the robot exceeds that."""
+    """Return the motion at most at --speed, m/s.
+
+    If no speed of turns is given, they are so slow that no point of the robot exceeds --speed.
+    """
     speed, gain = pace.moving(problem.kind, "m")
     robot = problem.robot
     turn, turn_gain = pace.turning(speed.value, gain.value, robot.radius or robot.circumscribed_radius)

@@ -1,12 +1,20 @@
-"""The exact answers that mobile-robot is held against: is there a way, and how long is the shortest?
+"""The oracle of mobile-robot: is there a way, and how long is the shortest?
 
-Nothing here is used by `evaluate`. Where a disc's centre may be is the floor without the obstacles grown by its radius,
-and the shortest way there leads from corner to corner that see each other (`oracle_ways`).
+It shares no code with `evaluate`, and knows nothing of commands: its answers hold for any number of them.
 
-A polygon turns freely inside the disc that encloses it. Where that does not get through, `oracle_drives` looks for a
-way by turns and drives; one that it finds is proven by `checker`. That there is no way is proven by slices of the
-headings: in each the robot is shrunk to what it covers at all of them and may slide to any side, and slices are
-connected where their free places overlap. Whoever does not get through even so has no way.
+A disc's centre may be anywhere on the floor outside of the obstacles grown by the disc's radius. The shortest way there
+is a path in the visibility graph of the corners (`oracle_ways`).
+
+For a polygon there are two proofs of a way and two of none. Two discs about the reference point serve for one of each.
+The disc that encloses the robot: inside it the robot turns freely, so where that disc gets through, so does the robot.
+The disc that the robot covers: where that one does not get through, neither does the robot.
+
+Where these do not decide, `oracle_drives` looks for a way by turns and drives; `checker` verifies what it finds, so an
+error there cannot become a wrong answer. And `_best_in_slices` tries to prove that there is no way, with slices of the
+headings. In each slice the robot is shrunk to what it covers at all headings of the slice, and may slide in any
+direction. Neighbouring slices are connected where their free places overlap. This robot can do all that the true one
+can, and more, so where it has no way, the true one has none. If no proof succeeds, the bound is 0: the oracle cannot
+tell.
 """
 
 from __future__ import annotations
@@ -40,19 +48,27 @@ from problems.problem import Answer, Solution
 if TYPE_CHECKING:
     from problems.mobile_robot.problem import MobileRobot
 
-_SLICES = 120  # of the headings
+_SLICES = 120  # the number of slices of the headings
 _HALF_SLICE = np.pi / _SLICES
-_HEADINGS = 2.0 * _HALF_SLICE * np.arange(_SLICES)  # in their middles
+_HEADINGS = 2.0 * _HALF_SLICE * np.arange(_SLICES)  # rad: the middle of each slice
 
 
 def solve_exactly(problem: MobileRobot) -> Answer:
-    """Whether the goal can be reached, and bounds of the shortest way's length."""
+    """Return whether the goal can be reached, and bounds of the shortest way's length.
+
+    An optimum of 0 means that there is a way, a lower bound above 0 that there is none: no robot gets nearer to the
+    goal than that. A lower bound of 0 means that the oracle cannot tell.
+    """
+    # A robot that keeps a clearance is one that is thicker by it. If it covers no disc about its reference point, that
+    # point may be anywhere, even over an obstacle, so the inner radius stays 0 and excludes nothing.
     outer, inner = (radius + problem.clearance if radius > 0.0 else 0.0 for radius in _discs(problem))
+    # First the proof that there is no way, which also gives the lower bound of the length.
     least, away = _least(problem, inner)
     if away > 0.0:
         method = "visibility graph of a disc that the robot covers" if problem.robot.vertices else "visibility graph"
         return Answer("lower bound", away, f"{method}: the goal is out of reach")
     figures = {"shortest_length_at_least": least}
+    # Then the proof that there is one.
     roomy = free_of_disc(problem, outer, surely=True)
     way = shortest_way(roomy, problem.start[:2], problem.goal[:2])
     if way is not None:
@@ -65,7 +81,8 @@ def solve_exactly(problem: MobileRobot) -> Answer:
 
 
 def _of_a_polygon(problem: MobileRobot, roomy: shapely.Geometry, figures: dict[str, float]) -> Answer:
-    """Where its enclosing disc does not get through."""
+    """Return the answer for a polygon whose enclosing disc does not get through."""
+    # Before the search for a way, which would run to its end in vain if there is none.
     away = _best_in_slices(problem)
     if away > 0.0:
         return Answer("lower bound", away, f"{_SLICES} slices of the headings: the goal is out of reach")
@@ -83,7 +100,7 @@ def _proven(method: str, solution: Solution, figures: dict[str, float]) -> Answe
 
 
 def _solution(poses: Floats) -> Solution:
-    """Poses between which the robot turns and drives by turns, as commands; headings are unwrapped."""
+    """Return the solution of poses between which the robot turns and drives alternately; headings are unwrapped."""
     steps = np.diff(poses, axis=0)
     lengths = np.hypot(steps[:, 0], steps[:, 1])
     commands: list[list[str | float]] = [
@@ -94,7 +111,7 @@ def _solution(poses: Floats) -> Solution:
 
 
 def _turning_anywhere(problem: MobileRobot, way: Points) -> Floats:
-    """The poses of a robot that can turn anywhere on a way."""
+    """Return the poses along a way on which the robot can turn anywhere."""
     poses = [np.array(problem.start)]
     for here, there in pairwise(way):
         step = there - here
@@ -105,7 +122,10 @@ def _turning_anywhere(problem: MobileRobot, way: Points) -> Floats:
 
 # Discs ----------------------------------------------------------------------------------------------------------------
 def _discs(problem: MobileRobot) -> tuple[float, float]:
-    """The radii of discs about the reference point that enclose the robot, and that it covers (0 if it covers none)."""
+    """Return the radii of the discs about the reference point that enclose the robot, and that it covers.
+
+    The second is 0 if the robot covers no such disc: if the reference point is not within its outline.
+    """
     robot = problem.robot
     if robot.vertices is None:
         assert robot.radius is not None, "a robot is a polygon or a disc"
@@ -116,13 +136,18 @@ def _discs(problem: MobileRobot) -> tuple[float, float]:
 
 
 def _least(problem: MobileRobot, radius: float) -> tuple[float, float]:
-    """A lower bound of the length of a disc's way, and how near to the goal it gets at best, m."""
+    """Return a lower bound of the length of a disc's way, and how near to the goal it gets at best, m.
+
+    The shapes are the ones that are surely not too large. So the true disc's free places are part of these, and neither
+    figure is greater than the true one.
+    """
     start, goal = problem.start[:2], problem.goal[:2]
     straight = float(np.hypot(*np.subtract(start, goal)))
     if radius == 0.0:
         return straight, 0.0
     free = free_of_disc(problem, radius, surely=False)
     part = part_at(free, start)
+    # An empty part means that rounding puts the start outside the free places: then nothing is proven.
     if not part.is_empty and not part.covers(shapely.Point(goal)):
         return np.inf, float(part.distance(shapely.Point(goal)))
     way = shortest_way(free, start, goal)
@@ -131,7 +156,13 @@ def _least(problem: MobileRobot, radius: float) -> tuple[float, float]:
 
 # Slices of the headings of a polygon ----------------------------------------------------------------------------------
 def _best_in_slices(problem: MobileRobot) -> float:
-    """At most the least fitness of all poses that it gets to from slice to slice; 0 for the goal, or in doubt."""
+    """Return a lower bound of the fitness of all poses that can be reached from slice to slice.
+
+    It is 0 if the goal is among them, or in doubt; otherwise it is above 0, and the goal is out of reach. A motion that
+    goes on turning passes from a slice to the next at one place, which must be free in both slices: hence the graph of
+    parts that intersect.
+    """
+    # Nodes of the graph are the connected free parts of all slices, numbered slice by slice from ``firsts`` on.
     covered = _covered_in_a_slice(problem)
     pieces = [list(parts(_free_in_slice(problem, [piece @ turned(each) for piece in covered]))) for each in _HEADINGS]
     firsts = np.cumsum([0, *map(len, pieces)])
@@ -154,11 +185,12 @@ def _best_in_slices(problem: MobileRobot) -> float:
         for heading, several in zip(_HEADINGS, pieces, strict=True)
         for part in several
     ]
+    # Above 0 even where a reached part comes as near as 0: the goal's pose is in none of them.
     return float(max(np.min(np.array(fitness)[labels == labels[start]]), np.nextafter(0.0, 1.0)))
 
 
 def _number_at(pose: tuple[float, float, float], pieces: list[list[shapely.Polygon]], firsts: Floats) -> int | None:
-    """Which free part, of all slices, a pose is in."""
+    """Return the number of the free part, counted over all slices, that a pose is in; None if it is in none."""
     number = round(pose[2] / (2.0 * _HALF_SLICE)) % _SLICES
     for place, part in enumerate(pieces[number]):
         if part.covers(shapely.Point(pose[:2])):
@@ -167,18 +199,27 @@ def _number_at(pose: tuple[float, float, float], pieces: list[list[shapely.Polyg
 
 
 def _covered_in_a_slice(problem: MobileRobot) -> list[Points]:
-    """Convex pieces of what the robot covers at all headings of a slice, in its own frame at the middle heading."""
+    """Return convex pieces of what the robot covers at all headings of a slice, in its frame at the middle heading.
+
+    A turn by half a slice moves no point farther than that angle times the circumscribed radius. So a point that deep
+    within the outline is covered at all headings. The checker's tolerance is taken off too, so that no path that it
+    accepts contradicts a proof.
+    """
     outline = shapely.Polygon(problem.robot.vertices)
     return convex(outline.buffer(-_HALF_SLICE * problem.robot.circumscribed_radius - TOLERANCE, join_style="mitre"))
 
 
 def _free_in_slice(problem: MobileRobot, covered: list[Points]) -> shapely.Geometry:
-    """Where the reference point may be, at most, if the robot is at least what is ``covered``, turned as it stands."""
-    if not covered:
+    """Return a superset of where the reference point may be if the robot contains the ``covered`` pieces.
+
+    The pieces are already turned to the slice's heading.
+    """
+    if not covered:  # a robot too slim for its shrunken outline: any place may be free
         return shapely.box(*problem.bounds).buffer(problem.robot.circumscribed_radius)
     (x0, y0), (x1, y1) = room_for(problem, np.concatenate(covered), problem.clearance)
     if x0 > x1 or y0 > y1:
         return shapely.Polygon()
+    # The checker measures clearance with that tolerance, so a proof must grant it.
     gap = max(problem.clearance - TOLERANCE, 0.0)
     solids = [
         solid.buffer(gap, quad_segs=ARC)

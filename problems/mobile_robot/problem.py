@@ -1,4 +1,4 @@
-"""A holonomic mobile robot among obstacles, driven by rotate and move commands: schema and behaviour (§5)."""
+"""The mobile-robot planner (§5): a robot among obstacles, driven by rotate and move commands."""
 
 from __future__ import annotations
 
@@ -39,12 +39,12 @@ if TYPE_CHECKING:
 Metres = Annotated[float, Field(ge=-1e4, le=1e4)]
 Pose = tuple[Metres, Metres, Angle]
 
-_FLIPS = 12.0  # bits changed in an offspring, on average, by the tuned recipe
+_FLIPS = 12.0  # bits that the tuned recipe changes in an offspring, on average
 _FLIPS_ON_ISLANDS = 16.0
 
-_FEWEST_COMMANDS = 8  # of those chosen by the floor
+_FEWEST_COMMANDS = 8  # if the number follows from the floor
 _MOST_COMMANDS = 24
-_MOST_AT_LAST = 64  # of later attempts
+_MOST_AT_LAST = 64  # in later attempts
 
 
 class Body(Table):
@@ -74,7 +74,7 @@ class Body(Table):
 
     @property
     def circumscribed_radius(self) -> float:
-        """The farthest corner's distance from the reference point, m; 0 for a disc, whose heading cannot be seen."""
+        """The farthest corner's distance from the reference point, m; 0 for a disc, whose heading does not matter."""
         return 0.0 if self.vertices is None else float(np.linalg.norm(self.vertices, axis=1).max())
 
     @property
@@ -82,6 +82,7 @@ class Body(Table):
         """The radius of the largest disc about the reference point that the robot covers, m; 0 if it covers none."""
         if self.vertices is None:
             return self.radius or 0.0
+        # The disc must lie within the outline, so the reference point must; then the nearest edge bounds it.
         outline, reference = shapely.Polygon(self.vertices), shapely.Point(0.0, 0.0)
         return float(outline.exterior.distance(reference)) if outline.contains(reference) else 0.0
 
@@ -99,8 +100,8 @@ goal = [6.8, 1.2, 1.57]         # m, m, rad
 bits = 8                        # of each command
 # code = "gray"                 # or "binary"; if not given, the recipe's
 # guide = "around"              # or "straight": how the way to the goal is measured; if not given, the recipe's
-# shorten = true                # ways that have been found; if not given, the recipe's
-# clearance = 0.05             # m, that the robot keeps from obstacles and walls
+# shorten = true                # whether ways that have been found are shortened; if not given, the recipe's
+# clearance = 0.05              # m, that the robot keeps from obstacles and walls
 bounds = [0.0, 0.0, 8.0, 6.0]   # m, the walls around the floor: x0, y0, x1, y1
 
 [robot]                         # in its own frame: it turns about the origin, ahead is +x
@@ -135,7 +136,7 @@ seed = 1
     any_thread: ClassVar[bool] = True
 
     start: Pose = quantity("m, m, rad", "where the robot stands: [x, y, heading]")
-    goal: Pose = quantity("m, m, rad", "where it shall go: [x, y, heading]")
+    goal: Pose = quantity("m, m, rad", "where it is to go: [x, y, heading]")
     commands: int | None = quantity(
         "",
         "pairs of a rotate and a move command; if not given, 8 and one for each two obstacles, but at most 24",
@@ -146,8 +147,8 @@ seed = 1
     bits: int = quantity("bit", "bits of each command", default=8, ge=1, le=62)
     guide: Literal["straight", "around"] | None = quantity(
         "",
-        "what a scan that does not see the goal is worth: the straight distance from where it ends, or the way around"
-        ' the obstacles from where that is least; if not given, the recipe\'s: tuned "around", paper "straight"',
+        "fitness of a scan that does not see the goal: the straight distance from where it ends, or the way around the"
+        ' obstacles from where that is least; if not given, the recipe\'s: tuned "around", paper "straight"',
         default=None,
     )
     shorten: bool | None = quantity(
@@ -164,8 +165,13 @@ seed = 1
 
     @classmethod
     def derive_fields(cls, fields: dict[str, Any]) -> dict[str, Any]:
-        """With the number of commands, which the floor chooses once: individuals outlive what moves on it."""
+        """Fill in the number of commands, which follows from the number of obstacles.
+
+        It is chosen once, when the file is read. Later updates of the obstacles must keep it, since the individuals of
+        a running job have genomes of that length.
+        """
         obstacles = fields.get("obstacles", [])
+        # A field of a wrong type is left as it is; validation names it.
         if fields.get("commands") is not None or not isinstance(obstacles, list):
             return fields
         return fields | {"commands": _commands_for(len(obstacles))}
@@ -180,7 +186,7 @@ seed = 1
 
     @model_validator(mode="after")
     def _stands_free(self, info: ValidationInfo) -> Self:
-        if info.context == CHECKED:
+        if info.context == CHECKED:  # another process has checked these fields already; the check is costly
             return self
         for name, pose in (("start", self.start), ("goal", self.goal)):
             objection = checker.objection_to(self, pose)
@@ -192,34 +198,35 @@ seed = 1
 
     @property
     def solved_at(self) -> float:
-        """The goal is reached."""
+        """The fitness of a path that reaches the goal."""
         return 0.0
 
     @cached_property
     def coding(self) -> BitString:
-        """One integer a command: rotate, move, rotate, .. (§5)."""
+        """The coding: one integer for each command, rotate, move, rotate, .. (§5)."""
         from genetics.bit_string import BitString
 
         return BitString(2 * self.pairs, self.bits, gray=self.code != "binary")
 
     @property
     def pairs(self) -> int:
-        """The number of commands, given or chosen."""
+        """The number of pairs of commands, given in the file or by the number of obstacles."""
         return _commands_for(len(self.obstacles)) if self.commands is None else self.commands
 
     def for_recipe(self, name: RecipeName, deme: int) -> Self:
-        """§5 to the letter, or what has been found to be best, unless the file chooses."""
+        """Return the problem with what the file leaves to the recipe: as in §5 (paper), or what works best (tuned)."""
         coded = super().for_recipe(name, deme)
         return coded.filled_in(guide="around" if name == "tuned" else "straight", shorten=name == "tuned")
 
     def next_attempt(self, attempt: int) -> dict[str, Any] | None:
-        """Half as many commands again; the paper knows of no other attempt."""
+        """Return half as many commands again; None for the paper's guide, since the paper has no further attempts."""
         if self.guide == "straight":
             return None
+        # Never fewer than before, even if the file asks for more than the bound.
         return {"commands": max(self.pairs, min(_MOST_AT_LAST, self.pairs * 3 // 2))}
 
     def recipe(self, name: RecipeName, deme: int) -> Recipe:
-        """§6 to the letter where it is stated, or an elitist replacement with far more mutation."""
+        """Return the recipe of §6 as far as it is stated (paper), or elitist replacement with more mutation (tuned)."""
         if name == "paper":
             return Recipe("one-point", 1.0 / self.coding.length, "offspring")
         if deme == 1:
@@ -227,25 +234,25 @@ seed = 1
         return Recipe("uniform", min(0.5, _FLIPS_ON_ISLANDS / self.coding.length), "elitist")
 
     def evaluate(self, genomes: Genomes) -> Fitness:
-        """0 if the goal is visible, else how far the scan stays from it, m: (n, genome_bytes) to (n,)."""
+        """Return 0 if the goal is visible, else how far the scan stays from it, m: (n, genome_bytes) to (n,)."""
         return self._compiled.fitness(genomes)
 
     @property
     def fitness_kernel(self) -> Operator:
-        """`evaluate` as compiled code, whatever the fields: nothing of it is left to Python."""
+        """`evaluate` as compiled code. All variants of the problem are compiled; none needs Python."""
         return self._compiled
 
     def decode(self, genome: Genomes) -> Solution:
-        """``{"commands": [["rotate", rad], ["move", m], ..], "path": [[x, y, heading], ..], "length": m}``.
+        """Return ``{"commands": [["rotate", rad], ["move", m], ..], "path": [[x, y, heading], ..], "length": m}``.
 
-        A rotate command's number is the turn to make, anticlockwise if positive, so that it also says which sense is
-        free; headings are in the path, which has a pose more than there are commands. A goal that is visible ends both,
-        and then `shorten` may have made other commands of those that found it.
+        The number of a rotate command is the turn to make, anticlockwise if positive, so it also states which sense is
+        free. Headings are in the path, which has one pose more than there are commands. If the goal is visible, both
+        end there, and with `shorten` the commands may differ from those of the genome.
         """
         from problems.mobile_robot import kernels
 
         path, scanned = kernels.follow(writable(genome), self._compiled.table, self.shorten is not False)
-        # A way may turn where a turn came before: the scan stopped after it, or an approach begins.
+        # Two turns may follow each other where the scan ended after a turn, so the names begin with "rotate" again.
         names = [["rotate", "move"][number % 2] for count in (scanned, len(path)) for number in range(count)]
         steps = np.diff(path, axis=0)
         lengths = np.hypot(steps[:, 0], steps[:, 1])
@@ -256,35 +263,35 @@ seed = 1
         return {"commands": commands, "path": path.tolist(), "length": float(lengths.sum())}
 
     def describe(self, solution: Solution) -> str:
-        """The commands, as one would call them out to the robot."""
+        """Return the length and the commands as text, one command a line."""
         calls = [_called_out(name, value) for name, value in solution["commands"]]
         return "\n".join([f"a way of {solution['length']:.2f} m by {len(calls)} commands:", *calls])
 
     def check(self, solution: Solution) -> Verdict:
-        """See `problems.mobile_robot.checker`, which shares no code with `evaluate`."""
+        """Verify a solution by `problems.mobile_robot.checker`, which shares no code with `evaluate`."""
         return checker.verify(self, solution)
 
     def oracle(self) -> Answer:
-        """See `problems.mobile_robot.oracle`: a visibility graph; for a polygon also turns and drives, and slices."""
+        """Return whether there is a way, and bounds of its length; see `problems.mobile_robot.oracle`."""
         from problems.mobile_robot import oracle
 
         return oracle.solve_exactly(self)
 
     def motion(self, solution: Solution, pace: Pace) -> Motion:
-        """Moves and turns, each from rest to rest; see `problems.mobile_robot.moving`."""
+        """Return drives and turns as a motion, each from rest to rest; see `problems.mobile_robot.moving`."""
         from problems.mobile_robot import moving
 
         return moving.motion(self, solution, pace)
 
     def draw(self, figure: Figure, solution: Solution | None, populations: Populations) -> None:
-        """The floor and the swept robot (figure 6 of the paper)."""
+        """Draw the floor and the swept robot (figure 6 of the paper)."""
         from problems.mobile_robot import drawing
 
         drawing.draw(self, figure, solution, populations)
 
     @cached_property
     def _compiled(self) -> Operator:
-        """The fitness, and the table of all kernels."""
+        """The fitness, with the table that all kernels read; `problems.mobile_robot.kernels` names its parts."""
         from genetics.operators import Operator
         from problems.mobile_robot import guide_kernels, kernels
 
@@ -298,19 +305,20 @@ seed = 1
             outline,
             *floor,
             self.grid[:3],
+            # The paper's guide reads no distances: a grid of one node stands in for them.
             guide_kernels.distances(self.grid, self.sources, floor) if goes_around else np.zeros((1, 1)),
             self.approaches,
         )
 
     @cached_property
     def _arrays(self) -> tuple[tuple[NDArray[np.float64], float], tuple[NDArray[Any], ...]]:
-        """The robot and the floor, as compiled code has them."""
+        """The robot and the floor as the arrays of the compiled code."""
         robot = robot_arrays(self.robot.vertices, self.robot.radius, self.clearance)
         return robot, floor_arrays(self.bounds, self.obstacles)
 
     @cached_property
     def approaches(self) -> NDArray[np.float64]:
-        """How a goal is entered that is too tight to turn in, (n, 7); see `problems.mobile_robot.approach_kernels`."""
+        """Approaches to a goal that is too tight to turn in, (n, 7); see `problems.mobile_robot.approach_kernels`."""
         from problems.mobile_robot import approach_kernels
 
         if self.guide == "straight":
@@ -320,18 +328,18 @@ seed = 1
 
     @property
     def sources(self) -> NDArray[np.float64]:
-        """Where the way around the obstacles ends: x, y and how far that is from the goal, m, (n, 3)."""
+        """Where the way around the obstacles ends: x, y and the length left from there to the goal, m, (n, 3)."""
         approaches = self.approaches[self.approaches[:, 6] > 0.0]
         return np.ascontiguousarray(approaches[:, [0, 1, 5]]) if len(approaches) else np.array([[*self.goal[:2], 0.0]])
 
     @cached_property
     def grid(self) -> Guide:
-        """Over which the way around the obstacles is measured."""
+        """The grid over which the way around the obstacles is measured."""
         return guide_of(self.bounds, self.robot, self.clearance)
 
 
 def _commands_for(obstacles: int) -> int:
-    """How many commands a floor with that number of obstacles is given."""
+    """Return the number of pairs of commands for a floor with so many obstacles."""
     return min(_MOST_COMMANDS, _FEWEST_COMMANDS + obstacles // 2)
 
 

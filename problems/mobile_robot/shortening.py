@@ -1,8 +1,11 @@
-"""Shortens a way that has been found, by turns and drives that are proven as the scan's are (`contact`).
+"""Shorten a way that has been found, with turns and drives proven by the same closed forms as the scan's (`contact`).
 
-A way is the row of places where the robot turns. Each round takes these places, others on the lines between them and
-inside their corners, and finds the shortest way over any of them in that order (dynamic programming over the lines
-between two places, since where the robot can turn depends on where it comes from). Rounds end when little is gained.
+A way is the sequence of places where the robot turns. Each round takes these places, others on the lines between them
+and others inside their corners, and finds the shortest way over any of them in that order. Rounds end when little is
+gained.
+
+It is dynamic programming over lines between two places, not over places: whether the robot can turn at a place to its
+next heading depends on the heading with which it arrives.
 """
 
 from typing import Any
@@ -14,21 +17,21 @@ from problems.mobile_robot.contact import can_turn, drive, full_turn_less, short
 
 _ROUNDS = 12
 _MOST_PLACES = 128
-_LEAST_GAIN = 1e-3  # of the length, in a round
-_STOP = 0.1  # of the robot's size: what a turn counts as a length, so that no turn is made for next to nothing
-_NEAR = 1e-6  # m: places nearer to each other are one
+_LEAST_GAIN = 1e-3  # a round that gains a smaller share of the cost is the last
+_STOP = 0.1  # a stop to turn costs this share of the robot's size, as a length: none is made for next to nothing
+_NEAR = 1e-6  # m: places nearer to each other than this are one
 
 
 @subroutine
 def _can_face(robot: Any, floor: Any, x: Any, y: Any, now: Any, then: Any) -> Any:
-    """Whether the robot can turn from one heading to the other, by either sense."""
+    """Return whether the robot can turn from one heading to the other, in either sense."""
     short = shorter_angle(then - now)
     return can_turn(robot, floor, x, y, now, short) or can_turn(robot, floor, x, y, now, full_turn_less(short))
 
 
 @subroutine
 def _append(places: Any, count: Any, x: Any, y: Any) -> Any:
-    """Append a place unless it is the last one or there is no room; how many there are then."""
+    """Append a place unless it repeats the last one or there is no room; return how many there are then."""
     if count == len(places) or (count > 0 and np.hypot(x - places[count - 1, 0], y - places[count - 1, 1]) < _NEAR):
         return count
     places[count, 0], places[count, 1] = x, y
@@ -37,14 +40,18 @@ def _append(places: Any, count: Any, x: Any, y: Any) -> Any:
 
 @subroutine
 def _between(places: Any, count: Any, one: Any, other: Any, share: Any) -> Any:
-    """Append the place at a share of the line from one to the other."""
+    """Append the place at a share of the line from one place to the other; return how many there are then."""
     x, y = one[0] + share * (other[0] - one[0]), one[1] + share * (other[1] - one[1])
     return _append(places, count, x, y)
 
 
 @subroutine
 def _refined(way: Any, stops: Any, places: Any, finely: Any) -> Any:
-    """Fill the places that a way may lead over, in order; how many."""
+    """Fill the places that a shorter way may lead over, in order; return how many there are.
+
+    The way's own places are among them, unless there are too many for the array. ``finely`` adds places near and inside
+    the corners.
+    """
     count = _append(places, 0, way[0, 0], way[0, 1])
     for stop in range(1, stops):
         before, here = way[stop - 1], way[stop]
@@ -70,13 +77,16 @@ def _refined(way: Any, stops: Any, places: Any, finely: Any) -> Any:
 
 @subroutine
 def _best_before(robot: Any, floor: Any, places: Any, costs: Any, place: Any, start: Any, heading: Any) -> Any:
-    """The least cost of a way to a place where the robot can turn to a heading, and the place before (-1: none)."""
+    """Return the least cost of a way to a place where the robot can then turn to a heading, and the place before.
+
+    The place before is -1 at the first place, and if there is no such way.
+    """
     x, y = places[place]
     if place == 0:
         return (0.0 if _can_face(robot, floor, x, y, start, heading) else np.inf), -1
     least, best = np.inf, -1
     for before in range(place - 1, -1, -1):
-        if costs[before, place] < least:
+        if costs[before, place] < least:  # only a cheaper line is worth the test of its turn
             arriving = np.arctan2(y - places[before, 1], x - places[before, 0])
             if _can_face(robot, floor, x, y, arriving, heading):
                 least, best = costs[before, place], before
@@ -85,10 +95,11 @@ def _best_before(robot: Any, floor: Any, places: Any, costs: Any, place: Any, st
 
 @subroutine
 def _search(robot: Any, floor: Any, places: Any, ends: Any, most: Any, stop: Any, costs: Any, previous: Any) -> Any:
-    """The least cost of a way from the first place to the last, and the place before (-1: none below ``most``).
+    """Return the least cost of a way from the first place to the last, and the place before the last.
 
-    ``ends`` are the headings at start and goal. Fills the costs of the lines between two places, each with all that
-    leads to it, and the place before.
+    The place before is -1 if no way costs less than ``most``. ``ends`` are the headings at start and goal. Fill
+    ``costs`` with the cost of each line between two places, including all that leads to it, and ``previous`` with the
+    place before each line.
     """
     goal = len(places) - 1
     least = np.full(len(places), np.inf)
@@ -100,6 +111,7 @@ def _search(robot: Any, floor: Any, places: Any, ends: Any, most: Any, stop: Any
         for before in range(place):
             east, north = x - places[before, 0], y - places[before, 1]
             length = np.hypot(east, north)
+            # The straight line to the goal is a lower bound of what is left, so nothing shorter is cut off.
             if length < _NEAR or least[before] + length + left >= most:
                 continue
             heading = np.arctan2(north, east)
@@ -121,7 +133,7 @@ def _length(way: Any, stops: Any) -> Any:
 
 @subroutine
 def _traced(places: Any, previous: Any, before: Any, way: Any) -> Any:
-    """Fill the way that ends with the last place, coming from ``before``; how many stops it has."""
+    """Fill the way that ends with the last place, coming from ``before``; return how many stops it has."""
     stops, here = 1, len(places) - 1
     chain = np.empty(len(places), np.int64)
     chain[0] = here
@@ -136,7 +148,7 @@ def _traced(places: Any, previous: Any, before: Any, way: Any) -> Any:
 
 @subroutine
 def _driven(robot: Any, floor: Any, path: Any, last: Any, way: Any, stops: Any) -> Any:
-    """The poses of a way with the first pose of a path and its last heading: turns and drives by turns."""
+    """Return the poses of a way: turns and drives, alternately, from the path's first pose to its last heading."""
     poses = np.empty((2 * stops, 3))
     poses[0] = path[0]
     for stop in range(1, stops):
@@ -149,10 +161,11 @@ def _driven(robot: Any, floor: Any, path: Any, last: Any, way: Any, stops: Any) 
 
 @subroutine
 def shortened(robot: Any, floor: Any, path: Any, last: Any) -> Any:
-    """The poses of a shorter way than a path's, up to its pose ``last``, whose ends they share but for full turns.
+    """Return the poses of a shorter way than a path up to its pose ``last``; none if no shorter way is found.
 
-    Turns and drives take turns, and the last is a turn. There are no poses if no shorter way is found.
+    Turns and drives alternate, and the last is a turn. Both ends are the path's, up to full turns of the heading.
     """
+    # The way's stops only; the turns between them are found anew.
     way, places = np.empty((max(_MOST_PLACES, last + 1), 2)), np.empty((_MOST_PLACES, 2))
     stops = 0
     for row in range(last + 1):
@@ -163,6 +176,7 @@ def shortened(robot: Any, floor: Any, path: Any, last: Any) -> Any:
     for number in range(_ROUNDS):
         count = _refined(way, stops, places, number > 0)
         cost, before = _search(robot, floor, places[:count], ends, known, stop, costs, previous)
+        # The known cost counts each stop of the way found so far, so a round can only improve on it.
         if before < 0 or cost >= known:
             break
         stops = _traced(places[:count], previous, before, way)

@@ -1,13 +1,19 @@
-"""From a vehicle among obstacles to spheres in configuration space, coarse to fine, conservative to an accuracy.
+"""Cover a vehicle's configurations in collision with spheres, coarse to fine, conservative to an accuracy.
 
-The box of all configurations is halved again and again along its longest side. A cell at whose centre the vehicle has a
-greater gap to all obstacles than any point of it moves within the cell is free. A cell that is not, and whose enclosing
-sphere lies within ``accuracy`` of a configuration in collision, is closed by that sphere. So every configuration in
-collision is in some sphere, and no configuration farther than ``accuracy`` from all of those is. What is deep inside is
-not closed by larger spheres: the deeper a path goes through, the more it crosses. (Pitt-Francis and Featherstone, to
-whom the paper refers, make hierarchies of spheres of solids; a configuration space need not be that of a solid.)
+The box of all configurations is halved again and again along its longest side. Each cell is treated by its centre:
 
-What becomes of each cell, level by level, is all that need be kept: that is what travels to the nodes, as a text.
+- Free, if the vehicle's gap to all obstacles is greater than any point of it moves within the cell.
+- Else closed by the sphere that encloses it, if that sphere lies within ``accuracy`` of a configuration in collision.
+- Else halved.
+
+So every configuration in collision is in some sphere, and every configuration in a sphere is within ``accuracy`` of one
+in collision. The first makes a path that crosses no sphere free; the second bounds how much free space is lost.
+
+Cells deep inside are not closed by larger spheres: the deeper a path goes through an obstacle, the more spheres it
+crosses, which is what the fitness counts. (Pitt-Francis and Featherstone, to whom the paper refers, make hierarchies of
+spheres for solids; the forbidden part of a configuration space need not be a solid.)
+
+The kinds of all cells, level by level, determine the spheres. They are what travels to the nodes, as a text.
 """
 
 import base64
@@ -23,25 +29,25 @@ from problems.sphere_path.space import Space
 Floats = NDArray[np.float64]
 Kinds = NDArray[np.uint8]  # (cells,)
 Clearance = Callable[[Floats], Floats]
-"""The gap between vehicle and obstacles, (n,) m, 0 in collision, at configurations (n, axes) in their own units.
+"""A function from configurations, (n, axes) in their own units, to the gaps between vehicle and obstacles, (n,) m.
 
-To keep a distance from obstacles, take the gap less that distance, and 0 where there is none left.
+A gap is 0 in collision. To keep a clearance, subtract it from the gap, and take 0 where nothing is left.
 """
 
 FREE, CLOSED, HALVED = 0, 1, 2
 MOST_SPHERES = 1 << 17
-_MOST_CELLS = 1 << 18  # of one size
+_MOST_CELLS = 1 << 18  # on one level
 
 
 @dataclass(frozen=True)
 class _Level:
-    """Cells of one size, as lengths: centres and half sides, shape (cells, axes) and (axes,)."""
+    """Cells of one size: their centres and half sides as lengths, shape (cells, axes) and (axes,)."""
 
     centres: Floats
     half: Floats
 
     def halved(self, which: NDArray[np.bool_]) -> "_Level":
-        """Both halves of each of some cells."""
+        """Return the level of both halves of the chosen cells, which are halved along their longest side."""
         axis = int(np.argmax(self.half))
         half = self.half.copy()
         half[axis] /= 2.0
@@ -57,20 +63,21 @@ def _whole(space: Space) -> _Level:
 
 
 def subdivide(space: Space, translations: int, accuracy: float, clearance: Clearance) -> str:
-    """The code of all cells.
+    """Return the code of all cells: their kinds in order, compressed, as text.
 
     Args:
-        space: whose first axes are translations, and whose others are angles.
-        translations: how many.
-        accuracy: m.
-        clearance: of the vehicle.
+        space: The configuration space; its first axes are translations, all others are angles.
+        translations: The number of axes that are translations.
+        accuracy: How far beyond configurations in collision the spheres may reach, m.
+        clearance: The gaps of the vehicle.
 
     Raises:
-        ValueError: if there would be more spheres than nodes can well hold.
+        ValueError: If there would be more spheres than nodes can hold.
     """
     level, kinds, spheres = _whole(space), list[Kinds](), 0
     while len(level.centres):
         kinds.append(_kinds(level, space, translations, accuracy, clearance))
+        # Checked on every level, so that a too fine accuracy fails before it costs minutes.
         spheres += int(np.count_nonzero(kinds[-1] == CLOSED))
         level = level.halved(kinds[-1] == HALVED)
         if spheres > MOST_SPHERES or len(level.centres) > _MOST_CELLS:
@@ -81,24 +88,27 @@ def subdivide(space: Space, translations: int, accuracy: float, clearance: Clear
 def _kinds(level: _Level, space: Space, translations: int, accuracy: float, clearance: Clearance) -> Kinds:
     gap = clearance(level.centres / space.scale)
     radius = float(np.linalg.norm(level.half))
-    # No point of the vehicle is farther from any of its axes of rotation than the radius that angles are scaled by.
+    # How far any point of the vehicle can move between the cell's centre and a place in the cell. Angles count as arcs
+    # of the vehicle's farthest point; no point is farther from an axis of rotation than that one is from the origin.
     moved = float(np.linalg.norm(level.half[:translations]) + level.half[translations:].sum())
     free = gap > moved
+    # A translation by the gap brings the vehicle into contact, so a configuration in collision is that near the centre.
     close = radius + gap <= accuracy
     kinds: Kinds = np.where(free, FREE, np.where(close, CLOSED, HALVED)).astype(np.uint8)
     return kinds
 
 
 def spheres_of(code: str, space: Space) -> Floats:
-    """The spheres of all closed cells, shape (n, axes + 1): centre and radius, as lengths.
+    """Return the spheres of all closed cells, shape (n, axes + 1): centre and radius, as lengths.
 
     Raises:
-        ValueError: if that is no code of cells.
+        ValueError: If the text is no code of cells.
     """
     kinds = _unpacked(code)
     level, place = _whole(space), 0
     spheres = [np.empty((0, len(space.scale) + 1))]
     while len(level.centres):
+        # The same walk as in `subdivide`: the kinds of a level say which of its cells the next level halves.
         own = kinds[place : place + len(level.centres)]
         place += len(own)
         if len(own) < len(level.centres):
@@ -114,6 +124,7 @@ def spheres_of(code: str, space: Space) -> Floats:
 
 def _unpacked(code: str) -> Kinds:
     try:
+        # The bound keeps a small text from unfolding into all of the memory: codes may come over the network.
         unpacked = zlib.decompressobj().decompress(base64.b64decode(code, validate=True), 64 * _MOST_CELLS)
     except (ValueError, zlib.error) as error:
         raise ValueError("expected a code of cells, found another text") from error

@@ -1,4 +1,8 @@
-"""The verify of sphere-path solutions: distances in closed form, the vehicle in its world; nothing of the kernels."""
+"""The verification of sphere-path solutions. It shares no code with the kernels.
+
+Crossed spheres are counted by distances in closed form. For a vehicle the path is also followed in its world, and only
+a collision there makes it infeasible: the spheres cover more than the configurations in collision.
+"""
 
 from __future__ import annotations
 
@@ -23,13 +27,13 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-_ROUNDING = 1e-9  # of places, as a share of the box
-_TOLERANCE = 1e-6  # of the length
-_ACCURACY = 1e-3  # of a vehicle's clearance, as a share of its size
+_ROUNDING = 1e-9  # allowed error of places, as a share of the box
+_TOLERANCE = 1e-6  # allowed error of the length, as a share of it
+_ACCURACY = 1e-3  # of a vehicle's clearance, as a share of the vehicle's size
 
 
 class PathSolution(Table):
-    """What a solution of sphere-path is made of."""
+    """A solution of sphere-path, as `SpherePath.decode` writes it."""
 
     path: Annotated[list[list[Annotated[float, Field(ge=-1e9, le=1e9)]]], Field(min_length=2)]
     crossed: Annotated[int, Field(ge=0)]
@@ -37,14 +41,16 @@ class PathSolution(Table):
 
 
 def verify(problem: SpherePath, solution: Solution) -> Verdict:
-    """The obstacles that the path crosses, its detour, and all that is wrong with it."""
+    """Return the path's fitness, by the obstacles that it crosses and its detour, and all that is wrong with it."""
     claimed = _parsed(problem, solution)
     path = np.array(claimed.path)
     places = path * problem.space.scale
+    # Places as lengths, as in the fitness: a vehicle's angles count as arcs.
     crossed, length = crossed_by(problem, places), length_of(places)
     if problem.vehicle is None:
         clearance, collisions = _clearance_of_spheres(problem, places), list(_crossings(crossed, problem.clearance))
     else:
+        # Crossed spheres still count in the fitness, but only the world decides whether the path is feasible.
         clearance, collisions = _in_the_world(problem, path)
     objections = [
         *_wrong_ends(problem, path),
@@ -57,7 +63,7 @@ def verify(problem: SpherePath, solution: Solution) -> Verdict:
 
 
 def crossed_by(problem: SpherePath, places: Floats) -> int:
-    """How many obstacles come nearer to a path, shape (rows, axes), as lengths, than they may."""
+    """Return how many obstacles a path crosses; its places are lengths, shape (rows, axes)."""
     obstacles = problem.forbidden_spheres
     away = problem.space.clearances(places, obstacles[:, :-1])
     return int(np.count_nonzero(away < obstacles[:, -1] - CONTACT))
@@ -75,7 +81,7 @@ def _parsed(problem: SpherePath, solution: Solution) -> PathSolution:
 
 
 def _wrong_ends(problem: SpherePath, path: Floats) -> Iterator[str]:
-    """The path ends at the goal, or a number of full turns away from it."""
+    """Yield which ends of the path are wrong; it may end a number of full periods away from the goal."""
     rounding = _ROUNDING * problem.space.span
     if np.any(np.abs(path[0] - problem.start) * problem.space.scale > rounding):
         yield f"the path starts at {path[0].tolist()}, not at {problem.start}"
@@ -84,6 +90,7 @@ def _wrong_ends(problem: SpherePath, path: Floats) -> Iterator[str]:
 
 
 def _beyond_bounds(problem: SpherePath, path: Floats) -> Iterator[str]:
+    # Rows are unwrapped along periodic axes, so only the other axes have bounds.
     low, high = problem.space.bounds.T
     rounding = _ROUNDING * (high - low)
     beyond = ((path < low - rounding) | (path > high + rounding)) & ~problem.space.periodic
@@ -105,7 +112,7 @@ def _crossings(crossed: int, clearance: float) -> Iterator[str]:
 
 
 def _clearance_of_spheres(problem: SpherePath, places: Floats) -> Clearance:
-    """The least gap between the path and the obstacles, in the unit of the axes; negative in a sphere."""
+    """Return the least gap between the path and the obstacles, in the unit of the axes; negative in a sphere."""
     obstacles = problem.obstacle_spheres
     if not len(obstacles):
         return Clearance(np.inf, unit="")
@@ -117,9 +124,9 @@ def _clearance_of_spheres(problem: SpherePath, places: Floats) -> Clearance:
 
 # A vehicle in its world -----------------------------------------------------------------------------------------------
 def _in_the_world(problem: SpherePath, path: Floats) -> tuple[Clearance, list[str]]:
-    """The clearance of the vehicle on its path, and where it is less than it must be.
+    """Return the clearance of the vehicle on its path, and the places where it is less than it must be.
 
-    Spheres are larger than what they stand for: a path that crosses some may be free in the world.
+    A path that crosses spheres may still be free here, since the spheres reach up to ``accuracy`` farther.
     """
     from problems.sphere_path.world import TOLERANCE, World
 
@@ -132,7 +139,10 @@ def _in_the_world(problem: SpherePath, path: Floats) -> tuple[Clearance, list[st
 
 
 def _clearance_of_vehicle(world: World, path: Floats) -> Clearance:
-    """The least gap on the way, m, 0 in collision: at most `_ACCURACY` of the vehicle's size more than it is."""
+    """Return the least gap on the way, m, 0 in collision; it is too large by at most `_ACCURACY` of the vehicle's size.
+
+    Between two moments no gap shrinks by more than the vehicle moves, which is what `least_along` needs.
+    """
     moves = list(pairwise(path))
 
     def at(move: int, share: float) -> Floats:
@@ -140,6 +150,7 @@ def _clearance_of_vehicle(world: World, path: Floats) -> Clearance:
         configuration: Floats = begin + share * (end - begin)
         return configuration
 
+    # No gap changes by more than any point of the vehicle moves: that bounds what lies between measured places.
     ways = [world.way(begin, end) for begin, end in moves]
     accuracy = _ACCURACY * world.reach
     least, move, share = least_along(lambda *place: world.clearance(at(*place)), ways, accuracy)

@@ -32,14 +32,14 @@ SPHERE = "0.55"
 BALL = "#d8c9a3"
 OTHERS = "#b59adf"
 _MOST_OTHERS = 16  # paths of the last generation that are drawn
-_POSES = 40  # of a vehicle along its path, in the plane
-_SOLIDS = 12  # in space
-_MOST_FACES = 4000
-_PIXELS = 120  # of a projection, each way
+_POSES = 40  # poses of a vehicle along its path, in the plane
+_SOLIDS = 12  # poses of a vehicle along its path, in space
+_MOST_FACES = 4000  # of a solid; of more faces only every n-th is drawn
+_PIXELS = 120  # of a projection, in each direction
 
 
 def _unit_ball() -> Floats:
-    """The faces of a ball of radius 1 about the origin, shape (n, 4, 3)."""
+    """Return the faces of a ball of radius 1 about the origin, shape (n, 4, 3)."""
     around, across = np.meshgrid(np.linspace(0.0, 2.0 * np.pi, 17), np.linspace(0.0, np.pi, 9), indexing="ij")
     ball = np.stack([np.cos(around) * np.sin(across), np.sin(around) * np.sin(across), np.cos(across)], axis=-1)
     return np.stack([ball[:-1, :-1], ball[1:, :-1], ball[1:, 1:], ball[:-1, 1:]], axis=2).reshape(-1, 4, 3)
@@ -72,20 +72,25 @@ def _title(solution: Solution | None) -> str:
 
 
 def _others(problem: SpherePath, populations: Populations) -> Floats:
-    """Some paths of the last generation, (n, rows, axes)."""
+    """Return some paths of the last generation, (n, rows, axes)."""
     if not populations:
         return np.empty((0, 2, len(problem.start)))
+    # Individuals of a late generation are often copies of each other; each path is drawn once.
     last = np.unique(populations[max(populations)], axis=0)
     return problem.paths(last[:: max(1, -(-len(last) // _MOST_OTHERS))])[0]
 
 
 def _pieces(problem: SpherePath, path: Floats) -> list[Floats]:
-    """A path within the bounds: cut where it goes around a periodic axis, each piece drawn where it is."""
+    """Return the segments of a path, shifted into the bounds.
+
+    A segment that leaves the bounds along a periodic axis appears twice: shifted as its beginning, and as its end.
+    """
     pieces = []
     low, high = problem.space.bounds.T
     turns = np.where(problem.space.periodic, high - low, 0.0)
     for begin, end in pairwise(path):
         for row in (begin, end):
+            # Whole periods only, along periodic axes only.
             shift = turns * np.floor((row - low) / (high - low)) * (turns > 0.0)
             pieces.append(np.array([begin - shift, end - shift]))
     return pieces
@@ -93,7 +98,7 @@ def _pieces(problem: SpherePath, path: Floats) -> list[Floats]:
 
 # Spheres in two dimensions at a time ---------------------------------------------------------------------------------
 def _draw_projections(problem: SpherePath, figure: Figure, path: Floats | None, others: Floats) -> None:
-    """Each axis beside the next."""
+    """Draw a panel for each pair of neighbouring axes."""
     count = len(problem.start) - 1
     columns = min(3, count)
     rows = -(-count // columns)
@@ -125,7 +130,7 @@ def _draw_projection(problem: SpherePath, axes: Axes, first: int, path: Floats |
 
 
 def _draw_discs(problem: SpherePath, axes: Axes, pair: list[int]) -> None:
-    """In the plane the spheres; else how many of them lie above each place, for one hides the other."""
+    """Draw the spheres in the plane; with more axes, how many of them lie above each place, since some hide others."""
     spheres = problem.obstacle_spheres[:, [*pair, -1]]
     if len(problem.start) == 2:
         discs = [Circle((x, y), radius) for x, y, radius in spheres]
@@ -160,7 +165,7 @@ def _draw_space(problem: SpherePath, axes: Any, path: Floats | None, others: Flo
 
 
 def _frame_space(problem: SpherePath, axes: Any) -> None:
-    """All spheres' space, or all that there is of a vehicle and its world, which reach beyond the bounds."""
+    """Set the limits of the axes: the bounds, and for a vehicle also what of it and its mesh reaches beyond them."""
     (low, high), names = problem.space.bounds[:3].T, [f"axis {number}" for number in (1, 2, 3)]
     if problem.vehicle is not None and problem.mesh is not None:
         corners = problem.mesh.triangles.reshape(-1, 3)
@@ -174,7 +179,7 @@ def _frame_space(problem: SpherePath, axes: Any) -> None:
 
 
 def _draw_vehicle(problem: SpherePath, axes: Any, pose: Floats, color: str, alpha: float) -> None:
-    """A solid or a ball at a pose."""
+    """Draw a solid or a ball at a pose."""
     if problem.vehicle is None:
         return
     if problem.vehicle.radius is not None:
@@ -202,7 +207,7 @@ def _draw_faces(axes: Any, faces: Floats, color: str, alpha: float, zorder: floa
 
 
 def _draw_spheres(axes: Any, spheres: Floats) -> None:
-    """All spheres as one body of many faces, so that those behind are hidden by those before."""
+    """Draw all spheres as one body of many faces, so that matplotlib sorts the faces of all of them by depth."""
     shown = np.concatenate([np.empty((0, 4, 3)), *(_BALL * radius + centre for *centre, radius in spheres)])
     body = Poly3DCollection(
         shown,
@@ -240,7 +245,7 @@ def _draw_floor(problem: SpherePath, figure: Figure, path: Floats | None) -> Non
 
 
 def _frame(axes: Axes, x0: float, x1: float, y0: float, y1: float, scale: Floats) -> None:
-    """The bounds are those of the vehicle's reference point: it may reach beyond."""
+    """Draw the bounds, which are those of the vehicle's reference point, with a margin for what reaches beyond."""
     axes.add_patch(Polygon([(x0, y0), (x1, y0), (x1, y1), (x0, y1)], fill=False, edgecolor="0.6", linestyle=":"))
     margin = 0.6 * float(scale.max()) if len(scale) > 2 else 0.03 * (x1 - x0)
     axes.set(xlim=(x0 - margin, x1 + margin), ylim=(y0 - margin, y1 + margin), xlabel="x / m", ylabel="y / m")
@@ -256,7 +261,7 @@ def _body(problem: SpherePath, pose: Floats) -> Circle | Polygon:
 
 
 def _along(path: Floats, scale: Floats, count: int) -> Floats:
-    """Poses along the path, evenly, by its length; its nodes need not be among them."""
+    """Return poses equally spaced along the path by its length; its nodes need not be among them."""
     lengths = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path * scale, axis=0), axis=1))])
     if lengths[-1] == 0.0:
         return path[:1]

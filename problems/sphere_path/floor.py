@@ -1,6 +1,6 @@
-"""How far a vehicle in the plane is from its obstacles, many poses at once, by shapely.
+"""The gaps between a vehicle in the plane and its obstacles, for many poses at once, by shapely.
 
-All shapes are filled: a vehicle within an obstacle, or the other way round, has no gap.
+All shapes are filled: a vehicle inside an obstacle, or an obstacle inside a vehicle, has no gap.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ Floats = NDArray[np.float64]
 
 
 class _Floor:
-    """Planar obstacles: circles as centres and radii, all others in one shape."""
+    """Planar obstacles: circles as centres and radii, which is exact, all others united in one shape."""
 
     def __init__(self, obstacles: Sequence[Obstacle]) -> None:
         circles = [each for each in obstacles if isinstance(each, Circle)]
@@ -30,15 +30,15 @@ class _Floor:
         self.radii = np.array([each.radius for each in circles])
 
     def gaps(self, shapes: NDArray[Any]) -> Floats:
-        """Between each of some shapes, (n,), and the nearest obstacle; 0 if they meet."""
-        to_solids = np.nan_to_num(shapely.distance(shapes, self.solids), nan=np.inf)  # nan: there is none
+        """Return the gap between each shape, (n,), and the nearest obstacle; 0 if they meet."""
+        to_solids = np.nan_to_num(shapely.distance(shapes, self.solids), nan=np.inf)  # nan: there are no solids
         to_circles = shapely.distance(shapes[:, None], self.centres) - self.radii
         gaps: Floats = np.maximum(0.0, np.minimum(to_solids, to_circles.min(axis=1, initial=np.inf)))
         return gaps
 
 
 def in_the_plane(vehicle: Vehicle, obstacles: Sequence[Obstacle]) -> Clearance:
-    """The clearance of a disc, [x, y], or a polygon, [x, y] or [x, y, heading]."""
+    """Return the gaps of a disc at [x, y], or of a polygon at [x, y] or [x, y, heading]."""
     floor = _Floor(obstacles)
     if vehicle.radius is not None:
         return lambda configurations: _disc(floor, vehicle.radius or 0.0, configurations)
@@ -51,5 +51,6 @@ def _disc(floor: _Floor, radius: float, configurations: Floats) -> Floats:
 
 
 def _polygon(floor: _Floor, corners: Floats, configurations: Floats) -> Floats:
+    # Each pose turns and moves all corners at once: (poses, corners, 2).
     turned = np.einsum("nij,cj->nci", rotations(configurations[:, 2:], 2), corners) + configurations[:, None, :2]
     return floor.gaps(shapely.polygons(turned))

@@ -1,8 +1,8 @@
-"""Spheres within bounding spheres, coarse to fine: whole groups are skipped by one comparison.
+"""A tree of bounding spheres above the obstacles, so that one comparison skips a whole group.
 
-In the order of a walk that goes from a bounding sphere to what it holds before it goes on: ``following`` says where to
-go on from one that is not near. At the end of each branch are some obstacles, side by side, so that a processor
-compares several at once.
+The tree is stored in the order of a depth-first walk. So a walk needs no stack: from a bounding sphere that is near it
+goes to the next place, from one that is not it goes to ``following``, behind all that the sphere holds. The leaves are
+groups of obstacles, stored axis by axis, so that a processor compares several at once.
 """
 
 from typing import Any, NamedTuple
@@ -16,21 +16,20 @@ from lowlevel.compiled import kernel, subroutine
 Floats = NDArray[np.float64]
 
 TOGETHER = 64
-"""Obstacles at the end of a branch: as many as cost about as much as a few bounding spheres."""
+"""The number of obstacles of a leaf: together they cost about as much as a few bounding spheres."""
 
-_MARGIN = 1e-9  # by which a bounding sphere is larger than it must be, as a share: more than rounding
+_MARGIN = 1e-9  # the share by which bounding spheres are larger than needed; rounding errors are smaller
 
 
 class Hierarchy(NamedTuple):
     """A binary tree of bounding spheres above groups of obstacles.
 
     Attributes:
-        spheres: the bounding ones, centre and radius, shape (spheres, axes + 1).
-        following: what comes after all that a bounding sphere holds, shape (spheres,); if that is the next one, this is
-            the end of a branch.
-        group: which group of obstacles is there; -1 where there is none.
-        obstacles: of each group in turn a row for each axis, centres, and a row of squared radii, shape
-            (groups · (axes + 1), TOGETHER); where there is no obstacle the squared radius is 0.
+        spheres: The bounding spheres, centre and radius, shape (spheres, axes + 1).
+        following: The place after all that a bounding sphere holds, shape (spheres,). At a leaf it is the next place.
+        group: The number of the group of obstacles at a leaf; -1 at other places.
+        obstacles: For each group a row of centres for each axis and a row of squared radii, shape
+            (groups · (axes + 1), TOGETHER). Unused places have the squared radius 0, so nothing ever crosses them.
     """
 
     spheres: Floats
@@ -41,7 +40,7 @@ class Hierarchy(NamedTuple):
 
 @subroutine
 def _bound(obstacles: Any, members: Any, bounding: Any) -> Any:
-    """Fill in a sphere that holds some; returns the axis along which their centres are farthest apart."""
+    """Fill a sphere that holds the given obstacles; return the axis along which their centres are farthest apart."""
     axes = bounding.size - 1
     widest, width = 0, -1.0
     for axis in range(axes):
@@ -50,6 +49,7 @@ def _bound(obstacles: Any, members: Any, bounding: Any) -> Any:
             place, radius = obstacles[member, axis], obstacles[member, axes]
             low, high = min(low, place - radius), max(high, place + radius)
             least, most = min(least, place), max(most, place)
+        # The middle of the box around the spheres: not the least bounding sphere, but one found in a single pass.
         bounding[axis] = 0.5 * (low + high)
         if most - least > width:
             widest, width = axis, most - least
@@ -65,10 +65,12 @@ def _bound(obstacles: Any, members: Any, bounding: Any) -> Any:
 
 @kernel("void(float64[:,::1], float64[:,::1], int64[::1], int64[::1], float64[:,::1])")
 def _fill(obstacles: Floats, spheres: Floats, following: Cells, group: Cells, grouped: Floats) -> None:
-    """Fill in a tree, dividing the obstacles in halves along the axis on which they are farthest apart."""
+    """Fill a tree, dividing the obstacles into halves along the axis on which they are farthest apart."""
     rows = spheres.shape[1]
     order = np.arange(obstacles.shape[0])
-    left = [(0, 0, (obstacles.shape[0] + TOGETHER - 1) // TOGETHER)]  # a place in the tree, and the groups below it
+    # Subtrees still to be filled: the place of the root, the first group and the end of the groups. A subtree of n
+    # groups takes 2 n - 1 places. Halves are whole groups, so that only the last group of all may be partly filled.
+    left = [(0, 0, (obstacles.shape[0] + TOGETHER - 1) // TOGETHER)]
     while len(left) > 0:
         place, first, last = left.pop()
         members = order[first * TOGETHER : last * TOGETHER]
@@ -89,7 +91,7 @@ def _fill(obstacles: Floats, spheres: Floats, following: Cells, group: Cells, gr
 
 
 def hierarchy_of(obstacles: Floats) -> Hierarchy:
-    """The tree above some spheres: centre and radius, shape (n, axes + 1)."""
+    """Return the tree above some spheres: centre and radius, shape (n, axes + 1)."""
     groups, rows = -(-len(obstacles) // TOGETHER), obstacles.shape[1]
     count = max(0, 2 * groups - 1)
     tree = Hierarchy(

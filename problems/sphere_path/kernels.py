@@ -3,10 +3,12 @@
 A path is the start, the coded nodes and the goal, joined by straight segments. Lengths are those of
 `problems.sphere_path.space`. Along a periodic axis a segment goes the shorter way: rows of a path are unwrapped.
 
-The table (see `genetics.operators`): bits of each component, whether by Gray code, nodes; for each axis, in rows, the
-place of code 0, the step from one code to the next, the period (0 if there is none), the start and the goal; the length
-weight, the length of the straight way, that of the box's diagonal and the widest radius; and the fields of
-`problems.sphere_path.hierarchy.Hierarchy`.
+The parts of the table (see `genetics.operators`), in the order in which `SpherePath` packs them:
+    integers 0: bits of each component, whether they are a Gray code, the number of nodes
+    reals 1: rows of one number for each axis: the place of code 0, the step from one code to the next, the period (0
+        if there is none), the start, the goal
+    reals 2: the length weight, the length of the straight way, that of the box's diagonal, the widest radius
+    3 to 6: the fields of `problems.sphere_path.hierarchy.Hierarchy`
 """
 
 from typing import Any, NamedTuple
@@ -27,19 +29,19 @@ _LOW, _STEP, _PERIOD, _START, _GOAL = range(5)  # rows of the axes
 
 
 class Way(NamedTuple):
-    """A path, and room for what is asked of it."""
+    """The working arrays of one path; each evaluation overwrites them."""
 
     codes: Any  # (nodes · axes,)
     places: Any  # (nodes + 2, axes): start, nodes, goal
-    origin: Any  # (axes,): where a segment begins, within the bounds
-    step: Any  # (axes,): from there to its end
-    begin: Any  # (axes,): where an image of it begins
-    turn: Any  # (axes,): which image, in periods
-    first: Any  # (axes,): the first one
-    last: Any  # (axes,): and the last one
-    along: Any  # (TOGETHER,): of several obstacles, the nearest place on the segment
-    squared: Any  # (TOGETHER,): and the squared distance
-    counted: Any  # (groups, TOGETHER): which obstacles were crossed already
+    origin: Any  # (axes,): the beginning of a segment, within the bounds
+    step: Any  # (axes,): the way from there to its end
+    begin: Any  # (axes,): the beginning of the segment's image
+    turn: Any  # (axes,): by how many periods the image is shifted
+    first: Any  # (axes,): the first shift that must be looked at
+    last: Any  # (axes,): the last one
+    along: Any  # (TOGETHER,): for several obstacles, the place of the nearest point along the segment
+    squared: Any  # (TOGETHER,): and its squared distance
+    counted: Any  # (groups, TOGETHER): whether the path has crossed an obstacle already
 
 
 @subroutine
@@ -65,7 +67,7 @@ def _room_for(table: Any) -> Any:
 
 @subroutine
 def _follow(genome: Any, table: Any, way: Any) -> Any:
-    """Decode a genome into a path, unwrapped; returns its length."""
+    """Decode a genome into a path, unwrapped; return the path's length."""
     layout, axes = integers(table, 0)[0], reals(table, 1)
     integers_of(genome, layout[0], layout[1] != 0, way.codes)
     count, last = axes.shape[1], way.places.shape[0] - 1
@@ -79,6 +81,7 @@ def _follow(genome: Any, table: Any, way: Any) -> Any:
                 place = axes[_LOW, axis] + axes[_STEP, axis] * way.codes[(row - 1) * count + axis]
             step = place - way.places[row - 1, axis]
             if axes[_PERIOD, axis] > 0.0:
+                # The shorter way: the step is reduced to at most half a period, and the place is unwrapped accordingly.
                 step -= axes[_PERIOD, axis] * np.floor(step / axes[_PERIOD, axis] + 0.5)
                 place = way.places[row - 1, axis] + step
             way.places[row, axis] = place
@@ -89,7 +92,7 @@ def _follow(genome: Any, table: Any, way: Any) -> Any:
 
 @subroutine
 def _is_near(way: Any, sphere: Any, inverse: Any) -> Any:
-    """Whether the segment comes nearer to a bounding sphere's centre than its radius."""
+    """Return whether the segment comes nearer to a bounding sphere's centre than its radius."""
     along = 0.0
     for axis in range(way.step.size):
         along += (sphere[axis] - way.begin[axis]) * way.step[axis]
@@ -103,7 +106,10 @@ def _is_near(way: Any, sphere: Any, inverse: Any) -> Any:
 
 @subroutine
 def _count_group(way: Any, obstacles: Any, counted: Any, inverse: Any) -> Any:
-    """How many obstacles of a group the segment crosses that were not counted yet."""
+    """Return how many obstacles of a group the segment crosses that were not counted before.
+
+    The loops of arithmetic over lanes have no branches, so that the compiler vectorises them.
+    """
     along, squared, axes = way.along, way.squared, way.step.size
     along[:], squared[:] = 0.0, 0.0
     for axis in range(axes):
@@ -125,7 +131,7 @@ def _count_group(way: Any, obstacles: Any, counted: Any, inverse: Any) -> Any:
 
 @subroutine
 def _count(way: Any, table: Any) -> Any:
-    """How many obstacles the segment crosses that were not counted yet, without those of groups that are not near."""
+    """Return how many obstacles the segment crosses that were not counted before, by a walk through the tree."""
     spheres, following, group, obstacles = (
         reals(table, 3),
         integers(table, 4)[0],
@@ -136,11 +142,12 @@ def _count(way: Any, table: Any) -> Any:
     squared = 0.0
     for axis in range(rows - 1):
         squared += way.step[axis] * way.step[axis]
+    # A segment of no length is a point: the share along it is 0.
     inverse = 1.0 / squared if squared > 0.0 else 0.0
     crossed, place = 0, 0
     while place < following.size:
         if not _is_near(way, spheres[place], inverse):
-            place = following[place]
+            place = following[place]  # nothing that this sphere holds can be crossed
             continue
         which = group[place]
         if which >= 0:
@@ -154,13 +161,15 @@ def _count(way: Any, table: Any) -> Any:
 def _turn_to_first(way: Any, axes: Any, widest: Any) -> Any:
     """Choose the images of a segment that may be near to an obstacle, and begin with the first.
 
-    Along a periodic axis obstacles have their centres within the bounds and are of the ``widest`` radius at most, which
-    is half a period at most; a segment is no longer than half a period. So the next image on either side will do.
+    Along a periodic axis all obstacles have their centres within the bounds, and no radius is greater than ``widest``,
+    which is at most half a period (`validation` refuses others). A segment is no longer than half a period. So at most
+    one image on either side of the segment can reach an obstacle.
     """
     for axis in range(way.step.size):
         low, period = axes[_LOW, axis], axes[_PERIOD, axis]
         way.first[axis] = way.last[axis] = 0.0
         if period > 0.0:
+            # The segment begins within the bounds, as the obstacles' centres do.
             way.origin[axis] -= period * np.floor((way.origin[axis] - low) / period)
             end = way.origin[axis] + way.step[axis]
             if max(way.origin[axis], end) - period > low - widest:
@@ -173,7 +182,7 @@ def _turn_to_first(way: Any, axes: Any, widest: Any) -> Any:
 
 @subroutine
 def _turn_to_next(way: Any, axes: Any) -> Any:
-    """Go on to the next image, as an odometer does; whether there is one."""
+    """Go on to the next combination of shifts, as an odometer does; return whether there is one."""
     for axis in range(way.step.size):
         more = way.turn[axis] < way.last[axis]
         way.turn[axis] = way.turn[axis] + 1.0 if more else way.first[axis]
@@ -185,8 +194,9 @@ def _turn_to_next(way: Any, axes: Any) -> Any:
 
 @subroutine
 def _crossed(way: Any, table: Any) -> Any:
-    """The number of obstacles crossed, each counted once, however many segments cross it."""
+    """Return the number of obstacles crossed, each counted once, however many segments cross it."""
     axes, widest = reals(table, 1), reals(table, 2)[0, 3]
+    # Counted over all segments and images of a path: an obstacle that several of them cross counts once.
     way.counted[:] = False
     crossed = 0
     for segment in range(way.places.shape[0] - 1):
@@ -203,13 +213,14 @@ def _crossed(way: Any, table: Any) -> Any:
 @subroutine
 def _evaluate(genome: Any, table: Any, way: Any) -> Any:
     weights = reals(table, 2)[0]
+    # Rounding may make the straight path shorter than the straight way.
     detour = max(0.0, _follow(genome, table, way) - weights[1])
     return _crossed(way, table) + weights[0] * detour / (detour + weights[2])
 
 
 @kernel(FITNESS, may_be_long=True)
 def evaluate(genomes: Genomes, fitness: Fitness, table: Table) -> None:
-    """The number of obstacles that coded paths cross, and a share of 1 for their detours."""
+    """Fill the number of obstacles that coded paths cross, plus less than the length weight for their detours."""
     way = _room_for(table)
     for row in range(fitness.size):
         fitness[row] = _evaluate(genomes[row], table, way)
@@ -217,7 +228,7 @@ def evaluate(genomes: Genomes, fitness: Fitness, table: Table) -> None:
 
 @kernel("Tuple((float64[:,:,::1], int64[::1]))(uint8[:,::1], int64[:,::1])")
 def follow(genomes: Genomes, table: Table) -> tuple[Floats, Cells]:
-    """The paths that genomes code, shape (n, nodes + 2, axes), and how many obstacles each crosses, shape (n,)."""
+    """Return the paths that genomes code, (n, nodes + 2, axes), and how many obstacles each crosses, (n,)."""
     way = _room_for(table)
     paths, crossed = np.empty((genomes.shape[0], *way.places.shape)), np.empty(genomes.shape[0], np.int64)
     for row in range(genomes.shape[0]):

@@ -1,4 +1,4 @@
-"""A sphere-path solution over time: a vehicle in its world, or a place in a configuration space."""
+"""The motion of a sphere-path solution: a vehicle in its world, or a place in a configuration space."""
 
 from __future__ import annotations
 
@@ -20,9 +20,12 @@ _IN_SPACE = {3: ("x", "y", "z"), 4: ("x", "y", "z", "yaw"), 6: ("x", "y", "z", "
 
 
 def motion(problem: SpherePath, solution: Solution, pace: Pace) -> Motion:
-    """At most at --speed, by the lengths of the solution: a vehicle's angles count as arcs of its farthest point.
+    """Return the motion at most at --speed, by the solution's lengths: angles count as arcs of the farthest point.
 
-    A vehicle's turns may be slower: their speed and acceleration, of all its angles together, are limited on demand.
+    A vehicle's turns may be limited further, by a turn speed and acceleration of the sum of its angles.
+
+    Raises:
+        BadInput: If the pace limits turns, but nothing turns.
     """
     speed, gain = pace.moving(problem.kind, "units of its axes" if problem.vehicle is None else "m")
     path = np.array(solution["path"], np.float64)
@@ -61,7 +64,7 @@ def _track(problem: SpherePath, rows: Floats) -> Track:
 
 
 def _outline(vehicle: Vehicle) -> Floats | None:
-    """Of a polygon, disc or ball."""
+    """Return the outline of a polygon, disc or ball; None for a mesh."""
     if vehicle.mesh is not None:
         return None
     return loop(np.array(vehicle.vertices or [(0.0, 0.0)]), vehicle.radius or 0.0)

@@ -1,4 +1,4 @@
-"""Exact answers where there are any: no genetic algorithm here."""
+"""The oracle of sphere-path: exact answers for the cases that have a closed form, else a lower bound."""
 
 from __future__ import annotations
 
@@ -19,7 +19,11 @@ Floats = NDArray[np.float64]
 
 
 def solve_exactly(problem: SpherePath) -> Answer:
-    """What is known of the best path."""
+    """Return what is known about the best path.
+
+    A path that crosses nothing gives an upper bound. No path crosses fewer than none or is shorter than the straight
+    one, so 0 is always a lower bound.
+    """
     straight = problem.straight
     if crossed_by(problem, straight) == 0:
         return _of_path(problem, straight, "the straight way, which is free")
@@ -30,7 +34,7 @@ def solve_exactly(problem: SpherePath) -> Answer:
     obstacles = problem.forbidden_spheres
     if len(obstacles) == 1 and not problem.space.periodic.any():
         centre = obstacles[0, :-1]
-        # Ends may touch the sphere, which rounding must not make an end within.
+        # An end may touch the sphere. Rounding must not put it inside, so the radius is cut to the ends' distances.
         radius = min(float(obstacles[0, -1]), *(float(np.linalg.norm(end - centre)) for end in straight))
         length = around(straight[0], straight[-1], centre, radius)
         detour = length - length_of(straight)
@@ -42,7 +46,7 @@ def solve_exactly(problem: SpherePath) -> Answer:
 
 
 def _of_path(problem: SpherePath, places: Floats, method: str) -> Answer:
-    """A path that crosses nothing is the best there is, unless its length counts."""
+    """Return a path that crosses nothing: it is optimal, unless it has a detour and length counts."""
     length = length_of(places)
     fitness = problem.length_weight * problem.space.detour(places)
     solution = {"path": (places / problem.space.scale).tolist(), "crossed": 0, "length": length}
@@ -50,18 +54,21 @@ def _of_path(problem: SpherePath, places: Floats, method: str) -> Answer:
 
 
 def around(start: Floats, goal: Floats, centre: Floats, radius: float) -> float:
-    """The length of the shortest way from start to goal that does not enter a sphere, in any number of dimensions.
+    """Return the length of the shortest way from start to goal around a sphere, in any number of dimensions.
 
-    It lies in the plane of the three points: two tangents and the arc between them, if the straight way is blocked.
+    It lies in the plane of start, goal and centre: two tangents and the arc between them, if the straight way is
+    blocked.
 
     Raises:
-        ValueError: if start or goal lie within.
+        ValueError: If start or goal lie within the sphere.
     """
     one, other = start - centre, goal - centre
     first, second = float(np.linalg.norm(one)), float(np.linalg.norm(other))
     if min(first, second) < radius:
         raise ValueError("expected a start and a goal outside the sphere")
+    # arctan2 is exact for small angles too, where arccos of the cosine would lose digits.
     between = np.arctan2(_cross_size(one, other), float(one @ other))
+    # Each tangent takes its angle at the centre; what is left between the points of contact is the arc.
     arc = between - np.arccos(radius / first) - np.arccos(radius / second)
     if arc <= 0.0:
         return float(np.linalg.norm(goal - start))
@@ -69,5 +76,5 @@ def around(start: Floats, goal: Floats, centre: Floats, radius: float) -> float:
 
 
 def _cross_size(one: Floats, other: Floats) -> float:
-    """|one| |other| sin of the angle between them, in any number of dimensions (Lagrange's identity)."""
+    """Return |one| |other| sin(the angle between them), in any number of dimensions (Lagrange's identity)."""
     return float(np.sqrt(np.maximum(0.0, (one @ one) * (other @ other) - (one @ other) ** 2)))

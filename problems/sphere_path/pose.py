@@ -1,7 +1,7 @@
-"""Where a vehicle is at a configuration: its first axes move it, its others turn it about its origin.
+"""The pose of a vehicle at a configuration: the first axes move it, the others turn it about its origin.
 
-In the plane the one angle is the heading, anticlockwise. In space one angle is the yaw; three are roll, pitch and yaw:
-about x first, then y, then z, axes that stand still.
+In the plane the one angle is the heading, anticlockwise. In space one angle is the yaw; three angles are roll, pitch
+and yaw: turns about the fixed axes x, y and z, in this order.
 """
 
 import numpy as np
@@ -11,7 +11,7 @@ Floats = NDArray[np.float64]
 
 
 def rotations(angles: Floats, dimensions: int) -> Floats:
-    """Rotation matrices, shape (n, dimensions, dimensions), for angles, rad, of shape (n, 0, 1 or 3)."""
+    """Return rotation matrices, shape (n, dimensions, dimensions), for angles, rad, of shape (n, 0, 1 or 3)."""
     turns = np.broadcast_to(np.eye(dimensions), (len(angles), dimensions, dimensions))
     axes = (2,) if angles.shape[1] == 1 else (0, 1, 2)
     for axis, angle in zip(axes, angles.T, strict=False):
@@ -20,7 +20,7 @@ def rotations(angles: Floats, dimensions: int) -> Floats:
 
 
 def _about(axis: int, angle: Floats, dimensions: int) -> Floats:
-    """About x, y or z; in the plane about z alone."""
+    """Return rotation matrices about x, y or z (axis 0, 1 or 2); in the plane only about z."""
     one, other = (axis + 1) % 3, (axis + 2) % 3
     turns = np.tile(np.eye(dimensions), (len(angle), 1, 1))
     turns[:, one, one] = turns[:, other, other] = np.cos(angle)

@@ -1,4 +1,4 @@
-"""The sphere-path planner: a path in configuration space that crosses as few obstacles as can be, best none."""
+"""The sphere-path planner: find a path in configuration space that crosses no obstacle, or as few as possible."""
 
 from __future__ import annotations
 
@@ -37,13 +37,13 @@ Floats = NDArray[np.float64]
 Place = Annotated[float, Field(ge=-1e6, le=1e6)]
 Axes = Annotated[list[Place], Field(min_length=2, max_length=7)]
 
-_FLIPS = 8.0  # bits changed in an offspring, on average, by the tuned recipe
+_FLIPS = 8.0  # bits that the tuned recipe changes in an offspring, on average
 
 
 class SpherePath(CodedProblem, WithAngles):
     """Find intermediate nodes of a path from start to goal that crosses no obstacle (Eldershaw and Cameron).
 
-    Obstacles are spheres in configuration space: given, random, or made of a vehicle and what is in its way.
+    Obstacles are spheres in configuration space: given, random, or made from a vehicle and its obstacles.
     """
 
     about: ClassVar[str] = "a path among spheres in a configuration space of 2 to 7 dimensions"
@@ -56,7 +56,7 @@ bounds = [[0.0, 10.0], [0.0, 10.0], [0.0, 10.0]]   # [least, greatest] of each a
 nodes = 2                       # between start and goal
 bits = 8                        # of each of their components
 # code = "gray"                 # or "binary"; if not given, the recipe's
-# periodic = [false, false, true]   # axes that close upon themselves, as angles do
+# periodic = [false, false, true]   # axes whose ends are the same place, as of angles
 length_weight = 0.5             # of two paths that cross as many, the shorter one is better
 # clearance = 0.1               # that the path, or the vehicle on it (m), keeps from obstacles; 0 if not given
 
@@ -86,7 +86,8 @@ topology = "torus 4x4"
 seed = 1
 target = 0.03                   # nothing crossed, and a detour of at most 1.1; else the first path that is free will do
 """
-    oracle_decides: ClassVar[bool] = False  # of the straight way, or around spheres that stand for more than they hold
+    # The oracle's bounds are those of few special cases, and of spheres that cover more than the collisions.
+    oracle_decides: ClassVar[bool] = False
     is_batch_invariant: ClassVar[bool] = True
     any_thread: ClassVar[bool] = True
 
@@ -96,8 +97,8 @@ target = 0.03                   # nothing crossed, and a detour of at most 1.1; 
         "m or rad", "[least, greatest] of each axis"
     )
     nodes: int = quantity("", "m, places between start and goal", default=4, ge=1, le=200)
-    bits: int = quantity("bit", "p, of each component of a node", default=8, ge=1, le=62)
-    periodic: list[bool] | None = quantity("", "which axes close upon themselves; none if not given", default=None)
+    bits: int = quantity("bit", "p, bits of each component of a node", default=8, ge=1, le=62)
+    periodic: list[bool] | None = quantity("", "which axes are periodic, as angles; none if not given", default=None)
     length_weight: float = quantity(
         "",
         "w: a detour of length x costs w·x/(x + the diagonal of the bounds); below 1, so crossings count first",
@@ -107,7 +108,7 @@ target = 0.03                   # nothing crossed, and a detour of at most 1.1; 
     )
     clearance: float = quantity(
         "m, or as the axes",
-        "what a vehicle keeps from obstacles, or without one the path from spheres",
+        "how far a vehicle keeps from obstacles or, without a vehicle, the path from spheres",
         default=0.0,
         ge=0,
         le=1e6,
@@ -117,22 +118,23 @@ target = 0.03                   # nothing crossed, and a detour of at most 1.1; 
     )
     random: Random | None = quantity("", "random obstacles, instead of spheres", default=None)
     vehicle: Vehicle | None = quantity("", "what moves in a world, instead of spheres", default=None)
-    obstacles: list[Obstacle] = quantity("", "of a vehicle in the plane", default_factory=list)
+    obstacles: list[Obstacle] = quantity("", "obstacles of a vehicle in the plane", default_factory=list)
     mesh: Mesh | None = quantity("", "the obstacle of a vehicle in space", default=None)
     accuracy: float = quantity(
         "m", "how far beyond the configurations in collision their spheres may reach", default=0.1, gt=0, le=1e6
     )
     hierarchy: str | None = quantity(
-        "", "the spheres made of vehicle and world, once, where the file is read; not to be written", default=None
+        "", "the spheres made from the vehicle and its obstacles when the file is read; do not write it", default=None
     )
-    hierarchy_of: str | None = quantity("", "digest of what they were made of; not to be written", default=None)
+    hierarchy_of: str | None = quantity("", "digest of what the spheres were made from; do not write it", default=None)
 
     @classmethod
     def from_degrees(cls, fields: dict[str, Any], problem: Mapping[str, Any]) -> dict[str, Any]:
-        """Also the axes along which a vehicle turns; see `WithAngles.from_degrees`."""
+        """Convert also the axes along which a vehicle turns; see `WithAngles.from_degrees`."""
         if not isinstance(problem.get("vehicle"), dict):
             raise BadInput('unit: expected "rad": only the axes of a vehicle may be angles, found "deg"')
         read = super().from_degrees(fields, problem)
+        # Angles come after the translations.
         first = dimensions_of(problem.get("mesh"), problem["vehicle"].get("mesh"))
         for name in {"start", "goal", "bounds"} & read.keys():
             if isinstance(axes := read[name], list):
@@ -142,24 +144,25 @@ target = 0.03                   # nothing crossed, and a detour of at most 1.1; 
 
     @classmethod
     def gather(cls, fields: dict[str, Any], folder: Path) -> dict[str, Any]:
-        """With triangles in the place of mesh files."""
+        """Replace the names of mesh files with their triangles."""
         return gathered(fields, folder)
 
     @classmethod
     def derive_fields(cls, fields: dict[str, Any]) -> dict[str, Any]:
-        """With the spheres; those that are there are made anew if the world has moved since."""
+        """Fill in the spheres of a vehicle; spheres that were made from other fields are made anew."""
         if fields.get("vehicle") is None:
             return {name: value for name, value in fields.items() if name not in ("hierarchy", "hierarchy_of")}
-        # No clearance is left out, so that problems without one keep the digest that they had before there was any.
+        # A clearance of 0 is no part of the digest: problems from before there was such a field keep their digests.
         clearance = [fields["clearance"]] if fields.get("clearance") else []
         made_of = digest([fields.get(name) for name in making.SHAPING] + clearance)
         if fields.get("hierarchy_of") == made_of:
             return fields
         fields = {name: value for name, value in fields.items() if name != "hierarchy"}
         try:
+            # The fields are validated first: spheres are only made of a problem without errors.
             problem = cls.model_validate_json(json.dumps(fields), strict=True)
         except ValidationError:
-            return fields  # whoever makes the problem says what is wrong
+            return fields  # the caller validates the fields again, which raises the error
         return fields | {"hierarchy": problem.cells_code, "hierarchy_of": made_of}
 
     @model_validator(mode="after")
@@ -172,6 +175,7 @@ target = 0.03                   # nothing crossed, and a detour of at most 1.1; 
         """The box of configurations; angles of a vehicle count as arcs of its farthest point."""
         scale = np.ones(len(self.start))
         if self.vehicle is not None:
+            # The first two or three axes are translations in m, the others angles.
             scale[2 if self.mesh is None else 3 :] = self.vehicle.reach
         periodic = self.periodic or [False] * len(self.start)
         return Space(np.array(self.bounds), scale, np.array(periodic))
@@ -183,7 +187,7 @@ target = 0.03                   # nothing crossed, and a detour of at most 1.1; 
 
     @property
     def straight(self) -> Floats:
-        """The straight way, as lengths, unwrapped, shape (2, axes)."""
+        """The straight path, as lengths, unwrapped, shape (2, axes)."""
         start, goal = self.ends
         return np.stack([start, start + self.space.shorter(goal - start)])
 
@@ -200,7 +204,7 @@ target = 0.03                   # nothing crossed, and a detour of at most 1.1; 
     def forbidden_spheres(self) -> Floats:
         """The spheres that a path must not enter, shape (n, axes + 1): obstacles grown by the clearance.
 
-        The spheres that are made of a vehicle and its world hold its clearance already.
+        Spheres that are made from a vehicle and its obstacles include its clearance already.
         """
         if self.vehicle is not None:
             return self.obstacle_spheres
@@ -209,13 +213,13 @@ target = 0.03                   # nothing crossed, and a detour of at most 1.1; 
 
     @cached_property
     def cells_code(self) -> str:
-        """The cells of configuration space that a vehicle cannot reach, see `problems.sphere_path.cells`."""
+        """The code of the cells of a vehicle's configuration space, see `problems.sphere_path.cells`."""
         if self.hierarchy is not None:
             return self.hierarchy
         return making.made_or_kept(self)
 
     def for_recipe(self, name: RecipeName, deme: int) -> Self:
-        """Also with the spheres of a vehicle, so that whoever gets the result need not make them again."""
+        """Fill in also the spheres of a vehicle, so that a process that gets the problem need not make them again."""
         if self.vehicle is None or self.hierarchy is not None:
             return super().for_recipe(name, deme)
         known = self.model_dump(exclude_unset=True) | {"hierarchy": self.cells_code}
@@ -223,29 +227,31 @@ target = 0.03                   # nothing crossed, and a detour of at most 1.1; 
 
     @property
     def solved_at(self) -> float:
-        """No obstacle is crossed: with a length weight such a path is worth less than that, any other at least 1.
+        """The fitness at which a run ends: the length weight.
 
-        A run ends there. To go on for shorter paths, ask for less: ``--target 0`` with a stall or a deadline.
+        A path that crosses nothing has less than that, any other at least 1. To search on for shorter paths, ask for
+        less: ``--target 0`` with a stall or a deadline.
         """
         return self.length_weight
 
     @property
     def solved_when(self) -> str:
-        """In words."""
-        weighed = ", and whatever detour" if self.length_weight else ""
+        """The condition of `solved_at` in words."""
+        weighed = ", whatever the detour" if self.length_weight else ""
         return f"no sphere is crossed{weighed}"
 
     @cached_property
     def coding(self) -> BitString:
-        """One integer of p bits for each of n components of m nodes."""
+        """The coding: one integer of p bits for each of n components of m nodes."""
         from genetics.bit_string import BitString
 
         return BitString(self.nodes * len(self.start), self.bits, gray=self.code != "binary")
 
     def recipe(self, name: RecipeName, deme: int) -> Recipe:
-        """The paper's: half of an island replaced in each generation, by uniform crossover. Tuned: more mutation.
+        """Return the paper's recipe, or the tuned one with more mutation.
 
-        A deme of one, of which the paper does not speak, keeps the best in the tuned recipe.
+        In both, offspring of uniform crossover replace half of an island in each generation. The paper has no demes of
+        one; there the tuned recipe keeps the best.
         """
         replacement: Replacement = "offspring" if name == "paper" else "elitist"
         flips = 1.0 if name == "paper" else _FLIPS
@@ -253,47 +259,47 @@ target = 0.03                   # nothing crossed, and a detour of at most 1.1; 
         return Recipe("uniform", rate, replacement, pairing="better-half", renewal=0.5 if deme > 1 else None)
 
     def evaluate(self, genomes: Genomes) -> Fitness:
-        """The number of obstacles crossed, and the detour's share of the length weight: (n, genome_bytes) to (n,)."""
+        """Return the numbers of obstacles crossed, plus the weighed detours: (n, genome_bytes) to (n,)."""
         return self._compiled.fitness(genomes)
 
     @property
     def fitness_kernel(self) -> Operator:
-        """`evaluate` as compiled code, whatever the fields: nothing of it is left to Python."""
+        """`evaluate` as compiled code. All variants of the problem are compiled; none needs Python."""
         return self._compiled
 
     def paths(self, genomes: Genomes) -> tuple[Floats, NDArray[np.int64]]:
-        """The paths that genomes code, (n, nodes + 2, axes), unwrapped, and how many obstacles each crosses, (n,)."""
+        """Return the paths that genomes code, (n, nodes + 2, axes), unwrapped, and their numbers of crossings, (n,)."""
         from problems.sphere_path import kernels
 
         places, crossed = kernels.follow(writable(genomes), self._compiled.table)
         return places / self.space.scale, crossed
 
     def decode(self, genome: Genomes) -> Solution:
-        """``{"path": [[..], ..], "crossed": 0, "length": L}``: unwrapped; angles of a vehicle count as arcs in L."""
+        """Return ``{"path": [[..], ..], "crossed": 0, "length": L}``; in L a vehicle's angles count as arcs."""
         paths, crossed = self.paths(genome[None])
         length = length_of(paths[0] * self.space.scale)
         return {"path": paths[0].tolist(), "crossed": int(crossed[0]), "length": length}
 
     def describe(self, solution: Solution) -> str:
-        """How long, and through which places."""
+        """Return a text with the path's length, its crossings and its places."""
         rows = [", ".join(f"{place:9.4f}" for place in row) for row in solution["path"]]
         head = f"a path of length {solution['length']:.4g} that crosses {solution['crossed']} spheres:"
         return "\n".join([head, *(f"  {row}" for row in rows)])
 
     def check(self, solution: Solution) -> Verdict:
-        """See `problems.sphere_path.checker`, which shares no code with `evaluate`."""
+        """Verify a solution by `problems.sphere_path.checker`, which shares no code with `evaluate`."""
         from problems.sphere_path import checker
 
         return checker.verify(self, solution)
 
     def oracle(self) -> Answer:
-        """See `problems.sphere_path.oracle`."""
+        """Return what is known about the best path, see `problems.sphere_path.oracle`."""
         from problems.sphere_path import oracle
 
         return oracle.solve_exactly(self)
 
     def advice(self, found: Solution | None, run: Run) -> list[str]:
-        """First of all a finer accuracy, if nothing else keeps the best attempt from being free."""
+        """Return advice after a run; a finer accuracy if nothing else keeps the best attempt from being free."""
         spare = None if found is None or self.vehicle is None else self._spare(found)
         if spare is None:
             return super().advice(found, run)
@@ -305,33 +311,36 @@ target = 0.03                   # nothing crossed, and a detour of at most 1.1; 
         ]
 
     def _spare(self, found: Solution) -> float | None:
-        """What a vehicle keeps beyond its clearance, m, on a path that crosses spheres; None if not free."""
+        """Return the gap beyond the clearance, m, on a path through spheres but is free in the world, or None."""
         verdict = self.check(found)
+        # Only a path that crosses spheres, but meets nothing in the world, shows that accuracy is to blame.
         if not (found["crossed"] and verdict.feasible) or verdict.clearance is None:
             return None
         return max(0.0, verdict.clearance.least - self.clearance)
 
     def motion(self, solution: Solution, pace: Pace) -> Motion:
-        """Along the path, from rest to rest between its corners."""
+        """Return the motion along the path, from rest to rest between its corners."""
         from problems.sphere_path import moving
 
         return moving.motion(self, solution, pace)
 
     def draw(self, figure: Figure, solution: Solution | None, populations: Populations) -> None:
-        """The path among the spheres (the paper's figure), or the vehicle in its world."""
+        """Draw the path among the spheres (the paper's figure), or the vehicle in its world."""
         from problems.sphere_path import drawing
 
         drawing.draw(self, figure, solution, populations)
 
     @cached_property
     def _compiled(self) -> Operator:
-        """The fitness, and the table of all kernels."""
+        """The fitness, with the table that all kernels read; `problems.sphere_path.kernels` names its parts."""
         from genetics.operators import Operator
         from problems.sphere_path import kernels
         from problems.sphere_path.hierarchy import hierarchy_of
 
         space = self.space
+        # On a periodic axis the greatest place is the least one again, so the last code stops a step before it.
         codes = (1 << self.bits) - np.where(space.periodic, 0, 1)
+        # Contact is free, so the kernels' spheres are smaller by it.
         obstacles = self.forbidden_spheres - [*np.zeros(len(self.start)), CONTACT]
         middle = space.low + space.span / 2.0
         obstacles[:, :-1] = middle + space.shorter(obstacles[:, :-1] - middle)  # the image within the bounds

@@ -1,7 +1,7 @@
-"""How far a vehicle in space is from an obstacle of triangles, many poses at once.
+"""The gaps between a vehicle in space and an obstacle of triangles, for many poses at once.
 
-For a ball by the nearest point of all triangles, for a solid by python-fcl. Solids are filled: a vehicle within an
-obstacle, or the other way round, has no gap.
+A ball uses the nearest point of all triangles, a solid uses python-fcl. Solids are filled: a vehicle inside an
+obstacle, or an obstacle inside a vehicle, has no gap.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ Floats = NDArray[np.float64]
 
 @subroutine
 def _squared_to_edge(begin: Any, end: Any) -> Any:
-    """Of the origin to a segment."""
+    """Return the squared distance of the origin to a segment."""
     edge = difference(begin, end)
     squared = dot(edge, edge)
     share = min(1.0, max(0.0, -dot(begin, edge) / squared)) if squared > 0.0 else 0.0
@@ -32,7 +32,8 @@ def _squared_to_edge(begin: Any, end: Any) -> Any:
 
 @subroutine
 def _squared_to_triangle(a: Any, b: Any, c: Any) -> Any:
-    """Of the origin to a triangle of three corners."""
+    """Return the squared distance of the origin to the triangle of three corners."""
+    # The nearest point is on an edge, or it is the foot of the perpendicular on the triangle's plane.
     edges = min(_squared_to_edge(a, b), _squared_to_edge(b, c), _squared_to_edge(c, a))
     normal = cross(difference(a, b), difference(a, c))
     size = dot(normal, normal)
@@ -44,10 +45,11 @@ def _squared_to_triangle(a: Any, b: Any, c: Any) -> Any:
 
 @kernel("float64[::1](float64[:,::1], float64[:,:,::1])", may_be_long=True)
 def signed_distances(points: Floats, triangles: Floats) -> Floats:
-    """Of points, (n, 3), to the surface of a solid, (triangles, 3, 3); negative inside, (n,) m.
+    """Return the distances of points, (n, 3), to the surface of a solid, (triangles, 3, 3); negative inside, (n,) m.
 
-    Inside is where the surface winds around: the solid angles of its triangles add up to more than half of a sphere
-    (van Oosterom and Strackee 1983), either way round.
+    A point is inside if the surface winds around it: the solid angles of its triangles, seen from the point (van
+    Oosterom and Strackee 1983), add up to more than half of a sphere. The sum is 4π or 0 for a closed surface, so the
+    threshold also bears small holes. Triangles may be oriented inwards or outwards.
     """
     distances = np.empty(points.shape[0])
     for row in range(points.shape[0]):
@@ -65,7 +67,7 @@ def signed_distances(points: Floats, triangles: Floats) -> Floats:
 
 
 def in_space(vehicle: Vehicle, obstacle: Floats) -> Clearance:
-    """The clearance of a ball, [x, y, z], or a solid, which may turn, from one of triangles (n, 3, 3)."""
+    """Return the gaps of a ball at [x, y, z], or of a solid, which may turn, to an obstacle of triangles (n, 3, 3)."""
     if vehicle.radius is not None:
         return lambda configurations: _ball(obstacle, vehicle.radius or 0.0, configurations)
     assert vehicle.mesh is not None, "in space a vehicle is a ball or a mesh"
@@ -85,15 +87,17 @@ class _Solid:
         self.vehicle, self.obstacle = vehicle, obstacle
         self._moving = fcl.CollisionObject(surface(vehicle))
         self._still = fcl.CollisionObject(surface(obstacle))
-        # One point of each connected part tells whether that part lies within the other solid.
+        # python-fcl knows only surfaces. If no surfaces meet, each connected part lies inside the other solid entirely
+        # or not at all, so one point of each part decides.
         self._own_parts, self._parts = parts(vehicle), parts(obstacle)
 
     def clearance(self, configurations: Floats) -> Floats:
-        """See `problems.sphere_path.cells.Clearance`."""
+        """Return the gaps at configurations, see `problems.sphere_path.cells.Clearance`."""
         turns = rotations(configurations[:, 3:], 3)
         places = configurations[:, :3]
         gaps = np.array([self._gap(turn, place) for turn, place in zip(turns, places, strict=True)])
         within = np.einsum("nij,pj->npi", turns, self._own_parts) + places[:, None]
+        # The obstacle's points in the vehicle's frame, by the transposed rotations.
         around = np.einsum("nji,npj->npi", turns, self._parts - places[:, None])
         gaps[_any_in(within, self.obstacle) | _any_in(around, self.vehicle)] = 0.0
         return gaps
@@ -106,14 +110,14 @@ class _Solid:
 
 
 def _any_in(points: Floats, solid: Floats) -> NDArray[np.bool_]:
-    """Whether any of each group of points, (n, points, 3), lies in a solid, (n,)."""
+    """Return for each group of points, (n, points, 3), whether any of them lies in a solid, (n,)."""
     distances = signed_distances(np.ascontiguousarray(points.reshape(-1, 3)), solid)
     found: NDArray[np.bool_] = np.any(distances.reshape(points.shape[:2]) < 0.0, axis=1)
     return found
 
 
 def surface(triangles: Floats) -> Any:
-    """Triangles as python-fcl takes them."""
+    """Return triangles as a model of python-fcl."""
     import fcl
 
     corners, faces = np.unique(triangles.reshape(-1, 3), axis=0, return_inverse=True)
@@ -125,7 +129,8 @@ def surface(triangles: Floats) -> Any:
 
 
 def parts(triangles: Floats) -> Floats:
-    """One corner of each connected part of a surface, shape (parts, 3)."""
+    """Return one corner of each connected part of a surface, shape (parts, 3)."""
+    # Each corner's label falls to the least label of its triangles, round by round, until nothing changes.
     corners, faces = np.unique(triangles.reshape(-1, 3), axis=0, return_inverse=True)
     faces = faces.reshape(-1, 3)
     label = np.arange(len(corners))
@@ -133,7 +138,7 @@ def parts(triangles: Floats) -> Floats:
         least = label[faces].min(axis=1)
         following = label.copy()
         np.minimum.at(following, faces.ravel(), np.repeat(least, 3))
-        following = following[following]
+        following = following[following]  # a label's own label: halves the length of chains in each round
         if np.array_equal(following, label):
             return corners[np.unique(label)]
         label = following

@@ -1,7 +1,8 @@
-"""Configuration spaces as places between which lengths make sense: metres along every axis.
+"""Configuration spaces in which lengths make sense: metres along every axis.
 
-An angle counts as an arc: it is multiplied by the radius of the vehicle that turns. Where spheres are given directly,
-axes are taken as they are. Nothing here is compiled, and the compiled fitness uses none of it.
+An angle counts as an arc: it is multiplied by the distance of the vehicle's farthest point from its origin. Where
+spheres are given directly, axes are taken as they are. Nothing here is compiled, and the compiled fitness calls none of
+it, so that `check` may.
 """
 
 from dataclasses import dataclass
@@ -15,12 +16,12 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Space:
-    """A box of configurations, some of whose axes may close upon themselves.
+    """A box of configurations, some axes of which may be periodic.
 
     Attributes:
-        bounds: the least and the greatest along each axis, in its own unit, shape (axes, 2).
-        scale: what a unit of each axis is worth in lengths, shape (axes,).
-        periodic: which axes close upon themselves, shape (axes,).
+        bounds: The least and the greatest value of each axis, in its own unit, shape (axes, 2).
+        scale: The length of a unit of each axis, shape (axes,).
+        periodic: Whether each axis is periodic, shape (axes,).
     """
 
     bounds: Floats
@@ -29,7 +30,7 @@ class Space:
 
     @property
     def low(self) -> Floats:
-        """The least of each axis, as lengths."""
+        """The least value of each axis, as lengths."""
         return np.ascontiguousarray(self.bounds[:, 0] * self.scale)
 
     @property
@@ -48,30 +49,34 @@ class Space:
         return float(np.linalg.norm(self.span))
 
     def detour(self, path: Floats) -> float:
-        """By how much a path, shape (rows, axes), is longer than the straight way, as a share in [0, 1).
+        """Return how much longer a path, shape (rows, axes), is than the straight way, as a share in [0, 1).
 
-        A length x is x / (x + diagonal): 1/2 if the detour is as long as the diagonal.
+        A detour of length x gives x / (x + diagonal), which is 1/2 if the detour is as long as the diagonal.
         """
         detour = max(0.0, length_of(path) - float(np.linalg.norm(self.shorter(path[-1] - path[0]))))
         return detour / (detour + self.diagonal)
 
     def shorter(self, step: Floats) -> Floats:
-        """The same difference of places, (.., axes) lengths, but the shorter way along periodic axes."""
+        """Return the same difference of places, (.., axes) lengths, but the shorter way along periodic axes."""
+        # 1 stands in where there is no period, so that nothing is divided by 0; the result is not used there.
         periods = np.where(self.periodic, self.span, 1.0)
         return np.where(self.periodic, step - periods * np.floor(step / periods + 0.5), step)
 
     def clearances(self, path: Floats, centres: Floats) -> Floats:
-        """How near a path, unwrapped, (rows, axes), comes to each centre, (n, axes), or an image of it: (n,) lengths.
+        """Return how near a path, unwrapped, (rows, axes), comes to each centre, (n, axes), or an image of it: (n,).
 
-        In closed form: the nearest point of each segment to each image of a centre that may count.
+        In closed form: the nearest point of each segment to each image of a centre that may be the nearest.
         """
         nearest = np.full(len(centres), np.inf)
+        # A path of one place is a segment of no length.
         ends = path[1:] if len(path) > 1 else path
         turns = [(-1, 0, 1) if periodic else (0,) for periodic in self.periodic]
         for begin, end in zip(path, ends, strict=False):
             along = end - begin
             length = float(np.linalg.norm(along))
             heading = along / length if length > 0.0 else along
+            # The image nearest to the segment's beginning, then its neighbours: enough for segments of at most half a
+            # period, which are the ones that the fitness makes.
             offsets = self.shorter(centres - begin)
             for turn in product(*turns):
                 away = offsets + np.array(turn) * self.periods
@@ -82,5 +87,5 @@ class Space:
 
 
 def length_of(path: Floats) -> float:
-    """The length of a path, shape (rows, axes)."""
+    """Return the length of a path, shape (rows, axes)."""
     return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())

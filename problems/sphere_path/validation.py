@@ -1,4 +1,4 @@
-"""Validates the fields of a sphere-path problem against each other, beyond their types."""
+"""Validate the fields of a sphere-path problem against each other, beyond their types."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from problems.sphere_path.vehicle import Vehicle
 
 _FULL_TURN = 2.0 * np.pi
-_ANGLES = {(2, 2): 0, (2, 3): 1, (3, 3): 0, (3, 4): 1, (3, 6): 3}  # of vehicles, by dimensions of the world and axes
+_ANGLES = {(2, 2): 0, (2, 3): 1, (3, 3): 0, (3, 4): 1, (3, 6): 3}  # a vehicle's angles, by (dimensions, axes)
 
 
 def validate(problem: SpherePath) -> None:
@@ -30,6 +30,7 @@ def validate(problem: SpherePath) -> None:
     if problem.random is not None:
         _leaves_room(problem, problem.random)
     _spheres_wrap_once(problem)
+    # Last, since the spheres of a vehicle are made for it, which needs fields that fit and may take long.
     _ends_are_free(problem)
 
 
@@ -56,16 +57,17 @@ def _one_kind_of_obstacles(problem: SpherePath) -> None:
     if len(given) != 1:
         raise ValueError(f"expected one of spheres, random and vehicle, found {' and '.join(given) or 'none'}")
     if problem.vehicle is None and (problem.obstacles or problem.mesh or problem.hierarchy):
-        raise ValueError(f"vehicle: expected what moves among obstacles and meshes, found {given[0]} instead")
+        raise ValueError(f"vehicle: expected a vehicle, since obstacles or a mesh are given, found {given[0]} instead")
 
 
 def _fits_its_world(problem: SpherePath, vehicle: Vehicle) -> None:
-    """A vehicle is at home in the plane or in space, and has as many axes as it can move along."""
+    """Raise if the vehicle's shape, its obstacles and its axes are not all of the plane, or all of space."""
     dimensions = dimensions_of(problem.mesh, vehicle.mesh)
     if dimensions == 3 and (vehicle.vertices is not None or problem.obstacles):
         raise ValueError("vehicle: expected a radius or a mesh, and no obstacles of the plane, beside a mesh")
     if dimensions == 3 and problem.mesh is None:
         raise ValueError("mesh: expected the obstacle of a vehicle in space, found nothing")
+    # A turn changes nothing about a disc or ball.
     turns = (0, 1, 3) if vehicle.radius is None else (0,)
     fitting = [axes for (world, axes), angles in _ANGLES.items() if world == dimensions and angles in turns]
     if len(problem.start) not in fitting:
@@ -82,7 +84,7 @@ def _fits_its_world(problem: SpherePath, vehicle: Vehicle) -> None:
 
 
 def _turns_within_reason(problem: SpherePath, first: int) -> None:
-    """Axes from the ``first`` on are a vehicle's angles."""
+    """Raise if an angle is implausibly large; the axes from the ``first`` on are angles."""
     for name in ("start", "goal", "bounds"):
         for axis, each in enumerate(getattr(problem, name)[first:], first):
             try:
@@ -93,10 +95,10 @@ def _turns_within_reason(problem: SpherePath, first: int) -> None:
 
 
 def _leaves_room(problem: SpherePath, random: Random) -> None:
-    """A random world has room for a path of so many nodes, at the clearance that is asked for."""
+    """Raise if a random world's corridor has more places than a path has nodes, or less clearance than it keeps."""
     if random.corridor > problem.nodes:
         raise ValueError(
-            f"random.corridor: expected at most nodes, {problem.nodes}, which a path has, found {random.corridor}"
+            f"random.corridor: expected at most nodes, {problem.nodes}, which bounds a path, found {random.corridor}"
         )
     if random.clearance < problem.clearance:
         raise ValueError(
@@ -106,7 +108,10 @@ def _leaves_room(problem: SpherePath, random: Random) -> None:
 
 
 def _spheres_wrap_once(problem: SpherePath) -> None:
-    """No sphere with its clearance meets its own image along a periodic axis: the kernels look at three images."""
+    """Raise if a sphere with its clearance meets its own image along a periodic axis.
+
+    The kernels look at three images only, which is enough for spheres no wider than a period.
+    """
     shortest = problem.space.periods[problem.space.periodic].min(initial=np.inf)
     radii = [(f"spheres[{number}]", sphere[-1]) for number, sphere in enumerate(problem.spheres or [])]
     radii += [("random.radius", problem.random.radius[1])] if problem.random is not None else []
@@ -119,6 +124,7 @@ def _spheres_wrap_once(problem: SpherePath) -> None:
 
 
 def _ends_are_free(problem: SpherePath) -> None:
+    # With the same spheres and the same contact as the fitness, so that a valid file never starts with a crossing.
     obstacles = problem.forbidden_spheres
     for name, place, written in (("start", problem.ends[0], problem.start), ("goal", problem.ends[1], problem.goal)):
         depth = obstacles[:, -1] - CONTACT - problem.space.clearances(place[None], obstacles[:, :-1])
@@ -128,7 +134,7 @@ def _ends_are_free(problem: SpherePath) -> None:
 
 
 def _too_near(problem: SpherePath, depth: NDArray[np.float64]) -> str:
-    """The worst sphere, in words, of those whose clearance a place is so deep in, (n,)."""
+    """Return, as the end of an error, the sphere that a place is deepest in; ``depth`` includes the clearance, (n,)."""
     worst = int(np.argmax(depth))
     is_in = depth[worst] > problem.clearance
     return f"{'in' if is_in else f'nearer than the clearance {problem.clearance:g} to'} spheres[{worst}]"

@@ -1,4 +1,4 @@
-"""The tables of a problem file that say what moves, and among which solid: ``[vehicle]`` and ``[mesh]``."""
+"""The tables ``[vehicle]`` and ``[mesh]`` of a problem file: what moves, and the solid that it moves around."""
 
 from __future__ import annotations
 
@@ -22,26 +22,26 @@ MOST_TRIANGLES = 100_000
 
 
 class Mesh(Table):
-    """A solid bounded by triangles; it has an inside if they close."""
+    """A solid bounded by triangles; it has an inside if their surface is closed."""
 
     file: str | None = quantity("", "an STL or OBJ file, relative to the problem file", default=None)
     unit: float = quantity("m", "the length unit of the file, such as 0.001", default=1.0, gt=0, le=1e6)
-    packed: str | None = quantity("", "the triangles themselves, in the place of the file's name", default=None)
+    packed: str | None = quantity("", "the triangles, which replace the file when it is read", default=None)
 
     @model_validator(mode="after")
     def _named_or_packed(self) -> Self:
         if (self.file is None) == (self.packed is None):
-            raise ValueError(f"expected a file, found {'neither' if self.file is None else 'also what it holds'}")
+            raise ValueError(f"expected file or packed triangles, found {'neither' if self.file is None else 'both'}")
         if self.packed is not None:
             _ = self.triangles
         return self
 
     @cached_property
     def triangles(self) -> Floats:
-        """Shape (triangles, 3 corners, 3), m.
+        """The triangles, shape (triangles, 3 corners, 3), m.
 
         Raises:
-            ValueError: if only the name of a file is known, or that is no text of triangles.
+            ValueError: If only the name of a file is known, or the packed text holds no triangles.
         """
         if self.packed is None:
             raise ValueError(f"expected the triangles of a mesh, as `supernode.load` reads them, found {self.file!r}")
@@ -51,7 +51,7 @@ class Mesh(Table):
 class Vehicle(Table):
     """What moves, in its own frame: it turns about the origin."""
 
-    radius: float | None = quantity("m", "of a disc or ball", default=None, gt=0, le=1e6)
+    radius: float | None = quantity("m", "radius of a disc or ball", default=None, gt=0, le=1e6)
     vertices: list[Point] | None = quantity(
         "m", "corners of a polygon in the plane, in order, instead of a radius", default=None
     )
@@ -71,7 +71,7 @@ class Vehicle(Table):
 
     @cached_property
     def reach(self) -> float:
-        """How far its farthest point is from the origin, m."""
+        """The distance of the vehicle's farthest point from its origin, m."""
         if self.radius is not None:
             return self.radius
         corners = np.array(self.vertices) if self.mesh is None else self.mesh.triangles.reshape(-1, 3)
@@ -84,10 +84,10 @@ def dimensions_of(*meshes: object) -> int:
 
 
 def gathered(fields: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """The fields of a problem file with triangles in the place of the names of mesh files.
+    """Return the fields of a problem file with the names of mesh files replaced by their triangles.
 
     Raises:
-        BadInput: names the field, and the file that cannot be read.
+        BadInput: If a file cannot be read; the error names the field and the file.
     """
     mesh, vehicle = fields.get("mesh"), fields.get("vehicle")
     if isinstance(mesh, dict) and isinstance(mesh.get("file"), str):
@@ -102,13 +102,13 @@ def gathered(fields: dict[str, Any], folder: Path) -> dict[str, Any]:
 def _filled(mesh: dict[str, Any], field: str, folder: Path) -> dict[str, Any]:
     unit = mesh.get("unit", 1.0)
     if not isinstance(unit, float | int) or isinstance(unit, bool):
-        return mesh  # the schema says what is wrong
+        return mesh  # validation by the schema raises the error
     triangles = _read(mesh["file"], field, folder) * unit
     return {name: value for name, value in mesh.items() if name not in ("file", "unit")} | {"packed": packed(triangles)}
 
 
 def _read(name: str, field: str, folder: Path) -> Floats:
-    """The triangles of an STL or OBJ file, shape (triangles, 3, 3)."""
+    """Return the triangles of an STL or OBJ file, shape (triangles, 3, 3)."""
     try:
         import trimesh
     except ImportError as error:
@@ -120,7 +120,7 @@ def _read(name: str, field: str, folder: Path) -> Floats:
         raise BadInput(f"{field}.file: expected a file beside the problem file, found no {shorten(name)}")
     try:
         triangles = np.array(trimesh.load_mesh(path, process=False).triangles, np.float64)
-    except Exception as error:  # whatever its parsers raise
+    except Exception as error:  # trimesh's parsers raise errors of many types
         raise BadInput(f"{field}.file: expected a mesh in {name}, found {type(error).__name__}: {error}") from None
     if not 0 < len(triangles) <= MOST_TRIANGLES or not np.isfinite(triangles).all():
         raise BadInput(f"{field}.file: expected 1 to {MOST_TRIANGLES:,} triangles in {name}, found {len(triangles):,}")
@@ -128,20 +128,22 @@ def _read(name: str, field: str, folder: Path) -> Floats:
 
 
 def packed(triangles: Floats) -> str:
-    """Triangles, shape (n, 3, 3), as a text."""
+    """Return triangles, shape (n, 3, 3), as a text: corners in single precision, without repeats, and faces."""
     corners, faces = np.unique(triangles.reshape(-1, 3).astype("<f4"), axis=0, return_inverse=True)
     parts = np.array([len(corners)], "<i4"), corners, faces.astype("<i4")
     return base64.b64encode(zlib.compress(b"".join(part.tobytes() for part in parts), 9)).decode()
 
 
 def unpacked(text: str) -> Floats:
-    """The inverse of `packed`, to single precision.
+    """Return the triangles of a text that `packed` made, in single precision.
 
     Raises:
-        ValueError: if that is another text.
+        ValueError: If the text holds no triangles.
     """
     try:
         stream = zlib.decompressobj()
+        # Bounded, since the text may come over the network: a count, corners of 12 bytes (three a triangle at most) and
+        # faces of 12.
         data = stream.decompress(base64.b64decode(text, validate=True), 4 + 48 * MOST_TRIANGLES)
         if not stream.eof:
             raise ValueError

@@ -1,7 +1,8 @@
-"""The vehicle in its world, as python-fcl sees it: whether it meets anything on its way.
+"""The vehicle in its world as a scene of python-fcl, for `check`: does it meet anything on its way?
 
-Nothing of configuration space is used here. In the plane outlines are walls of height 1, and a disc is an upright line,
-thickened; in space a ball is a point, thickened.
+Nothing of configuration space is used here. In the plane outlines become walls of height 1. A disc is an upright line
+with a thickness, a ball in space a point with a thickness, so both are exact. python-fcl only knows triangles, so lines
+and points are triangles of negligible width.
 """
 
 from __future__ import annotations
@@ -20,13 +21,13 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-TOLERANCE = 1e-6  # m, overlap of what is thickened that is no collision
+TOLERANCE = 1e-6  # m: a smaller overlap of discs and balls, or lack of clearance, is no collision
 _SLIMMEST = 1e-9  # m, the width of a line or a point
-_SHORTEST = 1e-3  # of the vehicle's reach: a thing that it grazes by less motion than this may go unseen
+_SHORTEST = 1e-3  # the least step, as a share of the vehicle's reach; an obstacle grazed for less may go unseen
 
 
 class World:
-    """All obstacles, and the vehicle, which can be put anywhere."""
+    """All obstacles, and the vehicle, which each query moves: use a world on one thread only."""
 
     def __init__(self, problem: SpherePath) -> None:
         vehicle, flat = problem.vehicle, problem.mesh is None
@@ -52,19 +53,19 @@ class World:
         self.reach = vehicle.reach
 
     def clearance(self, configuration: Floats) -> float:
-        """The gap to the nearest obstacle, m; negative in collision, and infinite where surfaces cut each other."""
+        """Return the gap to the nearest obstacle, m; negative in collision, -inf where surfaces intersect."""
         return min(self._gaps(configuration), default=np.inf)
 
     def nearest(self, configuration: Floats) -> str | int:
-        """The nearest obstacle: its number, or ``"mesh"``.
+        """Return the nearest obstacle: its number, or ``"mesh"``.
 
         Raises:
-            ValueError: if there is none.
+            ValueError: If there are no obstacles.
         """
         return self._names[int(np.argmin(self._gaps(configuration)))]
 
     def _gaps(self, configuration: Floats) -> list[float]:
-        """To each obstacle, m."""
+        """Return the gap to each obstacle, m."""
         turn, place = np.eye(3), np.zeros(3)
         dimensions = self._dimensions
         turn[:dimensions, :dimensions] = rotations(configuration[None, dimensions:], dimensions)[0]
@@ -74,18 +75,22 @@ class World:
 
     def _gap(self, body: Any, thickness: float) -> float:
         away = float(fcl.distance(self._vehicle, body, fcl.DistanceRequest(), fcl.DistanceResult()))
+        # python-fcl reports 0 or less where surfaces intersect, which says nothing about the depth.
         return away - thickness - self._thickness if away > 0.0 else -np.inf
 
     def way(self, begin: Floats, end: Floats) -> float:
-        """The most that any point of the vehicle goes on a straight motion, m."""
+        """Return an upper bound of how far any point of the vehicle moves on a straight motion, m."""
         motion = end - begin
+        # Several angles at once: each turns the farthest point by at most its own arc, so the sum of the arcs is a
+        # bound.
         angles = np.abs(motion[self._dimensions :]).sum()
         return float(np.linalg.norm(motion[: self._dimensions]) + self.reach * angles)
 
     def contact(self, begin: Floats, end: Floats, clearance: float = 0.0) -> Floats | None:
-        """The first configuration of a straight motion nearer to an obstacle than a clearance, m, if there is one.
+        """Return the first configuration of a straight motion that is nearer to an obstacle than a clearance, m.
 
-        No point of the vehicle goes farther from one look to the next than it was from being that near.
+        Return None if there is none. Each step is as long as the gap that was left, so no point of the vehicle can come
+        too near within it (conservative advancement). Steps have a least length, so that a motion along a surface ends.
         """
         motion, way, done = end - begin, self.way(begin, end), 0.0
         while True:
@@ -106,7 +111,7 @@ def _line(x: float, y: float) -> Floats:
 
 
 def _walls(corners: Floats) -> Floats:
-    """Two triangles above each edge of an outline, shape (2 edges, 3, 3)."""
+    """Return two triangles above each edge of an outline, shape (2 edges, 3, 3)."""
     low = np.column_stack([corners, np.zeros(len(corners))])
     high = low + np.array([0.0, 0.0, 1.0])
     lower = np.stack([low, np.roll(low, -1, axis=0), high], axis=1)

@@ -1,4 +1,7 @@
-"""The verify of terrain solutions: scipy and plain arithmetic along the path; nothing that `evaluate` uses."""
+"""The verification of terrain solutions by scipy and plain arithmetic along the path.
+
+It shares no code with `evaluate`. The oracle uses this module's rules, so it is as independent of the kernels.
+"""
 
 from __future__ import annotations
 
@@ -20,13 +23,13 @@ if TYPE_CHECKING:
     from problems.terrain.problem import Terrain
 
 TOLERANCE = 1e-6
-HAIR = 1e-12  # contact at exactly the radius is free
+HAIR = 1e-12  # a share by which distances may be too small, since contact at exactly the radius is free
 Floats = NDArray[np.float64]
 Triangle = tuple[float, float, float]
 
 
 def verify(problem: Terrain, solution: Solution) -> Verdict:
-    """What the path is worth, and all that is wrong with it."""
+    """Return the path's fitness, and all that is wrong with it."""
     claimed = _parsed(solution)
     cost, blocked, astray = 0.0, 0, []
     for number, (here, there) in enumerate(pairwise(claimed.path), start=1):
@@ -40,12 +43,13 @@ def verify(problem: Terrain, solution: Solution) -> Verdict:
             cost += dist(here, there) * ranked(problem, difficulty(problem, there, STEPS.index(step)))
     away = dist(claimed.path[-1], problem.goal)
     objections = [*_wrong_ends(problem, claimed, away), *astray, *_wrong_claims(claimed, cost)]
+    # As in §3.4, computed here a second time.
     fitness = cost if away == 0.0 and blocked == 0 else dearest(problem) * (1 + blocked) + away
     return Verdict(fitness, tuple(objections), _clearance(problem, claimed.path))
 
 
 def impassable(problem: Terrain) -> NDArray[np.bool_]:
-    """The cells where the robot cannot stand, (rows, columns): obstacles, and what is too near to them."""
+    """Return the cells where the robot cannot stand, (rows, columns): obstacles, and cells too near to them."""
     if problem.robot_radius + problem.clearance > 0.0:
         near: NDArray[np.bool_] = problem.distances[1::2, 1::2] < least_allowed(problem)
         return near
@@ -57,14 +61,15 @@ def _obstacles(problem: Terrain) -> NDArray[np.bool_]:
 
 
 def distances(problem: Terrain) -> Floats:
-    """From obstacles, cells, on a grid twice as fine, (2 rows + 1, 2 columns + 1): its odd places are cells' centres.
+    """Return distances from obstacles, in cells, on a grid twice as fine as the map, (2 rows + 1, 2 columns + 1).
 
-    Obstacles are squares, at 0; infinite if there are none. The edge of the map is none.
+    Places with two odd coordinates are centres of cells, those with two even ones their corners. Obstacles are squares,
+    at distance 0; without obstacles all distances are infinite. The edge of the map is no obstacle.
     """
     from scipy import ndimage
 
-    # The nearest point of a square to a centre or corner of another is a corner, or the middle of a side: all of these
-    # are places of the fine grid.
+    # The transform is exact here: the nearest point of a square to a centre or corner of another one is a corner or the
+    # middle of a side, and all of these are places of the fine grid.
     blocked = _obstacles(problem)
     fine = np.zeros((2 * blocked.shape[0] + 1, 2 * blocked.shape[1] + 1), bool)
     for row in range(3):
@@ -77,27 +82,31 @@ def distances(problem: Terrain) -> Floats:
 
 
 def least_allowed(problem: Terrain) -> float:
-    """The least distance from an obstacle, cells, at which the axis of the robot may be."""
+    """Return the least distance from an obstacle, in cells, at which the robot's axis may be."""
     return (problem.robot_radius + problem.clearance) * (1.0 - HAIR)
 
 
 def difficulty(problem: Terrain, cell: Cell, heading: int) -> Triangle:
-    """Of a step into a passable cell."""
+    """Return the fuzzy difficulty of a step into a passable cell by a heading."""
     found = problem.difficulties[problem.legend[problem.map[cell[0]][cell[1]]]]
     if isinstance(found, tuple):
         return found
     towards, rise = STEPS[heading], STEPS[("E", "NE", "N", "NW", "W", "SW", "S", "SE").index(found.uphill)]
+    # By a cosine, where `arrays` counts eighths of a turn: an independent computation.
     cosine = (towards[0] * rise[0] + towards[1] * rise[1]) / (dist(towards, (0, 0)) * dist(rise, (0, 0)))
     return found.up if cosine > 0.1 else found.down if cosine < -0.1 else found.across
 
 
 def ranked(problem: Terrain, triangle: Triangle) -> float:
-    """A fuzzy number as one: sums and multiples of triangles are ranked as the sums and multiples of their ranks."""
+    """Return the rank of a fuzzy number.
+
+    All three ranks are linear, so a sum of ranked steps is the rank of the fuzzy sum.
+    """
     return {"optimistic": triangle[0], "pessimistic": triangle[2], "centroid": sum(triangle) / 3}[problem.rank]
 
 
 def dearest(problem: Terrain) -> float:
-    """K: √2·n²·(the highest difficulty on the map)."""
+    """Return K = √2·n²·(the highest difficulty on the map): no clear path that enters a cell once costs more."""
     characters = set("".join(problem.map)) & problem.legend.keys()
     found = [problem.difficulties[problem.legend[character]] for character in characters]
     triangles = [
@@ -115,7 +124,7 @@ def _parsed(solution: Solution) -> TerrainSolution:
 
 
 def _hindrance(problem: Terrain, here: Cell, there: Cell) -> str | None:
-    """Why a step cannot be taken, if it cannot."""
+    """Return why a step cannot be taken, None if it can."""
     blocked, near = problem.impassable, f"{problem.clearance:g}" if problem.clearance > 0.0 else ""
 
     def is_free(row: int, column: int) -> bool:
@@ -124,10 +133,11 @@ def _hindrance(problem: Terrain, here: Cell, there: Cell) -> str | None:
     if not is_free(*there):
         if not (0 <= there[0] < len(blocked) and 0 <= there[1] < len(blocked[0])):
             return "is off the map"
-        return "is impassable" + (f", or nearer to what is than the clearance {near}" if near else "")
+        return "is impassable" + (f", or nearer to such a cell than the clearance {near}" if near else "")
     is_diagonal = here[0] != there[0] and here[1] != there[1]
     if is_diagonal and not (problem.corner_cutting or (is_free(here[0], there[1]) and is_free(there[0], here[1]))):
         return "cuts a corner"
+    # On the fine grid a cell's centre is at 2 row + 1, so the middle of two centres is the sum of the rows plus 1.
     middle = (here[0] + there[0] + 1, here[1] + there[1] + 1)
     if near and is_diagonal and problem.distances[middle] < least_allowed(problem):
         return f"comes nearer to an obstacle half-way than the clearance {near}"
@@ -135,9 +145,10 @@ def _hindrance(problem: Terrain, here: Cell, there: Cell) -> str | None:
 
 
 def _clearance(problem: Terrain, path: list[Cell]) -> Clearance:
-    """The least gap between the robot and an obstacle, cells: at centres, and half-way between these.
+    """Return the least gap between the robot and an obstacle, in cells: at centres, and half-way between them.
 
-    Obstacles are at 0 throughout, so a robot whose axis enters one is told to overlap it by its radius.
+    That is exact: a straight step is never nearer than its ends, a diagonal one never nearer than its ends and middle.
+    Distances are 0 within obstacles, so a robot whose axis enters one counts as overlapping it by its radius.
     """
     least, where = inf, {}
     rows, columns = problem.distances.shape
@@ -170,6 +181,7 @@ def _wrong_claims(claimed: TerrainSolution, cost: float) -> Iterator[str]:
         if abs(heading - eighths * EIGHTH) > TOLERANCE:
             yield f"move {number} heads for {heading:g} rad, which is no multiple of π/4"
         d_row, d_column = STEPS[eighths % 8]
+        # The bound keeps a move of many cells from filling the memory: more cells than the path has are wrong anyway.
         led += [(row + d_row * step, column + d_column * step) for step in range(1, min(cells, len(claimed.path)) + 1)]
         row, column = led[-1]
         if len(led) > len(claimed.path):

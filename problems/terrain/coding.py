@@ -1,4 +1,4 @@
-"""Paths as blocks of a direction and a length: a sequence of variable length (Fries, §3.1)."""
+"""The coding of paths: a sequence of blocks, each a direction and a length (Fries, §3.1)."""
 
 from __future__ import annotations
 
@@ -13,19 +13,21 @@ if TYPE_CHECKING:
     from genetics.operators import Operator
 
 CROSSOVER_RATE = 0.8  # §3.3
-_NARROWEST, _WINDOWS_ACROSS = 3, 16  # a window reaches so far from its middle at least, or this part of the map
+# A window reaches from its middle this many cells at least, on larger maps the side divided by the second number.
+_NARROWEST, _WINDOWS_ACROSS = 3, 16
 
 
 class Moves(Sequence):
-    """One to ``most`` blocks of 2 + ⌈log2 n⌉ bits, n the longer ``side`` of the map.
+    """Sequences of one to ``most`` blocks of 2 + ⌈log2 n⌉ bits, where n is the longer ``side`` of the map.
 
-    The first block says the heading by its low three bits; each other the turn by its high two, and the length.
+    The low three bits of the first block are the heading. In every other block the high two bits are the turn and the
+    others the length.
 
     Args:
-        world: the arrays of `problems.terrain.walking.World`.
-        side: in cells.
-        most: blocks.
-        founders: how first paths are made.
+        world: The arrays of `problems.terrain.walking.World`.
+        side: The longer side of the map, in cells.
+        most: The greatest number of blocks.
+        founders: How first paths are made.
     """
 
     crossovers: ClassVar[tuple[str, ...]] = ("one-point", "merge")
@@ -39,18 +41,18 @@ class Moves(Sequence):
 
     @property
     def reach(self) -> int:
-        """How far a window of the tuned recipe reaches from its middle, in cells."""
+        """How far a window of the tuned recipe reaches from its middle cell, in cells."""
         return max(_NARROWEST, self.side // _WINDOWS_ACROSS)
 
     def initialise(self) -> Operator:
-        """§3.2, or straight lines through random cells."""
+        """Return the operator of first paths: random blocks (§3.2), or straight lines through random cells."""
         from genetics.operators import Operator
         from problems.terrain import kernels
 
         return Operator.of(kernels.found_lines if self.founders == "lines" else kernels.found_random, *self.world)
 
     def variation(self, recipe: Recipe) -> Operator:
-        """§3.3, or the best path within those of both parents and a small window."""
+        """Return the operator of offspring: §3.3, or the best path over both parents' cells and a small window."""
         from genetics.operators import Operator
         from problems.terrain import kernels
 

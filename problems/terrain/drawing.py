@@ -24,8 +24,8 @@ START = "#2a8c4a"
 GOAL = "#c8321e"
 OBSTACLE = "black"
 TOO_NEAR = "0.55"
-_MAP = 7.0  # inches
-_FINEST_GRID = 32  # cells across, beyond which lines between cells would hide them
+_MAP = 7.0  # inches, the width of the map
+_FINEST_GRID = 32  # cells across; on larger maps lines between cells would hide the cells
 
 Color = tuple[float, float, float]
 
@@ -51,13 +51,13 @@ def draw(problem: Terrain, figure: Figure, solution: Solution | None, population
 def _title(problem: Terrain, solution: Solution | None) -> str:
     if solution is None:
         return "no path found"
-    said = f"cost {solution['cost']:.4g}, {len(solution['moves'])} moves"
+    title = f"cost {solution['cost']:.4g}, {len(solution['moves'])} moves"
     objections = problem.check(solution).objections
-    return f"{said}: {objections[0]}" if objections else said
+    return f"{title}: {objections[0]}" if objections else title
 
 
 def _colors(problem: Terrain) -> dict[str, Color]:
-    """Of each difficulty on the map: white the easiest, the harder the darker."""
+    """Return the colour of each difficulty on the map: the easiest is white, the harder the darker."""
     present = set("".join(problem.map))
     names = {name for character, name in problem.legend.items() if character in present}
     by_degree = sorted(names, key=lambda name: (_degree(problem, name), name))
@@ -77,7 +77,7 @@ def _triangles(problem: Terrain, name: str) -> dict[str, tuple[float, float, flo
 
 
 def _draw_map(problem: Terrain, axes: Axes, colors: dict[str, Color]) -> None:
-    """Obstacles black, cells too near to one grey, difficulty shaded."""
+    """Draw obstacles black, cells too near to one grey, and all others shaded by difficulty."""
     blocked = problem.impassable
     rows, columns = blocked.shape
     picture = np.empty((rows, columns, 3))
@@ -102,7 +102,7 @@ def _draw_path(axes: Axes, path: NDArray[np.int64]) -> None:
 
 
 def _draw_populations(problem: Terrain, axes: Axes, populations: Populations) -> None:
-    """The paths of the first and of the last generation."""
+    """Draw the paths of the first and of the last generation."""
     if not populations:
         return
     x_limits, y_limits = axes.get_xlim(), axes.get_ylim()
@@ -117,7 +117,7 @@ def _draw_populations(problem: Terrain, axes: Axes, populations: Populations) ->
 
 
 def _draw_membership(problem: Terrain, axes: Axes, colors: dict[str, Color]) -> None:
-    """The difficulties as fuzzy numbers: how far each degree belongs to each."""
+    """Draw the difficulties as fuzzy numbers: the membership of each degree."""
     greatest, handles = 1.0, []
     for name, color in colors.items():
         for (label, (a, b, c)), style in zip(_triangles(problem, name).items(), ("-", "--", ":"), strict=False):

@@ -1,4 +1,4 @@
-"""A terrain solution over time: from the centre of a cell to that of the next; it turns where it rests."""
+"""The motion of a terrain solution: from the centre of one cell to that of the next, with turns on the spot."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from problems.profile import drive
 if TYPE_CHECKING:
     from problems.terrain.problem import Terrain
 
-_HALF_A_CELL = 0.5  # from the axis of a robot that is but a point, so that it turns at some speed
+_HALF_A_CELL = 0.5  # cells: the radius that limits the turns of a robot without a radius
 
 
 def motion(problem: Terrain, solution: Solution, pace: Pace) -> Motion:
-    """Moves at most at --speed, cells/s, whatever the difficulty; turns on the spot, by the shorter way.
+    """Return the motion at most at --speed, cells/s, whatever the difficulty, with turns by the shorter way.
 
-    It begins heading where it goes. In space x is the column and y the row backwards, so that headings are
-    anticlockwise from x.
+    The robot starts with the heading of its first move. In space x is the column and y the negative row, so that
+    headings are anticlockwise from x.
     """
     speed, gain = pace.moving(problem.kind, "cells")
     turn, turn_gain = pace.turning(speed.value, gain.value, problem.robot_radius or _HALF_A_CELL)
@@ -39,7 +39,8 @@ def motion(problem: Terrain, solution: Solution, pace: Pace) -> Motion:
 
 
 def _with_turns(path: Floats, moves: list[tuple[float, int]]) -> Floats:
-    """Rows of row, column and heading (rad, unwrapped): a turn on the spot wherever the heading changes."""
+    """Return rows of row, column and heading (rad, unwrapped), with a turn on the spot wherever the heading changes."""
     headings = np.unwrap([heading for heading, cells in moves for _ in range(cells)] or [0.0])
+    # Each inner cell twice: once with the heading of arrival, once with that of departure.
     places = np.repeat(path, 2, axis=0)[1:-1] if len(path) > 1 else path
     return np.column_stack([places, np.repeat(headings, 2)[: len(places)]])

@@ -1,4 +1,4 @@
-"""Maps of the MovingAI benchmark sets (Sturtevant, "Benchmarks for grid-based pathfinding", 2012)."""
+"""Read maps of the MovingAI benchmark sets (Sturtevant, "Benchmarks for grid-based pathfinding", 2012)."""
 
 from pathlib import Path
 
@@ -6,10 +6,10 @@ from problems.errors import BadInput, shorten
 
 
 def read(path: Path) -> list[str]:
-    """The rows of a map of type octile.
+    """Return the rows of a map of type octile.
 
     Raises:
-        BadInput: one line that names the file, what was expected and what was found.
+        BadInput: If the file cannot be read or is no such map; the error is one line.
     """
     try:
         lines = path.read_text(encoding="ascii").splitlines()
@@ -28,6 +28,7 @@ def read(path: Path) -> list[str]:
             f"file: expected lines 'type octile', 'height ..', 'width ..', 'map', found {shorten(lines[:4])}"
         )
     rows = lines[4:]
+    # Blank lines at the end are no rows.
     while rows and not rows[-1].strip():
         rows.pop()
     height, width = words[1][1:], words[2][1:]

@@ -1,4 +1,8 @@
-"""The exact answer that terrain is held against: Dijkstra's algorithm over all cells, by scipy."""
+"""The oracle of terrain: the optimum by Dijkstra's algorithm over all cells, by scipy.
+
+It is exact because costs are sums over steps: each step's rank depends only on the cell entered and the heading, and
+ranks are linear (`checker.ranked`). Rules and costs come from `checker`, not from the kernels.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +15,7 @@ from scipy.sparse import csgraph
 
 from problems.problem import Answer
 from problems.terrain import checker
-from problems.terrain.solution import STEPS, told
+from problems.terrain.solution import STEPS, solution_of
 
 if TYPE_CHECKING:
     from problems.terrain.problem import Terrain
@@ -20,11 +24,12 @@ METHOD = "Dijkstra's algorithm over all cells"
 
 
 def solve_exactly(problem: Terrain) -> Answer:
-    """The cost of the easiest path of all, whether or not there are blocks enough to code it, and such a path."""
+    """Return the cost of the easiest path, and such a path, even if a genome has too few blocks to code it."""
     blocked = problem.impassable
     columns = blocked.shape[1]
     start, goal = (row * columns + column for row, column in (problem.start, problem.goal))
     costs, before = csgraph.dijkstra(_graph(problem, blocked), indices=start, return_predecessors=True)
+    # That there is no way is an exact answer too.
     if not np.isfinite(costs[goal]):
         return Answer("optimum", np.inf, METHOD)
     cells = [goal]
@@ -33,12 +38,12 @@ def solve_exactly(problem: Terrain) -> Answer:
     path = np.column_stack(np.divmod(cells[::-1], columns))
     headings = np.array([STEPS.index(tuple(step)) for step in np.diff(path, axis=0).tolist()], np.int64)
     return Answer(
-        "optimum", float(costs[goal]), METHOD, told(problem.start, headings, costs[goal]), {"cells": len(cells)}
+        "optimum", float(costs[goal]), METHOD, solution_of(problem.start, headings, costs[goal]), {"cells": len(cells)}
     )
 
 
 def _graph(problem: Terrain, blocked: NDArray[np.bool_]) -> sparse.csr_array:
-    """From each cell to its neighbours, weighed by what the step costs."""
+    """Return the graph of all clear steps from each cell to its neighbours, weighed by the costs of the steps."""
     rows, columns = blocked.shape
     numbers = np.arange(rows * columns).reshape(rows, columns)
     free = np.pad(~blocked, 1)
@@ -48,6 +53,7 @@ def _graph(problem: Terrain, blocked: NDArray[np.bool_]) -> sparse.csr_array:
         if d_row and d_column and not problem.corner_cutting:
             is_open &= _shifted(free, d_row, 0) & _shifted(free, 0, d_column)
         if d_row and d_column and problem.clearance > 0.0:
+            # On the fine grid the middle of a diagonal step is one place away from the centre that it begins at.
             middles = problem.distances[1 + d_row :, 1 + d_column :][::2, ::2][:rows, :columns]
             is_open &= middles >= checker.least_allowed(problem)
         tail = numbers[is_open]
@@ -60,18 +66,19 @@ def _graph(problem: Terrain, blocked: NDArray[np.bool_]) -> sparse.csr_array:
 
 
 def _shifted(padded: NDArray[np.bool_], d_row: int, d_column: int) -> NDArray[np.bool_]:
-    """What lies a step from each cell."""
+    """Return for each cell the value of the cell one step away; the map is padded by one cell on each side."""
     rows, columns = padded.shape[0] - 2, padded.shape[1] - 2
     return padded[1 + d_row : 1 + d_row + rows, 1 + d_column : 1 + d_column + columns]
 
 
 def _difficulties(problem: Terrain, heading: int) -> NDArray[np.float64]:
-    """Of a step into each cell by a heading, ranked; NaN where it is impassable."""
+    """Return the ranked difficulty of a step into each cell by a heading; NaN where the cell is impassable."""
     characters = np.array([list(row) for row in problem.map])
     ranks = np.full(characters.shape, np.nan)
     for character in problem.legend:
         places = np.argwhere(characters == character)
         if len(places):
+            # All cells of a character have the same difficulty, so one of them is enough.
             first = (int(places[0][0]), int(places[0][1]))
             ranks[characters == character] = checker.ranked(problem, checker.difficulty(problem, first, heading))
     return ranks

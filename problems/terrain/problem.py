@@ -1,4 +1,4 @@
-"""Grid navigation on terrain of fuzzy difficulty (Fries): schema and behaviour."""
+"""The terrain planner (Fries): find the easiest path over a grid of fuzzy difficulty."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from problems.errors import BadInput, shorten
 from problems.problem import Answer, Populations, Problem, RecipeName, Solution, Table, Verdict, quantity
 from problems.terrain import checker, movingai
 from problems.terrain.arrays import world_arrays
-from problems.terrain.solution import told
+from problems.terrain.solution import solution_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -45,13 +45,13 @@ Fuzzy = Annotated[tuple[Degree, Degree, Degree], AfterValidator(_ordered)]
 class Slope(Table):
     """A difficulty that depends on the heading: within 45° of uphill, across, or within 45° of downhill (§3.4)."""
 
-    uphill: Compass = quantity("", 'where it rises: "N" is towards row 0, "E" towards greater columns')
+    uphill: Compass = quantity("", 'the direction in which it rises: "N" is towards row 0, "E" towards greater columns')
     up: Fuzzy = quantity("", "difficulty of a step up: a triangle [a, b, c]")
-    across: Fuzzy = quantity("", "of a step across")
-    down: Fuzzy = quantity("", "of a step down")
+    across: Fuzzy = quantity("", "difficulty of a step across")
+    down: Fuzzy = quantity("", "difficulty of a step down")
 
 
-DIFFICULTIES: dict[str, Fuzzy | Slope] = {  # figure 5 bears no numbers: these are stand-ins
+DIFFICULTIES: dict[str, Fuzzy | Slope] = {  # figure 5 has no numbers: these are stand-ins
     "clear": (1.0, 1.0, 1.0),
     "easy": (1.0, 1.25, 1.5),
     "moderate": (1.25, 1.5, 2.0),
@@ -88,7 +88,7 @@ map = [                         # or: file = "x.map", a map of MovingAI, beside 
 ]
 corner_cutting = true           # whether a diagonal step may pass the corner of an impassable cell
 rank = "centroid"               # of fuzzy costs; or "pessimistic", "optimistic"
-robot_radius = 0.0              # cells; impassable cells are thickened by it
+robot_radius = 0.0              # cells; impassable cells grow by it
 # clearance = 0.2               # cells, beyond robot_radius, that all of the way keeps from impassable cells
 
 [terrain]                       # what a character of the map is; ".", "G" and "S" are clear, all else is impassable
@@ -114,9 +114,9 @@ seed = 1
     any_thread: ClassVar[bool] = True
 
     start: Place = quantity("cell", "where the robot stands: [row, column]")
-    goal: Place = quantity("cell", "where it shall go: [row, column]")
+    goal: Place = quantity("cell", "where it is to go: [row, column]")
     file: str | None = quantity(
-        "", "a MovingAI map beside the problem file, instead of 'map', where its rows are put", default=None
+        "", "a MovingAI map beside the problem file, instead of 'map'; its rows replace it when read", default=None
     )
     map: Annotated[list[str], Field(min_length=1, max_length=MOST_SIDE)] = quantity(
         "", "the rows of the map, one character a cell, the first row at the top; or give 'file'"
@@ -124,13 +124,13 @@ seed = 1
     terrain: dict[str, str] = quantity(
         "",
         "what a character of the map is: the name of a difficulty, or \"impassable\"; '.', 'G' and 'S' are clear "
-        "unless told, all others impassable",
+        "unless stated otherwise, all others impassable",
         default_factory=dict,
     )
     difficulty: dict[str, Fuzzy | Slope] = quantity(
         "",
         "triangular fuzzy numbers [a, b, c] by which a step's length is multiplied, or a table of them by heading; "
-        "beside clear, easy, moderate and difficult, or instead of them",
+        "in addition to clear, easy, moderate and difficult, or instead of them",
         default_factory=dict,
     )
     corner_cutting: bool = quantity(
@@ -140,7 +140,7 @@ seed = 1
         "", "how fuzzy costs [a, b, c] are compared: by (a + b + c)/3, by c, or by a", default="centroid"
     )
     robot_radius: float = quantity(
-        "cell", "a cell is impassable if its centre is nearer than this to one", default=0.0, ge=0.0, le=64.0
+        "cell", "a cell counts as impassable if its centre is nearer than this to one", default=0.0, ge=0.0, le=64.0
     )
     clearance: float = quantity(
         "cell",
@@ -161,7 +161,7 @@ seed = 1
 
     @classmethod
     def gather(cls, fields: dict[str, Any], folder: Path) -> dict[str, Any]:
-        """The rows of a map in the place of its file's name."""
+        """Replace the name of a map's file with the map's rows, so that nodes and digests see the map itself."""
         if "file" not in fields:
             return fields
         name = fields["file"]
@@ -176,7 +176,7 @@ seed = 1
     @classmethod
     def _was_read(cls, file: str | None) -> str | None:
         if file is not None:
-            raise ValueError(f"expected map, the rows themselves, as `supernode.load` puts them here, found {file!r}")
+            raise ValueError(f"expected map, the rows themselves, as `supernode.load` reads them, found {file!r}")
         return file
 
     @field_validator("map")
@@ -230,6 +230,7 @@ seed = 1
     @cached_property
     def legend(self) -> dict[str, str]:
         """The name of the difficulty of each character that is passable."""
+        # The file's entries replace the defaults; a character without an entry is an obstacle.
         return {character: name for character, name in (TERRAIN | self.terrain).items() if name != IMPASSABLE}
 
     @cached_property
@@ -239,11 +240,11 @@ seed = 1
 
     @cached_property
     def distances(self) -> NDArray[np.float64]:
-        """Of centres and corners of cells from obstacles, see `problems.terrain.checker.distances`; for `check`."""
+        """Distances of cells' centres and corners from obstacles, see `problems.terrain.checker.distances`."""
         return checker.distances(self)
 
     def for_recipe(self, name: RecipeName, deme: int) -> Self:
-        """The founders that the recipe wants, unless the file chooses."""
+        """Return the problem with the recipe's way of making first paths, unless the file states one."""
         if self.founders is not None:
             return self
         founders = "lines" if name == "tuned" else "random"
@@ -251,7 +252,7 @@ seed = 1
 
     @cached_property
     def coding(self) -> Moves:
-        """Blocks of a direction and a length (§3.1)."""
+        """The coding: blocks of a direction and a length (§3.1)."""
         from problems.terrain.coding import Moves
 
         side = max(len(self.map), len(self.map[0]))
@@ -259,7 +260,7 @@ seed = 1
         return Moves(world_arrays(self), side, most, self.founders or "lines")
 
     def recipe(self, name: RecipeName, deme: int) -> Recipe:
-        """§3.3 where it is stated, or the best path within those of both parents and a small window."""
+        """Return the recipe of §3.3 as far as it is stated (paper), or best paths over both parents' cells (tuned)."""
         if name == "tuned":
             return Recipe("merge", 0.5, "elitist")
         if deme == 1:
@@ -267,56 +268,56 @@ seed = 1
         return Recipe("one-point", 0.02, "elitist", renewal=0.5)
 
     def evaluate(self, genomes: Genomes) -> Fitness:
-        """The cost of a clear path to the goal, or more than any such: (n, genome_bytes) to (n,)."""
+        """Return the costs of clear paths to the goal, and greater penalties of others: (n, genome_bytes) to (n,)."""
         return self._compiled.fitness(genomes)
 
     @property
     def fitness_kernel(self) -> Operator:
-        """`evaluate` as compiled code, whatever the fields: nothing of it is left to Python."""
+        """`evaluate` as compiled code. All variants of the problem are compiled; none needs Python."""
         return self._compiled
 
     def decode(self, genome: Genomes) -> Solution:
-        """``{"path": [[row, column], ..], "cost": c, "moves": [[heading, cells], ..]}``.
+        """Return ``{"path": [[row, column], ..], "cost": c, "moves": [[heading, cells], ..]}``.
 
-        The heading is in rad, 0 towards greater columns, π/2 towards row 0. The cost is that of the passable cells
-        that the path enters: the fitness, if it is clear and leads to the goal.
+        Headings are in rad, 0 towards greater columns, π/2 towards row 0. The cost is that of all clear steps; it is
+        the fitness of a path that is clear and leads to the goal.
         """
         from problems.terrain import kernels
 
         moves, cost = kernels.follow(writable(genome), self._compiled.table)
-        return told(self.start, np.repeat(moves[:, 0], moves[:, 1]), cost)
+        return solution_of(self.start, np.repeat(moves[:, 0], moves[:, 1]), cost)
 
     def describe(self, solution: Solution) -> str:
-        """The moves, as one would call them out to the robot."""
+        """Return the cost and the moves as text, one move a line."""
         moves = solution["moves"]
         calls = [f"heading {np.degrees(heading):4.0f}°, {cells} cells" for heading, cells in moves]
         return "\n".join([f"cost {solution['cost']:.6g}, {len(moves)} moves, {len(solution['path'])} cells:", *calls])
 
     def check(self, solution: Solution) -> Verdict:
-        """See `problems.terrain.checker`, which shares no code with `evaluate`."""
+        """Verify a solution by `problems.terrain.checker`, which shares no code with `evaluate`."""
         return checker.verify(self, solution)
 
     def oracle(self) -> Answer:
-        """The easiest of all paths, by Dijkstra's algorithm."""
+        """Return the easiest of all paths, by Dijkstra's algorithm."""
         from problems.terrain import oracle
 
         return oracle.solve_exactly(self)
 
     def motion(self, solution: Solution, pace: Pace) -> Motion:
-        """From cell to cell, from rest to rest between its turns."""
+        """Return the motion from cell to cell, from rest to rest between its turns."""
         from problems.terrain import moving
 
         return moving.motion(self, solution, pace)
 
     def draw(self, figure: Figure, solution: Solution | None, populations: Populations) -> None:
-        """The map and the path (figures 7 to 10 of the paper), and the difficulties (figure 5)."""
+        """Draw the map and the path (figures 7 to 10 of the paper), and the difficulties (figure 5)."""
         from problems.terrain import drawing
 
         drawing.draw(self, figure, solution, populations)
 
     @cached_property
     def _compiled(self) -> Operator:
-        """The fitness, and the table of all kernels."""
+        """The fitness, with the table that all kernels read; `problems.terrain.walking.World` names its parts."""
         from genetics.operators import Operator
         from problems.terrain import kernels
 

@@ -1,4 +1,4 @@
-"""A living population in a changed world: the old paths, led on from where the robot stands now (Fries, §3.5)."""
+"""Adapt a living population to a changed map: lead the old paths on from where the robot stands now (Fries, §3.5)."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ if TYPE_CHECKING:
 
 
 def led_on(old: Terrain, new: Terrain, genomes: Genomes) -> Genomes:
-    """Genomes of ``old``, (.., genome_bytes), as first ones for ``new``, the same map with another start or cells.
+    """Return genomes of ``old``, (.., genome_bytes), adapted to ``new``: the same map with another start or cells.
 
-    Each path goes straight from the new start to its own nearest cell, and on from there. Where obstacles have come to
-    lie on it, it is mended once in the way of the tuned recipe: along what blocks it, and in a small window there.
+    Each path goes straight from the new start to its own nearest cell, and on from there. Where new obstacles lie on
+    it, it is mended once as in the tuned recipe: by cells along what blocks it, and in a small window there.
 
     Raises:
-        ValueError: if the map is of another size.
+        ValueError: If the new map has another size, or its genomes another length.
     """
     from problems.terrain import kernels
 
     if old.impassable.shape != new.impassable.shape or old.coding.genome_bytes != new.coding.genome_bytes:
-        raise ValueError(f"expected a map of {old.impassable.shape} cells again, found {new.impassable.shape}")
+        raise ValueError(f"expected a map of the same size, {old.impassable.shape}, found {new.impassable.shape}")
     flat = writable(genomes.reshape(-1, genomes.shape[-1]))
     led: Genomes = kernels.led_on(flat, old.fitness_kernel.table, new.fitness_kernel.table, new.coding.reach)
     return led.reshape(genomes.shape)

@@ -1,8 +1,10 @@
-"""The best path within some cells of a map: how the tuned recipe crosses two paths, and mends one in a small window.
+"""Find the best path within some cells of a map: the tuned recipe crosses two paths and mends one this way.
 
-Cells are marked (those of both parents, a window, a detour), and of all paths over marked cells the one of least
-fitness is found by Dijkstra's algorithm. A step that is not clear may be taken too, for the penalty that the fitness
-has for it: paths through obstacles are crossed and mended like others. All are subroutines of the kernels.
+Cells are marked (those of both parents, a window, a detour). Dijkstra's algorithm finds the path of least fitness over
+marked cells. Blocked steps are allowed at the penalty that the fitness has for them, so paths through obstacles are
+crossed and mended like others.
+
+All functions are subroutines of the kernels. A cell's number is row · columns + column.
 """
 
 from typing import Any, NamedTuple
@@ -13,29 +15,30 @@ from genetics.sequence_kernels import clear_after
 from lowlevel.compiled import subroutine
 from problems.terrain.walking import D_COLUMN, D_ROW, GOAL, START, is_clear, is_passable, length_of, turn_of
 
-HAIR = 1e-7  # what a turn costs: of paths as good the straighter is found
+HAIR = 1e-7  # the cost of a turn: of equally good paths the straighter one is found, which takes fewer blocks
 
 
 class Room(NamedTuple):
-    """What searches write to; a mark or a cost counts only where its stamp is that of the search.
+    """The working arrays of searches.
 
-    Room that is not used is not touched, so it costs nothing on a large map.
+    A mark or a cost counts only where its stamp is that of the current search. So nothing is cleared between searches,
+    and on a large map each costs only as much as the cells that it visits.
     """
 
-    marked: Any  # (cells,): by which search
-    reached: Any  # (cells,): by which search
-    cost: Any  # (cells,)
+    marked: Any  # (cells,): the stamp of the search that marked a cell last
+    reached: Any  # (cells,): the stamp of the search that reached a cell last
+    cost: Any  # (cells,): the least cost known so far
     came: Any  # (cells,): the heading by which a cell is entered
-    steps: Any  # (cells,): headings of a path
+    steps: Any  # (8 * cells,): the headings of a path
     trail: Any  # (cells,): the cells of the path that is being changed
     hits: Any  # (cells,): places in the trail from which a step is blocked
-    keys: Any  # (8 * cells + 1,): a heap's, the costs of cells when they were put into it
-    heap: Any  # (8 * cells + 1,): and the cells
+    keys: Any  # (8 * cells + 1,): the heap's keys, the costs of cells when they were pushed
+    heap: Any  # (8 * cells + 1,): the cells; each of a cell's eight steps pushes one at most, and the start is one more
 
 
 @subroutine
 def room_for(world: Any) -> Any:
-    """For searches of stamps 1 and up."""
+    """Return working arrays for searches with stamps of 1 and more; 0 marks nothing."""
     cells = world.classes.size
     return Room(
         np.zeros(cells, np.int32),
@@ -53,13 +56,13 @@ def room_for(world: Any) -> Any:
 # Marks ----------------------------------------------------------------------------------------------------------------
 @subroutine
 def is_on_map(world: Any, row: Any, column: Any) -> Any:
-    """Passable or not."""
+    """Return whether a cell is on the map, passable or not."""
     return 0 <= row < world.classes.shape[0] and 0 <= column < world.classes.shape[1]
 
 
 @subroutine
 def heading_of(d_row: Any, d_column: Any) -> Any:
-    """Of a step to a neighbouring cell."""
+    """Return the heading of a step to a neighbouring cell."""
     for heading in range(8):
         if D_ROW[heading] == d_row and D_COLUMN[heading] == d_column:
             return heading
@@ -68,14 +71,16 @@ def heading_of(d_row: Any, d_column: Any) -> Any:
 
 @subroutine
 def mark_wall(world: Any, room: Any, stamp: Any, cell: Any, heading: Any, side: Any, most: Any) -> Any:
-    """The cells along what blocks a step from a passable cell, with that at the right hand (side 1) or the left (-1).
+    """Mark the cells along what blocks a step from a passable cell: follow the wall with one hand on it.
 
-    At most so many steps, or until the same cell again; returns how many are left.
+    The wall is at the right hand (side 1) or at the left (side -1). Stop after ``most`` steps, or at the first cell
+    again; return how many steps are left.
     """
     columns = world.classes.shape[1]
     row, column = cell // columns, cell % columns
     while most > 0:
         tried = 0
+        # Turn away from the wall until a step is clear; after eight tries the cell is shut in.
         while tried < 8 and not is_clear(world, row + D_ROW[heading], column + D_COLUMN[heading], heading):
             heading = (heading + side) & 7
             tried += 1
@@ -86,16 +91,13 @@ def mark_wall(world: Any, room: Any, stamp: Any, cell: Any, heading: Any, side: 
         most -= 1
         if row * columns + column == cell:
             return most
-        heading = (heading - 3 * side) & 7
+        heading = (heading - 3 * side) & 7  # turn towards the wall by 135°: the next try begins beside it
     return most
 
 
 @subroutine
 def mark_way(world: Any, room: Any, stamp: Any, begin: Any, end: Any, most: Any) -> Any:
-    """The cells nearest to the straight line between two cells of the map, and those along what blocks it.
-
-    The latter at most so many.
-    """
+    """Mark the cells nearest to the straight line between two cells, and up to ``most`` cells along what blocks it."""
     columns = world.classes.shape[1]
     row, column = begin // columns, begin % columns
     d_row, d_column = end // columns - row, end % columns - column
@@ -103,6 +105,7 @@ def mark_way(world: Any, room: Any, stamp: Any, begin: Any, end: Any, most: Any)
     room.marked[begin] = stamp
     at_row, at_column = row, column
     for step in range(1, steps + 1):
+        # Rounded division in integers: the cell nearest to the line at each step along its longer side.
         to_row = row + (2 * step * d_row + steps) // (2 * steps)
         to_column = column + (2 * step * d_column + steps) // (2 * steps)
         heading = heading_of(to_row - at_row, to_column - at_column)
@@ -117,10 +120,11 @@ def mark_way(world: Any, room: Any, stamp: Any, begin: Any, end: Any, most: Any)
 
 @subroutine
 def mark_path(world: Any, room: Any, stamp: Any, numbers: Any, bits: Any) -> Any:
-    """The cells of a genome's path until the goal; of one that goes astray until there, and a line on to the goal.
+    """Mark the cells of a genome's path until the goal or the edge of the map, and list them.
 
-    They are listed in the trail, at most as many as the map has, and those from which a step is blocked in the hits.
-    Returns how many both are.
+    From the end of a path that misses the goal, a straight line on to the goal is marked too, so that the marked cells
+    always connect start and goal. The path's cells are listed in the trail, at most as many as the map has; the places
+    in the trail from which a step is blocked are listed in the hits. Return the lengths of both lists.
     """
     columns = world.classes.shape[1]
     row, column = world.settings[START], world.settings[START + 1]
@@ -136,6 +140,7 @@ def mark_path(world: Any, room: Any, stamp: Any, numbers: Any, bits: Any) -> Any
             astray = not is_on_map(world, row, column)
             if astray or at == goal or count == room.trail.size:
                 break
+            # A blocked step from an impassable cell is no hit: walls are followed from passable ground.
             was_passable = is_passable(world, row - D_ROW[heading], column - D_COLUMN[heading])
             if was_passable and not is_clear(world, row, column, heading):
                 room.hits[hits] = count - 1
@@ -152,7 +157,7 @@ def mark_path(world: Any, room: Any, stamp: Any, numbers: Any, bits: Any) -> Any
 
 @subroutine
 def mark_window(world: Any, room: Any, stamp: Any, center: Any, reach: Any) -> Any:
-    """A square of cells around one, cut off at the edges of the map."""
+    """Mark a square of cells around one, cut off at the edges of the map."""
     rows, columns = world.classes.shape
     row, column = center // columns, center % columns
     for r in range(max(0, row - reach), min(rows, row + reach + 1)):
@@ -174,7 +179,7 @@ def _push(room: Any, size: Any, key: Any, cell: Any) -> Any:
 
 @subroutine
 def _pop(room: Any, size: Any) -> Any:
-    """Takes the first out, which the caller has read."""
+    """Remove the first entry of the heap, which the caller has read; return the heap's size then."""
     size -= 1
     key, cell = room.keys[size], room.heap[size]
     place = 0
@@ -192,9 +197,9 @@ def _pop(room: Any, size: Any) -> Any:
 
 @subroutine
 def find_best(world: Any, room: Any, stamp: Any) -> Any:
-    """The path of least fitness from the start to the goal over marked cells, which are connected.
+    """Find the path of least fitness from the start to the goal over marked cells, which must connect them.
 
-    Fills ``steps`` with its headings and returns how many there are.
+    Fill ``steps`` with its headings, and return how many there are.
     """
     columns = world.classes.shape[1]
     start = world.settings[START] * columns + world.settings[START + 1]
@@ -206,7 +211,7 @@ def find_best(world: Any, room: Any, stamp: Any) -> Any:
         if cell == goal:
             break
         size = _pop(room, size)
-        if key > room.cost[cell]:
+        if key > room.cost[cell]:  # an outdated entry: the cell was pushed again at a lower cost
             continue
         row, column = cell // columns, cell % columns
         for heading in range(8):
@@ -217,6 +222,7 @@ def find_best(world: Any, room: Any, stamp: Any) -> Any:
             if room.marked[to] != stamp:
                 continue
             if is_clear(world, to_row, to_column, heading):
+                # The same costs and penalty as in `walking.walk`, so that the search minimises the fitness.
                 cost = key + world.costs[world.classes[to_row, to_column], heading]
             else:
                 cost = key + world.penalty
@@ -230,7 +236,7 @@ def find_best(world: Any, room: Any, stamp: Any) -> Any:
 
 @subroutine
 def _trace(world: Any, room: Any, start: Any, goal: Any) -> Any:
-    """Fill ``steps`` with the headings that led to the goal."""
+    """Fill ``steps`` with the headings that led to the goal, and return how many there are."""
     columns = world.classes.shape[1]
     cell, count = goal, 0
     while cell != start:
@@ -238,6 +244,7 @@ def _trace(world: Any, room: Any, start: Any, goal: Any) -> Any:
         room.steps[count] = heading
         cell -= D_ROW[heading] * columns + D_COLUMN[heading]
         count += 1
+    # Read backwards from the goal.
     room.steps[:count] = room.steps[:count][::-1].copy()
     return count
 
@@ -245,7 +252,7 @@ def _trace(world: Any, room: Any, start: Any, goal: Any) -> Any:
 # Paths as blocks ------------------------------------------------------------------------------------------------------
 @subroutine
 def line_steps(world: Any, room: Any, count: Any, begin: Any, end: Any) -> Any:
-    """Append the headings of the closest approximation to a straight line (§3.2); returns how many there are then."""
+    """Append the headings of the closest approximation to a straight line (§3.2); return how many there are then."""
     columns = world.classes.shape[1]
     row, column = begin // columns, begin % columns
     d_row, d_column = end // columns - row, end % columns - column
@@ -261,13 +268,17 @@ def line_steps(world: Any, room: Any, count: Any, begin: Any, end: Any) -> Any:
 
 @subroutine
 def write_path(room: Any, count: Any, bits: Any, numbers: Any) -> Any:
-    """The first ``count`` steps as blocks; a sharp turn takes blocks of no length. Whether there was room for all."""
+    """Write the first ``count`` steps as blocks; return whether there was room for all of them.
+
+    A block turns by at most 45°, so a sharper turn takes blocks of length 0 before the block that moves on.
+    """
     most = numbers.size - 1
     heading = np.int64(room.steps[0]) if count > 0 else 0
     numbers[1] = heading
     blocks, step = 1, 0
     while step < count:
         now, run = np.int64(room.steps[step]), 1
+        # A straight run is one block, unless it is longer than a block's greatest length.
         while step + run < count and room.steps[step + run] == now and run + 1 < 1 << bits:
             run += 1
         turn = ((now - heading + 4) & 7) - 4

@@ -1,4 +1,4 @@
-"""What a solution of a terrain problem is made of."""
+"""The solution of a terrain problem as plain values."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from problems.problem import Solution, Table
 
 EIGHTH = np.pi / 4.0  # rad
 STEPS = ((0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1), (1, 0), (1, 1))
-"""Rows and columns of a step by heading, 0 towards greater columns, anticlockwise; row 0 is at the top."""
+"""The change of row and column of a step, by heading: 0 towards greater columns, anticlockwise; row 0 is at the top."""
 
 Cell = tuple[int, int]
 
 
 class TerrainSolution(Table):
-    """See `Terrain.decode`."""
+    """A solution of terrain, as `Terrain.decode` writes it."""
 
     path: Annotated[list[Cell], Field(min_length=1)]
     cost: Annotated[float, Field(ge=0)]
     moves: list[tuple[float, Annotated[int, Field(ge=1)]]]
 
 
-def told(start: Cell, headings: NDArray[np.int64], cost: float) -> Solution:
-    """The path of some steps, each an eighth of a turn from 0 to 7, as plain values."""
+def solution_of(start: Cell, headings: NDArray[np.int64], cost: float) -> Solution:
+    """Return the solution of some steps, given by their headings in eighths of a turn, 0 to 7."""
     places = np.cumsum([start, *(STEPS[heading] for heading in headings)], axis=0)
     moves = [[heading * EIGHTH, len(list(run))] for heading, run in groupby(headings.tolist())]
     return {"path": places.tolist(), "cost": float(cost), "moves": moves}

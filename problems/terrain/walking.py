@@ -1,4 +1,4 @@
-"""What a genome's blocks do on a map (Fries, §3.1 and §3.4): subroutines of the kernels.
+"""Walk the blocks of a genome on a map (Fries, §3.1 and §3.4): subroutines of the kernels.
 
 Headings are eighths of a turn: 0 towards greater columns, then anticlockwise; row 0 is at the top.
 """
@@ -12,37 +12,38 @@ from lowlevel.pointers import integers, reals
 
 D_ROW = np.array([0, -1, -1, -1, 0, 1, 1, 1])
 D_COLUMN = np.array([1, 1, 0, -1, -1, -1, 0, 1])
-START, GOAL, CUTS_CORNERS = 0, 2, 4  # places in the settings
+START, GOAL, CUTS_CORNERS = 0, 2, 4  # the first places of these in the settings
 
 
 class World(NamedTuple):
-    """A map, and the way that is sought on it."""
+    """A map, and the start and goal on it."""
 
-    settings: Any  # row and column of the start, of the goal; whether corners may be cut
-    penalty: Any  # K: dearer than any clear path
-    classes: Any  # (rows, columns): what each cell is, -1 impassable
-    costs: Any  # (classes, 8): of a step into such a cell, by heading
+    settings: Any  # (5,): row and column of the start, row and column of the goal, whether corners may be cut
+    penalty: Any  # K of the fitness (§3.4), above the cost of any clear path that enters no cell twice
+    classes: Any  # (rows, columns): the class of each cell, -1 if impassable
+    costs: Any  # (classes, 8): the cost of a step into a cell of a class, by heading
     corners: Any  # (rows + 1, columns + 1): whether a cell's first corner bars diagonal steps; empty if none does
 
 
 @subroutine
 def world_of(table: Any) -> Any:
-    """From the first five arrays of a table."""
+    """Return the `World` of the first five parts of a table."""
     return World(integers(table, 0)[0], reals(table, 1)[0, 0], integers(table, 2), reals(table, 3), integers(table, 4))
 
 
 @subroutine
 def is_passable(world: Any, row: Any, column: Any) -> Any:
-    """Whether this is a cell of the map that is not impassable."""
+    """Return whether this is a cell of the map that is not impassable."""
     rows, columns = world.classes.shape
     return 0 <= row < rows and 0 <= column < columns and world.classes[row, column] >= 0
 
 
 @subroutine
 def is_clear(world: Any, row: Any, column: Any, heading: Any) -> Any:
-    """Whether the step by which a cell is entered is free; a corner that must not be cut blocks it.
+    """Return whether the step by which a cell is entered is free, corners included.
 
-    Nothing on a straight step is nearer to an obstacle than its ends, nor on a diagonal one than those and its middle.
+    Only the ends and, for a diagonal step, the middle are looked at, which is exact: no point of a straight step is
+    nearer to an obstacle than its ends, none of a diagonal step nearer than its ends and middle.
     """
     if not is_passable(world, row, column):
         return False
@@ -58,26 +59,30 @@ def is_clear(world: Any, row: Any, column: Any, heading: Any) -> Any:
 
 @subroutine
 def turn_of(gene: Any, bits: Any) -> Any:
-    """The direction of a block, relative to the heading: 00 and 11 ahead, 01 left, 10 right (§3.1)."""
+    """Return the turn of a block, in eighths: 00 and 11 are ahead, 01 is left, 10 is right (§3.1)."""
     direction = gene >> bits
     return 1 if direction == 1 else -1 if direction == 2 else 0
 
 
 @subroutine
 def length_of(gene: Any, bits: Any) -> Any:
-    """Its length in cells."""
+    """Return the length of a block in cells."""
     return gene & ((1 << bits) - 1)
 
 
 @subroutine
 def walk(world: Any, numbers: Any, bits: Any, moves: Any) -> Any:
-    """Go where the blocks lead, at most until the goal (§3.1, §3.4).
+    """Follow the blocks, at most until the goal (§3.1, §3.4), and fill ``moves``.
 
-    The rows of ``moves`` become the heading and the cells gone of each block after the first. Returns the fitness, the
-    cost of the clear steps, and how many rows were filled.
+    Each block after the first fills a row of ``moves`` with its heading and the number of cells walked. Blocked steps
+    are made all the same, and counted: the fitness of a path with few of them is better.
+
+    Returns:
+        The fitness, the cost of the clear steps, and the number of rows filled.
     """
     row, column = world.settings[START], world.settings[START + 1]
     goal_row, goal_column = world.settings[GOAL], world.settings[GOAL + 1]
+    # The first block is only the first heading (§3.1).
     heading = np.int64(numbers[1]) & 7
     cost, blocked, block = 0.0, 0, 0
     while block + 1 < numbers[0] and not (row == goal_row and column == goal_column):

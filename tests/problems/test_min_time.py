@@ -291,7 +291,7 @@ def test_recipes():
         ({"grid": 1}, {}, "grid: "),
         ({"radius": -1.0}, {}, "radius: "),
         ({"gird": 10}, {}, "gird: unknown field"),
-        ({}, {"urdf": "arm.urdf"}, "urdf: expected a problem file that is loaded"),
+        ({}, {"urdf": "arm.urdf"}, "urdf: expected an arm loaded from a problem file"),
     ],
 )
 def test_bad_files_are_refused_in_one_line_that_names_the_field(fields, arm, expected):

@@ -564,7 +564,7 @@ BAD_FILES = [
     (HEAD + "random = {seed = 1, count = 9, radius = [2, 1]}", "random.radius: expected [least, greatest], found [2"),
     (
         HEAD + "random = {seed = 1, count = 9, radius = [20, 20]}",
-        "random.count: expected at most 0, for which there is room, found 9",
+        "random.count: expected at most 0, the number that fits, found 9",
     ),
     (
         HEAD + "random = {seed = 1, count = 9, radius = [1, 1], corridor = 9}",
@@ -576,7 +576,7 @@ BAD_FILES = [
     (HEAD + "spheres = []\nmesh.packed = ''", "mesh: expected packed triangles, found another text"),
     (
         HEAD + "spheres = []\naccuracy = 0.1\nobstacles = [{shape = 'circle', center = [5, 5], radius = 1}]",
-        "vehicle: expected what moves",
+        "vehicle: expected a vehicle, since obstacles or a mesh are given",
     ),
     (HEAD + "[vehicle]", "vehicle: expected one of radius, vertices and mesh, found none"),
     (
@@ -593,7 +593,7 @@ BAD_FILES = [
         SPACE + "[vehicle]\nradius = 1\n[mesh]\nfile = 'none.step'",
         "mesh.file: expected a file that ends in .stl or .obj, found",
     ),
-    (SPACE + "[vehicle]\nradius = 1\n[mesh]\nunit = 2", "mesh: expected a file, found neither"),
+    (SPACE + "[vehicle]\nradius = 1\n[mesh]\nunit = 2", "mesh: expected file or packed triangles, found neither"),
     (
         HEAD + "periodic = [true, false]\n[vehicle]\nradius = 1",
         "periodic[0]: expected false, as axis 1 is no angle, found true",
