@@ -5,8 +5,10 @@ spheres are given directly, axes are taken as they are. Nothing here is compiled
 it, so that `check` may.
 """
 
+import math
+from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import product
+from itertools import pairwise, product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,15 +70,13 @@ class Space:
         In closed form: the nearest point of each segment to each image of a centre that may be the nearest.
         """
         nearest = np.full(len(centres), np.inf)
-        # A path of one place is a segment of no length.
-        ends = path[1:] if len(path) > 1 else path
         turns = [(-1, 0, 1) if periodic else (0,) for periodic in self.periodic]
-        for begin, end in zip(path, ends, strict=False):
+        for begin, end in self._short_segments(path):
             along = end - begin
             length = float(np.linalg.norm(along))
             heading = along / length if length > 0.0 else along
             # The image nearest to the segment's beginning, then its neighbours: enough for segments of at most half a
-            # period, which are the ones that the fitness makes.
+            # period.
             offsets = self.shorter(centres - begin)
             for turn in product(*turns):
                 away = offsets + np.array(turn) * self.periods
@@ -84,6 +84,17 @@ class Space:
                 distance = np.linalg.norm(away - foot[:, None] * heading, axis=1)
                 nearest = np.minimum(nearest, distance)
         return nearest
+
+    def _short_segments(self, path: Floats) -> Iterator[tuple[Floats, Floats]]:
+        """Yield the ends of segments that make up a path; none is longer than half a period along a periodic axis.
+
+        The fitness makes only such segments, but a solution that is checked may have any. A path of one place is a
+        segment of no length.
+        """
+        for begin, end in zip(path, path[1:] if len(path) > 1 else path, strict=False):
+            halves = 2.0 * np.abs(end - begin)[self.periodic] / self.span[self.periodic]
+            pieces = max(1, math.ceil(halves.max(initial=0.0)))
+            yield from pairwise(np.linspace(begin, end, pieces + 1))
 
 
 def length_of(path: Floats) -> float:

@@ -643,3 +643,13 @@ def test_the_template_explains_itself_and_its_path_is_no_zig_zag():
     solution = problem.decode(np.frombuffer(best.genome, np.uint8))
     assert (problem.nodes, solution["crossed"]) == (2, 0)
     assert solution["length"] - length_of(problem.straight) < 1.11
+
+
+@pytest.mark.parametrize("turns", [0.4, 1.0, 3.5, -2.5])
+def test_a_long_segment_along_a_periodic_axis_meets_all_that_it_crosses(turns):
+    """A solution that is checked may turn more than once within a segment."""
+    space = Space(np.array([[-5.0, 5.0], [0.0, 8.0]]), np.ones(2), np.array([False, True]))
+    path = np.array([[-4.0, 1.0], [4.0, 1.0 + 8.0 * turns]])
+    places = path[0] + np.linspace(0.0, 1.0, 41)[:, None] * (path[1] - path[0])
+    centres = np.column_stack([places[:, 0], np.mod(places[:, 1], 8.0)])
+    assert space.clearances(path, centres) == pytest.approx(np.zeros(41), abs=1e-9)
