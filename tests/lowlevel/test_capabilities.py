@@ -1,0 +1,68 @@
+"""Which low-level parts may be used, and that the ordinary paths beside them give the same results."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from lowlevel import capabilities
+from lowlevel.capabilities import PLAIN, Capabilities
+
+ROOT = Path(__file__).resolve().parent.parent.parent
+PARTS = set(Capabilities._fields) - {"reasons"}
+EXAMPLES = ["arm-ik", "arm-path", "coordination", "mobile-robot", "min-time", "rastrigin", "sphere-path", "terrain"]
+
+
+def in_a_process(script, plain):
+    environment = {name: value for name, value in os.environ.items() if name != PLAIN} | ({PLAIN: "1"} if plain else {})
+    command = [sys.executable, "-c", script]
+    return subprocess.run(command, cwd=ROOT, env=environment, check=True, capture_output=True, text=True).stdout
+
+
+def test_each_part_is_allowed_or_has_a_reason():
+    found = capabilities()
+    assert {part for part in PARTS if not getattr(found, part)} == set(found.reasons)
+    assert all(found.reasons.values())
+
+
+def test_one_variable_turns_all_of_them_off():
+    script = "import json; from lowlevel import capabilities; print(json.dumps(dict(capabilities().reasons)))"
+    assert json.loads(in_a_process(script, plain=True)) == dict.fromkeys(PARTS, f"{PLAIN}=1")
+
+
+@pytest.mark.parametrize(
+    ("patch", "refused", "reason"),
+    [
+        (
+            "capabilities.version = lambda _: '0.99.1'",
+            {"numba_loader", "numba_calls", "c_api"},
+            "numba 0.99.1 is none of",
+        ),
+        ("platform.libc_ver = lambda: ('musl', '1.2')", {"fork_memory"}, "the C library is musl, not glibc"),
+        ("platform.machine = lambda: 'riscv64'", {"fork_memory", "linux"}, "riscv64 is none of"),
+        ("sysconfig.get_config_var = lambda _: 1", {"c_api", "fork_memory"}, "no global interpreter lock"),
+    ],
+)
+def test_a_part_is_refused_where_it_was_not_tried(patch, refused, reason):
+    script = (
+        "import json, platform, sys, sysconfig; import lowlevel; capabilities = sys.modules['lowlevel.capabilities']; "
+        f"{patch}; capabilities.capabilities.cache_clear(); "
+        "print(json.dumps(dict(capabilities.capabilities().reasons)))"
+    )
+    found = json.loads(in_a_process(script, plain=False))
+    assert set(found) == refused
+    assert all(reason in each for each in found.values())
+
+
+@pytest.mark.timeout(300)
+def test_the_ordinary_paths_give_the_same_bits():
+    script = (
+        "import json, supernode\n"
+        f"for name in {EXAMPLES}:\n"
+        "    result = supernode.simulate(f'examples/{name}.toml', seed=1, generations=4, oracle=False)\n"
+        "    print(name, result.history_sha256, result.fitness)\n"
+    )
+    assert in_a_process(script, plain=True) == in_a_process(script, plain=False)
