@@ -10,7 +10,7 @@ from importlib.metadata import version
 from typing import NamedTuple
 
 PLAIN = "SUPERNODE_PLAIN"
-"""The environment variable that turns all of them off when it is "1"."""
+"""The environment variable that turns all of them off when it is "1"; or those that it names, such as "c_api,linux"."""
 _NUMBA = ("0.68",)  # minor versions whose private parts were looked at, and with which the tests passed
 _MACHINES = ("x86_64", "aarch64")
 
@@ -38,15 +38,19 @@ class Capabilities(NamedTuple):
 @cache
 def capabilities() -> Capabilities:
     """Look at the environment, the interpreter, numba, the C library and the kernel, once for each process."""
-    plain = f"{PLAIN}=1" if os.environ.get(PLAIN) == "1" else ""
     numba, python, linux, c_library = _of_numba(), _of_python(), _of_linux(), _of_c_library()
     reasons = {
-        "numba_loader": plain or numba,
-        "numba_calls": plain or numba,
-        "c_api": plain or numba or python,
-        "fork_memory": plain or python or linux or c_library,
-        "linux": plain or linux,
+        "numba_loader": numba,
+        "numba_calls": numba,
+        "c_api": numba or python,
+        "fork_memory": python or linux or c_library,
+        "linux": linux,
     }
+    chosen = os.environ.get(PLAIN, "")
+    turned_off = reasons.keys() if chosen == "1" else chosen.split(",")
+    reasons |= {part: f"{PLAIN}={chosen}" for part in reasons if part in turned_off}
+    if reasons["numba_calls"]:  # the callbacks breed whole generations
+        reasons["c_api"] = reasons["c_api"] or reasons["numba_calls"]
     refused = {part: reason for part, reason in reasons.items() if reason}
     return Capabilities(**{part: part not in refused for part in reasons}, reasons=refused)
 

@@ -16,8 +16,8 @@ PARTS = set(Capabilities._fields) - {"reasons"}
 EXAMPLES = ["arm-ik", "arm-path", "coordination", "mobile-robot", "min-time", "rastrigin", "sphere-path", "terrain"]
 
 
-def in_a_process(script, plain):
-    environment = {name: value for name, value in os.environ.items() if name != PLAIN} | ({PLAIN: "1"} if plain else {})
+def in_a_process(script, plain=""):
+    environment = os.environ | {PLAIN: plain}
     command = [sys.executable, "-c", script]
     return subprocess.run(command, cwd=ROOT, env=environment, check=True, capture_output=True, text=True).stdout
 
@@ -30,7 +30,13 @@ def test_each_part_is_allowed_or_has_a_reason():
 
 def test_one_variable_turns_all_of_them_off():
     script = "import json; from lowlevel import capabilities; print(json.dumps(dict(capabilities().reasons)))"
-    assert json.loads(in_a_process(script, plain=True)) == dict.fromkeys(PARTS, f"{PLAIN}=1")
+    assert json.loads(in_a_process(script, plain="1")) == dict.fromkeys(PARTS, f"{PLAIN}=1")
+
+
+def test_it_can_name_those_that_are_to_be_off():
+    script = "import json; from lowlevel import capabilities; print(json.dumps(dict(capabilities().reasons)))"
+    assert json.loads(in_a_process(script, plain="fork_memory,linux")).keys() == {"fork_memory", "linux"}
+    assert json.loads(in_a_process(script, plain="numba_calls")).keys() == {"numba_calls", "c_api"}
 
 
 @pytest.mark.parametrize(
@@ -52,7 +58,7 @@ def test_a_part_is_refused_where_it_was_not_tried(patch, refused, reason):
         f"{patch}; capabilities.capabilities.cache_clear(); "
         "print(json.dumps(dict(capabilities.capabilities().reasons)))"
     )
-    found = json.loads(in_a_process(script, plain=False))
+    found = json.loads(in_a_process(script))
     assert set(found) == refused
     assert all(reason in each for each in found.values())
 
@@ -65,4 +71,4 @@ def test_the_ordinary_paths_give_the_same_bits():
         "    result = supernode.simulate(f'examples/{name}.toml', seed=1, generations=4, oracle=False)\n"
         "    print(name, result.history_sha256, result.fitness)\n"
     )
-    assert in_a_process(script, plain=True) == in_a_process(script, plain=False)
+    assert in_a_process(script, plain="1") == in_a_process(script)
