@@ -2,6 +2,8 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+# Bit-identity and processes: tested with and without what relies on private parts (lowlevel/).
+BOTH_WAYS := tests/node tests/coordinator/test_cluster.py tests/coordinator/test_zygote.py
 
 .PHONY: run test lint bench planners peers clean
 
@@ -10,6 +12,7 @@ run: $(VENV)/core  ## sixteen processes plan the path of a mobile robot through 
 
 test: lint  ## everything that must hold, on all cores
 	$(BIN)/pytest --numprocesses $$(($$(nproc) + 1)) --dist worksteal  # one more than cores: many wait for others
+	SUPERNODE_PLAIN=1 $(BIN)/pytest --numprocesses $$(($$(nproc) + 1)) --dist worksteal $(BOTH_WAYS)
 
 lint: $(VENV)/test
 	$(BIN)/ruff check
