@@ -21,7 +21,7 @@ from problems.plane import CONTACT, Circle, Obstacle
 from problems.problem import Clearance, Solution, Table, Verdict
 
 if TYPE_CHECKING:
-    from problems.arm_ik.problem import Arm, ArmIk, ArmProblem
+    from problems.arm_ik.model import Arm, ArmIk, ArmProblem
 
 Coordinate = Annotated[float, Field(ge=-1e9, le=1e9)]
 Joints = NDArray[np.complex128]  # (links + 1,), m

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from problems.arm_ik.problem import ArmIk
+    from problems.arm_ik.model import ArmIk
 
 ARM = "#1f5fa8"
 TARGET = "#c8321e"

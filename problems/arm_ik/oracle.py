@@ -18,7 +18,7 @@ from problems.plane import Circle
 from problems.problem import Answer, Solution
 
 if TYPE_CHECKING:
-    from problems.arm_ik.problem import ArmIk
+    from problems.arm_ik.model import ArmIk
 
 Floats = NDArray[np.float64]
 

@@ -9,7 +9,7 @@ import numpy as np
 from problems.errors import shorten
 
 if TYPE_CHECKING:
-    from problems.arm_ik.problem import Arm, ArmIk
+    from problems.arm_ik.model import Arm, ArmIk
 
 Range = tuple[float, float]
 

@@ -22,7 +22,7 @@ from problems.plane import CONTACT, Circle, Obstacle
 from problems.problem import Clearance, Solution, Table, Verdict
 
 if TYPE_CHECKING:
-    from problems.arm_path.problem import ArmPath
+    from problems.arm_path.model import ArmPath
 
 Angles = NDArray[np.float64]  # (rows, links), rad
 Joints = NDArray[np.complex128]  # (samples, links + 1), m

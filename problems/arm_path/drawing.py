@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.typing import ColorType
 
-    from problems.arm_path.problem import ArmPath
+    from problems.arm_path.model import ArmPath
 
 Rows = NDArray[np.float64]  # (n, links), rad
 

@@ -22,7 +22,7 @@ from problems.plane import Circle, Obstacle
 from problems.problem import Answer, Solution
 
 if TYPE_CHECKING:
-    from problems.arm_path.problem import ArmPath
+    from problems.arm_path.model import ArmPath
 
 Free = NDArray[np.bool_]  # (levels, levels), by the codes of joint 1, then of joint 2
 Cell = tuple[int, int]

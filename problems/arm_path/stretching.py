@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from problems.arm_path.problem import ArmPath
+    from problems.arm_path.model import ArmPath
 
 Path = NDArray[np.float64]  # (rows, links), rad, unwrapped
 

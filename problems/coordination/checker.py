@@ -20,7 +20,7 @@ from problems.problem import Clearance, Solution, Table, Verdict
 
 if TYPE_CHECKING:
     from problems.coordination.arms import Robot
-    from problems.coordination.problem import Coordination
+    from problems.coordination.model import Coordination
 
 Floats = NDArray[np.float64]
 Cell = tuple[int, int]

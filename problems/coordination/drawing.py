@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from mpl_toolkits.mplot3d import Axes3D
 
-    from problems.coordination.problem import Coordination
+    from problems.coordination.model import Coordination
 
 Cell = tuple[int, int]
 

@@ -18,7 +18,7 @@ from problems.errors import BadInput
 from problems.problem import Answer
 
 if TYPE_CHECKING:
-    from problems.coordination.problem import Coordination
+    from problems.coordination.model import Coordination
 
 Seconds = NDArray[np.float64]  # (N1, N2)
 Ends = NDArray[np.int64]  # (N1, N2): the index i * N2 + j of a rectangle's far corner, −1 if there is none

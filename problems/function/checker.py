@@ -17,7 +17,7 @@ from problems.problem import Solution, Table, Verdict
 
 if TYPE_CHECKING:
     from problems.function.graph import Graph
-    from problems.function.problem import Function
+    from problems.function.model import Function
 
 Points = NDArray[np.float64]
 Model = TypeVar("Model", bound="Claim")

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from problems.function.problem import Function
+    from problems.function.model import Function
 
 _PIXELS = 301
 _BITS_IN_A_ROW = 64

@@ -9,7 +9,7 @@ from problems.problem import Answer
 
 if TYPE_CHECKING:
     from problems.function.graph import Graph
-    from problems.function.problem import Function
+    from problems.function.model import Function
 
 
 def solve_exactly(problem: Function) -> Answer:

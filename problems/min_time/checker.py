@@ -20,7 +20,7 @@ from problems.problem import Solution, Table, Verdict
 
 if TYPE_CHECKING:
     from problems.min_time.arm import Arm
-    from problems.min_time.problem import MinTime
+    from problems.min_time.model import MinTime
 
 Floats = NDArray[np.float64]
 

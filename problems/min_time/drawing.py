@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from problems.min_time.problem import MinTime
+    from problems.min_time.model import MinTime
 
 Floats = NDArray[np.float64]
 

@@ -18,7 +18,7 @@ from problems.errors import BadInput
 from problems.problem import Answer
 
 if TYPE_CHECKING:
-    from problems.min_time.problem import MinTime
+    from problems.min_time.model import MinTime
 
 Nodes = NDArray[np.int64]  # (nodes, 2), start and goal included, in grid steps
 

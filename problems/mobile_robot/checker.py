@@ -24,7 +24,7 @@ from problems.plane import CONTACT, Circle, Obstacle
 from problems.problem import Clearance, Solution, Table, Verdict
 
 if TYPE_CHECKING:
-    from problems.mobile_robot.problem import Body, MobileRobot
+    from problems.mobile_robot.model import Body, MobileRobot
 
 Coordinate = Annotated[float, Field(ge=-1e9, le=1e9)]
 Pose = tuple[Coordinate, Coordinate, Coordinate]

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from problems.mobile_robot.problem import MobileRobot
+    from problems.mobile_robot.model import MobileRobot
 
 Poses = NDArray[np.float64]  # (n, 3): m, m, rad
 

@@ -15,7 +15,7 @@ from problems.mobile_robot.guide import PRICES
 from problems.plane import Circle, Obstacle
 
 if TYPE_CHECKING:
-    from problems.mobile_robot.problem import MobileRobot
+    from problems.mobile_robot.model import MobileRobot
 
 Floats = NDArray[np.float64]
 

@@ -46,7 +46,7 @@ from problems.mobile_robot.oracle_ways import length_of, shortest_way
 from problems.problem import Answer, Solution
 
 if TYPE_CHECKING:
-    from problems.mobile_robot.problem import MobileRobot
+    from problems.mobile_robot.model import MobileRobot
 
 _SLICES = 120  # the number of slices of the headings
 _HALF_SLICE = np.pi / _SLICES

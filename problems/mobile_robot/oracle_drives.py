@@ -38,7 +38,7 @@ from problems.mobile_robot.oracle_ways import shortest_way
 from problems.plane import Circle
 
 if TYPE_CHECKING:
-    from problems.mobile_robot.problem import MobileRobot
+    from problems.mobile_robot.model import MobileRobot
 
 Numbers = NDArray[np.int64]
 Flags = NDArray[np.bool_]

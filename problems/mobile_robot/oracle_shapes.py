@@ -18,7 +18,7 @@ from problems.mobile_robot.checker import TOLERANCE
 from problems.plane import Circle, Obstacle
 
 if TYPE_CHECKING:
-    from problems.mobile_robot.problem import MobileRobot
+    from problems.mobile_robot.model import MobileRobot
 
 Floats = NDArray[np.float64]
 Points = NDArray[np.float64]  # (n, 2), m

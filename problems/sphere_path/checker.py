@@ -22,7 +22,7 @@ from problems.problem import Clearance, Solution, Table, Verdict
 from problems.sphere_path.space import length_of
 
 if TYPE_CHECKING:
-    from problems.sphere_path.problem import SpherePath
+    from problems.sphere_path.model import SpherePath
     from problems.sphere_path.world import World
 
 Floats = NDArray[np.float64]

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from problems.sphere_path.problem import SpherePath
+    from problems.sphere_path.model import SpherePath
 
 Floats = NDArray[np.float64]
 

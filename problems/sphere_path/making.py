@@ -18,7 +18,7 @@ from problems.sphere_path import cells
 from problems.sphere_path.vehicle import dimensions_of
 
 if TYPE_CHECKING:
-    from problems.sphere_path.problem import SpherePath
+    from problems.sphere_path.model import SpherePath
 
 # The fields that determine the spheres, besides the clearance.
 SHAPING = ("vehicle", "mesh", "obstacles", "bounds", "periodic", "accuracy")

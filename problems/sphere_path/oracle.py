@@ -13,7 +13,7 @@ from problems.sphere_path.random_world import corridor_of
 from problems.sphere_path.space import length_of
 
 if TYPE_CHECKING:
-    from problems.sphere_path.problem import SpherePath
+    from problems.sphere_path.model import SpherePath
 
 Floats = NDArray[np.float64]
 

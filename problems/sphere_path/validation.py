@@ -13,7 +13,7 @@ from problems.sphere_path import making
 from problems.sphere_path.vehicle import dimensions_of
 
 if TYPE_CHECKING:
-    from problems.sphere_path.problem import SpherePath
+    from problems.sphere_path.model import SpherePath
     from problems.sphere_path.random_world import Random
     from problems.sphere_path.vehicle import Vehicle
 

@@ -17,7 +17,7 @@ from problems.plane import Circle
 from problems.sphere_path.pose import rotations
 
 if TYPE_CHECKING:
-    from problems.sphere_path.problem import SpherePath
+    from problems.sphere_path.model import SpherePath
 
 Floats = NDArray[np.float64]
 

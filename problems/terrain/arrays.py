@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from problems.terrain.problem import Terrain
+    from problems.terrain.model import Terrain
 
 BLOCKED = -1  # the class of impassable cells
 HEADINGS = ("E", "NE", "N", "NW", "W", "SW", "S", "SE")  # heading k is k·π/4, anticlockwise

@@ -20,7 +20,7 @@ from problems.problem import Clearance, Solution, Verdict
 from problems.terrain.solution import EIGHTH, STEPS, Cell, TerrainSolution
 
 if TYPE_CHECKING:
-    from problems.terrain.problem import Terrain
+    from problems.terrain.model import Terrain
 
 TOLERANCE = 1e-6
 HAIR = 1e-12  # a share by which distances may be too small, since contact at exactly the radius is free

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from problems.terrain.problem import Terrain
+    from problems.terrain.model import Terrain
 
 PATH = "#1f5fa8"
 START = "#2a8c4a"

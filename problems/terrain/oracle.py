@@ -18,7 +18,7 @@ from problems.terrain import checker
 from problems.terrain.solution import STEPS, solution_of
 
 if TYPE_CHECKING:
-    from problems.terrain.problem import Terrain
+    from problems.terrain.model import Terrain
 
 METHOD = "Dijkstra's algorithm over all cells"
 

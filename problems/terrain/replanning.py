@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from genetics.arrays import Genomes, writable
 
 if TYPE_CHECKING:
-    from problems.terrain.problem import Terrain
+    from problems.terrain.model import Terrain
 
 
 def led_on(old: Terrain, new: Terrain, genomes: Genomes) -> Genomes:

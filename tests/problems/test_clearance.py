@@ -13,7 +13,7 @@ from problems import Run
 from problems.arm_ik import ArmIk
 from problems.arm_path import ArmPath
 from problems.coordination import arms
-from problems.coordination.problem import Coordination
+from problems.coordination.model import Coordination
 from problems.nearest import least_along
 
 CLEARANCE = 0.05

@@ -235,9 +235,9 @@ seed = 1
 
     def motion(self, solution: Solution, pace: Pace) -> Motion:
         """Return the motion of both robots along their paths, with their waits at the SPs."""
-        from problems.coordination import moving
+        from problems.coordination import motion
 
-        return moving.motion(self, solution, pace)
+        return motion.motion(self, solution, pace)
 
     def draw(self, figure: Figure, solution: Solution | None, populations: Populations) -> None:
         """Draw the diagram with the rectangles (figure 3 of the paper) and, if there are any, the arms (figure 4)."""

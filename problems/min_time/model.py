@@ -212,9 +212,9 @@ stall = 50                      # generations without a quicker one, after which
 
     def motion(self, solution: Solution, pace: Pace) -> Motion:
         """Return the trajectory as a motion, row by row."""
-        from problems.min_time import moving
+        from problems.min_time import motion
 
-        return moving.motion(self, solution, pace)
+        return motion.motion(self, solution, pace)
 
     def draw(self, figure: Figure, solution: Solution | None, populations: Populations) -> None:
         """Draw the nodes in joint space (figure 1), and joints and torques against time (figure 2)."""

@@ -21,7 +21,7 @@ from problems.profile import Profile
 
 if TYPE_CHECKING:
     from problems.coordination.arms import Robot
-    from problems.coordination.problem import Coordination
+    from problems.coordination.model import Coordination
 
 _SAME = 1e-9  # cells: places that are no farther apart are the same
 

@@ -11,7 +11,7 @@ from problems.motion import Joints, Limit, Motion, Pace, joint_names, planar_lin
 from problems.problem import Solution
 
 if TYPE_CHECKING:
-    from problems.min_time.problem import MinTime
+    from problems.min_time.model import MinTime
 
 
 _BETWEEN = "between rows the limits hold for the law of docs/min-time.md; a cubic through the rows may exceed torque"

@@ -11,7 +11,7 @@ from problems.problem import Solution
 from problems.profile import drive
 
 if TYPE_CHECKING:
-    from problems.terrain.problem import Terrain
+    from problems.terrain.model import Terrain
 
 _HALF_A_CELL = 0.5  # cells: the radius that limits the turns of a robot without a radius
 

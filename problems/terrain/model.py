@@ -305,9 +305,9 @@ seed = 1
 
     def motion(self, solution: Solution, pace: Pace) -> Motion:
         """Return the motion from cell to cell, from rest to rest between its turns."""
-        from problems.terrain import moving
+        from problems.terrain import motion
 
-        return moving.motion(self, solution, pace)
+        return motion.motion(self, solution, pace)
 
     def draw(self, figure: Figure, solution: Solution | None, populations: Populations) -> None:
         """Draw the map and the path (figures 7 to 10 of the paper), and the difficulties (figure 5)."""

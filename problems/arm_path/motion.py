@@ -13,7 +13,7 @@ from problems.problem import Solution
 from problems.profile import ride
 
 if TYPE_CHECKING:
-    from problems.arm_path.problem import ArmPath
+    from problems.arm_path.model import ArmPath
 
 
 def motion(problem: ArmPath, solution: Solution, pace: Pace) -> Motion:

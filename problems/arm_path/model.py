@@ -13,8 +13,8 @@ from pydantic import Field, model_validator
 from genetics.arrays import Fitness, Genomes, writable
 from genetics.recipe import ONE_BIT, Recipe
 from problems.angles import Angle
-from problems.arm_ik import problem as arm_ik
-from problems.arm_ik.problem import ArmProblem
+from problems.arm_ik import model as arm_ik
+from problems.arm_ik.model import ArmProblem
 from problems.arm_path import checker
 from problems.plane import Shapes
 from problems.problem import Answer, Populations, RecipeName, Solution, Verdict, quantity
@@ -298,9 +298,9 @@ seed = 1
 
     def motion(self, solution: Solution, pace: Pace) -> Motion:
         """Return the path over time: one joint moves after another, each from rest to rest within its limits."""
-        from problems.arm_path import moving
+        from problems.arm_path import motion
 
-        return moving.motion(self, solution, pace)
+        return motion.motion(self, solution, pace)
 
     def draw(self, figure: Figure, solution: Solution | None, populations: Populations) -> None:
         """Draw the path in the workspace and, for two links, in configuration space (figures 4 and 5)."""

@@ -12,7 +12,7 @@ from problems.problem import Solution
 from problems.profile import ride
 
 if TYPE_CHECKING:
-    from problems.sphere_path.problem import SpherePath
+    from problems.sphere_path.model import SpherePath
     from problems.sphere_path.vehicle import Vehicle
 
 _IN_THE_PLANE = ("x", "y", "heading")

@@ -320,9 +320,9 @@ target = 0.03                   # nothing crossed, and a detour of at most 1.1; 
 
     def motion(self, solution: Solution, pace: Pace) -> Motion:
         """Return the motion along the path, from rest to rest between its corners."""
-        from problems.sphere_path import moving
+        from problems.sphere_path import motion
 
-        return moving.motion(self, solution, pace)
+        return motion.motion(self, solution, pace)
 
     def draw(self, figure: Figure, solution: Solution | None, populations: Populations) -> None:
         """Draw the path among the spheres (the paper's figure), or the vehicle in its world."""

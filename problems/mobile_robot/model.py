@@ -278,10 +278,10 @@ seed = 1
         return oracle.solve_exactly(self)
 
     def motion(self, solution: Solution, pace: Pace) -> Motion:
-        """Return drives and turns as a motion, each from rest to rest; see `problems.mobile_robot.moving`."""
-        from problems.mobile_robot import moving
+        """Return drives and turns as a motion, each from rest to rest; see `problems.mobile_robot.motion`."""
+        from problems.mobile_robot import motion
 
-        return moving.motion(self, solution, pace)
+        return motion.motion(self, solution, pace)
 
     def draw(self, figure: Figure, solution: Solution | None, populations: Populations) -> None:
         """Draw the floor and the swept robot (figure 6 of the paper)."""

@@ -12,7 +12,7 @@ from problems.problem import Solution
 from problems.profile import drive
 
 if TYPE_CHECKING:
-    from problems.mobile_robot.problem import MobileRobot
+    from problems.mobile_robot.model import MobileRobot
 
 
 def motion(problem: MobileRobot, solution: Solution, pace: Pace) -> Motion:
