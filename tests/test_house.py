@@ -92,7 +92,6 @@ KNOWN_CIRCLES = [
         "problems.min_time.motion",
         "problems.min_time.oracle",
     ],
-    ["problems.min_time.coding", "problems.min_time.coding_kernels"],
     [
         "problems.mobile_robot.checker",
         "problems.mobile_robot.drawing",

@@ -23,8 +23,8 @@ from genetics.operators import FITNESS, Table
 from genetics.sequence_kernels import numbers_of
 from lowlevel.compiled import kernel, subroutine
 from lowlevel.pointers import integers, reals
-from problems.min_time.coding import LEVELS
 from problems.min_time.dynamics import chain_of
+from problems.min_time.levels import LEVELS
 from problems.min_time.scaling import (
     POINTS,
     POINTS_OF_STRETCH,

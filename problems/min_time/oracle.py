@@ -114,7 +114,7 @@ def _table(problem: MinTime) -> tuple[Any, int]:
 
 
 def _genome(problem: MinTime, nodes: Nodes) -> Any:
-    from problems.min_time.coding import LEVELS
+    from problems.min_time.levels import LEVELS
 
     coding, items = problem.coding, nodes[1:]
     # The gene nearest to the grid line, as the coding's kernels round it; both joints have the same range of genes.
