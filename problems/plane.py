@@ -14,7 +14,7 @@ from pydantic import Field, field_validator
 
 from problems.angles import Angle
 from problems.motion import loop
-from problems.problem import Table, quantity
+from problems.tables import Table, quantity
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

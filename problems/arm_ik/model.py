@@ -17,7 +17,8 @@ from genetics.recipe import ONE_BIT, Recipe
 from problems.angles import Angle, WithAngles
 from problems.arm_ik import checker, reach
 from problems.plane import Metres, Obstacle, Shapes
-from problems.problem import Answer, CodedProblem, Populations, RecipeName, Solution, Table, Verdict, quantity
+from problems.problem import Answer, CodedProblem, Populations, Solution, Verdict
+from problems.tables import RecipeName, Table, quantity
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

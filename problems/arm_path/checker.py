@@ -19,7 +19,8 @@ from pydantic import Field, ValidationError
 from problems.errors import BadInput, first_line
 from problems.nearest import least_along
 from problems.plane import CONTACT, Circle, Obstacle
-from problems.problem import Clearance, Solution, Table, Verdict
+from problems.problem import Clearance, Solution, Verdict
+from problems.tables import Table
 
 if TYPE_CHECKING:
     from problems.arm_path.model import ArmPath

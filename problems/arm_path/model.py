@@ -12,12 +12,14 @@ from pydantic import Field, model_validator
 
 from genetics.arrays import Fitness, Genomes, writable
 from genetics.recipe import ONE_BIT, Recipe
+from problems.advice import advice_on_length
 from problems.angles import Angle
 from problems.arm_ik import model as arm_ik
 from problems.arm_ik.model import ArmProblem
 from problems.arm_path import checker
 from problems.plane import Shapes
-from problems.problem import Answer, Populations, RecipeName, Solution, Verdict, quantity
+from problems.problem import Answer, Populations, Solution, Verdict
+from problems.tables import RecipeName, quantity
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -25,6 +27,7 @@ if TYPE_CHECKING:
     from genetics.bit_string import BitString
     from genetics.operators import Operator
     from problems.motion import Motion, Pace
+    from problems.run import Run
 
 MOST_LINKS = 6
 MOST_BITS = 12
@@ -295,6 +298,13 @@ seed = 1
         from problems.arm_path import oracle
 
         return oracle.solve_exactly(self)
+
+    def advice(self, found: Solution | None, run: Run) -> list[str]:
+        """Return the default hints, and one to allow longer solutions."""
+        return [
+            *super().advice(found, run),
+            *advice_on_length(self, "rounds", self.rounds, "a way around more corners takes more moves"),
+        ]
 
     def motion(self, solution: Solution, pace: Pace) -> Motion:
         """Return the path over time: one joint moves after another, each from rest to rest within its limits."""

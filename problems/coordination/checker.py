@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from pydantic import Field, ValidationError
 
 from problems.errors import first_line
-from problems.problem import Clearance, Solution, Table, Verdict
+from problems.problem import Clearance, Solution, Verdict
+from problems.tables import Table
 
 if TYPE_CHECKING:
     from problems.coordination.arms import Robot

@@ -19,7 +19,8 @@ from problems.coordination.arms import Robot
 from problems.coordination.diagram import Arrays, Diagram, Mask, RandomDiagram, move_times
 from problems.digests import digest
 from problems.errors import BadInput
-from problems.problem import Answer, Populations, RecipeName, Solution, Verdict, quantity
+from problems.problem import Answer, Populations, Solution, Verdict
+from problems.tables import RecipeName, quantity
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

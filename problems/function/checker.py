@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from pydantic import Field, ValidationError
 
 from problems.errors import BadInput, first_line
-from problems.problem import Solution, Table, Verdict
+from problems.problem import Solution, Verdict
+from problems.tables import Table
 
 if TYPE_CHECKING:
     from problems.function.graph import Graph

@@ -14,7 +14,8 @@ from genetics.recipe import Recipe
 from lowlevel import capabilities
 from problems.function import checker
 from problems.function.graph import Graph
-from problems.problem import Answer, CodedProblem, Populations, RecipeName, Solution, Verdict, quantity
+from problems.problem import Answer, CodedProblem, Populations, Solution, Verdict
+from problems.tables import RecipeName, quantity
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

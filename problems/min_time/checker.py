@@ -16,7 +16,8 @@ from pydantic import Field, ValidationError
 
 from problems.errors import BadInput, first_line
 from problems.min_time.arm import LIMITS
-from problems.problem import Solution, Table, Verdict
+from problems.problem import Solution, Verdict
+from problems.tables import Table
 
 if TYPE_CHECKING:
     from problems.min_time.arm import Arm

@@ -13,7 +13,8 @@ from genetics.recipe import Recipe
 from problems.angles import Angle, WithAngles
 from problems.errors import BadInput, shorten
 from problems.min_time.arm import LIMITS, Arm, Body
-from problems.problem import Answer, Populations, RecipeName, Solution, Verdict, quantity
+from problems.problem import Answer, Populations, Solution, Verdict
+from problems.tables import RecipeName, quantity
 
 if TYPE_CHECKING:
     from pathlib import Path

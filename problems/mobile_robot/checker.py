@@ -21,7 +21,8 @@ from pydantic import Field, ValidationError
 from problems.errors import BadInput, first_line
 from problems.mobile_robot.guide_check import distance_around
 from problems.plane import CONTACT, Circle, Obstacle
-from problems.problem import Clearance, Solution, Table, Verdict
+from problems.problem import Clearance, Solution, Verdict
+from problems.tables import Table
 
 if TYPE_CHECKING:
     from problems.mobile_robot.model import Body, MobileRobot

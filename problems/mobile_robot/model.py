@@ -12,22 +12,14 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from genetics.arrays import Fitness, Genomes, writable
 from genetics.recipe import Recipe
+from problems.advice import advice_on_length
 from problems.angles import Angle, WithAngles
 from problems.mobile_robot import checker
 from problems.mobile_robot.arrays import SLIMMEST, floor_arrays, is_wide, robot_arrays
 from problems.mobile_robot.guide import Guide, guide_of
 from problems.plane import Obstacle, Point, simple_polygon
-from problems.problem import (
-    CHECKED,
-    Answer,
-    CodedProblem,
-    Populations,
-    RecipeName,
-    Solution,
-    Table,
-    Verdict,
-    quantity,
-)
+from problems.problem import CHECKED, Answer, CodedProblem, Populations, Solution, Verdict
+from problems.tables import RecipeName, Table, quantity
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -35,6 +27,7 @@ if TYPE_CHECKING:
     from genetics.bit_string import BitString
     from genetics.operators import Operator
     from problems.motion import Motion, Pace
+    from problems.run import Run
 
 Metres = Annotated[float, Field(ge=-1e4, le=1e4)]
 Pose = tuple[Metres, Metres, Angle]
@@ -276,6 +269,13 @@ seed = 1
         from problems.mobile_robot import oracle
 
         return oracle.solve_exactly(self)
+
+    def advice(self, found: Solution | None, run: Run) -> list[str]:
+        """Return the default hints, and one to allow longer solutions."""
+        return [
+            *super().advice(found, run),
+            *advice_on_length(self, "commands", self.pairs, "a way with more turns takes more commands"),
+        ]
 
     def motion(self, solution: Solution, pace: Pace) -> Motion:
         """Return drives and turns as a motion, each from rest to rest; see `problems.mobile_robot.motion`."""

@@ -18,8 +18,9 @@ from pydantic import Field, ValidationError
 from problems.errors import BadInput, first_line
 from problems.nearest import least_along
 from problems.plane import CONTACT
-from problems.problem import Clearance, Solution, Table, Verdict
+from problems.problem import Clearance, Solution, Verdict
 from problems.sphere_path.space import length_of
+from problems.tables import Table
 
 if TYPE_CHECKING:
     from problems.sphere_path.model import SpherePath

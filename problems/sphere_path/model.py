@@ -14,16 +14,18 @@ from pydantic import Field, ValidationError, model_validator
 
 from genetics.arrays import Fitness, Genomes, writable
 from genetics.recipe import Recipe, Replacement
+from problems.advice import advice_on_length
 from problems.angles import WithAngles, in_unit
 from problems.digests import digest
 from problems.errors import BadInput
 from problems.plane import CONTACT, Obstacle
-from problems.problem import Answer, CodedProblem, Populations, RecipeName, Solution, Verdict, quantity
+from problems.problem import Answer, CodedProblem, Populations, Solution, Verdict
 from problems.sphere_path import cells, making
 from problems.sphere_path.random_world import Random, random_spheres
 from problems.sphere_path.space import Space, length_of
 from problems.sphere_path.validation import validate
 from problems.sphere_path.vehicle import Mesh, Vehicle, dimensions_of, gathered
+from problems.tables import RecipeName, quantity
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -302,7 +304,8 @@ target = 0.03                   # nothing crossed, and a detour of at most 1.1; 
         """Return advice after a run; a finer accuracy if nothing else keeps the best attempt from being free."""
         spare = None if found is None or self.vehicle is None else self._spare(found)
         if spare is None:
-            return super().advice(found, run)
+            longer = advice_on_length(self, "nodes", self.nodes, "a way around more obstacles takes more nodes")
+            return [*super().advice(found, run), *longer]
         finer = min(spare or self.accuracy, self.accuracy) / 2.0
         return [
             f"`accuracy` is what blocks: the vehicle is free on the best path, {spare:.3g} m clear of what it must not "

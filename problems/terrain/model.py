@@ -12,8 +12,10 @@ from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from genetics.arrays import Fitness, Genomes, writable
 from genetics.recipe import Recipe
+from problems.advice import advice_on_length
 from problems.errors import BadInput, shorten
-from problems.problem import Answer, Populations, Problem, RecipeName, Solution, Table, Verdict, quantity
+from problems.problem import Answer, Populations, Problem, Solution, Verdict
+from problems.tables import RecipeName, Table, quantity
 from problems.terrain import checker, movingai
 from problems.terrain.arrays import world_arrays
 from problems.terrain.solution import solution_of
@@ -23,6 +25,7 @@ if TYPE_CHECKING:
 
     from genetics.operators import Operator
     from problems.motion import Motion, Pace
+    from problems.run import Run
     from problems.terrain.coding import Moves
 
 MOST_SIDE = 1024
@@ -302,6 +305,15 @@ seed = 1
         from problems.terrain import oracle
 
         return oracle.solve_exactly(self)
+
+    def advice(self, found: Solution | None, run: Run) -> list[str]:
+        """Return the default hints, and one to allow longer solutions."""
+        longer = (
+            []
+            if self.blocks is None
+            else advice_on_length(self, "blocks", self.blocks, "a way with more turns takes more blocks")
+        )
+        return [*super().advice(found, run), *longer]
 
     def motion(self, solution: Solution, pace: Pace) -> Motion:
         """Return the motion from cell to cell, from rest to rest between its turns."""
