@@ -83,7 +83,6 @@ KNOWN_CIRCLES = [
         "problems.coordination.motion",
         "problems.coordination.oracle",
     ],
-    ["problems.function.checker", "problems.function.drawing", "problems.function.model", "problems.function.oracle"],
     [
         "problems.min_time.checker",
         "problems.min_time.drawing",
