@@ -14,9 +14,9 @@ from genetics.arrays import Fitness, Genomes, writable
 from genetics.recipe import ONE_BIT, Recipe
 from problems.advice import advice_on_length
 from problems.angles import Angle
-from problems.arm_ik import model as arm_ik
-from problems.arm_ik.model import ArmProblem
 from problems.arm_path import checker
+from problems.planar_arm import model as planar_arm
+from problems.planar_arm.model import ArmProblem
 from problems.plane import Shapes
 from problems.problem import Answer, Populations, Solution, Verdict
 from problems.tables import RecipeName, quantity
@@ -41,7 +41,7 @@ Path = NDArray[np.float64]  # (rows, links), rad, unwrapped
 Cells = NDArray[np.bool_]  # (2^q, 2^q), indexed by the codes of joint 1 and joint 2
 
 
-class Arm(arm_ik.Arm):
+class Arm(planar_arm.Arm):
     """A planar arm whose joints may have limits of speed and acceleration."""
 
     velocity: list[Rate] | None = quantity(
