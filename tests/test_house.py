@@ -62,13 +62,6 @@ STATED_EXCEPTIONS = {
 # Groups of modules that still import each other. A group that is gone must be removed here: the list only shrinks.
 KNOWN_CIRCLES = [
     [
-        "problems.coordination.checker",
-        "problems.coordination.drawing",
-        "problems.coordination.model",
-        "problems.coordination.motion",
-        "problems.coordination.oracle",
-    ],
-    [
         "problems.min_time.checker",
         "problems.min_time.drawing",
         "problems.min_time.model",

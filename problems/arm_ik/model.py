@@ -27,7 +27,7 @@ _FLIPS_ON_ISLANDS = 4.0  # more, as islands lose diversity sooner: the best of a
 
 
 class ArmIkModel(ArmProblem):
-    """The fields, coding, recipe, fitness and solutions of arm-ik; `ArmIk` adds what verifies and shows them."""
+    """The fields, coding, recipe, fitness and decoding; `ArmIk` adds what verifies and shows solutions."""
 
     about: ClassVar[str] = "inverse kinematics of a planar arm among obstacles"
     template: ClassVar[str] = """\

@@ -55,7 +55,7 @@ class Arm(planar_arm.Arm):
 
 
 class ArmPathModel(ArmProblem):
-    """The fields, coding, recipe, fitness and solutions of arm-path; `ArmPath` adds what verifies and shows them."""
+    """The fields, coding, recipe, fitness and decoding; `ArmPath` adds what verifies and shows solutions."""
 
     about: ClassVar[str] = "a path of an arm among obstacles, one joint at a time"
     template: ClassVar[str] = """\

@@ -37,7 +37,7 @@ _FLIPS = 2.4  # mean number of bits that mutation flips per offspring (tuned)
 
 
 class FunctionModel(CodedProblem):
-    """The fields, coding, recipe, fitness and solutions of function; `Function` adds what verifies and shows them."""
+    """The fields, coding, recipe, fitness and decoding; `Function` adds what verifies and shows solutions."""
 
     about: ClassVar[str] = "known functions: for tests, comparisons and load"
     template: ClassVar[str] = """\
