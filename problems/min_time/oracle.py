@@ -18,7 +18,7 @@ from problems.errors import BadInput
 from problems.problem import Answer
 
 if TYPE_CHECKING:
-    from problems.min_time.model import MinTime
+    from problems.min_time.model import MinTimeModel
 
 Nodes = NDArray[np.int64]  # (nodes, 2), start and goal included, in grid steps
 
@@ -41,7 +41,7 @@ class Found(NamedTuple):
     searched: float = 1.0
 
 
-def solve_exactly(problem: MinTime) -> Answer:
+def solve_exactly(problem: MinTimeModel) -> Answer:
     """Return the best trajectory of `dynamic_program`, as an upper bound of the least time.
 
     Raises:
@@ -61,7 +61,7 @@ def solve_exactly(problem: MinTime) -> Answer:
     )
 
 
-def dynamic_program(problem: MinTime, longest: int = 1, levels: int = _LEVELS) -> Found:
+def dynamic_program(problem: MinTimeModel, longest: int = 1, levels: int = _LEVELS) -> Found:
     """Return the best path by a dynamic program over (node before, node, node after, speed), timed by the fitness.
 
     The program's own time is not returned: it allows only some levels of speed at the nodes, and does not look between
@@ -89,7 +89,7 @@ def dynamic_program(problem: MinTime, longest: int = 1, levels: int = _LEVELS) -
     return Found(_time(problem, nodes), nodes, weighed)
 
 
-def tree_search(problem: MinTime, most: int = 1 << 62) -> Found:
+def tree_search(problem: MinTimeModel, most: int = 1 << 62) -> Found:
     """Search all paths from neighbour to neighbour depth first, with branch and bound (§II).
 
     Args:
@@ -106,14 +106,14 @@ def tree_search(problem: MinTime, most: int = 1 << 62) -> Found:
     return Found(_time(problem, nodes), nodes, weighed, searched)
 
 
-def _table(problem: MinTime) -> tuple[Any, int]:
+def _table(problem: MinTimeModel) -> tuple[Any, int]:
     moving = np.not_equal(problem.start, problem.goal)
     if problem.arm.size != 2 or not moving.all():
         raise BadInput(f"oracle: expected two joints that move, found {moving.sum()} of {problem.arm.size} joints")
     return problem.fitness_kernel.table, problem.grid
 
 
-def _genome(problem: MinTime, nodes: Nodes) -> Any:
+def _genome(problem: MinTimeModel, nodes: Nodes) -> Any:
     from problems.min_time.levels import LEVELS
 
     coding, items = problem.coding, nodes[1:]
@@ -122,5 +122,5 @@ def _genome(problem: MinTime, nodes: Nodes) -> Any:
     return coding.encode(np.column_stack([genes, np.full(len(items), LEVELS)]))
 
 
-def _time(problem: MinTime, nodes: Nodes) -> float:
+def _time(problem: MinTimeModel, nodes: Nodes) -> float:
     return float(problem.evaluate(_genome(problem, nodes)[None])[0]) if len(nodes) else np.inf
