@@ -85,14 +85,6 @@ KNOWN_CIRCLES = [
         "problems.sphere_path.validation",
         "problems.sphere_path.world",
     ],
-    [
-        "problems.terrain.arrays",
-        "problems.terrain.checker",
-        "problems.terrain.drawing",
-        "problems.terrain.model",
-        "problems.terrain.motion",
-        "problems.terrain.oracle",
-    ],
 ]
 
 
