@@ -75,16 +75,6 @@ KNOWN_CIRCLES = [
         "problems.mobile_robot.oracle_shapes",
         "problems.mobile_robot.oracle_ways",
     ],
-    [
-        "problems.sphere_path.checker",
-        "problems.sphere_path.drawing",
-        "problems.sphere_path.making",
-        "problems.sphere_path.model",
-        "problems.sphere_path.motion",
-        "problems.sphere_path.oracle",
-        "problems.sphere_path.validation",
-        "problems.sphere_path.world",
-    ],
 ]
 
 
