@@ -22,7 +22,7 @@ import numpy as np
 from genetics import BitString, Fitness, Genomes, Recipe
 from node import Plan, simulate
 from problems import Problem, Run
-from problems.problem import RecipeName
+from problems.tables import RecipeName
 
 GENERATIONS = 100
 _BITS, _ONES = 32, 27

@@ -30,7 +30,7 @@ from genetics import Fitness, Genomes, RealVector, Recipe
 from node import Plan, simulate
 from problems import Problem, Run
 from problems.file import parse
-from problems.problem import RecipeName
+from problems.tables import RecipeName
 
 SHAPES = ("32x32", "16x64", "8x128", "4x256", "1x1024")
 SIZES = ("4x4", "8x8", "16x16", "32x32", "256x256", "1024x1024")

@@ -32,7 +32,7 @@ class Checker(Modules):
 
 def is_own(file: ProblemFile) -> bool:
     """Return whether checking the problem runs a user's code."""
-    return not registry.is_built_in(file.kind) and ":" in file.kind
+    return registry.is_users_own(file.kind)
 
 
 def check(file: ProblemFile, before: ProblemFile | None = None) -> None:

@@ -3,8 +3,9 @@
 from problems.errors import BadInput, EvaluationFailed
 from problems.file import ProblemFile, load
 from problems.guard import guarded
-from problems.problem import Answer, Clearance, Problem, RecipeName, Solution, Table, Verdict, quantity
+from problems.problem import Answer, Clearance, Problem, Solution, Verdict
 from problems.run import Run
+from problems.tables import RecipeName, Table, quantity
 
 __all__ = [
     "Answer",

@@ -1,42 +1,15 @@
 """Hints for a run that has stalled: each names a setting, a value to try and the value that the run had."""
 
-from __future__ import annotations
-
 import re
-from typing import TYPE_CHECKING, NamedTuple
 
 from annotated_types import Le
 
 from problems.run import DEFAULT_STALL, Run
-
-if TYPE_CHECKING:
-    from problems.problem import Problem
+from problems.tables import Table
 
 _MOST_NODES = 1024  # no larger torus is suggested: each cell may be a process of its own
 _MORE_DEMES = 4  # factor of the suggested deme size
 _MORE_PATIENCE = 5  # factor of the suggested stall limit
-
-
-class _Length(NamedTuple):
-    """The field of a kind that limits the length of a coded solution.
-
-    Attributes:
-        field: the field's name in the problem file.
-        value: the attribute of the problem that holds the field's value, even if the file does not set it.
-        why: what a longer solution can achieve, in words.
-    """
-
-    field: str
-    value: str
-    why: str
-
-
-_LENGTHS = {
-    "arm-path": _Length("rounds", "rounds", "a way around more corners takes more moves"),
-    "mobile-robot": _Length("commands", "pairs", "a way with more turns takes more commands"),
-    "sphere-path": _Length("nodes", "nodes", "a way around more obstacles takes more nodes"),
-    "terrain": _Length("blocks", "blocks", "a way with more turns takes more blocks"),
-}
 
 
 def advice_on_run(run: Run) -> str:
@@ -53,14 +26,17 @@ def advice_on_run(run: Run) -> str:
     return f"to search further, try {', '.join(tried[:-1])} or {tried[-1]} (this run: {', '.join(used)})"
 
 
-def advice_on_length(problem: Problem) -> str | None:
-    """Return a hint to allow longer solutions; None if the kind has no such field or it is at its maximum."""
-    length = _LENGTHS.get(problem.kind)
-    value = None if length is None else getattr(problem, length.value, None)
-    if length is None or value is None:
-        return None
-    limits = [each.le for each in type(problem).model_fields[length.field].metadata if isinstance(each, Le)]
+def advice_on_length(problem: Table, field: str, value: int, why: str) -> list[str]:
+    """Return a hint to allow longer solutions, as a list of one line; an empty list if the field is at its maximum.
+
+    Args:
+        problem: the problem, one of whose fields limits the length of a coded solution.
+        field: the field's name in the problem file.
+        value: the field's value, even if the file does not set it.
+        why: what a longer solution can achieve, in words.
+    """
+    limits = [each.le for each in type(problem).model_fields[field].metadata if isinstance(each, Le)]
     more = min([2 * value, *(limit for limit in limits if isinstance(limit, int))])
     if more <= value:
-        return None
-    return f"{length.why}: try {length.field} = {more} in the problem file (this run: {value})"
+        return []
+    return [f"{why}: try {field} = {more} in the problem file (this run: {value})"]

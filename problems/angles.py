@@ -12,7 +12,8 @@ import numpy as np
 from pydantic import AfterValidator, BaseModel, field_validator
 
 from problems.errors import BadInput, tables_in
-from problems.problem import Problem, quantity
+from problems.problem import Problem
+from problems.tables import quantity
 
 MOST = 4.0 * np.pi
 """The largest absolute value of an angle in a problem file, rad. A larger number was probably meant in degrees."""

@@ -269,7 +269,7 @@ def load(path: str | Path) -> ProblemFile:
         except BadInput as error:
             raise BadInput(f"{path}: {error}") from None
         loaded.problem()
-    elif ":" not in loaded.kind:
+    elif not registry.is_users_own(loaded.kind):
         loaded.problem()  # no such kind: this raises an error that lists the known ones
     return loaded
 

@@ -14,7 +14,7 @@ from pydantic import Field, field_validator
 
 from problems.angles import Angle
 from problems.motion import loop
-from problems.problem import Table, quantity
+from problems.tables import Table, quantity
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -49,6 +49,10 @@ class Circle(Table):
         """Return whether ``point`` lies inside, deeper than `CONTACT`."""
         return bool(np.hypot(point[0] - self.center[0], point[1] - self.center[1]) < self.radius - CONTACT)
 
+    def is_nearer(self, other: shapely.Geometry, limit: float) -> bool:
+        """Return whether ``other`` is nearer than ``limit``, m."""
+        return bool(other.distance(shapely.Point(self.center)) < self.radius + limit)
+
 
 class _Solid(Table):
     """The common base of polygons and boxes, which have corners and no thickness."""
@@ -75,6 +79,10 @@ class _Solid(Table):
         place = shapely.Point(point)
         # Contact is free, so the point must also be away from the outline.
         return bool(self.polygon.contains(place) and self.polygon.exterior.distance(place) > CONTACT)
+
+    def is_nearer(self, other: shapely.Geometry, limit: float) -> bool:
+        """Return whether ``other`` is nearer than ``limit``, m."""
+        return bool(other.distance(self.polygon) < limit)
 
 
 class Polygon(_Solid):

@@ -14,12 +14,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from genetics.arrays import Fitness, Genomes
 from genetics.recipe import Recipe
 from problems.errors import BadInput
 from problems.plain_genomes import from_plain, to_plain
+from problems.tables import RecipeName, Table, quantity
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -29,7 +30,6 @@ if TYPE_CHECKING:
     from problems.motion import Motion, Pace
     from problems.run import Run
 
-RecipeName = Literal["tuned", "paper"]
 Solution = dict[str, Any]  # plain JSON values
 Populations = Mapping[int, Genomes]  # generation to genomes, shape (n, genome_bytes)
 
@@ -94,23 +94,6 @@ class Answer:
     method: str
     solution: Solution | None = None
     figures: Mapping[str, float | int | bool] = field(default_factory=dict)
-
-
-class Table(BaseModel):  # noqa: PLW1641 - pydantic hashes what is frozen, by its fields
-    """A table of a problem file. Validation refuses unknown fields, wrong types, NaN and infinity."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-    def __eq__(self, other: object) -> bool:
-        """Compare the fields only: cached properties may hold arrays, whose ``==`` is not a single boolean."""
-        if type(other) is not type(self):
-            return NotImplemented
-        return all(getattr(self, name) == getattr(other, name) for name in type(self).model_fields)
-
-
-def quantity(unit: str, description: str, **options: Any) -> Any:
-    """Return a pydantic field with a unit and a description, which `supernode problems KIND` shows."""
-    return Field(description=description, json_schema_extra={"unit": unit}, **options)
 
 
 class Problem(Table):
@@ -345,10 +328,9 @@ class Problem(Table):
             found: the best solution found, feasible or not, in the format of `decode`; None if there is none.
             run: the settings of the run.
         """
-        from problems.advice import advice_on_length, advice_on_run
+        from problems.advice import advice_on_run
 
-        length = advice_on_length(self)
-        return [advice_on_run(run), *([] if length is None else [length])]
+        return [advice_on_run(run)]
 
     def draw(self, figure: Figure, solution: Solution | None, populations: Populations) -> None:
         """Draw the problem, and the solution if there is one, onto an empty figure.

@@ -1,8 +1,15 @@
-"""The built-in kinds of problem, and the import of a user's own kind."""
+"""The kinds of problem: built-in ones, those of other installed packages, and the import of a user's own kind.
 
+A package registers a kind by an entry point of the group ``supernode.problems``: a name, and where its class is. This
+project registers the built-in kinds in the same way.
+"""
+
+import functools
 import importlib
 import importlib.util
 import sys
+from importlib.metadata import EntryPoint, entry_points
+from operator import attrgetter
 from pathlib import Path
 from types import ModuleType
 
@@ -10,27 +17,53 @@ from lowlevel import capabilities
 from problems.errors import BadInput, did_you_mean
 from problems.problem import Problem
 
-_BUILT_IN = {
-    "arm-ik": "problems.arm_ik:ArmIk",
-    "arm-path": "problems.arm_path:ArmPath",
-    "coordination": "problems.coordination:Coordination",
-    "function": "problems.function:Function",
-    "min-time": "problems.min_time:MinTime",
-    "mobile-robot": "problems.mobile_robot:MobileRobot",
-    "sphere-path": "problems.sphere_path:SpherePath",
-    "terrain": "problems.terrain:Terrain",
-}
+GROUP = "supernode.problems"
+_OWN = "problems."  # modules of this project begin with this; importing one runs no user's code
 _read: set[str] = set()  # the names of modules that were loaded from the folder of a problem file
+
+
+@functools.cache
+def _entries() -> dict[str, tuple[EntryPoint, ...]]:
+    """Return all registered kinds, sorted by name. Several packages may register the same name.
+
+    This reads a file of each installed package, a few milliseconds in all, and imports none of them.
+
+    Raises:
+        BadInput: if not even the built-in kinds are registered.
+    """
+    found: dict[str, tuple[EntryPoint, ...]] = {}
+    for entry in sorted(entry_points(group=GROUP), key=attrgetter("name")):
+        found[entry.name] = (*found.get(entry.name, ()), entry)
+    if not any(map(_is_own, (entry for entries in found.values() for entry in entries))):
+        raise BadInput(
+            f"expected the built-in kinds among the entry points {GROUP!r}, found none: install this project again "
+            "(pip install -e .)"
+        )
+    return found
+
+
+def _is_own(entry: EntryPoint) -> bool:
+    return entry.module.startswith(_OWN)
+
+
+def registered() -> tuple[str, ...]:
+    """Return the names of all registered kinds, sorted: the built-in ones and those of other installed packages."""
+    return tuple(_entries())
 
 
 def kinds() -> tuple[str, ...]:
     """Return the names of the built-in kinds, sorted."""
-    return tuple(_BUILT_IN)
+    return tuple(kind for kind in _entries() if is_built_in(kind))
 
 
 def is_built_in(kind: str) -> bool:
     """Return whether ``kind`` is built in, so that importing it runs no user's code."""
-    return kind in _BUILT_IN
+    return ":" not in kind and any(map(_is_own, _entries().get(kind, ())))
+
+
+def is_users_own(kind: str) -> bool:
+    """Return whether importing ``kind`` runs a user's code; False for built-in kinds and for unknown names."""
+    return ":" in kind or (kind in _entries() and not is_built_in(kind))
 
 
 def find_built_in(kind: str) -> type[Problem]:
@@ -40,7 +73,18 @@ def find_built_in(kind: str) -> type[Problem]:
         BadInput: if there is no such built-in kind.
     """
     if not is_built_in(kind):
-        raise BadInput(f"expected one of {', '.join(_BUILT_IN)}, found {kind!r}" + did_you_mean(kind, _BUILT_IN))
+        raise BadInput(f"expected one of {', '.join(kinds())}, found {kind!r}" + did_you_mean(kind, kinds()))
+    return find(kind)
+
+
+def find_registered(kind: str) -> type[Problem]:
+    """Return the class of a registered kind.
+
+    Raises:
+        BadInput: if there is no such kind, or it cannot be imported.
+    """
+    if kind not in _entries():
+        raise BadInput(f"expected one of {', '.join(registered())}, found {kind!r}" + did_you_mean(kind, registered()))
     return find(kind)
 
 
@@ -48,25 +92,43 @@ def find(kind: str, folder: Path | None = None) -> type[Problem]:
     """Return the class of a kind; for a user's own kind, import its module.
 
     Args:
-        kind: a built-in kind, or ``"my_module:MyProblem"``.
-        folder: where a user's module is looked up before ``sys.path``; None: on ``sys.path`` only.
+        kind: a registered kind, or ``"my_module:MyProblem"``.
+        folder: where the module of ``"my_module:MyProblem"`` is looked up before ``sys.path``; None: on ``sys.path``
+            only.
 
     Raises:
-        BadInput: if there is no such kind, module or class.
+        BadInput: if there is no such kind, module or class, or several packages register the kind.
     """
-    if kind not in _BUILT_IN and ":" not in kind:  # a user's own kind always has a colon
-        raise BadInput(
-            f'kind: expected one of {", ".join(_BUILT_IN)} or "module:Class", found {kind!r}'
-            + did_you_mean(kind, _BUILT_IN)
-        )
-    module_name, _, class_name = _BUILT_IN.get(kind, kind).partition(":")
+    entry = None if ":" in kind else _entry_of(kind)  # a kind with a colon names its module itself
     try:
-        found = getattr(_module(module_name, None if is_built_in(kind) else folder), class_name)
+        if entry is not None:
+            found = entry.load()
+        else:
+            module_name, _, class_name = kind.partition(":")
+            found = getattr(_module(module_name, folder), class_name)
     except (Exception, SystemExit) as error:  # a user's module may raise anything, or call sys.exit
         raise BadInput(f"kind: cannot import {kind!r}: {type(error).__name__}: {error}") from error
     if not (isinstance(found, type) and issubclass(found, Problem)):
         raise BadInput(f"kind: expected a subclass of supernode.Problem, found {kind!r}, which is {found!r}")
     return found
+
+
+def _entry_of(kind: str) -> EntryPoint:
+    """Return where the class of a registered kind is.
+
+    Raises:
+        BadInput: if no package registers the kind, or several do, with different classes.
+    """
+    entries = _entries().get(kind, ())
+    if not entries:
+        raise BadInput(
+            f'kind: expected one of {", ".join(registered())} or "module:Class", found {kind!r}'
+            + did_you_mean(kind, registered())
+        )
+    if len({entry.value for entry in entries}) > 1:
+        claims = " and ".join(f"{entry.dist.name if entry.dist else '?'} ({entry.value})" for entry in entries)
+        raise BadInput(f"kind: expected one package that registers {kind!r}, found {claims}: uninstall all but one")
+    return entries[0]
 
 
 def _module(name: str, folder: Path | None) -> ModuleType:
@@ -117,7 +179,8 @@ def kernels() -> tuple[str, ...]:
 
 def _in_packages(module: str) -> list[str]:
     """Return the full names of the modules called ``module`` in the built-in packages, which this imports."""
-    names = [f"{target.partition(':')[0]}.{module}" for target in _BUILT_IN.values()]
+    packages = [entry.module for entries in _entries().values() for entry in entries if _is_own(entry)]
+    names = [f"{package}.{module}" for package in packages]
     return [name for name in names if importlib.util.find_spec(name)]
 
 

@@ -2,13 +2,13 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal, Protocol
 
 from pydantic import Field, field_validator, model_validator
 
 import topologies
 from genetics.recipe import Recipe, Replacement, evaluations_per_generation
-from problems.problem import Problem, RecipeName, Table
+from problems.tables import RecipeName, Table
 
 DEFAULT_STALL = 200  # generations
 DEFAULT_RESTARTS = 8  # of a run that nothing else limits
@@ -16,6 +16,13 @@ MOST_DEME = 1 << 16
 MOST_GENERATIONS = 1 << 31
 
 Count = Annotated[int, Field(ge=0, lt=MOST_GENERATIONS)]
+
+
+class HasRecipe(Protocol):
+    """What a run needs of a problem: its genetic operators. `problems.problem.Problem` itself depends on `Run`."""
+
+    def recipe(self, name: RecipeName, deme: int) -> Recipe:
+        """Return the genetic operators of the recipe ``name`` for demes of ``deme`` individuals."""
 
 
 def with_topology(settings: Mapping[str, Any]) -> dict[str, Any]:
@@ -89,7 +96,7 @@ class Run(Table):
         """
         return DEFAULT_STALL if self.stall is None and not self.is_limited else self.stall
 
-    def breeding(self, problem: Problem) -> Recipe:
+    def breeding(self, problem: HasRecipe) -> Recipe:
         """Return the problem's recipe, with the mutation and replacement of this run if it sets them."""
         base = problem.recipe(self.recipe, self.deme)
         return replace(

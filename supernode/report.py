@@ -13,7 +13,6 @@ from coordinator.pages import rendered
 from node.plan import Plan
 from problems import BadInput, Problem, ProblemFile, Run, Solution
 from problems.guard import described
-from problems.registry import is_built_in
 from problems.run import DEFAULT_RESTARTS
 from spy.result import Result
 from supernode.client import Client
@@ -304,7 +303,7 @@ def _digests(file: ProblemFile, now: ProblemFile, result: Result | None) -> dict
     if now.sha256 != file.sha256:
         found["problem_sha256 as it is now"] = now.sha256
     found["history_sha256"] = _lived(result) or "not known"
-    if not is_built_in(file.kind):
+    if ":" in file.kind:  # a registered kind is part of an installed package
         found["module"] = f"{file.kind}, looked for in {file.folder}; it must lie beside the problem file"
     return found
 

@@ -21,7 +21,7 @@ from node.fingerprint import fingerprint
 from node.replay import Epoch, epochs_of
 from node.simulation import Outside, Snapshot, StopRequest, ignore, never
 from problems import BadInput, EvaluationFailed, Problem, ProblemFile, load, registry
-from problems.made import MadeProblem
+from problems.in_memory import InMemoryProblem
 from spy.collector import Collector
 from spy.improvement_records import ImprovementRecord, records_of
 from spy.past import Lived, Past, stopped_after
@@ -77,7 +77,7 @@ def simulate(problem: ProblemFile | Problem | str | Path, *, callback: Callback 
             has no common generation.
     """
     if isinstance(problem, Problem):
-        file: ProblemFile = MadeProblem.of(problem)
+        file: ProblemFile = InMemoryProblem.of(problem)
     else:
         file = problem if isinstance(problem, ProblemFile) else load(problem)
     file = file.with_run(**run)
@@ -243,7 +243,7 @@ class Simulation:
 
 def _can_be_asked(file: ProblemFile) -> bool:
     """Return whether another process can make this problem; the class of one made in Python need not be in a module."""
-    return registry.is_built_in(file.kind) or not isinstance(file, MadeProblem)
+    return registry.is_built_in(file.kind) or not isinstance(file, InMemoryProblem)
 
 
 class _Attempt:

@@ -6,6 +6,7 @@ import tomllib
 from collections import Counter
 from pathlib import Path
 
+import networkx
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -71,20 +72,28 @@ def tree_of(path):
     return ast.parse(path.read_text(encoding="utf-8"), str(path))
 
 
-def imports_of(path):
-    """Every module that a file imports: at the top, within functions, for type checkers only, or by import_module."""
+def statements_of(path):
+    """Every import of a file, as a module and the names imported from it.
+
+    Imports count at the top, within functions, for type checkers only, and by import_module.
+    """
     package = path.relative_to(ROOT).parent.parts
     for node in ast.walk(tree_of(path)):
         match node:
             case ast.Import(names=names):
-                yield from (alias.name for alias in names)
-            case ast.ImportFrom(module=module, names=names, level=0):
-                yield module
-                yield from (f"{module}.{alias.name}" for alias in names)
-            case ast.ImportFrom(module=module, level=level):
-                yield ".".join([*package[: len(package) + 1 - level], *([module] if module else [])])
+                yield from ((alias.name, []) for alias in names)
+            case ast.ImportFrom(module=module, names=names, level=level):
+                above = package[: len(package) + 1 - level] if level else ()
+                yield ".".join([*above, *([module] if module else [])]), [alias.name for alias in names]
             case ast.Call(func=ast.Attribute(attr="import_module"), args=[ast.Constant(value=str(name)), *_]):
-                yield name
+                yield name, []
+
+
+def imports_of(path):
+    """Every module that a file imports, and every name from a module, which may be a module itself."""
+    for module, names in statements_of(path):
+        yield module
+        yield from (f"{module}.{name}" for name in names)
 
 
 @pytest.mark.parametrize("path", MODULES, ids=name_of)
@@ -103,8 +112,53 @@ def test_the_search_for_imports_finds_every_way_to_import(tmp_path, monkeypatch)
         "def f():\n    import five\n    importlib.import_module('six')\n"
         "if TYPE_CHECKING:\n    from seven import part\n"
     )
-    expected = {"one.part", "two", "two.part", "wire", "wire.four", "five", "six", "seven", "seven.part"}
+    expected = {"one.part", "two", "two.part", "wire", "wire.three", "wire.four", "wire.four.part", "five", "six"}
+    expected |= {"seven", "seven.part"}
     assert set(imports_of(path)) == expected
+
+
+def module_of(path):
+    """The dotted name under which a file is imported."""
+    return ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+
+
+def modules_imported_by(path, known):
+    """Those of the ``known`` modules that a file imports; a package only where a name of its own is imported."""
+    for module, names in statements_of(path):
+        members = {name: f"{module}.{name}" in known for name in names}
+        yield from (f"{module}.{name}" for name, is_module in members.items() if is_module)
+        if module in known and not (members and all(members.values())):
+            yield module
+
+
+def circles_in(arrows):
+    """The groups of modules that import each other, each sorted; ``arrows`` has what each module imports."""
+    graph = networkx.DiGraph((one, other) for one, others in arrows.items() for other in others)
+    return sorted(sorted(circle) for circle in networkx.strongly_connected_components(graph) if len(circle) > 1)
+
+
+def test_no_modules_import_each_other():
+    """Imports within functions and for type checkers count too: a reader has to follow these as well."""
+    paths = {module_of(path): path for path in MODULES}
+    arrows = {module: set(modules_imported_by(path, paths)) for module, path in paths.items()}
+    assert circles_in(arrows) == []
+
+
+KINDS = sorted(path.parent for path in (ROOT / "problems").glob("*/planner.py"))
+ABOVE_THE_MODEL = {"checker", "drawing", "motion", "oracle", "planner"}
+
+
+@pytest.mark.parametrize("kind", KINDS, ids=name_of)
+def test_a_planner_joins_what_imports_its_model(kind):
+    modules = {path.stem: set(imports_of(path)) for path in kind.glob("*.py")}
+    assert modules.keys() >= {"model", "kernels", "checker", "oracle", "drawing", "planner"}
+    package = ".".join(kind.relative_to(ROOT).parts)
+    assert modules["model"] & {f"{package}.{name}" for name in ABOVE_THE_MODEL} == set()
+    assert {name for name, imported in modules.items() if f"{package}.planner" in imported} == {"__init__"}
+
+
+def test_the_search_for_circles_finds_long_ones_and_no_others():
+    assert circles_in({"a": {"b"}, "b": {"c"}, "c": {"a", "d"}, "d": {"d", "e"}, "e": set()}) == [["a", "b", "c"]]
 
 
 def test_pyproject_lists_the_packages_that_are_on_disk():

@@ -18,8 +18,8 @@ from genetics.arrays import Evaluate
 from node import Plan, simulate
 from problems import Run
 from problems.arm_ik.oracle import enumerate_best
-from problems.problem import RecipeName
 from problems.run import DEFAULT_STALL
+from problems.tables import RecipeName
 
 WORLDS = 200
 BITS = 8

@@ -1,5 +1,5 @@
 """Inverse kinematics of a planar arm among obstacles (Ahuactzin, Talbi, Bessière, Mazer 1992, §3)."""
 
-from problems.arm_ik.problem import Arm, ArmIk
+from problems.arm_ik.planner import ArmIk
 
-__all__ = ["Arm", "ArmIk"]
+__all__ = ["ArmIk"]

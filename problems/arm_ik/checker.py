@@ -18,10 +18,12 @@ from pydantic import Field, ValidationError
 
 from problems.errors import BadInput, first_line
 from problems.plane import CONTACT, Circle, Obstacle
-from problems.problem import Clearance, Solution, Table, Verdict
+from problems.problem import Clearance, Solution, Verdict
+from problems.tables import Table
 
 if TYPE_CHECKING:
-    from problems.arm_ik.problem import Arm, ArmIk, ArmProblem
+    from problems.arm_ik.model import ArmIkModel
+    from problems.planar_arm.model import Arm
 
 Coordinate = Annotated[float, Field(ge=-1e9, le=1e9)]
 Joints = NDArray[np.complex128]  # (links + 1,), m
@@ -38,7 +40,7 @@ class ArmSolution(Table):
     distance: Annotated[float, Field(ge=0)]
 
 
-def verify(problem: ArmIk, solution: Solution) -> Verdict:
+def verify(problem: ArmIkModel, solution: Solution) -> Verdict:
     """Return the tip's distance to the target, m (inf in collision), all objections, and the clearance.
 
     Raises:
@@ -56,7 +58,7 @@ def verify(problem: ArmIk, solution: Solution) -> Verdict:
     return Verdict(np.inf if collisions else distance, tuple(objections), _clearance(problem, claimed, joints))
 
 
-def is_free(problem: ArmIk, configuration: Sequence[float]) -> bool:
+def is_free(problem: ArmIkModel, configuration: Sequence[float]) -> bool:
     """Return whether the arm in a configuration, rad, touches neither an obstacle nor itself."""
     return next(_collisions(problem, joints_of(problem.arm, configuration)), None) is None
 
@@ -73,16 +75,6 @@ def links_of(joints: Joints) -> list[shapely.LineString]:
     return [shapely.LineString(points[link : link + 2]) for link in range(len(points) - 1)]
 
 
-def obstacle_at_base(problem: ArmProblem) -> int | None:
-    """Return the index of an obstacle at the arm's base, with which every configuration collides; None if none is."""
-    for number, obstacle in enumerate(problem.obstacles):
-        if obstacle.covers(problem.arm.base) or _is_near(
-            shapely.Point(problem.arm.base), obstacle, problem.arm.radius + problem.clearance - CONTACT
-        ):
-            return number
-    return None
-
-
 def _parsed(arm: Arm, solution: Solution) -> ArmSolution:
     try:
         claimed = ArmSolution.model_validate_json(json.dumps(solution), strict=True)
@@ -93,35 +85,28 @@ def _parsed(arm: Arm, solution: Solution) -> ArmSolution:
     return claimed
 
 
-def _collisions(problem: ArmIk, joints: Joints) -> Iterator[str]:
+def _collisions(problem: ArmIkModel, joints: Joints) -> Iterator[str]:
     links = links_of(joints)
     yield from _obstacles_hit(problem, links)
     yield from _links_touching(problem, links)
 
 
-def _is_near(shape: shapely.Geometry, obstacle: Obstacle, limit: float) -> bool:
-    """Return whether ``shape`` is nearer to the obstacle than ``limit``, m."""
-    if isinstance(obstacle, Circle):
-        return bool(shape.distance(shapely.Point(obstacle.center)) < obstacle.radius + limit)
-    return bool(shape.distance(obstacle.polygon) < limit)
-
-
 def _is_hit(link: shapely.LineString, obstacle: Obstacle, radius: float) -> bool:
     if isinstance(obstacle, Circle) or radius > _LENIENCE:
-        return _is_near(link, obstacle, radius - _LENIENCE)
+        return obstacle.is_nearer(link, radius - _LENIENCE)
     # A distance from a polygon is never negative, so for a bare link shrink the polygon instead.
     core = obstacle.polygon.buffer(-_LENIENCE, join_style="mitre")
     return bool(link.intersects(core))
 
 
-def _obstacles_hit(problem: ArmIk, links: list[shapely.LineString]) -> Iterator[str]:
+def _obstacles_hit(problem: ArmIkModel, links: list[shapely.LineString]) -> Iterator[str]:
     for number, link in enumerate(links, start=1):
         for index, obstacle in enumerate(problem.obstacles):
             if _is_hit(link, obstacle, problem.arm.radius + problem.clearance):
                 yield f"link {number} {_near(problem, 'is in')} obstacles[{index}]"
 
 
-def _links_touching(problem: ArmIk, links: list[shapely.LineString]) -> Iterator[str]:
+def _links_touching(problem: ArmIkModel, links: list[shapely.LineString]) -> Iterator[str]:
     """Yield an objection for each pair of links that touch, or are nearer to each other than the clearance."""
     if not problem.self_collision:
         return
@@ -142,12 +127,12 @@ def _overlap(one: shapely.LineString, other: shapely.LineString, thickness: floa
     return bool(one.crosses(other)) and stick_out > _LENIENCE
 
 
-def _near(problem: ArmIk, touching: str) -> str:
+def _near(problem: ArmIkModel, touching: str) -> str:
     """Return the verb of an objection: ``touching``, or one about the clearance if the problem has one."""
     return f"comes nearer than the clearance {problem.clearance:g} m to" if problem.clearance else touching
 
 
-def _clearance(problem: ArmIk, claimed: ArmSolution, joints: Joints) -> Clearance:
+def _clearance(problem: ArmIkModel, claimed: ArmSolution, joints: Joints) -> Clearance:
     """Return the least gap between links and obstacles, and between links that are not neighbours, m.
 
     It is exact where bodies do not overlap.

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from problems.arm_ik.problem import ArmIk
+    from problems.arm_ik.model import ArmIkModel
 
 ARM = "#1f5fa8"
 TARGET = "#c8321e"
@@ -27,7 +27,7 @@ FIRST = "0.3"
 _PIXELS = 361  # of the configuration space, along each axis
 
 
-def draw(problem: ArmIk, figure: Figure, solution: Solution | None, populations: Populations) -> None:
+def draw(problem: ArmIkModel, figure: Figure, solution: Solution | None, populations: Populations) -> None:
     """Draw onto an empty figure; see `problems.problem.Problem.draw`."""
     figure.set_layout_engine("constrained")
     if len(problem.arm.links) == 2:
@@ -41,7 +41,7 @@ def draw(problem: ArmIk, figure: Figure, solution: Solution | None, populations:
     _draw_world(problem, world, solution)
 
 
-def _draw_world(problem: ArmIk, axes: Axes, solution: Solution | None) -> None:
+def _draw_world(problem: ArmIkModel, axes: Axes, solution: Solution | None) -> None:
     arm = problem.arm
     reach = sum(arm.links)
     draw_obstacles(axes, problem.obstacles)
@@ -62,7 +62,7 @@ def _draw_world(problem: ArmIk, axes: Axes, solution: Solution | None) -> None:
         axes.set_title(f"tip {solution['distance']:.4f} m from the target")
 
 
-def _draw_arm(problem: ArmIk, axes: Axes, solution: Solution) -> None:
+def _draw_arm(problem: ArmIkModel, axes: Axes, solution: Solution) -> None:
     """Draw the links with their true thickness, their axes as lines that are always visible, and the joints."""
     points = _joints(problem, np.array(solution["configuration"]))
     for start, end in pairwise(points):
@@ -77,14 +77,14 @@ def _unit(angles: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.stack([np.cos(angles), np.sin(angles)], axis=-1)
 
 
-def _joints(problem: ArmIk, configuration: NDArray[np.float64]) -> NDArray[np.float64]:
+def _joints(problem: ArmIkModel, configuration: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the base, the joints and the tip, m, shape (links + 1, 2)."""
     steps = np.array(problem.arm.links)[:, None] * _unit(np.cumsum(configuration))
     joints: NDArray[np.float64] = np.cumsum(np.concatenate([[problem.arm.base], steps]), axis=0)
     return joints
 
 
-def _draw_space(problem: ArmIk, axes: Axes, solution: Solution | None, populations: Populations) -> list[Line2D]:
+def _draw_space(problem: ArmIkModel, axes: Axes, solution: Solution | None, populations: Populations) -> list[Line2D]:
     """Draw configuration space, joint 1 to the right and joint 2 upwards, and return the legend's handles.
 
     Collisions are shaded; exact solutions, individuals and the solution found are marked.
@@ -111,7 +111,7 @@ def _draw_space(problem: ArmIk, axes: Axes, solution: Solution | None, populatio
     return handles
 
 
-def _draw_collisions(problem: ArmIk, axes: Axes) -> None:
+def _draw_collisions(problem: ArmIkModel, axes: Axes) -> None:
     lowest, ranges = problem.joint_ranges
     shares = (np.arange(_PIXELS) + 0.5) / _PIXELS
     one, two = np.meshgrid(lowest[0] + ranges[0] * shares, lowest[1] + ranges[1] * shares)
@@ -143,7 +143,7 @@ def _mark(
     return line
 
 
-def _exact_solutions(problem: ArmIk) -> NDArray[np.float64]:
+def _exact_solutions(problem: ArmIkModel) -> NDArray[np.float64]:
     """Return the free ones of the two configurations that reach the target exactly, rad, shape (0 to 2, 2)."""
     one, two = problem.arm.links
     away = np.array(problem.target) - problem.arm.base

@@ -18,7 +18,7 @@ from problems.plane import Circle
 from problems.problem import Answer, Solution
 
 if TYPE_CHECKING:
-    from problems.arm_ik.problem import ArmIk
+    from problems.arm_ik.model import ArmIkModel
 
 Floats = NDArray[np.float64]
 
@@ -30,7 +30,7 @@ _SAMPLES = 4000  # random configurations, of which the best free ones are starts
 _STARTS = 40  # of the local solver
 
 
-def solve_exactly(problem: ArmIk) -> Answer:
+def solve_exactly(problem: ArmIkModel) -> Answer:
     """Return the optimum over all coded configurations if these are few, else bounds over all configurations."""
     bits = len(problem.arm.links) * problem.bits
     if bits <= MOST_BITS:
@@ -40,7 +40,7 @@ def solve_exactly(problem: ArmIk) -> Answer:
     return _bounds(problem)
 
 
-def _bounds(problem: ArmIk) -> Answer:
+def _bounds(problem: ArmIkModel) -> Answer:
     """Return an upper bound, with a lower one beside it; an optimum if they meet; a lower bound if nothing is found."""
     least = missed_by(problem)
     configuration = solve_locally(problem)
@@ -57,7 +57,7 @@ def _bounds(problem: ArmIk) -> Answer:
     )
 
 
-def enumerate_best(problem: ArmIk) -> tuple[float, Floats | None]:
+def enumerate_best(problem: ArmIkModel) -> tuple[float, Floats | None]:
     """Return the least distance of all free coded configurations, m, and the first configuration that has it.
 
     Configurations are tried in the order of their distance, so only few are tested for collisions.
@@ -88,7 +88,7 @@ def enumerate_best(problem: ArmIk) -> tuple[float, Floats | None]:
     return np.inf, None
 
 
-def solve_locally(problem: ArmIk) -> Floats | None:
+def solve_locally(problem: ArmIkModel) -> Floats | None:
     """Return the best free configuration, rad, that a local solver finds from many starts.
 
     The starts are the best free ones of many random configurations, which compete, too. Return None if no random
@@ -108,7 +108,7 @@ def solve_locally(problem: ArmIk) -> Floats | None:
     return min(best, key=lambda each: _distance(problem, each), default=None)
 
 
-def _descend(problem: ArmIk, start: Floats) -> Floats:
+def _descend(problem: ArmIkModel, start: Floats) -> Floats:
     """Return where SLSQP ends from ``start``: in a local minimum of the squared distance, if it converges.
 
     The clearances are constraints, but the result may violate them slightly, so the caller must test it.
@@ -131,11 +131,11 @@ def _descend(problem: ArmIk, start: Floats) -> Floats:
     return ended
 
 
-def _distance(problem: ArmIk, configuration: Floats) -> float:
+def _distance(problem: ArmIkModel, configuration: Floats) -> float:
     return float(np.sqrt(_squared_distance(problem, configuration)[0]))
 
 
-def _squared_distance(problem: ArmIk, configuration: Floats) -> tuple[float, Floats]:
+def _squared_distance(problem: ArmIkModel, configuration: Floats) -> tuple[float, Floats]:
     """Return the squared distance of the tip to the target, m², and its gradient by the joint angles."""
     joints = checker.joints_of(problem.arm, configuration.tolist())
     missed = joints[-1] - complex(*problem.target)
@@ -143,7 +143,7 @@ def _squared_distance(problem: ArmIk, configuration: Floats) -> tuple[float, Flo
     return float(abs(missed) ** 2), 2.0 * (missed.conjugate() * turning).real
 
 
-def _clearances(problem: ArmIk, configuration: Floats) -> Floats:
+def _clearances(problem: ArmIkModel, configuration: Floats) -> Floats:
     """Return the clearances of links from obstacles and from links that are not neighbours, m, less those required.
 
     A bare link in a polygon has minus the length inside, not the depth: that is cheap, and grows with the overlap.
@@ -164,7 +164,7 @@ def _clearances(problem: ArmIk, configuration: Floats) -> Floats:
     return np.concatenate(gaps)
 
 
-def _solution(problem: ArmIk, configuration: Floats) -> Solution:
+def _solution(problem: ArmIkModel, configuration: Floats) -> Solution:
     tip = checker.joints_of(problem.arm, configuration.tolist())[-1]
     return {
         "configuration": configuration.tolist(),

@@ -9,7 +9,8 @@ import numpy as np
 from problems.errors import shorten
 
 if TYPE_CHECKING:
-    from problems.arm_ik.problem import Arm, ArmIk
+    from problems.arm_ik.model import ArmIkModel
+from problems.planar_arm.model import Arm
 
 Range = tuple[float, float]
 
@@ -33,14 +34,14 @@ def reach_of(arm: Arm) -> Range:
     return nearest, farthest
 
 
-def missed_by(problem: ArmIk) -> float:
+def missed_by(problem: ArmIkModel) -> float:
     """Return a lower bound of the distance between tip and target, m, and so of the fitness; 0 within reach."""
     nearest, farthest = reach_of(problem.arm)
     away = _distance_to_target(problem)
     return max(0.0, away - farthest, nearest - away)
 
 
-def complaint(problem: ArmIk) -> str | None:
+def complaint(problem: ArmIkModel) -> str | None:
     """Return why the tip cannot come as near to the target as `solved_at`; None if it may, or `solved_at` is None."""
     missed, asked = missed_by(problem), problem.solved_at
     if asked is None or missed <= asked:
@@ -55,7 +56,7 @@ def complaint(problem: ArmIk) -> str | None:
     )
 
 
-def _distance_to_target(problem: ArmIk) -> float:
+def _distance_to_target(problem: ArmIkModel) -> float:
     """Return the distance of the target from the arm's base, m."""
     return float(np.hypot(*np.subtract(problem.target, problem.arm.base)))
 

@@ -19,10 +19,11 @@ from pydantic import Field, ValidationError
 from problems.errors import BadInput, first_line
 from problems.nearest import least_along
 from problems.plane import CONTACT, Circle, Obstacle
-from problems.problem import Clearance, Solution, Table, Verdict
+from problems.problem import Clearance, Solution, Verdict
+from problems.tables import Table
 
 if TYPE_CHECKING:
-    from problems.arm_path.problem import ArmPath
+    from problems.arm_path.model import ArmPathModel
 
 Angles = NDArray[np.float64]  # (rows, links), rad
 Joints = NDArray[np.complex128]  # (samples, links + 1), m
@@ -44,7 +45,7 @@ class PathSolution(Table):
     slices: tuple[list[Code], list[Code]] | Annotated[int, Field(ge=0)]
 
 
-def verify(problem: ArmPath, solution: Solution) -> Verdict:
+def verify(problem: ArmPathModel, solution: Solution) -> Verdict:
     """Return the distance of the path's end from the goal, rad, all objections, and the clearance.
 
     Raises:
@@ -64,7 +65,7 @@ def verify(problem: ArmPath, solution: Solution) -> Verdict:
     return Verdict(0.0 if away <= TOLERANCE else away, tuple(objections), _clearance(problem, path))
 
 
-def objection_to(problem: ArmPath, configuration: Sequence[float]) -> str | None:
+def objection_to(problem: ArmPathModel, configuration: Sequence[float]) -> str | None:
     """Return why the arm cannot stand in a configuration, rad; None if it can."""
     for joint, ((lowest, highest), angle) in enumerate(zip(problem.arm.limits or [], configuration, strict=False)):
         if not lowest <= angle <= highest:
@@ -78,12 +79,12 @@ def objection_to(problem: ArmPath, configuration: Sequence[float]) -> str | None
     return None
 
 
-def _near(problem: ArmPath, touching: str) -> str:
+def _near(problem: ArmPathModel, touching: str) -> str:
     """Return the verb of an objection: ``touching``, or one about the clearance if the problem has one."""
     return f"comes nearer than the clearance {problem.clearance:g} m to" if problem.clearance else touching
 
 
-def _parsed(problem: ArmPath, solution: Solution) -> PathSolution:
+def _parsed(problem: ArmPathModel, solution: Solution) -> PathSolution:
     try:
         claimed = PathSolution.model_validate_json(json.dumps(solution), strict=True)
     except ValidationError as error:
@@ -104,7 +105,7 @@ def _parsed(problem: ArmPath, solution: Solution) -> PathSolution:
 
 
 # The path -------------------------------------------------------------------------------------------------------------
-def _distance_to_goal(problem: ArmPath, configuration: Angles) -> float:
+def _distance_to_goal(problem: ArmPathModel, configuration: Angles) -> float:
     """Return the distance to the goal, rad; without joint limits, on the torus of angles."""
     difference = np.array(problem.goal) - configuration
     if problem.arm.limits is None:
@@ -112,12 +113,12 @@ def _distance_to_goal(problem: ArmPath, configuration: Angles) -> float:
     return float(np.linalg.norm(difference))
 
 
-def _wrong_start(problem: ArmPath, row: Angles) -> Iterator[str]:
+def _wrong_start(problem: ArmPathModel, row: Angles) -> Iterator[str]:
     if np.abs(row - problem.start).max() > TOLERANCE:
         yield f"the path starts at {row.tolist()}, not at {problem.start}"
 
 
-def _wrong_rows(problem: ArmPath, path: Angles) -> Iterator[str]:
+def _wrong_rows(problem: ArmPathModel, path: Angles) -> Iterator[str]:
     for number, moved in enumerate(np.count_nonzero(np.diff(path, axis=0), axis=1), start=1):
         if moved != 1:
             yield f"move {number} turns {moved} joints, not one"
@@ -126,7 +127,7 @@ def _wrong_rows(problem: ArmPath, path: Angles) -> Iterator[str]:
             yield f"joint {joint + 1} leaves its limits [{lowest:g}, {highest:g}]"
 
 
-def _collisions(problem: ArmPath, path: Angles) -> Iterator[str]:
+def _collisions(problem: ArmPathModel, path: Angles) -> Iterator[str]:
     """Yield an objection for each move, and each obstacle or the arm itself, that collide."""
     objection = objection_to(problem, path[0].tolist())
     if objection is not None:
@@ -147,7 +148,7 @@ def _collisions(problem: ArmPath, path: Angles) -> Iterator[str]:
             yield f"move {number} makes the arm {near} itself"
 
 
-def _clearance(problem: ArmPath, path: Angles) -> Clearance:
+def _clearance(problem: ArmPathModel, path: Angles) -> Clearance:
     """Return the least clearance on the whole path, m. It exceeds the true one by at most `_ACCURACY` times the reach.
 
     No point moves farther than the angle of the move times the arm's reach, which is what `least_along` needs to know.
@@ -166,7 +167,7 @@ def _clearance(problem: ArmPath, path: Angles) -> Clearance:
     return Clearance(least, where | {"move": move + 1, "configuration": at(move, share).tolist()} if where else {})
 
 
-def _gaps(problem: ArmPath, configuration: Angles) -> tuple[float, dict[str, Any]]:
+def _gaps(problem: ArmPathModel, configuration: Angles) -> tuple[float, dict[str, Any]]:
     """Return the least gap of a configuration, m, and between which bodies it is."""
     links, radius = _lines(_joints(problem, configuration[None]))[0], problem.arm.radius
     found: list[tuple[float, dict[str, Any]]] = []
@@ -181,7 +182,7 @@ def _gaps(problem: ArmPath, configuration: Angles) -> tuple[float, dict[str, Any
     return min(found, key=lambda each: each[0], default=(float("inf"), {}))
 
 
-def _joints(problem: ArmPath, configurations: Angles) -> Joints:
+def _joints(problem: ArmPathModel, configurations: Angles) -> Joints:
     """Return the base, the joints and the tip of each configuration: (n, links) to (n, links + 1)."""
     turns = np.exp(1j * np.cumsum(configurations, axis=1))
     steps = np.array(problem.arm.links) * turns
@@ -219,7 +220,7 @@ def _hits(shapes: Lines, obstacle: Obstacle, limit: float) -> NDArray[np.bool_]:
     return hit
 
 
-def _touching(problem: ArmPath, links: Lines) -> bool:
+def _touching(problem: ArmPathModel, links: Lines) -> bool:
     """Return whether links that are not neighbours touch in one configuration."""
     limit = 2 * problem.arm.radius + problem.clearance - 2 * CONTACT
     return any(
@@ -263,7 +264,7 @@ def _hits_itself(joints: Joints, moved: int, limit: float) -> bool:
 
 
 # What was evaluated ---------------------------------------------------------------------------------------------------
-def _wrong_share(problem: ArmPath, claimed: PathSolution) -> Iterator[str]:
+def _wrong_share(problem: ArmPathModel, claimed: PathSolution) -> Iterator[str]:
     """Yield an objection if ``cspace_evaluated`` does not agree with ``slices``."""
     levels, links = 1 << problem.bits, len(problem.arm.links)
     if isinstance(claimed.slices, int):
@@ -276,7 +277,7 @@ def _wrong_share(problem: ArmPath, claimed: PathSolution) -> Iterator[str]:
         yield f"the slices evaluate {share:.4f} of configuration space, not {claimed.cspace_evaluated:.4f}"
 
 
-def _evaluated(problem: ArmPath, slices: tuple[list[Code], list[Code]]) -> float:
+def _evaluated(problem: ArmPathModel, slices: tuple[list[Code], list[Code]]) -> float:
     """Return the share of all cells of two joints that lie in the legal ranges of some slices."""
     levels = 1 << problem.bits
     limits = np.array(problem.arm.limits or [(0.0, _FULL_TURN)] * 2)
@@ -295,7 +296,7 @@ def _evaluated(problem: ArmPath, slices: tuple[list[Code], list[Code]]) -> float
     return float(cells.mean())
 
 
-def _clear(problem: ArmPath, configurations: Angles) -> NDArray[np.bool_]:
+def _clear(problem: ArmPathModel, configurations: Angles) -> NDArray[np.bool_]:
     """Return which configurations of two joints are clear of the obstacles."""
     lines = _lines(_joints(problem, configurations))
     clear = np.ones(len(lines), np.bool_)

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.typing import ColorType
 
-    from problems.arm_path.problem import ArmPath
+    from problems.arm_path.model import ArmPathModel
 
 Rows = NDArray[np.float64]  # (n, links), rad
 
@@ -38,7 +38,7 @@ EVALUATED = (0.72, 0.85, 0.97)
 _STEP = 0.18  # rad, from one drawn arm to the next
 
 
-def draw(problem: ArmPath, figure: Figure, solution: Solution | None) -> None:
+def draw(problem: ArmPathModel, figure: Figure, solution: Solution | None) -> None:
     """Draw onto an empty figure; see `problems.problem.Problem.draw`."""
     figure.set_layout_engine("constrained")
     path = None if solution is None else np.array(solution["path"])
@@ -54,7 +54,7 @@ def draw(problem: ArmPath, figure: Figure, solution: Solution | None) -> None:
     _draw_world(problem, world, path)
 
 
-def _draw_world(problem: ArmPath, axes: Axes, path: Rows | None) -> None:
+def _draw_world(problem: ArmPathModel, axes: Axes, path: Rows | None) -> None:
     arm = problem.arm
     draw_obstacles(axes, problem.obstacles)
     if path is not None:
@@ -81,7 +81,7 @@ def _draw_world(problem: ArmPath, axes: Axes, path: Rows | None) -> None:
 
 
 def _draw_links(
-    problem: ArmPath, axes: Axes, arms: NDArray[np.float64], colors: Sequence[ColorType], zorder: float = 2
+    problem: ArmPathModel, axes: Axes, arms: NDArray[np.float64], colors: Sequence[ColorType], zorder: float = 2
 ) -> None:
     """Draw the links of several arms with their true thickness; ``arms`` has the shape (n, links + 1, 2)."""
     if problem.arm.radius == 0.0:
@@ -92,7 +92,7 @@ def _draw_links(
     )
 
 
-def _title(problem: ArmPath, path: Rows | None) -> str:
+def _title(problem: ArmPathModel, path: Rows | None) -> str:
     """Return the number of moves, the sum of all turns and, if the goal is missed, the distance from it."""
     if path is None:
         return "no path found"
@@ -104,7 +104,7 @@ def _title(problem: ArmPath, path: Rows | None) -> str:
     return f"{len(path) - 1} moves, {turned:.1f} rad{short}"
 
 
-def _joints(problem: ArmPath, configurations: Rows) -> NDArray[np.float64]:
+def _joints(problem: ArmPathModel, configurations: Rows) -> NDArray[np.float64]:
     """Return the base, the joints and the tip of each configuration, m, shape (n, links + 1, 2)."""
     headings = np.cumsum(configurations, axis=1)
     steps = np.array(problem.arm.links)[:, None] * np.stack([np.cos(headings), np.sin(headings)], axis=-1)
@@ -122,7 +122,7 @@ def _along(path: Rows) -> Rows:
     return np.concatenate(rows)
 
 
-def _draw_space(problem: ArmPath, axes: Axes, solution: Solution | None) -> list[Artist]:
+def _draw_space(problem: ArmPathModel, axes: Axes, solution: Solution | None) -> list[Artist]:
     """Draw what was evaluated and the path, joint 1 to the right and joint 2 upwards; return the legend's handles."""
     lowest, ranges = problem.joint_ranges
     extent = (lowest[0], lowest[0] + ranges[0], lowest[1], lowest[1] + ranges[1])
@@ -152,7 +152,7 @@ def _draw_space(problem: ArmPath, axes: Axes, solution: Solution | None) -> list
     return handles
 
 
-def _cells(problem: ArmPath, solution: Solution | None) -> NDArray[np.float64]:
+def _cells(problem: ArmPathModel, solution: Solution | None) -> NDArray[np.float64]:
     """Return the colour of each cell as an image, (levels, levels, 3), whose rows are the codes of joint 2."""
     levels = problem.levels
     # The slices of joint 1 at all codes of joint 2 are the whole of free space.
@@ -177,7 +177,7 @@ def _wrapped(path: Rows, lowest: Rows, ranges: Rows, is_torus: bool) -> list[Row
     return [path - ranges * [one, two] for one in range(least[0], most[0] + 1) for two in range(least[1], most[1] + 1)]
 
 
-def _draw_angles(problem: ArmPath, axes: Axes, path: Rows | None) -> None:
+def _draw_angles(problem: ArmPathModel, axes: Axes, path: Rows | None) -> None:
     """Draw each joint's angle after each move, for arms of more than two links."""
     if path is not None:
         for joint in range(path.shape[1]):

@@ -22,7 +22,8 @@ from genetics.bit_kernels import integers_of, recombine_row
 from genetics.operators import FITNESS, VARIATION, Table
 from lowlevel.compiled import kernel, subroutine
 from lowlevel.pointers import integers, reals
-from problems.arm_path.ranges import FULL_TURN, MOST_RANGES, Arm, Obstacles, Room, legal_ranges, stays
+from problems.arm_path.ranges import FULL_TURN, MOST_RANGES, Room, legal_ranges, stays
+from problems.planar_arm.kernels import Arm, Obstacles
 
 Floats = NDArray[np.float64]
 

@@ -22,7 +22,7 @@ from problems.plane import Circle, Obstacle
 from problems.problem import Answer, Solution
 
 if TYPE_CHECKING:
-    from problems.arm_path.problem import ArmPath
+    from problems.arm_path.model import ArmPathModel
 
 Free = NDArray[np.bool_]  # (levels, levels), by the codes of joint 1, then of joint 2
 Cell = tuple[int, int]
@@ -49,7 +49,7 @@ class Grid(NamedTuple):
     is_torus: bool
 
 
-def solve_exactly(problem: ArmPath) -> Answer:
+def solve_exactly(problem: ArmPathModel) -> Answer:
     """Return whether the goal can be reached, with upper bounds of the fewest moves and the shortest way.
 
     Raises:
@@ -73,7 +73,7 @@ _METHOD = (
 )
 
 
-def fill(problem: ArmPath) -> Grid:
+def fill(problem: ArmPathModel) -> Grid:
     """Return the grid with all cells tested.
 
     Raises:
@@ -93,13 +93,13 @@ def fill(problem: ArmPath) -> Grid:
     return Grid(surely, maybe, start, goal, problem.arm.limits is None)
 
 
-def _cell(problem: ArmPath, configuration: list[float]) -> Cell:
+def _cell(problem: ArmPathModel, configuration: list[float]) -> Cell:
     lowest, ranges = problem.joint_ranges
     one, two = np.rint((configuration - lowest) / ranges * problem.steps).astype(int) % (1 << problem.bits)
     return int(one), int(two)
 
 
-def _free(problem: ArmPath, thicker: NDArray[np.float64]) -> Free:
+def _free(problem: ArmPathModel, thicker: NDArray[np.float64]) -> Free:
     """Return which coded configurations are clear of the obstacles if links are thickened.
 
     Args:
@@ -123,7 +123,7 @@ def _segments(starts: NDArray[np.complex128], ends: NDArray[np.complex128]) -> N
     return lines
 
 
-def _clear(problem: ArmPath, links: NDArray[np.object_], radius: float) -> Free:
+def _clear(problem: ArmPathModel, links: NDArray[np.object_], radius: float) -> Free:
     clear = np.ones(links.shape, np.bool_)
     for obstacle in problem.obstacles:
         clear &= ~_hit(obstacle, links, radius)
@@ -223,7 +223,7 @@ def _neighbours(grid: Grid, cell: Cell) -> Iterator[tuple[int, Cell]]:
                 yield joint, (beside[0], beside[1])
 
 
-def shortest(problem: ArmPath, grid: Grid) -> float:
+def shortest(problem: ArmPathModel, grid: Grid) -> float:
     """Return the least sum of turns from the start's cell to the goal's, rad (Dijkstra); +inf if there is no path."""
     steps = problem.joint_ranges[1] / problem.steps
     if not grid.surely_free[grid.start]:
@@ -244,7 +244,7 @@ def shortest(problem: ArmPath, grid: Grid) -> float:
     return float(np.inf)
 
 
-def _solution(problem: ArmPath, grid: Grid, corners: list[Cell]) -> Solution:
+def _solution(problem: ArmPathModel, grid: Grid, corners: list[Cell]) -> Solution:
     """Return a path through the corner cells that begins and ends exactly at start and goal.
 
     Start and goal need not be the centres of their cells. Each joint's last move ends at its angle of the goal.

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from lowlevel.compiled import subroutine
-from problems.arm_ik.kernels import clearance, gap_squared, hits_polygon, place
+from problems.planar_arm.kernels import gap_squared, hits, place
 from problems.plane import CONTACT
 
 FULL_TURN = 2.0 * np.pi
@@ -22,24 +22,6 @@ MOST_RANGES = 16
 """The most ranges of a slice. If there are more, the narrowest are dropped, which is safe: they count as blocked."""
 
 _NARROWEST = 1e-12  # rad; a smaller distance between two contacts is rounding
-
-
-class Arm(NamedTuple):
-    """The arm."""
-
-    lengths: Any  # (links,), m
-    base: Any  # (2,), m
-    radius: Any  # m, the radius of a link plus the clearance
-    apart: Any  # m, the least distance between the axes of links that are not neighbours
-    self_collision: Any  # whether links that are not neighbours must not touch
-
-
-class Obstacles(NamedTuple):
-    """The obstacles (see `problems.plane.Shapes`)."""
-
-    corners: Any  # (all corners, 2), m
-    starts: Any  # (shapes + 1,)
-    thickness: Any  # (shapes,), m
 
 
 class Room(NamedTuple):
@@ -134,20 +116,6 @@ def _contacts(
 
 
 @subroutine
-def _hits(ax: Any, ay: Any, bx: Any, by: Any, corners: Any, first: Any, last: Any, limit: Any) -> Any:
-    """Return whether the segment ab is nearer to a shape than ``limit``.
-
-    A shape of one corner is a disc, of two a link, of more a polygon.
-    """
-    if last - first == 1:
-        return limit > 0.0 and gap_squared(corners[first, 0], corners[first, 1], ax, ay, bx, by) < limit * limit
-    if last - first == 2:
-        cx, cy, dx, dy = corners[first, 0], corners[first, 1], corners[first + 1, 0], corners[first + 1, 1]
-        return clearance(ax, ay, bx, by, cx, cy, dx, dy) < limit
-    return hits_polygon(ax, ay, bx, by, corners, first, last, limit)
-
-
-@subroutine
 def _hits_when_turned(
     angle: Any, px: Any, py: Any, qx: Any, qy: Any, corners: Any, first: Any, last: Any, pivot: Any, limit: Any
 ) -> Any:
@@ -155,7 +123,7 @@ def _hits_when_turned(
     cosine, sine = np.cos(angle), np.sin(angle)
     ax, ay = pivot[0] + cosine * px - sine * py, pivot[1] + sine * px + cosine * py
     bx, by = pivot[0] + cosine * qx - sine * qy, pivot[1] + sine * qx + cosine * qy
-    return _hits(ax, ay, bx, by, corners, first, last, limit)
+    return hits(ax, ay, bx, by, corners, first, last, limit)
 
 
 @subroutine

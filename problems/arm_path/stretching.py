@@ -6,14 +6,11 @@ them along that joint. After each change the whole path is tested again against 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-
-if TYPE_CHECKING:
-    from problems.arm_path.problem import ArmPath
 
 Path = NDArray[np.float64]  # (rows, links), rad, unwrapped
 
@@ -21,19 +18,23 @@ _NO_TURN = 1e-9  # rad
 _HALVINGS = 10  # of the interval in which the longest legal slide is searched
 
 
-class _Move(NamedTuple):
+class Move(NamedTuple):
+    """A turn of one joint."""
+
     joint: int
     turn: float  # rad
 
 
-_Moves = list[_Move]
+_Moves = list[Move]
+IsLegal = Callable[[Path, _Moves], bool]
+"""Whether moves are legal, one after another; the configurations before the first and after each are given too."""
 
 
-def stretched(problem: ArmPath, path: Path) -> Path:
+def stretched(path: Path, is_legal: IsLegal) -> Path:
     """Return a legal path between the same ends with as many moves or fewer, and a sum of turns that is no greater."""
     start = path[0]
-    moves = _merged([_Move(int(np.argmax(np.abs(turns))), float(turns.sum())) for turns in np.diff(path, axis=0)])
-    while (better := _dropped(problem, start, moves) or _slid(problem, start, moves)) is not None:
+    moves = _merged([Move(int(np.argmax(np.abs(turns))), float(turns.sum())) for turns in np.diff(path, axis=0)])
+    while (better := _dropped(start, moves, is_legal) or _slid(start, moves, is_legal)) is not None:
         moves = better
     return _rows(start, moves)
 
@@ -46,7 +47,7 @@ def _merged(moves: _Moves) -> _Moves:
             continue
         if kept and kept[-1].joint == move.joint:
             turn = kept.pop().turn + move.turn
-            kept += [_Move(move.joint, turn)] if abs(turn) > _NO_TURN else []
+            kept += [Move(move.joint, turn)] if abs(turn) > _NO_TURN else []
         else:
             kept.append(move)
     return kept
@@ -58,16 +59,6 @@ def _rows(start: Path, moves: _Moves) -> Path:
     for number, move in enumerate(moves, start=1):
         rows[number:, move.joint] += move.turn
     return rows
-
-
-def _is_legal(problem: ArmPath, start: Path, moves: _Moves) -> bool:
-    """Return whether all moves keep to the joint limits and to the legal ranges of their slices."""
-    rows = _rows(start, moves)
-    if problem.arm.limits is not None:
-        lowest, ranges = problem.joint_ranges
-        if (rows < lowest).any() or (rows > lowest + ranges).any():
-            return False
-    return all(problem.is_legal(row, move.joint, move.turn) for row, move in zip(rows, moves, strict=False))
 
 
 def _pairs(moves: _Moves) -> Iterator[tuple[int, int]]:
@@ -91,17 +82,17 @@ def _length(moves: _Moves) -> float:
     return sum(abs(move.turn) for move in moves)
 
 
-def _dropped(problem: ArmPath, start: Path, moves: _Moves) -> _Moves | None:
+def _dropped(start: Path, moves: _Moves, is_legal: IsLegal) -> _Moves | None:
     """Return the moves with two of a joint replaced by one, if that is legal and no longer; None if no pair allows."""
     for first, second in _pairs(moves):
         for turn in (moves[first].turn, -moves[second].turn):
             fewer = _transferred(moves, first, second, turn)
-            if _length(fewer) <= _length(moves) + _NO_TURN and _is_legal(problem, start, fewer):
+            if _length(fewer) <= _length(moves) + _NO_TURN and is_legal(_rows(start, fewer), fewer):
                 return fewer
     return None
 
 
-def _slid(problem: ArmPath, start: Path, moves: _Moves) -> _Moves | None:
+def _slid(start: Path, moves: _Moves, is_legal: IsLegal) -> _Moves | None:
     """Return the moves with two opposite moves of a joint shortened as far as is legal; None if no pair allows.
 
     The search halves an interval, as if legality ended at one length. If that is not so, the result is still legal.
@@ -113,7 +104,8 @@ def _slid(problem: ArmPath, start: Path, moves: _Moves) -> _Moves | None:
         low, high = 0.0, np.copysign(min(abs(forth), abs(back)), forth)
         for _ in range(_HALVINGS):
             middle = (low + high) / 2.0
-            if _is_legal(problem, start, _transferred(moves, first, second, middle)):
+            shorter = _transferred(moves, first, second, middle)
+            if is_legal(_rows(start, shorter), shorter):
                 low = middle
             else:
                 high = middle

@@ -1,5 +1,5 @@
 """Coordination of two manipulators on given paths (Riquelme, Ridao, Camacho, Toro)."""
 
-from problems.coordination.problem import Coordination
+from problems.coordination.planner import Coordination
 
 __all__ = ["Coordination"]

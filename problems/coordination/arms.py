@@ -19,7 +19,7 @@ from pydantic import Field, model_validator
 from problems.angles import Angle
 from problems.coordination.diagram import Diagram, Mask
 from problems.errors import BadInput, shorten
-from problems.problem import Table, quantity
+from problems.tables import Table, quantity
 
 Floats = NDArray[np.float64]
 Metres = Annotated[float, Field(ge=-1e3, le=1e3)]

@@ -16,11 +16,12 @@ from numpy.typing import NDArray
 from pydantic import Field, ValidationError
 
 from problems.errors import first_line
-from problems.problem import Clearance, Solution, Table, Verdict
+from problems.problem import Clearance, Solution, Verdict
+from problems.tables import Table
 
 if TYPE_CHECKING:
     from problems.coordination.arms import Robot
-    from problems.coordination.problem import Coordination
+    from problems.coordination.model import CoordinationModel
 
 Floats = NDArray[np.float64]
 Cell = tuple[int, int]
@@ -39,7 +40,7 @@ class CoordinationSolution(Table):
     points: list[tuple[Annotated[int, Field(ge=0)], Annotated[int, Field(ge=0)]]]
 
 
-def verify(problem: Coordination, solution: Solution) -> Verdict:
+def verify(problem: CoordinationModel, solution: Solution) -> Verdict:
     """Return the time of the sequence, s, or K + its obstacle cells; all objections; and the clearance of two arms.
 
     Raises:
@@ -78,7 +79,7 @@ def _wrong_time(claimed: float, time: float) -> Iterator[str]:
         yield f"the sequence takes {time:g} s, not {claimed:g}"
 
 
-def _seconds(problem: Coordination, corner: Cell, following: Cell) -> float:
+def _seconds(problem: CoordinationModel, corner: Cell, following: Cell) -> float:
     """Return the time that the slower robot takes from one corner of a rectangle to the other, s."""
     cells = np.abs(np.subtract(following, corner))
     return max(_motion(int(count), *times) for count, times in zip(cells, problem.world.times, strict=True))
@@ -93,7 +94,7 @@ def _motion(cells: int, per_cell: float, to_speed: float) -> float:
     return 2.0 * peak * to_speed
 
 
-def _obstacles(problem: Coordination, corner: Cell, following: Cell) -> int:
+def _obstacles(problem: CoordinationModel, corner: Cell, following: Cell) -> int:
     """Return the number of obstacle cells in a rectangle, both corners included."""
     (i, j), (k, to) = corner, following
     return int(np.count_nonzero(problem.blocked[i : k + 1, j : to + 1]))
@@ -101,7 +102,7 @@ def _obstacles(problem: Coordination, corner: Cell, following: Cell) -> int:
 
 # Arms -----------------------------------------------------------------------------------------------------------------
 def _meeting(
-    problem: Coordination, robots: list[Robot], rectangles: list[tuple[Cell, Cell]]
+    problem: CoordinationModel, robots: list[Robot], rectangles: list[tuple[Cell, Cell]]
 ) -> tuple[Clearance, list[str]]:
     """Return the least gap of two arms over all pairs of places that the rectangles allow, and all objections to it.
 
@@ -125,7 +126,7 @@ def _meeting(
     return Clearance(bound, found.where), objections
 
 
-def _too_near(problem: Coordination, rectangle: int, gap: float) -> str:
+def _too_near(problem: CoordinationModel, rectangle: int, gap: float) -> str:
     return f"in rectangle {rectangle} the arms come as near as {gap:.3g} m, the clearance is {problem.clearance:g}"
 
 

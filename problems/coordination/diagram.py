@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from problems.problem import Table, quantity
+from problems.tables import Table, quantity
 
 Mask = NDArray[np.bool_]  # (N1, N2), true where the robots would collide
 Cell = Annotated[int, Field(ge=0, lt=1 << 16)]

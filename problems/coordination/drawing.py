@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from mpl_toolkits.mplot3d import Axes3D
 
-    from problems.coordination.problem import Coordination
+    from problems.coordination.model import CoordinationModel
 
 Cell = tuple[int, int]
 
@@ -33,7 +33,7 @@ _TICK = 0.5  # m, between the labels of the axes, which share a scale; closer on
 _MOST_TICKS = 8  # on each axis
 
 
-def draw(problem: Coordination, figure: Figure, solution: Solution | None, populations: Populations) -> None:
+def draw(problem: CoordinationModel, figure: Figure, solution: Solution | None, populations: Populations) -> None:
     """Draw onto an empty figure; see `problems.problem.Problem.draw`."""
     figure.set_layout_engine("constrained")
     if problem.robots is None:
@@ -49,7 +49,7 @@ def draw(problem: Coordination, figure: Figure, solution: Solution | None, popul
     right.legend(*right.axes[0].get_legend_handles_labels(), loc="upper right", fontsize=8, frameon=False)
 
 
-def _draw_diagram(problem: Coordination, axes: Axes, solution: Solution | None, populations: Populations) -> None:
+def _draw_diagram(problem: CoordinationModel, axes: Axes, solution: Solution | None, populations: Populations) -> None:
     i, j = problem.last
     axes.imshow(
         problem.blocked.T,
@@ -92,7 +92,7 @@ def _draw_sequence(axes: Axes, corners: list[Cell]) -> None:
         )
 
 
-def _draw_population(problem: Coordination, axes: Axes, populations: Populations) -> None:
+def _draw_population(problem: CoordinationModel, axes: Axes, populations: Populations) -> None:
     """Mark the synchronisation points of all individuals of the first and of the last generation."""
     for generation, marker, color in ((min(populations), "x", "0.55"), (max(populations), "+", "#8a4fbf")):
         points = [point for genome in populations[generation] for point in problem.decode(genome)["points"]]
@@ -100,7 +100,7 @@ def _draw_population(problem: Coordination, axes: Axes, populations: Populations
         axes.plot(*columns, marker, color=color, markersize=4, zorder=1.5, label=f"generation {generation}")
 
 
-def _stages(problem: Coordination, solution: Solution | None) -> list[tuple[str, Cell]]:
+def _stages(problem: CoordinationModel, solution: Solution | None) -> list[tuple[str, Cell]]:
     """Return where to show the arms: at the start, at the SP where their tips are nearest, and at the end."""
     start, end = ("start", (0, 0)), ("end", problem.last)
     if solution is None or not solution["points"]:

@@ -18,7 +18,7 @@ from problems.errors import BadInput
 from problems.problem import Answer
 
 if TYPE_CHECKING:
-    from problems.coordination.problem import Coordination
+    from problems.coordination.model import CoordinationModel
 
 Seconds = NDArray[np.float64]  # (N1, N2)
 Ends = NDArray[np.int64]  # (N1, N2): the index i * N2 + j of a rectangle's far corner, −1 if there is none
@@ -28,7 +28,7 @@ MOST_CELLS = 1 << 18
 """The largest diagram, for which the worst case, with hardly any obstacles, takes some ten seconds."""
 
 
-def solve_exactly(problem: Coordination) -> Answer:
+def solve_exactly(problem: CoordinationModel) -> Answer:
     """Return the least time of all sequences that the problem's coding can express.
 
     The figures hold a simple lower bound, the time of the slower path alone.

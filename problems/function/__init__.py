@@ -1,5 +1,5 @@
 """Functions with a known optimum: for tests, comparisons and load."""
 
-from problems.function.problem import Function
+from problems.function.planner import Function
 
 __all__ = ["Function"]

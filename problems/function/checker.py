@@ -6,20 +6,20 @@ Nothing here is used by `evaluate`.
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, ValidationError
 
 from problems.errors import BadInput, first_line
-from problems.problem import Solution, Table, Verdict
+from problems.function.formulas import value
+from problems.problem import Solution, Verdict
+from problems.tables import Table
 
 if TYPE_CHECKING:
     from problems.function.graph import Graph
-    from problems.function.problem import Function
+    from problems.function.model import FunctionModel
 
-Points = NDArray[np.float64]
 Model = TypeVar("Model", bound="Claim")
 
 _ROUNDING = 1e-9
@@ -51,7 +51,7 @@ class PartitionClaim(Claim):
     planted_cut: int
 
 
-def verify(problem: Function, solution: Solution) -> Verdict:
+def verify(problem: FunctionModel, solution: Solution) -> Verdict:
     """Return the value, computed independently, and all objections.
 
     Raises:
@@ -69,23 +69,7 @@ def verify(problem: Function, solution: Solution) -> Verdict:
     return _verdict(value(problem.name, x), claim, objections)
 
 
-def value(name: str, x: Points) -> float:
-    """Return the values of the function of numbers ``name`` at points of shape (..., dimension)."""
-    values: dict[str, Any] = {
-        "sphere": lambda: np.sum(x**2, axis=-1),
-        "rastrigin": lambda: 10 * x.shape[-1] + np.sum(x**2 - 10 * np.cos(2 * np.pi * x), axis=-1),
-        "ackley": lambda: (
-            -20 * np.exp(-0.2 * np.sqrt(np.mean(x**2, axis=-1)))
-            - np.exp(np.mean(np.cos(2 * np.pi * x), axis=-1))
-            + 20
-            + np.e
-        ),
-        "rosenbrock": lambda: np.sum(100 * (x[..., 1:] - x[..., :-1] ** 2) ** 2 + (1 - x[..., :-1]) ** 2, axis=-1),
-    }
-    return values[name]()  # type: ignore[no-any-return]
-
-
-def _verify_bits(problem: Function, solution: Solution) -> Verdict:
+def _verify_bits(problem: FunctionModel, solution: Solution) -> Verdict:
     claim = _parsed(BitsClaim, solution, "bits", problem.dimension, "digits")
     if problem.name == "onemax":
         return _verdict(claim.bits.count("0"), claim, [])

@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.colors import ListedColormap
 
-from problems.function import checker
+from problems.function import formulas
 from problems.problem import Populations, Solution
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from problems.function.problem import Function
+    from problems.function.model import FunctionModel
 
 _PIXELS = 301
 _BITS_IN_A_ROW = 64
@@ -22,7 +22,7 @@ _FOUND = "#c8321e"
 _LAST = "#1f5fa8"
 
 
-def draw(problem: Function, figure: Figure, solution: Solution | None, populations: Populations) -> None:
+def draw(problem: FunctionModel, figure: Figure, solution: Solution | None, populations: Populations) -> None:
     """Draw onto an empty figure; see `problems.problem.Problem.draw`."""
     figure.set_layout_engine("constrained")
     axes = figure.subplots()
@@ -40,10 +40,10 @@ def draw(problem: Function, figure: Figure, solution: Solution | None, populatio
         axes.set_title(f"{problem.name}: {solution['value']:.4g}")
 
 
-def _draw_curve(problem: Function, axes: Axes, solution: Solution | None) -> None:
+def _draw_curve(problem: FunctionModel, axes: Axes, solution: Solution | None) -> None:
     assert problem.bounds is not None, "a curve is of numbers"
     x = np.linspace(*problem.bounds, 2001)
-    axes.plot(x, checker.value(problem.name, x[:, None]), color="0.5")
+    axes.plot(x, formulas.value(problem.name, x[:, None]), color="0.5")
     if solution is not None:
         axes.plot(solution["x"], [solution["value"]], "+", color=_FOUND, markersize=12, markeredgewidth=2)
     axes.set_xlabel("x₁")
@@ -51,7 +51,7 @@ def _draw_curve(problem: Function, axes: Axes, solution: Solution | None) -> Non
 
 
 def _draw_map(
-    problem: Function, figure: Figure, axes: Axes, solution: Solution | None, populations: Populations
+    problem: FunctionModel, figure: Figure, axes: Axes, solution: Solution | None, populations: Populations
 ) -> None:
     """Draw the function over its first two parameters; the others are those of the solution, or 0."""
     assert problem.bounds is not None, "a map is of numbers"
@@ -60,7 +60,7 @@ def _draw_map(
     if solution is not None:
         points[:] = solution["x"]
     points[..., 0], points[..., 1] = np.meshgrid(grid, grid)
-    shades = axes.contourf(grid, grid, checker.value(problem.name, points), levels=24, cmap="Greys", alpha=0.8)
+    shades = axes.contourf(grid, grid, formulas.value(problem.name, points), levels=24, cmap="Greys", alpha=0.8)
     figure.colorbar(shades, ax=axes, label="value", shrink=0.85)
     for generation, marker, color in _first_and_last(populations):
         x = problem.points(populations[generation])
@@ -81,7 +81,7 @@ def _first_and_last(populations: Populations) -> list[tuple[int, str, str]]:
     return [last] if len(populations) == 1 else [(min(populations), "x", "0.2"), last]
 
 
-def _draw_bits(problem: Function, axes: Axes, solution: Solution | None) -> None:
+def _draw_bits(problem: FunctionModel, axes: Axes, solution: Solution | None) -> None:
     """Draw the bits row by row, ones dark and zeros light."""
     bits = np.full(-(-problem.dimension // _BITS_IN_A_ROW) * _BITS_IN_A_ROW, np.nan)
     if solution is not None:
@@ -94,7 +94,7 @@ def _draw_bits(problem: Function, axes: Axes, solution: Solution | None) -> None
     axes.set_xlabel("bit")
 
 
-def _draw_graph(problem: Function, axes: Axes, solution: Solution | None) -> None:
+def _draw_graph(problem: FunctionModel, axes: Axes, solution: Solution | None) -> None:
     """Draw the adjacency matrix with vertices sorted by their part, found or planted; edges between parts are cut."""
     assert problem.graph is not None, "a matrix is of a graph"
     graph = problem.graph

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from problems.problem import Table, quantity
+from problems.tables import Table, quantity
 
 Probability = Annotated[float, Field(ge=0, le=1)]
 Integers = NDArray[np.int64]

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from problems.function import checker
+from problems.function import formulas
 from problems.problem import Answer
 
 if TYPE_CHECKING:
     from problems.function.graph import Graph
-    from problems.function.problem import Function
+    from problems.function.model import FunctionModel
 
 
-def solve_exactly(problem: Function) -> Answer:
+def solve_exactly(problem: FunctionModel) -> Answer:
     """Return the optimum with a solution that attains it; where it is not known, an upper bound with a solution."""
     if problem.graph is not None:
         return _planted(problem.graph)
@@ -20,7 +20,7 @@ def solve_exactly(problem: Function) -> Answer:
         solution = {"bits": "1" * problem.dimension, "value": 0.0}
         return Answer("optimum", 0.0, "the literature: all bits are 1", solution)
     nearest = problem.nearest_to_optimum
-    value = float(checker.value(problem.name, nearest))
+    value = float(formulas.value(problem.name, nearest))
     solution = {"x": nearest.tolist(), "value": value}
     if problem.bits == 0:
         return Answer("optimum", value, "the literature", solution)

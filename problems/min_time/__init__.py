@@ -1,5 +1,5 @@
 """Minimum-time trajectories of arms under torque limits (Chan and Zalzala 1993)."""
 
-from problems.min_time.problem import Arm, MinTime
+from problems.min_time.planner import MinTime
 
-__all__ = ["Arm", "MinTime"]
+__all__ = ["MinTime"]

@@ -16,11 +16,12 @@ from pydantic import Field, ValidationError
 
 from problems.errors import BadInput, first_line
 from problems.min_time.arm import LIMITS
-from problems.problem import Solution, Table, Verdict
+from problems.problem import Solution, Verdict
+from problems.tables import Table
 
 if TYPE_CHECKING:
     from problems.min_time.arm import Arm
-    from problems.min_time.problem import MinTime
+    from problems.min_time.model import MinTimeModel
 
 Floats = NDArray[np.float64]
 
@@ -74,7 +75,7 @@ class Law(NamedTuple):
     between: Floats  # (4, samples): the same at the rows and between them, and the third derivative, inf if it jumps
 
 
-def verify(problem: MinTime, solution: Solution) -> Verdict:
+def verify(problem: MinTimeModel, solution: Solution) -> Verdict:
     """Return the time that the trajectory takes, and all that is wrong with it."""
     claim = _parsed(problem, solution)
     if len(claim.t) == 1:
@@ -90,7 +91,7 @@ def verify(problem: MinTime, solution: Solution) -> Verdict:
     return Verdict(time if np.isfinite(time) else np.inf, tuple(objections))
 
 
-def greatest_shares(problem: MinTime, solution: Solution) -> dict[str, Floats]:
+def greatest_shares(problem: MinTimeModel, solution: Solution) -> dict[str, Floats]:
     """Return for each limited quantity the greatest share of its limit, shape (joints,), at and between the rows."""
     claim = _parsed(problem, solution)
     shares = _shares(problem, _motion(problem, claim, _law(claim)))
@@ -152,7 +153,7 @@ def kane(arm: Arm, q: Floats, qd: Floats, qdd: Floats) -> Floats:
     return torque
 
 
-def _parsed(problem: MinTime, solution: Solution) -> Claim:
+def _parsed(problem: MinTimeModel, solution: Solution) -> Claim:
     try:
         trip = Trip.model_validate(solution, strict=True)
     except ValidationError as error:
@@ -171,7 +172,7 @@ def _parsed(problem: MinTime, solution: Solution) -> Claim:
     return Claim(trip.time, np.array(trip.nodes), np.array(rows.t), q, qd, qdd, torque, place)
 
 
-def _verify_standing(problem: MinTime, claim: Claim) -> Verdict:
+def _verify_standing(problem: MinTimeModel, claim: Claim) -> Verdict:
     """Verify a trajectory of one row, which only an arm that starts at its goal may have."""
     torque = torques(problem.arm, claim.q, claim.qd, claim.qdd)
     ends = np.array([problem.start, problem.goal])
@@ -302,7 +303,7 @@ def _by_moments(claim: Claim, claimed: Floats) -> Law:
 
 
 # What may be wrong ----------------------------------------------------------------------------------------------------
-def _wrong_ends(problem: MinTime, claim: Claim) -> Iterator[str]:
+def _wrong_ends(problem: MinTimeModel, claim: Claim) -> Iterator[str]:
     for name, angles, row in (("start", problem.start, 0), ("goal", problem.goal, -1)):
         if not (_near(claim.nodes[row], np.array(angles)) and _near(claim.q[row], np.array(angles))):
             yield f"it does not begin and end at start and goal: {claim.q[row].tolist()} is not the {name}"
@@ -331,7 +332,7 @@ def _wrong_rows(arm: Arm, claim: Claim, law: Law) -> Iterator[str]:
             yield f"{name} is not what follows from the nodes and the speed along the curve"
 
 
-def _wrong_between(problem: MinTime, claim: Claim, law: Law) -> Iterator[str]:
+def _wrong_between(problem: MinTimeModel, claim: Claim, law: Law) -> Iterator[str]:
     """Yield the limits that are exceeded at or between the rows, and whether the curve leaves the box or a range."""
     arm, motion = problem.arm, _motion(problem, claim, law)
     for name, shares in _shares(problem, motion).items():
@@ -353,7 +354,7 @@ def _wrong_between(problem: MinTime, claim: Claim, law: Law) -> Iterator[str]:
             yield f"{body.name} leaves its range, {lowest:g} to {highest:g} rad"
 
 
-def _motion(problem: MinTime, claim: Claim, law: Law) -> Floats:
+def _motion(problem: MinTimeModel, claim: Claim, law: Law) -> Floats:
     """Return angles and their first three derivatives by time, at the rows and between: shape (4, samples, joints)."""
     places, speed, push, surge = (values[:, None] for values in law.between)
     q, slope, bend, third = _curve(claim.nodes, places[:, 0])
@@ -362,7 +363,7 @@ def _motion(problem: MinTime, claim: Claim, law: Law) -> Floats:
     return np.array([q, slope * speed, slope * push + bend * speed**2, jerk])
 
 
-def _shares(problem: MinTime, motion: Floats) -> dict[str, Floats]:
+def _shares(problem: MinTimeModel, motion: Floats) -> dict[str, Floats]:
     """Return for each limited quantity its shares of the limits, shape (samples, joints)."""
     q, qd, qdd, jerk = motion
     found = {"velocity": qd, "acceleration": qdd, "jerk": jerk, "torque": torques(problem.arm, q, qd, qdd)}

@@ -6,14 +6,12 @@ from typing import TYPE_CHECKING, ClassVar
 
 from genetics.recipe import ONE_BIT, Recipe
 from genetics.sequence import Sequence
+from problems.min_time.levels import LEVELS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence as Numbers
 
     from genetics.operators import Operator
-
-LEVELS = 8
-"""On a stretch of level s no more than s/8 of each torque limit may be used."""
 
 FINEST = 0xFFFF  # the greatest gene of a joint if nodes may be anywhere in the box: genes are uint16
 

@@ -21,7 +21,7 @@ from genetics.randomness import CROSS, INITIAL, MUTATE, below, draw, normal, uni
 from genetics.sequence_kernels import clear_after, numbers_of
 from lowlevel import pointers
 from lowlevel.compiled import kernel, subroutine
-from problems.min_time.coding import LEVELS
+from problems.min_time.levels import LEVELS
 
 MOST_COPIES = 2
 """How often the same trajectory may be among the offspring (§IV)."""

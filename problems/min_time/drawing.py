@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from problems.min_time.problem import MinTime
+    from problems.min_time.model import MinTimeModel
 
 Floats = NDArray[np.float64]
 
@@ -30,7 +30,7 @@ to one of its neighbours, with these odds,
 2^(joints towards the goal − joints away)"""
 
 
-def draw(problem: MinTime, figure: Figure, solution: Solution | None, populations: Populations) -> None:
+def draw(problem: MinTimeModel, figure: Figure, solution: Solution | None, populations: Populations) -> None:
     """Fill an empty figure; see `problems.problem.Problem.draw`."""
     figure.set_layout_engine("constrained")
     if problem.arm.size == 2:
@@ -46,7 +46,7 @@ def draw(problem: MinTime, figure: Figure, solution: Solution | None, population
     _draw_motion(problem, above, below, solution)
 
 
-def _draw_space(problem: MinTime, axes: Axes, solution: Solution | None, populations: Populations) -> None:
+def _draw_space(problem: MinTimeModel, axes: Axes, solution: Solution | None, populations: Populations) -> None:
     """Draw the grid, the nodes and their curve in joint space."""
     start, goal = np.array(problem.start), np.array(problem.goal)
     _draw_grid(problem, axes)
@@ -66,7 +66,7 @@ def _draw_space(problem: MinTime, axes: Axes, solution: Solution | None, populat
     axes.figure.legend(loc="outside lower center", ncols=4, frameon=False)
 
 
-def _draw_grid(problem: MinTime, axes: Axes) -> None:
+def _draw_grid(problem: MinTimeModel, axes: Axes) -> None:
     if problem.grid > _MOST_LINES:
         return
     shares = np.linspace(0.0, 1.0, problem.grid)[:, None]
@@ -77,7 +77,7 @@ def _draw_grid(problem: MinTime, axes: Axes) -> None:
         axes.plot(lines[[0, -1], 0], [y, y], color="0.85", linewidth=0.7, zorder=1)
 
 
-def _draw_scheme(problem: MinTime, axes: Axes) -> None:
+def _draw_scheme(problem: MinTimeModel, axes: Axes) -> None:
     """Draw the relative transition scheme (figure 1) with its odds: the likelier a move, the darker its arrow."""
     axes.set_axis_off()
     axes.set(aspect="equal", xlim=(-1.7, 9.3), ylim=(-1.5, 1.5))
@@ -101,7 +101,7 @@ def _is_possible(move: tuple[int, ...], towards: Floats) -> bool:
     return any(move) and move.count(-1) <= 1 and not np.any((towards == 0.0) & (np.array(move) != 0))
 
 
-def _draw_population(problem: MinTime, axes: Axes, populations: Populations) -> None:
+def _draw_population(problem: MinTimeModel, axes: Axes, populations: Populations) -> None:
     """Draw the nodes of the first and of the last generation, joined by lines."""
     for generation, color in ((min(populations), "0.7"), (max(populations), "#8a4fbf")):
         lines = [_nodes(problem, genome) for genome in populations[generation]]
@@ -109,14 +109,14 @@ def _draw_population(problem: MinTime, axes: Axes, populations: Populations) -> 
         axes.plot([], [], color=color, label=f"generation {generation}")
 
 
-def _nodes(problem: MinTime, genome: NDArray[np.uint8]) -> Floats:
+def _nodes(problem: MinTimeModel, genome: NDArray[np.uint8]) -> Floats:
     genes = problem.coding.items(genome)[:, :-1] / np.maximum(problem.coding.greatest, 1)
     span = np.subtract(problem.goal, problem.start)
     nodes: Floats = np.concatenate([[problem.start], problem.start + genes * span])
     return nodes
 
 
-def _draw_motion(problem: MinTime, above: Axes, below: Axes, solution: Solution | None) -> None:
+def _draw_motion(problem: MinTimeModel, above: Axes, below: Axes, solution: Solution | None) -> None:
     """Draw joint angles over time, and beneath them the torques as shares of their limits."""
     if solution is not None:
         rows = {name: np.array(values) for name, values in solution["trajectory"].items()}

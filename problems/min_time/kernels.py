@@ -23,8 +23,8 @@ from genetics.operators import FITNESS, Table
 from genetics.sequence_kernels import numbers_of
 from lowlevel.compiled import kernel, subroutine
 from lowlevel.pointers import integers, reals
-from problems.min_time.coding import LEVELS
 from problems.min_time.dynamics import chain_of
+from problems.min_time.levels import LEVELS
 from problems.min_time.scaling import (
     POINTS,
     POINTS_OF_STRETCH,
@@ -194,7 +194,7 @@ def _by_moments(task: Any, room: Any, points: Any, steps: Any) -> Any:
 
 @kernel("Tuple((float64[:,::1], float64[:,:,::1]))(uint8[::1], int64[:,::1])")
 def follow(genome: Genomes, table: Table) -> tuple[Floats, Floats]:
-    """Return the trajectory of a feasible genome.
+    """Return the trajectory of a genome; one row at rest at the start if the limits forbid every trajectory.
 
     Returns:
         The nodes, start and goal included, rad, shape (nodes, joints).
@@ -205,9 +205,10 @@ def follow(genome: Genomes, table: Table) -> tuple[Floats, Floats]:
     """
     task = task_of(table)
     room = room_for(task, table)
-    _, stretches, steps = _travel(genome, task, room)
+    time, stretches, steps = _travel(genome, task, room)
     if stretches == 0:
         return task.ends.copy(), _standing(task, room)
-    points = stretches * steps
-    rows = _by_moments(task, room, points, steps) if task.is_smooth else _by_steps(task, room, points, steps)
-    return room.nodes[1 : stretches + 2].copy(), rows
+    nodes, points = room.nodes[1 : stretches + 2].copy(), stretches * steps
+    if time == np.inf:  # the room holds no speeds to follow
+        return nodes, _standing(task, room)
+    return nodes, _by_moments(task, room, points, steps) if task.is_smooth else _by_steps(task, room, points, steps)

@@ -1,7 +1,7 @@
 """The yardsticks of min-time: the quickest path of grid nodes, by a dynamic program and by a tree search.
 
-Both share the inner problem, the time scaling of one curve, with the fitness, but nothing of the search. The time
-scaling itself is tested against closed forms, pinocchio and TOPP-RA.
+Both search with the compiled time scaling of a stretch, which the fitness uses too. So no time of theirs is believed:
+the answer is a trajectory, and its time is what the checker finds, which shares no code with the fitness.
 
 Neither gives a lower bound. Both know only moves between neighbours that never lead away from the goal, and the dynamic
 program only some levels of speed. A trajectory with fewer nodes, or with nodes off the grid, may be quicker.
@@ -15,10 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from problems.errors import BadInput
-from problems.problem import Answer
+from problems.min_time import checker
+from problems.problem import Answer, Solution
 
 if TYPE_CHECKING:
-    from problems.min_time.problem import MinTime
+    from problems.min_time.model import MinTimeModel
 
 Nodes = NDArray[np.int64]  # (nodes, 2), start and goal included, in grid steps
 
@@ -29,19 +30,21 @@ class Found(NamedTuple):
     """The result of a search.
 
     Attributes:
-        time: The time of the best trajectory, s, as the fitness finds it; inf if no trajectory was found.
+        time: The time of the best trajectory, s, as the checker finds it; inf if no trajectory was found.
         nodes: The nodes of the best trajectory.
+        solution: The best trajectory, in the format of `MinTime.decode`; None if none was found.
         inverse_dynamics: The number of evaluations of the inverse dynamics.
         searched: The share of all paths that was searched or ruled out.
     """
 
     time: float
     nodes: Nodes
+    solution: Solution | None
     inverse_dynamics: int
     searched: float = 1.0
 
 
-def solve_exactly(problem: MinTime) -> Answer:
+def solve_exactly(problem: MinTimeModel) -> Answer:
     """Return the best trajectory of `dynamic_program`, as an upper bound of the least time.
 
     Raises:
@@ -50,22 +53,21 @@ def solve_exactly(problem: MinTime) -> Answer:
     if problem.start == problem.goal:
         return Answer("optimum", 0.0, "staying where it is")
     found = dynamic_program(problem)
-    solution = problem.decode(_genome(problem, found.nodes)) if np.isfinite(found.time) else None
     return Answer(
         "upper bound",
         found.time,
         f"dynamic program over paths from neighbour to neighbour on the grid, no joint away from the goal, at full "
         f"torque, {_LEVELS} levels of speed",
-        solution,
+        found.solution,
         {"inverse_dynamics": found.inverse_dynamics},
     )
 
 
-def dynamic_program(problem: MinTime, longest: int = 1, levels: int = _LEVELS) -> Found:
-    """Return the best path by a dynamic program over (node before, node, node after, speed), timed by the fitness.
+def dynamic_program(problem: MinTimeModel, longest: int = 1, levels: int = _LEVELS) -> Found:
+    """Return the best path by a dynamic program over (node before, node, node after, speed).
 
     The program's own time is not returned: it allows only some levels of speed at the nodes, and does not look between
-    grid points. So the fitness times its path again.
+    grid points.
 
     Args:
         problem: A problem with two joints.
@@ -84,12 +86,13 @@ def dynamic_program(problem: MinTime, longest: int = 1, levels: int = _LEVELS) -
     # that is allowed.
     straight = np.repeat(np.arange(lines)[:, None], 2, axis=1)
     distance = float(np.hypot(*np.subtract(problem.goal, problem.start)))
-    fastest = 4.0 * distance / _time(problem, straight)
+    fastest = 4.0 * distance / _timed(problem, straight)[0]
     _, nodes, weighed = oracle_kernels.dynamic_program(table, np.array(moves), lines, levels, fastest)
-    return Found(_time(problem, nodes), nodes, weighed)
+    time, solution = _timed(problem, nodes)
+    return Found(time, nodes, solution, weighed)
 
 
-def tree_search(problem: MinTime, most: int = 1 << 62) -> Found:
+def tree_search(problem: MinTimeModel, most: int = 1 << 62) -> Found:
     """Search all paths from neighbour to neighbour depth first, with branch and bound (§II).
 
     Args:
@@ -103,18 +106,19 @@ def tree_search(problem: MinTime, most: int = 1 << 62) -> Found:
 
     table, lines = _table(problem)
     _, nodes, weighed, searched = oracle_kernels.tree_search(table, lines, most)
-    return Found(_time(problem, nodes), nodes, weighed, searched)
+    time, solution = _timed(problem, nodes)
+    return Found(time, nodes, solution, weighed, searched)
 
 
-def _table(problem: MinTime) -> tuple[Any, int]:
+def _table(problem: MinTimeModel) -> tuple[Any, int]:
     moving = np.not_equal(problem.start, problem.goal)
     if problem.arm.size != 2 or not moving.all():
         raise BadInput(f"oracle: expected two joints that move, found {moving.sum()} of {problem.arm.size} joints")
     return problem.fitness_kernel.table, problem.grid
 
 
-def _genome(problem: MinTime, nodes: Nodes) -> Any:
-    from problems.min_time.coding import LEVELS
+def _genome(problem: MinTimeModel, nodes: Nodes) -> Any:
+    from problems.min_time.levels import LEVELS
 
     coding, items = problem.coding, nodes[1:]
     # The gene nearest to the grid line, as the coding's kernels round it; both joints have the same range of genes.
@@ -122,5 +126,13 @@ def _genome(problem: MinTime, nodes: Nodes) -> Any:
     return coding.encode(np.column_stack([genes, np.full(len(items), LEVELS)]))
 
 
-def _time(problem: MinTime, nodes: Nodes) -> float:
-    return float(problem.evaluate(_genome(problem, nodes)[None])[0]) if len(nodes) else np.inf
+def _timed(problem: MinTimeModel, nodes: Nodes) -> tuple[float, Solution | None]:
+    """Return the time of a path's trajectory, s, as the checker finds it, and the trajectory.
+
+    Return inf and None if there is no path, or if the checker objects to the trajectory.
+    """
+    if len(nodes) == 0:
+        return np.inf, None
+    solution = problem.decode(_genome(problem, nodes))
+    verdict = checker.verify(problem, solution)
+    return (verdict.fitness, solution) if verdict.feasible else (np.inf, None)

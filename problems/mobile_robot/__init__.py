@@ -1,5 +1,5 @@
 """Planning for a holonomic mobile robot by rotate and move commands (Ahuactzin et al. 1992, §5)."""
 
-from problems.mobile_robot.problem import Body, MobileRobot
+from problems.mobile_robot.planner import MobileRobot
 
-__all__ = ["Body", "MobileRobot"]
+__all__ = ["MobileRobot"]

@@ -21,10 +21,12 @@ from pydantic import Field, ValidationError
 from problems.errors import BadInput, first_line
 from problems.mobile_robot.guide_check import distance_around
 from problems.plane import CONTACT, Circle, Obstacle
-from problems.problem import Clearance, Solution, Table, Verdict
+from problems.problem import Clearance, Solution, Verdict
+from problems.tables import Table
 
 if TYPE_CHECKING:
-    from problems.mobile_robot.problem import Body, MobileRobot
+    from problems.mobile_robot.body import Body
+    from problems.mobile_robot.model import MobileRobotModel
 
 Coordinate = Annotated[float, Field(ge=-1e9, le=1e9)]
 Pose = tuple[Coordinate, Coordinate, Coordinate]
@@ -43,7 +45,7 @@ class RobotSolution(Table):
     length: Annotated[float, Field(ge=0)]
 
 
-def verify(problem: MobileRobot, solution: Solution) -> Verdict:
+def verify(problem: MobileRobotModel, solution: Solution) -> Verdict:
     """Return the fitness of the path, by its last pose, and all that is wrong with the way there."""
     claimed = _parsed(solution)
     away, off = _short_of(problem, claimed.path[-1])
@@ -59,7 +61,7 @@ def verify(problem: MobileRobot, solution: Solution) -> Verdict:
     return Verdict(0.0 if arrived else _worth(problem, claimed.path[-1]), tuple(objections), clearance)
 
 
-def objection_to(problem: MobileRobot, pose: Pose) -> str | None:
+def objection_to(problem: MobileRobotModel, pose: Pose) -> str | None:
     """Return why the robot cannot stand at a pose, None if it can."""
     standing = _swept(problem.robot, pose, pose)
     thickness = (problem.robot.radius or 0.0) + problem.clearance
@@ -71,7 +73,7 @@ def objection_to(problem: MobileRobot, pose: Pose) -> str | None:
     return None
 
 
-def _nearer(problem: MobileRobot) -> str:
+def _nearer(problem: MobileRobotModel) -> str:
     return f", or nearer to it than the clearance, {problem.clearance:g} m" if problem.clearance > 0.0 else ""
 
 
@@ -93,13 +95,13 @@ def _angle(difference: float) -> float:
     return abs((difference + np.pi) % _FULL_TURN - np.pi)
 
 
-def _short_of(problem: MobileRobot, pose: Pose) -> tuple[float, float]:
+def _short_of(problem: MobileRobotModel, pose: Pose) -> tuple[float, float]:
     """Return how far a pose is from the goal, m and rad."""
     x, y, heading = problem.goal
     return float(np.hypot(pose[0] - x, pose[1] - y)), _angle(pose[2] - heading)
 
 
-def _worth(problem: MobileRobot, pose: Pose) -> float:
+def _worth(problem: MobileRobotModel, pose: Pose) -> float:
     """Return the fitness of a path that ends at a pose short of the goal, m."""
     away, off = _short_of(problem, pose)
     if problem.guide != "straight":
@@ -107,7 +109,7 @@ def _worth(problem: MobileRobot, pose: Pose) -> float:
     return away + problem.robot.circumscribed_radius * off
 
 
-def _wrong_start(problem: MobileRobot, pose: Pose) -> Iterator[str]:
+def _wrong_start(problem: MobileRobotModel, pose: Pose) -> Iterator[str]:
     if np.abs(np.subtract(pose, problem.start)).max() > TOLERANCE:
         yield f"the path starts at {list(pose)}, not at {list(problem.start)}"
 
@@ -137,7 +139,7 @@ def _wrong_claims(claimed: RobotSolution) -> Iterator[str]:
         yield f"the path is {length:g} m long, not {claimed.length:g}"
 
 
-def _collisions(problem: MobileRobot, path: list[Pose]) -> Iterator[str]:
+def _collisions(problem: MobileRobotModel, path: list[Pose]) -> Iterator[str]:
     thickness = problem.robot.radius or 0.0
     obstacles = problem.obstacles
     # Obstacles are shrunk by the allowed overlap once, and prepared, for all segments.
@@ -153,7 +155,7 @@ def _collisions(problem: MobileRobot, path: list[Pose]) -> Iterator[str]:
             yield f"segment {number} of the path hits obstacles[{index}] by {depth:.2g} m"
 
 
-def _clearance(problem: MobileRobot, path: list[Pose]) -> Clearance:
+def _clearance(problem: MobileRobotModel, path: list[Pose]) -> Clearance:
     """Return how near the robot comes to an obstacle or a wall, and in which segment (0 for a path of one pose).
 
     It is measured from what is swept, exactly on straight moves, at the samples on turns.
@@ -184,7 +186,7 @@ def _clearance(problem: MobileRobot, path: list[Pose]) -> Clearance:
     return Clearance(float(least), where)
 
 
-def _too_near(problem: MobileRobot, clearance: Clearance) -> Iterator[str]:
+def _too_near(problem: MobileRobotModel, clearance: Clearance) -> Iterator[str]:
     if clearance.least < problem.clearance - TOLERANCE:
         place = clearance.where["obstacle"]
         yield (
@@ -229,7 +231,7 @@ def _placed(vertices: list[tuple[float, float]], poses: NDArray[np.float64]) -> 
     return np.stack([corners.real, corners.imag], axis=-1)
 
 
-def _beyond(problem: MobileRobot, pieces: Pieces, thickness: float) -> float:
+def _beyond(problem: MobileRobotModel, pieces: Pieces, thickness: float) -> float:
     """Return how far some pieces, thickened, reach beyond the bounds, m; negative if they stay within."""
     west, south, east, north = shapely.total_bounds(pieces)
     x0, y0, x1, y1 = problem.bounds

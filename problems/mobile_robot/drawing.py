@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from problems.mobile_robot.problem import MobileRobot
+    from problems.mobile_robot.model import MobileRobotModel
 
 Poses = NDArray[np.float64]  # (n, 3): m, m, rad
 
@@ -30,7 +30,7 @@ _WIDTH = 10.0  # inches, of the figure
 _OUTLINES = 0.5  # the distance from one outline to the next, in sizes of the robot
 
 
-def draw(problem: MobileRobot, figure: Figure, solution: Solution | None, populations: Populations) -> None:
+def draw(problem: MobileRobotModel, figure: Figure, solution: Solution | None, populations: Populations) -> None:
     """Fill an empty figure; see `problems.problem.Problem.draw`."""
     x0, y0, x1, y1 = problem.bounds
     figure.set_layout_engine("constrained")
@@ -50,7 +50,7 @@ def draw(problem: MobileRobot, figure: Figure, solution: Solution | None, popula
     axes.set_ylabel("y / m")
 
 
-def _title(problem: MobileRobot, solution: Solution | None) -> str:
+def _title(problem: MobileRobotModel, solution: Solution | None) -> str:
     if solution is None:
         return "no path found"
     away = np.hypot(*np.subtract(solution["path"][-1][:2], problem.goal[:2]))
@@ -58,7 +58,7 @@ def _title(problem: MobileRobot, solution: Solution | None) -> str:
     return f"{len(solution['commands'])} commands, {solution['length']:.1f} m{short}"
 
 
-def _draw_floor(problem: MobileRobot, axes: Axes) -> None:
+def _draw_floor(problem: MobileRobotModel, axes: Axes) -> None:
     x0, y0, x1, y1 = problem.bounds
     axes.add_patch(
         Rectangle((x0, y0), x1 - x0, y1 - y0, facecolor="#fbfaf6", edgecolor=WALL, linewidth=3.0, zorder=0.5)
@@ -69,7 +69,7 @@ def _draw_floor(problem: MobileRobot, axes: Axes) -> None:
     axes.set_aspect("equal")
 
 
-def _body(problem: MobileRobot, pose: Poses) -> Patch:
+def _body(problem: MobileRobotModel, pose: Poses) -> Patch:
     """Return the robot's outline at a pose."""
     if problem.robot.vertices is None:
         return Circle((pose[0], pose[1]), problem.robot.radius or 0.0)
@@ -77,11 +77,11 @@ def _body(problem: MobileRobot, pose: Poses) -> Patch:
     return Polygon(np.array(problem.robot.vertices) @ [[cosine, sine], [-sine, cosine]] + pose[:2], closed=True)
 
 
-def _size(problem: MobileRobot) -> float:
+def _size(problem: MobileRobotModel) -> float:
     return problem.robot.radius or problem.robot.circumscribed_radius
 
 
-def _draw_path(problem: MobileRobot, axes: Axes, path: Poses) -> None:
+def _draw_path(problem: MobileRobotModel, axes: Axes, path: Poses) -> None:
     """Draw the swept robot, the line of its reference point, and its heading at each pose in between."""
     bodies = [_body(problem, pose) for pose in _along(path, _OUTLINES * _size(problem))]
     axes.add_collection(PatchCollection(bodies, facecolor=ROBOT, alpha=0.10, edgecolor="none", zorder=3))
@@ -108,7 +108,9 @@ def _along(path: Poses, step: float) -> Poses:
     return np.concatenate(poses)
 
 
-def _draw_robot(problem: MobileRobot, axes: Axes, pose: tuple[float, float, float], color: str, label: str) -> None:
+def _draw_robot(
+    problem: MobileRobotModel, axes: Axes, pose: tuple[float, float, float], color: str, label: str
+) -> None:
     place = np.array(pose)
     patch = _body(problem, place)
     patch.set(facecolor=color, alpha=0.85, edgecolor="white", linewidth=1.0, zorder=6)
@@ -127,7 +129,7 @@ def _draw_robot(problem: MobileRobot, axes: Axes, pose: tuple[float, float, floa
     name.set_path_effects([withStroke(linewidth=3.0, foreground="white")])
 
 
-def _draw_population(problem: MobileRobot, axes: Axes, populations: Populations) -> None:
+def _draw_population(problem: MobileRobotModel, axes: Axes, populations: Populations) -> None:
     """Draw where the paths of the first and the last generation end."""
     for generation, marker, color in ((min(populations), "x", "0.45"), (max(populations), "+", "#8a4fbf")):
         ends = np.array([problem.decode(genome)["path"][-1] for genome in populations[generation]])

@@ -18,7 +18,7 @@ import numpy as np
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from problems.mobile_robot.problem import Body
+    from problems.mobile_robot.body import Body
 
 PRICES = (1000.0, 3.0, 1.0)
 """The price of a metre where nothing fits, where the robot just fits, and where it has room; linear in between."""

@@ -15,14 +15,14 @@ from problems.mobile_robot.guide import PRICES
 from problems.plane import Circle, Obstacle
 
 if TYPE_CHECKING:
-    from problems.mobile_robot.problem import MobileRobot
+    from problems.mobile_robot.model import MobileRobotModel
 
 Floats = NDArray[np.float64]
 
 _STEPS = ((1, 0), (0, 1), (1, 1), (1, -1))  # columns and rows to half of a node's neighbours; edges are undirected
 
 
-def distance_around(problem: MobileRobot, place: tuple[float, float]) -> float:
+def distance_around(problem: MobileRobotModel, place: tuple[float, float]) -> float:
     """Return how far a place is from the goal around the obstacles, m."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import dijkstra
@@ -55,7 +55,7 @@ def _away(nodes: Floats, place: tuple[float, float]) -> Floats:
     return lengths
 
 
-def _around(problem: MobileRobot, place: tuple[float, float]) -> NDArray[np.int64]:
+def _around(problem: MobileRobotModel, place: tuple[float, float]) -> NDArray[np.int64]:
     """Return the numbers of the four nodes around a place."""
     grid = problem.grid
     column = int(np.clip(np.floor((place[0] - grid.west) / grid.spacing), 0, grid.columns - 2))
@@ -63,13 +63,13 @@ def _around(problem: MobileRobot, place: tuple[float, float]) -> NDArray[np.int6
     return np.array([(column + i) * grid.rows + row + j for i in (0, 1) for j in (0, 1)])
 
 
-def _prices(problem: MobileRobot, nodes: Floats) -> Floats:
+def _prices(problem: MobileRobotModel, nodes: Floats) -> Floats:
     """Return the price of a metre at each node."""
     grid = problem.grid
     return np.interp(_clearances(problem, nodes), [grid.blocked, grid.tight, grid.roomy], PRICES)
 
 
-def _clearances(problem: MobileRobot, nodes: Floats) -> Floats:
+def _clearances(problem: MobileRobotModel, nodes: Floats) -> Floats:
     """Return the distance of each node to the nearest wall or obstacle, m; negative within one."""
     x0, y0, x1, y1 = problem.bounds
     clearances: Floats = np.min([nodes[:, 0] - x0, x1 - nodes[:, 0], nodes[:, 1] - y0, y1 - nodes[:, 1]], axis=0)

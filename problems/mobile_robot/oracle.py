@@ -46,14 +46,14 @@ from problems.mobile_robot.oracle_ways import length_of, shortest_way
 from problems.problem import Answer, Solution
 
 if TYPE_CHECKING:
-    from problems.mobile_robot.problem import MobileRobot
+    from problems.mobile_robot.model import MobileRobotModel
 
 _SLICES = 120  # the number of slices of the headings
 _HALF_SLICE = np.pi / _SLICES
 _HEADINGS = 2.0 * _HALF_SLICE * np.arange(_SLICES)  # rad: the middle of each slice
 
 
-def solve_exactly(problem: MobileRobot) -> Answer:
+def solve_exactly(problem: MobileRobotModel) -> Answer:
     """Return whether the goal can be reached, and bounds of the shortest way's length.
 
     An optimum of 0 means that there is a way, a lower bound above 0 that there is none: no robot gets nearer to the
@@ -80,7 +80,7 @@ def solve_exactly(problem: MobileRobot) -> Answer:
     return _of_a_polygon(problem, roomy, figures)
 
 
-def _of_a_polygon(problem: MobileRobot, roomy: shapely.Geometry, figures: dict[str, float]) -> Answer:
+def _of_a_polygon(problem: MobileRobotModel, roomy: shapely.Geometry, figures: dict[str, float]) -> Answer:
     """Return the answer for a polygon whose enclosing disc does not get through."""
     # Before the search for a way, which would run to its end in vain if there is none.
     away = _best_in_slices(problem)
@@ -110,7 +110,7 @@ def _solution(poses: Floats) -> Solution:
     return {"commands": commands, "path": poses.tolist(), "length": float(lengths.sum())}
 
 
-def _turning_anywhere(problem: MobileRobot, way: Points) -> Floats:
+def _turning_anywhere(problem: MobileRobotModel, way: Points) -> Floats:
     """Return the poses along a way on which the robot can turn anywhere."""
     poses = [np.array(problem.start)]
     for here, there in pairwise(way):
@@ -121,7 +121,7 @@ def _turning_anywhere(problem: MobileRobot, way: Points) -> Floats:
 
 
 # Discs ----------------------------------------------------------------------------------------------------------------
-def _discs(problem: MobileRobot) -> tuple[float, float]:
+def _discs(problem: MobileRobotModel) -> tuple[float, float]:
     """Return the radii of the discs about the reference point that enclose the robot, and that it covers.
 
     The second is 0 if the robot covers no such disc: if the reference point is not within its outline.
@@ -135,7 +135,7 @@ def _discs(problem: MobileRobot) -> tuple[float, float]:
     return robot.circumscribed_radius, covered
 
 
-def _least(problem: MobileRobot, radius: float) -> tuple[float, float]:
+def _least(problem: MobileRobotModel, radius: float) -> tuple[float, float]:
     """Return a lower bound of the length of a disc's way, and how near to the goal it gets at best, m.
 
     The shapes are the ones that are surely not too large. So the true disc's free places are part of these, and neither
@@ -155,7 +155,7 @@ def _least(problem: MobileRobot, radius: float) -> tuple[float, float]:
 
 
 # Slices of the headings of a polygon ----------------------------------------------------------------------------------
-def _best_in_slices(problem: MobileRobot) -> float:
+def _best_in_slices(problem: MobileRobotModel) -> float:
     """Return a lower bound of the fitness of all poses that can be reached from slice to slice.
 
     It is 0 if the goal is among them, or in doubt; otherwise it is above 0, and the goal is out of reach. A motion that
@@ -198,7 +198,7 @@ def _number_at(pose: tuple[float, float, float], pieces: list[list[shapely.Polyg
     return None
 
 
-def _covered_in_a_slice(problem: MobileRobot) -> list[Points]:
+def _covered_in_a_slice(problem: MobileRobotModel) -> list[Points]:
     """Return convex pieces of what the robot covers at all headings of a slice, in its frame at the middle heading.
 
     A turn by half a slice moves no point farther than that angle times the circumscribed radius. So a point that deep
@@ -209,7 +209,7 @@ def _covered_in_a_slice(problem: MobileRobot) -> list[Points]:
     return convex(outline.buffer(-_HALF_SLICE * problem.robot.circumscribed_radius - TOLERANCE, join_style="mitre"))
 
 
-def _free_in_slice(problem: MobileRobot, covered: list[Points]) -> shapely.Geometry:
+def _free_in_slice(problem: MobileRobotModel, covered: list[Points]) -> shapely.Geometry:
     """Return a superset of where the reference point may be if the robot contains the ``covered`` pieces.
 
     The pieces are already turned to the slice's heading.

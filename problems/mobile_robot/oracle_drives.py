@@ -38,7 +38,7 @@ from problems.mobile_robot.oracle_ways import shortest_way
 from problems.plane import Circle
 
 if TYPE_CHECKING:
-    from problems.mobile_robot.problem import MobileRobot
+    from problems.mobile_robot.model import MobileRobotModel
 
 Numbers = NDArray[np.int64]
 Flags = NDArray[np.bool_]
@@ -57,7 +57,7 @@ _AROUND_GAPS = (4.0, 12.0)  # circumscribed radii within which waves from gaps s
 _FULL_TURN = 2.0 * np.pi
 
 
-def find_way(problem: MobileRobot, roomy: shapely.Geometry) -> Floats | None:
+def find_way(problem: MobileRobotModel, roomy: shapely.Geometry) -> Floats | None:
     """Return poses from the start to the goal between which the robot turns and drives alternately, or None.
 
     Headings are unwrapped. ``roomy`` is where the enclosing disc is free. None means only that no way was found.
@@ -108,7 +108,7 @@ class _Layer(NamedTuple):
 class _Space:
     """The headings, what is free at each of them, and what is free on the turn from one to the next."""
 
-    def __init__(self, problem: MobileRobot, roomy: shapely.Geometry, further: list[float]) -> None:
+    def __init__(self, problem: MobileRobotModel, roomy: shapely.Geometry, further: list[float]) -> None:
         self.headings = _distinct(np.concatenate([np.arange(_HEADINGS) * _FULL_TURN / _HEADINGS, further]))
         self.following = np.append(self.headings[1:], self.headings[0] + _FULL_TURN)
         self.standing = _layer(problem, self.headings, self.headings)
@@ -181,7 +181,7 @@ class _Space:
         return lengths
 
 
-def _layer(problem: MobileRobot, begins: Floats, ends: Floats) -> _Layer:
+def _layer(problem: MobileRobotModel, begins: Floats, ends: Floats) -> _Layer:
     robot = convex(shapely.Polygon(problem.robot.vertices))
     solids: list[shapely.Geometry] = []
     owners: list[int] = []
@@ -280,7 +280,7 @@ class _Wave:
 
 
 # Gaps -----------------------------------------------------------------------------------------------------------------
-def _gaps(problem: MobileRobot) -> Floats:
+def _gaps(problem: MobileRobotModel) -> Floats:
     """Return poses amid the gaps between two obstacles or walls too narrow for the enclosing disc, (n, 3).
 
     A gap has two poses, both heading through it, in opposite directions.
@@ -368,7 +368,7 @@ def _within(space: _Space, part: int, here: Points, there: Points) -> list[Point
     return list(way)
 
 
-def _poses(space: _Space, places: list[Points], problem: MobileRobot) -> Floats:
+def _poses(space: _Space, places: list[Points], problem: MobileRobotModel) -> Floats:
     """Return the poses from the start to the goal over these places: turns and drives, alternately."""
     poses = [np.array(problem.start)]
     for place in places:

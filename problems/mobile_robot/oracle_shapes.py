@@ -18,7 +18,7 @@ from problems.mobile_robot.checker import TOLERANCE
 from problems.plane import Circle, Obstacle
 
 if TYPE_CHECKING:
-    from problems.mobile_robot.problem import MobileRobot
+    from problems.mobile_robot.model import MobileRobotModel
 
 Floats = NDArray[np.float64]
 Points = NDArray[np.float64]  # (n, 2), m
@@ -30,7 +30,7 @@ AROUND = 1.0 / np.cos(1.5 * np.pi / 4.0 / ARC)
 """The factor of the radius with which such a polygon encloses its circle, even with its longest sides."""
 
 
-def free_of_disc(problem: MobileRobot, radius: float, surely: bool) -> shapely.Geometry:
+def free_of_disc(problem: MobileRobotModel, radius: float, surely: bool) -> shapely.Geometry:
     """Return where the centre of a disc may be: a subset of it if ``surely``, else a superset."""
     x0, y0, x1, y1 = problem.bounds
     # Walls are straight, so here the radius itself is exact; only the checker's tolerance counts.
@@ -85,7 +85,7 @@ def swept(pieces: Sequence[Points], low: float, high: float) -> list[Points]:
     return [np.concatenate([scale * piece @ turned(turn) for turn, scale in turns]) for piece in pieces]
 
 
-def room_for(problem: MobileRobot, corners: Points, gap: float) -> tuple[Points, Points]:
+def room_for(problem: MobileRobotModel, corners: Points, gap: float) -> tuple[Points, Points]:
     """Return the lower and the upper corner of where the reference point may be with all corners within the bounds."""
     return problem.bounds[:2] - corners.min(axis=0) + gap, problem.bounds[2:] - corners.max(axis=0) - gap
 

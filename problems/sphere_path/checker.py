@@ -18,11 +18,12 @@ from pydantic import Field, ValidationError
 from problems.errors import BadInput, first_line
 from problems.nearest import least_along
 from problems.plane import CONTACT
-from problems.problem import Clearance, Solution, Table, Verdict
+from problems.problem import Clearance, Solution, Verdict
 from problems.sphere_path.space import length_of
+from problems.tables import Table
 
 if TYPE_CHECKING:
-    from problems.sphere_path.problem import SpherePath
+    from problems.sphere_path.model import SpherePathModel
     from problems.sphere_path.world import World
 
 Floats = NDArray[np.float64]
@@ -40,7 +41,7 @@ class PathSolution(Table):
     length: Annotated[float, Field(ge=0)]
 
 
-def verify(problem: SpherePath, solution: Solution) -> Verdict:
+def verify(problem: SpherePathModel, solution: Solution) -> Verdict:
     """Return the path's fitness, by the obstacles that it crosses and its detour, and all that is wrong with it."""
     claimed = _parsed(problem, solution)
     path = np.array(claimed.path)
@@ -62,14 +63,14 @@ def verify(problem: SpherePath, solution: Solution) -> Verdict:
     return Verdict(fitness, tuple(objections), clearance)
 
 
-def crossed_by(problem: SpherePath, places: Floats) -> int:
+def crossed_by(problem: SpherePathModel, places: Floats) -> int:
     """Return how many obstacles a path crosses; its places are lengths, shape (rows, axes)."""
     obstacles = problem.forbidden_spheres
     away = problem.space.clearances(places, obstacles[:, :-1])
     return int(np.count_nonzero(away < obstacles[:, -1] - CONTACT))
 
 
-def _parsed(problem: SpherePath, solution: Solution) -> PathSolution:
+def _parsed(problem: SpherePathModel, solution: Solution) -> PathSolution:
     try:
         claimed = PathSolution.model_validate_json(json.dumps(solution), strict=True)
     except ValidationError as error:
@@ -80,7 +81,7 @@ def _parsed(problem: SpherePath, solution: Solution) -> PathSolution:
     return claimed
 
 
-def _wrong_ends(problem: SpherePath, path: Floats) -> Iterator[str]:
+def _wrong_ends(problem: SpherePathModel, path: Floats) -> Iterator[str]:
     """Yield which ends of the path are wrong; it may end a number of full periods away from the goal."""
     rounding = _ROUNDING * problem.space.span
     if np.any(np.abs(path[0] - problem.start) * problem.space.scale > rounding):
@@ -89,7 +90,7 @@ def _wrong_ends(problem: SpherePath, path: Floats) -> Iterator[str]:
         yield f"the path ends at {path[-1].tolist()}, not at {problem.goal}"
 
 
-def _beyond_bounds(problem: SpherePath, path: Floats) -> Iterator[str]:
+def _beyond_bounds(problem: SpherePathModel, path: Floats) -> Iterator[str]:
     # Rows are unwrapped along periodic axes, so only the other axes have bounds.
     low, high = problem.space.bounds.T
     rounding = _ROUNDING * (high - low)
@@ -111,7 +112,7 @@ def _crossings(crossed: int, clearance: float) -> Iterator[str]:
         yield f"the path crosses {crossed} spheres{near}"
 
 
-def _clearance_of_spheres(problem: SpherePath, places: Floats) -> Clearance:
+def _clearance_of_spheres(problem: SpherePathModel, places: Floats) -> Clearance:
     """Return the least gap between the path and the obstacles, in the unit of the axes; negative in a sphere."""
     obstacles = problem.obstacle_spheres
     if not len(obstacles):
@@ -123,7 +124,7 @@ def _clearance_of_spheres(problem: SpherePath, places: Floats) -> Clearance:
 
 
 # A vehicle in its world -----------------------------------------------------------------------------------------------
-def _in_the_world(problem: SpherePath, path: Floats) -> tuple[Clearance, list[str]]:
+def _in_the_world(problem: SpherePathModel, path: Floats) -> tuple[Clearance, list[str]]:
     """Return the clearance of the vehicle on its path, and the places where it is less than it must be.
 
     A path that crosses spheres may still be free here, since the spheres reach up to ``accuracy`` farther.
@@ -161,14 +162,14 @@ def _clearance_of_vehicle(world: World, path: Floats) -> Clearance:
     return Clearance(max(0.0, least), where)
 
 
-def _collisions(problem: SpherePath, world: World, path: Floats) -> Iterator[str]:
+def _collisions(problem: SpherePathModel, world: World, path: Floats) -> Iterator[str]:
     for number, (begin, end) in enumerate(pairwise(path), start=1):
         contact = world.contact(begin, end, problem.clearance)
         if contact is not None:
             yield _objection(problem, number, contact.tolist())
 
 
-def _objection(problem: SpherePath, segment: int, configuration: list[float]) -> str:
+def _objection(problem: SpherePathModel, segment: int, configuration: list[float]) -> str:
     place = ", ".join(f"{each:.4g}" for each in configuration)
     near = f", or comes nearer to one than the clearance {problem.clearance:g} m," if problem.clearance else ""
     return f"segment {segment} of the path: the vehicle meets an obstacle{near} at [{place}]"

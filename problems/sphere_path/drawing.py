@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from problems.sphere_path.problem import SpherePath
+    from problems.sphere_path.model import SpherePathModel
 
 Floats = NDArray[np.float64]
 
@@ -48,7 +48,7 @@ def _unit_ball() -> Floats:
 _BALL = _unit_ball()
 
 
-def draw(problem: SpherePath, figure: Figure, solution: Solution | None, populations: Populations) -> None:
+def draw(problem: SpherePathModel, figure: Figure, solution: Solution | None, populations: Populations) -> None:
     """Fill an empty figure; see `problems.problem.Problem.draw`."""
     figure.set_layout_engine("constrained")
     path = None if solution is None else np.array(solution["path"])
@@ -71,7 +71,7 @@ def _title(solution: Solution | None) -> str:
     return f"length {solution['length']:.4g}, crosses {crossed if crossed else 'no'} sphere{'s' * (crossed != 1)}"
 
 
-def _others(problem: SpherePath, populations: Populations) -> Floats:
+def _others(problem: SpherePathModel, populations: Populations) -> Floats:
     """Return some paths of the last generation, (n, rows, axes)."""
     if not populations:
         return np.empty((0, 2, len(problem.start)))
@@ -80,7 +80,7 @@ def _others(problem: SpherePath, populations: Populations) -> Floats:
     return problem.paths(last[:: max(1, -(-len(last) // _MOST_OTHERS))])[0]
 
 
-def _pieces(problem: SpherePath, path: Floats) -> list[Floats]:
+def _pieces(problem: SpherePathModel, path: Floats) -> list[Floats]:
     """Return the segments of a path, shifted into the bounds.
 
     A segment that leaves the bounds along a periodic axis appears twice: shifted as its beginning, and as its end.
@@ -97,7 +97,7 @@ def _pieces(problem: SpherePath, path: Floats) -> list[Floats]:
 
 
 # Spheres in two dimensions at a time ---------------------------------------------------------------------------------
-def _draw_projections(problem: SpherePath, figure: Figure, path: Floats | None, others: Floats) -> None:
+def _draw_projections(problem: SpherePathModel, figure: Figure, path: Floats | None, others: Floats) -> None:
     """Draw a panel for each pair of neighbouring axes."""
     count = len(problem.start) - 1
     columns = min(3, count)
@@ -111,7 +111,7 @@ def _draw_projections(problem: SpherePath, figure: Figure, path: Floats | None, 
     panels[0].legend(loc="upper left", fontsize="small")
 
 
-def _draw_projection(problem: SpherePath, axes: Axes, first: int, path: Floats | None, others: Floats) -> None:
+def _draw_projection(problem: SpherePathModel, axes: Axes, first: int, path: Floats | None, others: Floats) -> None:
     pair = [first, first + 1]
     _draw_discs(problem, axes, pair)
     for other in others:
@@ -129,7 +129,7 @@ def _draw_projection(problem: SpherePath, axes: Axes, first: int, path: Floats |
     axes.set_aspect("equal")
 
 
-def _draw_discs(problem: SpherePath, axes: Axes, pair: list[int]) -> None:
+def _draw_discs(problem: SpherePathModel, axes: Axes, pair: list[int]) -> None:
     """Draw the spheres in the plane; with more axes, how many of them lie above each place, since some hide others."""
     spheres = problem.obstacle_spheres[:, [*pair, -1]]
     if len(problem.start) == 2:
@@ -146,7 +146,7 @@ def _draw_discs(problem: SpherePath, axes: Axes, pair: list[int]) -> None:
 
 
 # Three dimensions -----------------------------------------------------------------------------------------------------
-def _draw_space(problem: SpherePath, axes: Any, path: Floats | None, others: Floats) -> None:
+def _draw_space(problem: SpherePathModel, axes: Any, path: Floats | None, others: Floats) -> None:
     axes.computed_zorder = False
     if problem.mesh is not None:
         _draw_solid(axes, problem.mesh.triangles, SPHERE, 0.35, 1)
@@ -164,7 +164,7 @@ def _draw_space(problem: SpherePath, axes: Any, path: Floats | None, others: Flo
     _frame_space(problem, axes)
 
 
-def _frame_space(problem: SpherePath, axes: Any) -> None:
+def _frame_space(problem: SpherePathModel, axes: Any) -> None:
     """Set the limits of the axes: the bounds, and for a vehicle also what of it and its mesh reaches beyond them."""
     (low, high), names = problem.space.bounds[:3].T, [f"axis {number}" for number in (1, 2, 3)]
     if problem.vehicle is not None and problem.mesh is not None:
@@ -178,7 +178,7 @@ def _frame_space(problem: SpherePath, axes: Any) -> None:
     axes.view_init(24, -58)
 
 
-def _draw_vehicle(problem: SpherePath, axes: Any, pose: Floats, color: str, alpha: float) -> None:
+def _draw_vehicle(problem: SpherePathModel, axes: Any, pose: Floats, color: str, alpha: float) -> None:
     """Draw a solid or a ball at a pose."""
     if problem.vehicle is None:
         return
@@ -189,7 +189,7 @@ def _draw_vehicle(problem: SpherePath, axes: Any, pose: Floats, color: str, alph
         _draw_solid(axes, turned, color, alpha, 3)
 
 
-def _draw_path(problem: SpherePath, axes: Any, path: Floats) -> None:
+def _draw_path(problem: SpherePathModel, axes: Any, path: Floats) -> None:
     for pose in _along(path, problem.space.scale, _SOLIDS)[1:-1]:
         _draw_vehicle(problem, axes, pose, PATH, 0.25)
     for piece in _pieces(problem, path):
@@ -222,7 +222,7 @@ def _draw_spheres(axes: Any, spheres: Floats) -> None:
 
 
 # A vehicle in the plane -----------------------------------------------------------------------------------------------
-def _draw_floor(problem: SpherePath, figure: Figure, path: Floats | None) -> None:
+def _draw_floor(problem: SpherePathModel, figure: Figure, path: Floats | None) -> None:
     (x0, x1), (y0, y1) = problem.bounds[:2]
     figure.set_size_inches(9.5, float(np.clip(9.5 * (y1 - y0) / (x1 - x0), 3.5, 14.0)) + 0.9)
     axes = figure.subplots()
@@ -252,7 +252,7 @@ def _frame(axes: Axes, x0: float, x1: float, y0: float, y1: float, scale: Floats
     axes.set_aspect("equal")
 
 
-def _body(problem: SpherePath, pose: Floats) -> Circle | Polygon:
+def _body(problem: SpherePathModel, pose: Floats) -> Circle | Polygon:
     assert problem.vehicle is not None, "a floor is there for a vehicle"
     if problem.vehicle.vertices is None:
         return Circle((pose[0], pose[1]), problem.vehicle.reach)

@@ -1,24 +1,19 @@
 """Make the spheres of a vehicle among obstacles once, and keep them in the user's cache folder."""
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import os
 import secrets
+from collections.abc import Callable, Mapping
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
-
-import numpy as np
+from typing import Any
 
 from problems.digests import digest
+from problems.plane import Obstacle
 from problems.progress import telling
 from problems.sphere_path import cells
-from problems.sphere_path.vehicle import dimensions_of
-
-if TYPE_CHECKING:
-    from problems.sphere_path.problem import SpherePath
+from problems.sphere_path.vehicle import Mesh, Vehicle
 
 # The fields that determine the spheres, besides the clearance.
 SHAPING = ("vehicle", "mesh", "obstacles", "bounds", "periodic", "accuracy")
@@ -26,49 +21,30 @@ MOST_BYTES = 64 << 20  # of all files in the folder; the oldest are removed firs
 _DIGITS = 64  # of a SHA-256 digest in hexadecimal
 
 
-def gaps_of(problem: SpherePath) -> cells.Clearance:
-    """Return the exact gaps between a problem's vehicle and all obstacles, see `cells.Clearance`."""
-    assert problem.vehicle is not None, "obstacles are there for a vehicle"
+def gaps_of(vehicle: Vehicle, mesh: Mesh | None, obstacles: list[Obstacle]) -> cells.Clearance:
+    """Return the exact gaps between a vehicle and all obstacles, see `cells.Clearance`."""
     # Imported here, since nodes get the spheres ready made and never measure a gap.
-    if problem.mesh is None:
+    if mesh is None:
         from problems.sphere_path.floor import in_the_plane
 
-        return in_the_plane(problem.vehicle, problem.obstacles)
+        return in_the_plane(vehicle, obstacles)
     from problems.sphere_path.solid import in_space
 
-    return in_space(problem.vehicle, problem.mesh.triangles)
+    return in_space(vehicle, mesh.triangles)
 
 
-def _spare_gaps_of(problem: SpherePath) -> cells.Clearance:
-    """Return the gaps beyond the problem's clearance, 0 where nothing is left of them, see `cells.Clearance`."""
-    gaps = gaps_of(problem)
-    return lambda configurations: np.maximum(0.0, gaps(configurations) - problem.clearance)
+def made_or_kept(shaping: Mapping[str, Any], make: Callable[[], str]) -> str:
+    """Return the code of the vehicle's cells from the cache, or make it, see `problems.sphere_path.cells`.
 
-
-def why_blocked(problem: SpherePath, place: list[float]) -> str:
-    """Return, as the end of an error, whether the vehicle is too near to an obstacle, or only `accuracy` blocks it."""
-    gap = float(gaps_of(problem)(np.array([place]))[0])
-    if gap <= 0.0:
-        return "in collision"
-    if gap <= problem.clearance:
-        return f"{gap:.3g} m from an obstacle, no more than the clearance {problem.clearance:g}"
-    too_near = f"what the clearance {problem.clearance:g} forbids" if problem.clearance else "a collision"
-    spare = gap - problem.clearance
-    return (
-        f"nearer than `accuracy` to {too_near}, though {spare:.3g} m away from {'it' if problem.clearance else 'one'}:"
-        f" a finer accuracy may free it, such as {min(spare, problem.accuracy) / 2:.2g} instead of {problem.accuracy:g}"
-    )
-
-
-def made_or_kept(problem: SpherePath) -> str:
-    """Return the code of the vehicle's cells from the cache, or make it, see `problems.sphere_path.cells`."""
-    kept = folder() / digest([_source(), problem.model_dump(mode="json", include={*SHAPING, "clearance"})])
+    Args:
+        shaping: the fields that determine the spheres, as plain values.
+        make: makes the code.
+    """
+    kept = folder() / digest([_source(), shaping])
     code = _read(kept)
     if code is None:
         with telling("making the spheres of configurations in collision; they are kept for the next time"):
-            gaps = _spare_gaps_of(problem)
-            # Gaps less the clearance: a configuration that keeps too little distance is covered like one in collision.
-            code = cells.subdivide(problem.space, dimensions_of(problem.mesh), problem.accuracy, gaps)
+            code = make()
         with contextlib.suppress(OSError):  # the cache is optional: a full disk or a read-only home is no error
             _write(kept, code)
     return code

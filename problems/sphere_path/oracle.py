@@ -13,12 +13,12 @@ from problems.sphere_path.random_world import corridor_of
 from problems.sphere_path.space import length_of
 
 if TYPE_CHECKING:
-    from problems.sphere_path.problem import SpherePath
+    from problems.sphere_path.model import SpherePathModel
 
 Floats = NDArray[np.float64]
 
 
-def solve_exactly(problem: SpherePath) -> Answer:
+def solve_exactly(problem: SpherePathModel) -> Answer:
     """Return what is known about the best path.
 
     A path that crosses nothing gives an upper bound. No path crosses fewer than none or is shorter than the straight
@@ -45,7 +45,7 @@ def solve_exactly(problem: SpherePath) -> Answer:
     return Answer("lower bound", 0.0, method, figures={"length": length_of(straight)})
 
 
-def _of_path(problem: SpherePath, places: Floats, method: str) -> Answer:
+def _of_path(problem: SpherePathModel, places: Floats, method: str) -> Answer:
     """Return a path that crosses nothing: it is optimal, unless it has a detour and length counts."""
     length = length_of(places)
     fitness = problem.length_weight * problem.space.detour(places)

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, field_validator
 
-from problems.problem import Table, quantity
 from problems.sphere_path import cells
+from problems.tables import Table, quantity
 
 if TYPE_CHECKING:
     from problems.sphere_path.space import Space

@@ -9,11 +9,10 @@ from numpy.typing import NDArray
 
 from problems.angles import plausible
 from problems.plane import CONTACT
-from problems.sphere_path import making
 from problems.sphere_path.vehicle import dimensions_of
 
 if TYPE_CHECKING:
-    from problems.sphere_path.problem import SpherePath
+    from problems.sphere_path.model import SpherePathModel
     from problems.sphere_path.random_world import Random
     from problems.sphere_path.vehicle import Vehicle
 
@@ -21,7 +20,7 @@ _FULL_TURN = 2.0 * np.pi
 _ANGLES = {(2, 2): 0, (2, 3): 1, (3, 3): 0, (3, 4): 1, (3, 6): 3}  # a vehicle's angles, by (dimensions, axes)
 
 
-def validate(problem: SpherePath) -> None:
+def validate(problem: SpherePathModel) -> None:
     """Raise a `ValueError` that names the first field that does not fit the others."""
     _one_number_an_axis(problem)
     _one_kind_of_obstacles(problem)
@@ -34,7 +33,7 @@ def validate(problem: SpherePath) -> None:
     _ends_are_free(problem)
 
 
-def _one_number_an_axis(problem: SpherePath) -> None:
+def _one_number_an_axis(problem: SpherePathModel) -> None:
     count = len(problem.start)
     for name, each in (("goal", problem.goal), ("bounds", problem.bounds), ("periodic", problem.periodic)):
         if each is not None and len(each) != count:
@@ -52,7 +51,7 @@ def _one_number_an_axis(problem: SpherePath) -> None:
             raise ValueError(f"spheres[{number}]: expected a radius greater than 0, found {sphere[-1]:g}")
 
 
-def _one_kind_of_obstacles(problem: SpherePath) -> None:
+def _one_kind_of_obstacles(problem: SpherePathModel) -> None:
     given = [name for name in ("spheres", "random", "vehicle") if getattr(problem, name) is not None]
     if len(given) != 1:
         raise ValueError(f"expected one of spheres, random and vehicle, found {' and '.join(given) or 'none'}")
@@ -60,7 +59,7 @@ def _one_kind_of_obstacles(problem: SpherePath) -> None:
         raise ValueError(f"vehicle: expected a vehicle, since obstacles or a mesh are given, found {given[0]} instead")
 
 
-def _fits_its_world(problem: SpherePath, vehicle: Vehicle) -> None:
+def _fits_its_world(problem: SpherePathModel, vehicle: Vehicle) -> None:
     """Raise if the vehicle's shape, its obstacles and its axes are not all of the plane, or all of space."""
     dimensions = dimensions_of(problem.mesh, vehicle.mesh)
     if dimensions == 3 and (vehicle.vertices is not None or problem.obstacles):
@@ -83,7 +82,7 @@ def _fits_its_world(problem: SpherePath, vehicle: Vehicle) -> None:
     _turns_within_reason(problem, dimensions)
 
 
-def _turns_within_reason(problem: SpherePath, first: int) -> None:
+def _turns_within_reason(problem: SpherePathModel, first: int) -> None:
     """Raise if an angle is implausibly large; the axes from the ``first`` on are angles."""
     for name in ("start", "goal", "bounds"):
         for axis, each in enumerate(getattr(problem, name)[first:], first):
@@ -94,7 +93,7 @@ def _turns_within_reason(problem: SpherePath, first: int) -> None:
                 raise ValueError(f"{name}[{axis}]: {error}") from error
 
 
-def _leaves_room(problem: SpherePath, random: Random) -> None:
+def _leaves_room(problem: SpherePathModel, random: Random) -> None:
     """Raise if a random world's corridor has more places than a path has nodes, or less clearance than it keeps."""
     if random.corridor > problem.nodes:
         raise ValueError(
@@ -107,7 +106,7 @@ def _leaves_room(problem: SpherePath, random: Random) -> None:
         )
 
 
-def _spheres_wrap_once(problem: SpherePath) -> None:
+def _spheres_wrap_once(problem: SpherePathModel) -> None:
     """Raise if a sphere with its clearance meets its own image along a periodic axis.
 
     The kernels look at three images only, which is enough for spheres no wider than a period.
@@ -123,18 +122,33 @@ def _spheres_wrap_once(problem: SpherePath) -> None:
             )
 
 
-def _ends_are_free(problem: SpherePath) -> None:
+def _ends_are_free(problem: SpherePathModel) -> None:
     # With the same spheres and the same contact as the fitness, so that a valid file never starts with a crossing.
     obstacles = problem.forbidden_spheres
     for name, place, written in (("start", problem.ends[0], problem.start), ("goal", problem.ends[1], problem.goal)):
         depth = obstacles[:, -1] - CONTACT - problem.space.clearances(place[None], obstacles[:, :-1])
         if np.any(depth > 0.0):
-            found = _too_near(problem, depth) if problem.spheres else making.why_blocked(problem, written)
+            found = _too_near(problem, depth) if problem.spheres else _why_blocked(problem, written)
             raise ValueError(f"{name}: expected a place clear of all obstacles, found {written} {found}")
 
 
-def _too_near(problem: SpherePath, depth: NDArray[np.float64]) -> str:
+def _too_near(problem: SpherePathModel, depth: NDArray[np.float64]) -> str:
     """Return, as the end of an error, the sphere that a place is deepest in; ``depth`` includes the clearance, (n,)."""
     worst = int(np.argmax(depth))
     is_in = depth[worst] > problem.clearance
     return f"{'in' if is_in else f'nearer than the clearance {problem.clearance:g} to'} spheres[{worst}]"
+
+
+def _why_blocked(problem: SpherePathModel, place: list[float]) -> str:
+    """Return, as the end of an error, whether the vehicle is too near to an obstacle, or only `accuracy` blocks it."""
+    gap = float(problem.gaps(np.array([place]))[0])
+    if gap <= 0.0:
+        return "in collision"
+    if gap <= problem.clearance:
+        return f"{gap:.3g} m from an obstacle, no more than the clearance {problem.clearance:g}"
+    too_near = f"what the clearance {problem.clearance:g} forbids" if problem.clearance else "a collision"
+    spare = gap - problem.clearance
+    return (
+        f"nearer than `accuracy` to {too_near}, though {spare:.3g} m away from {'it' if problem.clearance else 'one'}:"
+        f" a finer accuracy may free it, such as {min(spare, problem.accuracy) / 2:.2g} instead of {problem.accuracy:g}"
+    )

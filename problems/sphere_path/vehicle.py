@@ -14,7 +14,7 @@ from pydantic import field_validator, model_validator
 
 from problems.errors import BadInput, shorten
 from problems.plane import Point, simple_polygon
-from problems.problem import Table, quantity
+from problems.tables import Table, quantity
 
 Floats = NDArray[np.float64]
 

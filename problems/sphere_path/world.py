@@ -17,7 +17,7 @@ from problems.plane import Circle
 from problems.sphere_path.pose import rotations
 
 if TYPE_CHECKING:
-    from problems.sphere_path.problem import SpherePath
+    from problems.sphere_path.model import SpherePathModel
 
 Floats = NDArray[np.float64]
 
@@ -29,7 +29,7 @@ _SHORTEST = 1e-3  # the least step, as a share of the vehicle's reach; an obstac
 class World:
     """All obstacles, and the vehicle, which each query moves: use a world on one thread only."""
 
-    def __init__(self, problem: SpherePath) -> None:
+    def __init__(self, problem: SpherePathModel) -> None:
         vehicle, flat = problem.vehicle, problem.mesh is None
         assert vehicle is not None, "there is no world without a vehicle"
         self._dimensions = 2 if flat else 3

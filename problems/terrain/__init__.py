@@ -1,5 +1,5 @@
 """Grid navigation on terrain of fuzzy difficulty, path and trajectory together (Fries)."""
 
-from problems.terrain.problem import Slope, Terrain
+from problems.terrain.planner import Terrain
 
-__all__ = ["Slope", "Terrain"]
+__all__ = ["Terrain"]

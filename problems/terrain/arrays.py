@@ -1,46 +1,55 @@
-"""Convert a terrain problem into the arrays that its kernels take."""
+"""Convert a map and its difficulties into the arrays that the kernels take."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from problems.terrain.problem import Terrain
-
 BLOCKED = -1  # the class of impassable cells
-HEADINGS = ("E", "NE", "N", "NW", "W", "SW", "S", "SE")  # heading k is k·π/4, anticlockwise
 
 
-def world_arrays(problem: Terrain) -> tuple[NDArray[Any], ...]:
+def world_arrays(
+    rows: Sequence[str],
+    legend: Mapping[str, str],
+    difficulty: Callable[[str, int], float],
+    settings: Sequence[int],
+    radius: float,
+    clearance: float,
+) -> tuple[NDArray[Any], ...]:
     """Return the fields of `problems.terrain.walking.World`, in its order.
 
     They are the settings, the penalty K, the classes of the cells, the costs of steps, and the closed corners.
+
+    Args:
+        rows: the rows of the map.
+        legend: the name of the difficulty of each character that is passable.
+        difficulty: returns a difficulty as one number, by its name and the heading, 0 to 7.
+        settings: the cells of start and goal, and whether paths may cut corners.
+        radius: the robot's radius, in cells.
+        clearance: the distance that the robot keeps from obstacles, in cells.
     """
-    characters = np.array([list(row) for row in problem.map])
+    characters = np.array([list(row) for row in rows])
     # Only what is on the map: K is made of the highest difficulty that occurs.
-    present = [(char, name) for char, name in problem.legend.items() if np.any(characters == char)]
+    present = [(char, name) for char, name in legend.items() if np.any(characters == char)]
     classes = np.full(characters.shape, BLOCKED, np.int64)
     for place, (character, _) in enumerate(present):
         classes[characters == character] = place
-    rows, columns = characters.shape
-    obstacles, least = classes == BLOCKED, problem.robot_radius + problem.clearance
+    height, width = characters.shape
+    obstacles, least = classes == BLOCKED, radius + clearance
     if least > 0.5:  # the centre of a free cell is never nearer than half a cell to another cell
-        classes[_near(obstacles, least, (rows, columns), 0.5)] = BLOCKED
+        classes[_near(obstacles, least, (height, width), 0.5)] = BLOCKED
     # Half-way, a diagonal step passes a corner of cells. With a clearance it may be too near to an obstacle there, even
     # where both of its ends are free.
     corners = np.zeros((0, 0), np.int64)
-    if problem.clearance > 0.0:
-        corners = _near(obstacles, least, (rows + 1, columns + 1), 0.0).astype(np.int64)
-    ranked = np.array([[_ranked(problem, name, heading) for heading in range(8)] for _, name in present])
+    if clearance > 0.0:
+        corners = _near(obstacles, least, (height + 1, width + 1), 0.0).astype(np.int64)
+    ranked = np.array([[difficulty(name, heading) for heading in range(8)] for _, name in present])
     # K of §3.4, with difficulties ranked as numbers.
     worst = np.sqrt(2.0) * max(characters.shape) ** 2 * ranked.max()
     # Odd headings are diagonals.
     lengths = np.where(np.arange(8) % 2 == 0, 1.0, np.sqrt(2.0))
-    settings = np.array([*problem.start, *problem.goal, problem.corner_cutting], np.int64)
-    return settings, np.array([worst]), classes, ranked * lengths, corners
+    return np.array(settings, np.int64), np.array([worst]), classes, ranked * lengths, corners
 
 
 def _near(blocked: NDArray[np.bool_], radius: float, shape: tuple[int, int], into: float) -> NDArray[np.bool_]:
@@ -67,23 +76,3 @@ def _near(blocked: NDArray[np.bool_], radius: float, shape: tuple[int, int], int
             counts, first, last = before[row : row + shape[0]], int(columns[0]), int(columns[-1]) + 1
             near |= counts[:, last : last + shape[1]] > counts[:, first : first + shape[1]]
     return near
-
-
-def _ranked(problem: Terrain, name: str, heading: int) -> float:
-    """Return a difficulty for a heading as one number, by the problem's rank."""
-    a, b, c = _triangle(problem, name, heading)
-    match problem.rank:
-        case "pessimistic":
-            return c
-        case "optimistic":
-            return a
-        case _:
-            return (a + b + c) / 3.0
-
-
-def _triangle(problem: Terrain, name: str, heading: int) -> tuple[float, float, float]:
-    difficulty = problem.difficulties[name]
-    if isinstance(difficulty, tuple):
-        return difficulty
-    off = abs((heading - HEADINGS.index(difficulty.uphill) + 4) % 8 - 4)  # eighths of a turn from uphill
-    return difficulty.up if off < 2 else difficulty.across if off == 2 else difficulty.down

@@ -11,8 +11,6 @@ from itertools import pairwise
 from math import dist, inf, isclose, sqrt
 from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from problems.errors import first_line
@@ -20,15 +18,13 @@ from problems.problem import Clearance, Solution, Verdict
 from problems.terrain.solution import EIGHTH, STEPS, Cell, TerrainSolution
 
 if TYPE_CHECKING:
-    from problems.terrain.problem import Terrain
+    from problems.terrain.model import TerrainModel
 
 TOLERANCE = 1e-6
-HAIR = 1e-12  # a share by which distances may be too small, since contact at exactly the radius is free
-Floats = NDArray[np.float64]
 Triangle = tuple[float, float, float]
 
 
-def verify(problem: Terrain, solution: Solution) -> Verdict:
+def verify(problem: TerrainModel, solution: Solution) -> Verdict:
     """Return the path's fitness, and all that is wrong with it."""
     claimed = _parsed(solution)
     cost, blocked, astray = 0.0, 0, []
@@ -48,56 +44,18 @@ def verify(problem: Terrain, solution: Solution) -> Verdict:
     return Verdict(fitness, tuple(objections), _clearance(problem, claimed.path))
 
 
-def impassable(problem: Terrain) -> NDArray[np.bool_]:
-    """Return the cells where the robot cannot stand, (rows, columns): obstacles, and cells too near to them."""
-    if problem.robot_radius + problem.clearance > 0.0:
-        near: NDArray[np.bool_] = problem.distances[1::2, 1::2] < least_allowed(problem)
-        return near
-    return _obstacles(problem)
-
-
-def _obstacles(problem: Terrain) -> NDArray[np.bool_]:
-    return np.array([[character not in problem.legend for character in row] for row in problem.map])
-
-
-def distances(problem: Terrain) -> Floats:
-    """Return distances from obstacles, in cells, on a grid twice as fine as the map, (2 rows + 1, 2 columns + 1).
-
-    Places with two odd coordinates are centres of cells, those with two even ones their corners. Obstacles are squares,
-    at distance 0; without obstacles all distances are infinite. The edge of the map is no obstacle.
-    """
-    from scipy import ndimage
-
-    # The transform is exact here: the nearest point of a square to a centre or corner of another one is a corner or the
-    # middle of a side, and all of these are places of the fine grid.
-    blocked = _obstacles(problem)
-    fine = np.zeros((2 * blocked.shape[0] + 1, 2 * blocked.shape[1] + 1), bool)
-    for row in range(3):
-        for column in range(3):
-            fine[row : row + 2 * blocked.shape[0] : 2, column : column + 2 * blocked.shape[1] : 2] |= blocked
-    if not fine.any():
-        return np.full(fine.shape, inf)
-    found: Floats = ndimage.distance_transform_edt(~fine) / 2.0
-    return found
-
-
-def least_allowed(problem: Terrain) -> float:
-    """Return the least distance from an obstacle, in cells, at which the robot's axis may be."""
-    return (problem.robot_radius + problem.clearance) * (1.0 - HAIR)
-
-
-def difficulty(problem: Terrain, cell: Cell, heading: int) -> Triangle:
+def difficulty(problem: TerrainModel, cell: Cell, heading: int) -> Triangle:
     """Return the fuzzy difficulty of a step into a passable cell by a heading."""
     found = problem.difficulties[problem.legend[problem.map[cell[0]][cell[1]]]]
     if isinstance(found, tuple):
         return found
     towards, rise = STEPS[heading], STEPS[("E", "NE", "N", "NW", "W", "SW", "S", "SE").index(found.uphill)]
-    # By a cosine, where `arrays` counts eighths of a turn: an independent computation.
+    # By a cosine, where the fitness counts eighths of a turn: an independent computation.
     cosine = (towards[0] * rise[0] + towards[1] * rise[1]) / (dist(towards, (0, 0)) * dist(rise, (0, 0)))
     return found.up if cosine > 0.1 else found.down if cosine < -0.1 else found.across
 
 
-def ranked(problem: Terrain, triangle: Triangle) -> float:
+def ranked(problem: TerrainModel, triangle: Triangle) -> float:
     """Return the rank of a fuzzy number.
 
     All three ranks are linear, so a sum of ranked steps is the rank of the fuzzy sum.
@@ -105,7 +63,7 @@ def ranked(problem: Terrain, triangle: Triangle) -> float:
     return {"optimistic": triangle[0], "pessimistic": triangle[2], "centroid": sum(triangle) / 3}[problem.rank]
 
 
-def dearest(problem: Terrain) -> float:
+def dearest(problem: TerrainModel) -> float:
     """Return K = √2·n²·(the highest difficulty on the map): no clear path that enters a cell once costs more."""
     characters = set("".join(problem.map)) & problem.legend.keys()
     found = [problem.difficulties[problem.legend[character]] for character in characters]
@@ -123,7 +81,7 @@ def _parsed(solution: Solution) -> TerrainSolution:
         raise first_line(error, TerrainSolution, "solution") from None
 
 
-def _hindrance(problem: Terrain, here: Cell, there: Cell) -> str | None:
+def _hindrance(problem: TerrainModel, here: Cell, there: Cell) -> str | None:
     """Return why a step cannot be taken, None if it can."""
     blocked, near = problem.impassable, f"{problem.clearance:g}" if problem.clearance > 0.0 else ""
 
@@ -139,12 +97,12 @@ def _hindrance(problem: Terrain, here: Cell, there: Cell) -> str | None:
         return "cuts a corner"
     # On the fine grid a cell's centre is at 2 row + 1, so the middle of two centres is the sum of the rows plus 1.
     middle = (here[0] + there[0] + 1, here[1] + there[1] + 1)
-    if near and is_diagonal and problem.distances[middle] < least_allowed(problem):
+    if near and is_diagonal and problem.distances[middle] < problem.least_allowed:
         return f"comes nearer to an obstacle half-way than the clearance {near}"
     return None
 
 
-def _clearance(problem: Terrain, path: list[Cell]) -> Clearance:
+def _clearance(problem: TerrainModel, path: list[Cell]) -> Clearance:
     """Return the least gap between the robot and an obstacle, in cells: at centres, and half-way between them.
 
     That is exact: a straight step is never nearer than its ends, a diagonal one never nearer than its ends and middle.
@@ -164,7 +122,7 @@ def _clearance(problem: Terrain, path: list[Cell]) -> Clearance:
     return Clearance(least - problem.robot_radius, where, unit="cells")
 
 
-def _wrong_ends(problem: Terrain, claimed: TerrainSolution, away: float) -> Iterator[str]:
+def _wrong_ends(problem: TerrainModel, claimed: TerrainSolution, away: float) -> Iterator[str]:
     if claimed.path[0] != problem.start:
         yield f"the path starts at {list(claimed.path[0])}, not at {list(problem.start)}"
     if away > 0.0:

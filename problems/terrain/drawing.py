@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from problems.terrain.problem import Terrain
+    from problems.terrain.model import TerrainModel
 
 PATH = "#1f5fa8"
 START = "#2a8c4a"
@@ -30,7 +30,7 @@ _FINEST_GRID = 32  # cells across; on larger maps lines between cells would hide
 Color = tuple[float, float, float]
 
 
-def draw(problem: Terrain, figure: Figure, solution: Solution | None, populations: Populations) -> None:
+def draw(problem: TerrainModel, figure: Figure, solution: Solution | None, populations: Populations) -> None:
     """Fill an empty figure; see `problems.problem.Problem.draw`."""
     rows, columns = len(problem.map), len(problem.map[0])
     figure.set_layout_engine("constrained")
@@ -48,7 +48,7 @@ def draw(problem: Terrain, figure: Figure, solution: Solution | None, population
     _draw_membership(problem, membership, colors)
 
 
-def _title(problem: Terrain, solution: Solution | None) -> str:
+def _title(problem: TerrainModel, solution: Solution | None) -> str:
     if solution is None:
         return "no path found"
     title = f"cost {solution['cost']:.4g}, {len(solution['moves'])} moves"
@@ -56,7 +56,7 @@ def _title(problem: Terrain, solution: Solution | None) -> str:
     return f"{title}: {objections[0]}" if objections else title
 
 
-def _colors(problem: Terrain) -> dict[str, Color]:
+def _colors(problem: TerrainModel) -> dict[str, Color]:
     """Return the colour of each difficulty on the map: the easiest is white, the harder the darker."""
     present = set("".join(problem.map))
     names = {name for character, name in problem.legend.items() if character in present}
@@ -65,18 +65,18 @@ def _colors(problem: Terrain) -> dict[str, Color]:
     return {name: to_rgb("white") if place == 0 else to_rgb(shades[place - 1]) for place, name in enumerate(by_degree)}
 
 
-def _degree(problem: Terrain, name: str) -> float:
+def _degree(problem: TerrainModel, name: str) -> float:
     return float(np.mean([np.mean(triangle) for triangle in _triangles(problem, name).values()]))
 
 
-def _triangles(problem: Terrain, name: str) -> dict[str, tuple[float, float, float]]:
+def _triangles(problem: TerrainModel, name: str) -> dict[str, tuple[float, float, float]]:
     difficulty = problem.difficulties[name]
     if isinstance(difficulty, tuple):
         return {name: difficulty}
     return {f"{name}, {way}": getattr(difficulty, way) for way in ("up", "across", "down")}
 
 
-def _draw_map(problem: Terrain, axes: Axes, colors: dict[str, Color]) -> None:
+def _draw_map(problem: TerrainModel, axes: Axes, colors: dict[str, Color]) -> None:
     """Draw obstacles black, cells too near to one grey, and all others shaded by difficulty."""
     blocked = problem.impassable
     rows, columns = blocked.shape
@@ -101,7 +101,7 @@ def _draw_path(axes: Axes, path: NDArray[np.int64]) -> None:
     axes.plot(path[:, 1], path[:, 0], color=PATH, linewidth=2.6, zorder=5, solid_joinstyle="round")
 
 
-def _draw_populations(problem: Terrain, axes: Axes, populations: Populations) -> None:
+def _draw_populations(problem: TerrainModel, axes: Axes, populations: Populations) -> None:
     """Draw the paths of the first and of the last generation."""
     if not populations:
         return
@@ -116,7 +116,7 @@ def _draw_populations(problem: Terrain, axes: Axes, populations: Populations) ->
     axes.legend(loc="upper left", bbox_to_anchor=(0.0, -0.08), ncols=2, frameon=False, fontsize="small")
 
 
-def _draw_membership(problem: Terrain, axes: Axes, colors: dict[str, Color]) -> None:
+def _draw_membership(problem: TerrainModel, axes: Axes, colors: dict[str, Color]) -> None:
     """Draw the difficulties as fuzzy numbers: the membership of each degree."""
     greatest, handles = 1.0, []
     for name, color in colors.items():

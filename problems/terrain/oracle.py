@@ -18,12 +18,12 @@ from problems.terrain import checker
 from problems.terrain.solution import STEPS, solution_of
 
 if TYPE_CHECKING:
-    from problems.terrain.problem import Terrain
+    from problems.terrain.model import TerrainModel
 
 METHOD = "Dijkstra's algorithm over all cells"
 
 
-def solve_exactly(problem: Terrain) -> Answer:
+def solve_exactly(problem: TerrainModel) -> Answer:
     """Return the cost of the easiest path, and such a path, even if a genome has too few blocks to code it."""
     blocked = problem.impassable
     columns = blocked.shape[1]
@@ -42,7 +42,7 @@ def solve_exactly(problem: Terrain) -> Answer:
     )
 
 
-def _graph(problem: Terrain, blocked: NDArray[np.bool_]) -> sparse.csr_array:
+def _graph(problem: TerrainModel, blocked: NDArray[np.bool_]) -> sparse.csr_array:
     """Return the graph of all clear steps from each cell to its neighbours, weighed by the costs of the steps."""
     rows, columns = blocked.shape
     numbers = np.arange(rows * columns).reshape(rows, columns)
@@ -55,7 +55,7 @@ def _graph(problem: Terrain, blocked: NDArray[np.bool_]) -> sparse.csr_array:
         if d_row and d_column and problem.clearance > 0.0:
             # On the fine grid the middle of a diagonal step is one place away from the centre that it begins at.
             middles = problem.distances[1 + d_row :, 1 + d_column :][::2, ::2][:rows, :columns]
-            is_open &= middles >= checker.least_allowed(problem)
+            is_open &= middles >= problem.least_allowed
         tail = numbers[is_open]
         head = tail + d_row * columns + d_column
         tails.append(tail)
@@ -71,7 +71,7 @@ def _shifted(padded: NDArray[np.bool_], d_row: int, d_column: int) -> NDArray[np
     return padded[1 + d_row : 1 + d_row + rows, 1 + d_column : 1 + d_column + columns]
 
 
-def _difficulties(problem: Terrain, heading: int) -> NDArray[np.float64]:
+def _difficulties(problem: TerrainModel, heading: int) -> NDArray[np.float64]:
     """Return the ranked difficulty of a step into each cell by a heading; NaN where the cell is impassable."""
     characters = np.array([list(row) for row in problem.map])
     ranks = np.full(characters.shape, np.nan)

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 from genetics.arrays import Genomes, writable
 
 if TYPE_CHECKING:
-    from problems.terrain.problem import Terrain
+    from problems.terrain.model import TerrainModel
 
 
-def led_on(old: Terrain, new: Terrain, genomes: Genomes) -> Genomes:
+def led_on(old: TerrainModel, new: TerrainModel, genomes: Genomes) -> Genomes:
     """Return genomes of ``old``, (.., genome_bytes), adapted to ``new``: the same map with another start or cells.
 
     Each path goes straight from the new start to its own nearest cell, and on from there. Where new obstacles lie on

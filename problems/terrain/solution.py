@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from problems.problem import Solution, Table
+from problems.problem import Solution
+from problems.tables import Table
 
 EIGHTH = np.pi / 4.0  # rad
 STEPS = ((0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1), (1, 0), (1, 1))

@@ -17,10 +17,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Write the file; never overwrite one."""
     from problems import BadInput
-    from problems.registry import find_built_in
+    from problems.registry import find_registered
 
     try:
-        template = find_built_in(options.kind).template
+        template = find_registered(options.kind).template
     except BadInput as error:
         raise BadInput(f"KIND: {error}") from None
     path = Path(options.file or f"{options.kind}.toml")

@@ -18,13 +18,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Print the kinds, or the fields of one."""
-    from problems.registry import find_built_in, kinds
+    from problems.registry import find_registered, registered
 
     if options.kind is None:
-        abouts = {kind: find_built_in(kind).about for kind in kinds()}
+        abouts = {kind: find_registered(kind).about for kind in registered()}
         print(json.dumps(abouts) if options.json else "\n".join(f"{kind:14} {about}" for kind, about in abouts.items()))
         return exits.OK
-    model = find_built_in(options.kind)
+    model = find_registered(options.kind)
     schema = model.model_json_schema()
     if options.json:
         print(json.dumps(schema))

@@ -6,7 +6,7 @@ import numpy as np
 
 from genetics import Keys
 from problems import ProblemFile, Run
-from problems.min_time.coding import LEVELS
+from problems.min_time.levels import LEVELS
 
 RODS = {"masses": [1.0, 1.0], "lengths": [1.0, 1.0], "tip_mass": 1.0, "torque": [64.5, 64.5]}
 

@@ -12,8 +12,7 @@ from node import Plan, simulate
 from problems import Run
 from problems.arm_ik import ArmIk
 from problems.arm_path import ArmPath
-from problems.coordination import arms
-from problems.coordination.problem import Coordination
+from problems.coordination import Coordination, arms
 from problems.nearest import least_along
 
 CLEARANCE = 0.05

@@ -17,7 +17,8 @@ from node import Plan, simulate
 from problems import BadInput, ProblemFile, Run, load
 from problems.file import parse
 from problems.min_time import MinTime, checker, oracle
-from problems.min_time.coding import FINEST, LEVELS, Trajectories
+from problems.min_time.coding import FINEST, Trajectories
+from problems.min_time.levels import LEVELS
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 

@@ -11,7 +11,7 @@ from timed_arms import DIAGONAL, genome_of, genomes_of, problem_of, spoiled, tim
 
 from problems import BadInput, load
 from problems.min_time import checker
-from problems.min_time.coding import LEVELS
+from problems.min_time.levels import LEVELS
 
 
 # The search -----------------------------------------------------------------------------------------------------------

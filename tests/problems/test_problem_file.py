@@ -31,7 +31,7 @@ from pydantic import field_validator
 
 import supernode
 from problems.plane import Obstacle
-from problems.problem import Table
+from problems.tables import Table
 
 
 class Inner(Table):

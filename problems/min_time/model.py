@@ -1,4 +1,4 @@
-"""The min-time planner: in how little time can an arm go from rest to rest within the limits of its joints?"""
+"""The model of min-time: in how little time can an arm go from rest to rest within the limits of its joints?"""
 
 from __future__ import annotations
 
@@ -12,26 +12,21 @@ from genetics.arrays import Fitness, Genomes, writable
 from genetics.recipe import Recipe
 from problems.angles import Angle, WithAngles
 from problems.errors import BadInput, shorten
-from problems.min_time.arm import LIMITS, Arm, Body
-from problems.problem import Answer, Populations, RecipeName, Solution, Verdict, quantity
+from problems.min_time.arm import LIMITS, Arm
+from problems.problem import Solution
+from problems.tables import RecipeName, quantity
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from matplotlib.figure import Figure
-
     from genetics.operators import Operator
     from problems.min_time.coding import Trajectories
-    from problems.motion import Motion, Pace
-
-
-__all__ = ["Arm", "Body", "MinTime"]
 
 _NODES_A_STEP = 5  # a trajectory has at most so many nodes for each step of the grid
 
 
-class MinTime(WithAngles):
-    """Minimise the travel time along a curve through nodes between start and goal (Chan and Zalzala 1993)."""
+class MinTimeModel(WithAngles):
+    """The fields, coding, recipe, fitness and decoding; `MinTime` adds what verifies and shows solutions."""
 
     about: ClassVar[str] = (
         "minimum-time trajectories of an arm within limits of torque, velocity, acceleration and jerk"
@@ -197,30 +192,6 @@ stall = 50                      # generations without a quicker one, after which
             elif name == "velocity":
                 lines.append("velocity is not limited: state `velocity` of the arm")
         return "\n".join(lines)
-
-    def check(self, solution: Solution) -> Verdict:
-        """Verify a solution by `problems.min_time.checker`, which shares no code with `evaluate`."""
-        from problems.min_time import checker
-
-        return checker.verify(self, solution)
-
-    def oracle(self) -> Answer:
-        """Return the best trajectory through nodes of the grid, an upper bound; see `problems.min_time.oracle`."""
-        from problems.min_time import oracle
-
-        return oracle.solve_exactly(self)
-
-    def motion(self, solution: Solution, pace: Pace) -> Motion:
-        """Return the trajectory as a motion, row by row."""
-        from problems.min_time import moving
-
-        return moving.motion(self, solution, pace)
-
-    def draw(self, figure: Figure, solution: Solution | None, populations: Populations) -> None:
-        """Draw the nodes in joint space (figure 1), and joints and torques against time (figure 2)."""
-        from problems.min_time import drawing
-
-        drawing.draw(self, figure, solution, populations)
 
     @cached_property
     def _compiled(self) -> Operator:

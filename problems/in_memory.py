@@ -10,7 +10,7 @@ from problems.run import Run
 
 
 @dataclass(frozen=True)
-class MadeProblem(ProblemFile):
+class InMemoryProblem(ProblemFile):
     """A problem made in Python, for functions that expect a problem file.
 
     Attributes:
@@ -20,12 +20,12 @@ class MadeProblem(ProblemFile):
     model: type[Problem] = field(kw_only=True)
 
     @staticmethod
-    def of(problem: Problem) -> "MadeProblem":
+    def of(problem: Problem) -> "InMemoryProblem":
         """Return a problem file with the fields of ``problem``; a user's own kind is named after its class."""
         model = type(problem)
         kind = problem.kind if registry.is_built_in(problem.kind) else f"{model.__module__}:{model.__qualname__}"
         fields = problem.model_dump(mode="json", exclude_unset=True) | {"kind": kind}
-        return MadeProblem(model.__name__, fields, Run.model_validate({}), Path(), model=model)
+        return InMemoryProblem(model.__name__, fields, Run.model_validate({}), Path(), model=model)
 
     def find_model(self) -> type[Problem]:
         """Return the class of the problem that this was made of, without an import."""

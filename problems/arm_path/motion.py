@@ -13,10 +13,10 @@ from problems.problem import Solution
 from problems.profile import ride
 
 if TYPE_CHECKING:
-    from problems.arm_path.problem import ArmPath
+    from problems.arm_path.model import ArmPathModel
 
 
-def motion(problem: ArmPath, solution: Solution, pace: Pace) -> Motion:
+def motion(problem: ArmPathModel, solution: Solution, pace: Pace) -> Motion:
     """Return the motion in which each joint turns as fast as --speed and the arm's own limits allow.
 
     Raises:
@@ -35,7 +35,7 @@ def motion(problem: ArmPath, solution: Solution, pace: Pace) -> Motion:
     return Motion(way.times, (track,), outlines(problem.obstacles), (speeds, gains), way.notes)
 
 
-def _limits(problem: ArmPath, pace: Pace) -> tuple[Limit, Limit]:
+def _limits(problem: ArmPathModel, pace: Pace) -> tuple[Limit, Limit]:
     """Return the limits of speed and acceleration of each joint.
 
     Raises:

@@ -1,4 +1,4 @@
-"""The coordination planner: where two manipulators on given paths wait for each other to arrive soon, not collide."""
+"""The model of coordination: where two manipulators on given paths wait for each other to arrive soon, not collide."""
 
 from __future__ import annotations
 
@@ -14,29 +14,22 @@ from pydantic import ConfigDict, ValidationError, model_validator
 from genetics.arrays import Fitness, Genomes, writable
 from genetics.recipe import Recipe
 from problems.angles import WithAngles
-from problems.coordination import arms, checker
+from problems.coordination import arms
 from problems.coordination.arms import Robot
 from problems.coordination.diagram import Arrays, Diagram, Mask, RandomDiagram, move_times
 from problems.digests import digest
 from problems.errors import BadInput
-from problems.problem import Answer, Populations, RecipeName, Solution, Verdict, quantity
+from problems.problem import Solution
+from problems.tables import RecipeName, quantity
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from genetics.bit_string import BitString
     from genetics.operators import Operator
     from problems.coordination.coding import SynchronisationPoints
-    from problems.motion import Motion, Pace
 
 
-class Coordination(WithAngles):
-    """Minimise the time of two robots that wait for each other at synchronisation points (SPs), §3.
-
-    Cell (i, j) of the coordination diagram is an obstacle if the robots may collide while robot 1 is in stretch i of
-    its path and robot 2 in stretch j. Between two SPs each robot moves on its own, so all cells of the rectangle
-    between them must be free.
-    """
+class CoordinationModel(WithAngles):
+    """The fields, coding, recipe, fitness and decoding; `Coordination` adds what verifies and shows solutions."""
 
     model_config = ConfigDict(serialize_by_alias=True)
 
@@ -222,28 +215,6 @@ seed = 1
         count = len(solution["points"])
         stops = [f"robot 1 at cell {i:4d}, robot 2 at cell {j:4d}" for i, j in solution["points"]]
         return "\n".join([f"{solution['time']:.3f} s with {count} synchronisation points:", *stops])
-
-    def check(self, solution: Solution) -> Verdict:
-        """Judge a solution with `problems.coordination.checker`, which shares no code with `evaluate`."""
-        return checker.verify(self, solution)
-
-    def oracle(self) -> Answer:
-        """Return the optimum by dynamic programming; see `problems.coordination.oracle`."""
-        from problems.coordination import oracle
-
-        return oracle.solve_exactly(self)
-
-    def motion(self, solution: Solution, pace: Pace) -> Motion:
-        """Return the motion of both robots along their paths, with their waits at the SPs."""
-        from problems.coordination import moving
-
-        return moving.motion(self, solution, pace)
-
-    def draw(self, figure: Figure, solution: Solution | None, populations: Populations) -> None:
-        """Draw the diagram with the rectangles (figure 3 of the paper) and, if there are any, the arms (figure 4)."""
-        from problems.coordination import drawing
-
-        drawing.draw(self, figure, solution, populations)
 
     @cached_property
     def _compiled(self) -> Operator:

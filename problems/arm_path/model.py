@@ -1,4 +1,4 @@
-"""The arm-path planner: find a motion between two configurations that moves one joint at a time."""
+"""The model of arm-path: a motion between two configurations that moves one joint at a time."""
 
 from __future__ import annotations
 
@@ -13,18 +13,16 @@ from pydantic import Field, model_validator
 from genetics.arrays import Fitness, Genomes, writable
 from genetics.recipe import ONE_BIT, Recipe
 from problems.angles import Angle
-from problems.arm_ik import problem as arm_ik
-from problems.arm_ik.problem import ArmProblem
-from problems.arm_path import checker
+from problems.planar_arm import model as planar_arm
+from problems.planar_arm.model import ArmProblem
 from problems.plane import Shapes
-from problems.problem import Answer, Populations, RecipeName, Solution, Verdict, quantity
+from problems.problem import Solution
+from problems.tables import RecipeName, quantity
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from genetics.bit_string import BitString
     from genetics.operators import Operator
-    from problems.motion import Motion, Pace
+    from problems.arm_path.stretching import Move
 
 MOST_LINKS = 6
 MOST_BITS = 12
@@ -38,7 +36,7 @@ Path = NDArray[np.float64]  # (rows, links), rad, unwrapped
 Cells = NDArray[np.bool_]  # (2^q, 2^q), indexed by the codes of joint 1 and joint 2
 
 
-class Arm(arm_ik.Arm):
+class Arm(planar_arm.Arm):
     """A planar arm whose joints may have limits of speed and acceleration."""
 
     velocity: list[Rate] | None = quantity(
@@ -56,12 +54,8 @@ class Arm(arm_ik.Arm):
         return self
 
 
-class ArmPath(ArmProblem):
-    """Find a Manhattan motion M(k, q) with a corner from which the goal can be reached by a simple path (§4).
-
-    A Manhattan motion moves one joint at a time: k rounds of moving joint 1, joint 2, .., joint n, each to an absolute
-    q-bit angle. The simple path turns each joint to the goal once.
-    """
+class ArmPathModel(ArmProblem):
+    """The fields, coding, recipe, fitness and decoding; `ArmPath` adds what verifies and shows solutions."""
 
     about: ClassVar[str] = "a path of an arm among obstacles, one joint at a time"
     template: ClassVar[str] = """\
@@ -142,18 +136,6 @@ seed = 1
             raise ValueError(f"arm.links: expected 2 to {MOST_LINKS} links, found {links}")
         return self
 
-    @model_validator(mode="after")
-    def _ends_are_free(self) -> Self:
-        for name, configuration in (("start", self.start), ("goal", self.goal)):
-            if len(configuration) != len(self.arm.links):
-                raise ValueError(
-                    f"{name}: expected one angle for each of {len(self.arm.links)} links, found {len(configuration)}"
-                )
-            objection = checker.objection_to(self, configuration)
-            if objection is not None:
-                raise ValueError(f"{name}: expected a free configuration, found {configuration}: {objection}")
-        return self
-
     @property
     def solved_at(self) -> float:
         """0, the fitness of a motion that reaches the goal."""
@@ -222,7 +204,7 @@ seed = 1
         own = self.for_cell()  # an empty cache, so that only this motion is counted
         path = kernels.follow(writable(genome), own._compiled.table)
         if self.stretch:
-            path = stretching.stretched(own, path)
+            path = stretching.stretched(path, own.are_legal)
         return own._evaluated([own.report()]) | {"path": path.tolist()}
 
     def report(self) -> bytes:
@@ -286,27 +268,18 @@ seed = 1
         share = 100 * solution["cspace_evaluated"]
         return "\n".join([f"{len(calls)} moves; {share:.3g} % of configuration space evaluated:", *calls])
 
-    def check(self, solution: Solution) -> Verdict:
-        """Judge a solution with `problems.arm_path.checker`, which shares no code with `evaluate`."""
-        return checker.verify(self, solution)
+    def are_legal(self, rows: Path, moves: list[Move]) -> bool:
+        """Return whether moves keep to the joint limits and to the legal ranges of their slices, one after another.
 
-    def oracle(self) -> Answer:
-        """Return whether a two-link arm can reach the goal, and by how many moves; see `problems.arm_path.oracle`."""
-        from problems.arm_path import oracle
-
-        return oracle.solve_exactly(self)
-
-    def motion(self, solution: Solution, pace: Pace) -> Motion:
-        """Return the path over time: one joint moves after another, each from rest to rest within its limits."""
-        from problems.arm_path import moving
-
-        return moving.motion(self, solution, pace)
-
-    def draw(self, figure: Figure, solution: Solution | None, populations: Populations) -> None:
-        """Draw the path in the workspace and, for two links, in configuration space (figures 4 and 5)."""
-        from problems.arm_path import drawing
-
-        drawing.draw(self, figure, solution)
+        Args:
+            rows: the configurations before the first move and after each, rad, shape (moves + 1, links).
+            moves: the moves.
+        """
+        if self.arm.limits is not None:
+            lowest, ranges = self.joint_ranges
+            if (rows < lowest).any() or (rows > lowest + ranges).any():
+                return False
+        return all(self.is_legal(row, move.joint, move.turn) for row, move in zip(rows, moves, strict=False))
 
     def is_legal(self, configuration: Path, joint: int, turn: float) -> bool:
         """Return whether a joint can turn by ``turn``, rad, from a free configuration of shape (links,)."""

@@ -11,12 +11,12 @@ from problems.problem import Solution
 from problems.profile import drive
 
 if TYPE_CHECKING:
-    from problems.terrain.problem import Terrain
+    from problems.terrain.model import TerrainModel
 
 _HALF_A_CELL = 0.5  # cells: the radius that limits the turns of a robot without a radius
 
 
-def motion(problem: Terrain, solution: Solution, pace: Pace) -> Motion:
+def motion(problem: TerrainModel, solution: Solution, pace: Pace) -> Motion:
     """Return the motion at most at --speed, cells/s, whatever the difficulty, with turns by the shorter way.
 
     The robot starts with the heading of its first move. In space x is the column and y the negative row, so that

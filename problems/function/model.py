@@ -1,4 +1,4 @@
-"""The function planner: benchmark functions of numbers, bits and graphs, whose optimum is known."""
+"""The model of function: benchmark functions of numbers, bits and graphs, whose optimum is known."""
 
 from __future__ import annotations
 
@@ -12,13 +12,12 @@ from pydantic import model_validator
 from genetics.arrays import Fitness, Genomes, writable
 from genetics.recipe import Recipe
 from lowlevel import capabilities
-from problems.function import checker
+from problems.function import formulas
 from problems.function.graph import Graph
-from problems.problem import Answer, CodedProblem, Populations, RecipeName, Solution, Verdict, quantity
+from problems.problem import CodedProblem, Solution
+from problems.tables import RecipeName, quantity
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from genetics.bit_string import BitString
     from genetics.operators import Operator
     from genetics.real_vector import RealVector
@@ -37,14 +36,8 @@ _TRAP = 5  # bits in a block of the trap function
 _FLIPS = 2.4  # mean number of bits that mutation flips per offspring (tuned)
 
 
-class Function(CodedProblem):
-    """A function whose optimum is known.
-
-    Functions of numbers are minimised within the bounds of the literature. The optimal bit string is all ones. For
-    graph-partition, the fitness is the number of cut edges less that of the planted partition, plus the sum of the
-    squared part sizes less its minimum. The planted partition has the fitness 0. The squares penalise imbalance: with
-    two parts, m vertices too many cost 2 m².
-    """
+class FunctionModel(CodedProblem):
+    """The fields, coding, recipe, fitness and decoding; `Function` adds what verifies and shows solutions."""
 
     about: ClassVar[str] = "known functions: for tests, comparisons and load"
     template: ClassVar[str] = """\
@@ -136,7 +129,7 @@ seed = 1
             return 0.0
         if self.bits == 0:
             return _REAL_TARGET
-        return float(checker.value(self.name, self.nearest_to_optimum)) + _ROUNDING
+        return float(formulas.value(self.name, self.nearest_to_optimum)) + _ROUNDING
 
     @property
     def nearest_to_optimum(self) -> NDArray[np.float64]:
@@ -248,19 +241,3 @@ seed = 1
         if "x" in solution:
             return "x = " + ", ".join(f"{x:.6g}" for x in solution["x"])
         return super().describe(solution)
-
-    def check(self, solution: Solution) -> Verdict:
-        """Judge a solution with `problems.function.checker`, which shares no code with `evaluate`."""
-        return checker.verify(self, solution)
-
-    def oracle(self) -> Answer:
-        """Return the optimum if it is known, else an upper bound close to it; see `problems.function.oracle`."""
-        from problems.function import oracle
-
-        return oracle.solve_exactly(self)
-
-    def draw(self, figure: Figure, solution: Solution | None, populations: Populations) -> None:
-        """Draw a map of the first two parameters, the bits, or the graph's edges with vertices sorted by part."""
-        from problems.function import drawing
-
-        drawing.draw(self, figure, solution, populations)

@@ -1,42 +1,28 @@
-"""The mobile-robot planner (§5): a robot among obstacles, driven by rotate and move commands."""
+"""The model of mobile-robot (§5): a robot among obstacles, driven by rotate and move commands."""
 
 from __future__ import annotations
 
 from functools import cached_property
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
 import numpy as np
-import shapely
 from numpy.typing import NDArray
-from pydantic import Field, ValidationInfo, field_validator, model_validator
+from pydantic import field_validator
 
 from genetics.arrays import Fitness, Genomes, writable
 from genetics.recipe import Recipe
 from problems.angles import Angle, WithAngles
-from problems.mobile_robot import checker
-from problems.mobile_robot.arrays import SLIMMEST, floor_arrays, is_wide, robot_arrays
+from problems.mobile_robot.arrays import floor_arrays, robot_arrays
+from problems.mobile_robot.body import Body, Metres
 from problems.mobile_robot.guide import Guide, guide_of
-from problems.plane import Obstacle, Point, simple_polygon
-from problems.problem import (
-    CHECKED,
-    Answer,
-    CodedProblem,
-    Populations,
-    RecipeName,
-    Solution,
-    Table,
-    Verdict,
-    quantity,
-)
+from problems.plane import Obstacle
+from problems.problem import CodedProblem, Solution
+from problems.tables import RecipeName, quantity
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from genetics.bit_string import BitString
     from genetics.operators import Operator
-    from problems.motion import Motion, Pace
 
-Metres = Annotated[float, Field(ge=-1e4, le=1e4)]
 Pose = tuple[Metres, Metres, Angle]
 
 _FLIPS = 12.0  # bits that the tuned recipe changes in an offspring, on average
@@ -47,48 +33,8 @@ _MOST_COMMANDS = 24
 _MOST_AT_LAST = 64  # in later attempts
 
 
-class Body(Table):
-    """The robot's outline, in its own frame: the reference point, about which it turns, is the origin; ahead is +x."""
-
-    vertices: list[tuple[Metres, Metres]] | None = quantity(
-        "m", "corners of a polygon, convex or not, in order, either way round", default=None
-    )
-    radius: float | None = quantity("m", "radius of a disc, instead of vertices", default=None, ge=1e-6, le=1e4)
-
-    @field_validator("vertices")
-    @classmethod
-    def _simple(cls, vertices: list[Point] | None) -> list[Point] | None:
-        if vertices is None:
-            return None
-        vertices = simple_polygon(vertices)
-        if not is_wide(vertices):
-            raise ValueError(f"expected a polygon at least {SLIMMEST:g} m wide everywhere, found {vertices}")
-        return vertices
-
-    @model_validator(mode="after")
-    def _polygon_or_disc(self) -> Self:
-        if (self.vertices is None) == (self.radius is None):
-            found = "neither" if self.radius is None else "both"
-            raise ValueError(f"expected either vertices or radius, found {found}")
-        return self
-
-    @property
-    def circumscribed_radius(self) -> float:
-        """The farthest corner's distance from the reference point, m; 0 for a disc, whose heading does not matter."""
-        return 0.0 if self.vertices is None else float(np.linalg.norm(self.vertices, axis=1).max())
-
-    @property
-    def covered_radius(self) -> float:
-        """The radius of the largest disc about the reference point that the robot covers, m; 0 if it covers none."""
-        if self.vertices is None:
-            return self.radius or 0.0
-        # The disc must lie within the outline, so the reference point must; then the nearest edge bounds it.
-        outline, reference = shapely.Polygon(self.vertices), shapely.Point(0.0, 0.0)
-        return float(outline.exterior.distance(reference)) if outline.contains(reference) else 0.0
-
-
-class MobileRobot(CodedProblem, WithAngles):
-    """Find a list of (rotate, move) commands from whose end, or from an earlier place, the goal is visible (§5)."""
+class MobileRobotModel(CodedProblem, WithAngles):
+    """The fields, coding, recipe, fitness and decoding; `MobileRobot` adds what verifies and shows solutions."""
 
     about: ClassVar[str] = "a path of rotate and move commands for a mobile robot among obstacles"
     template: ClassVar[str] = """\
@@ -184,18 +130,6 @@ seed = 1
             raise ValueError(f"expected x0 < x1 and y0 < y1, found {list(bounds)}")
         return bounds
 
-    @model_validator(mode="after")
-    def _stands_free(self, info: ValidationInfo) -> Self:
-        if info.context == CHECKED:  # another process has checked these fields already; the check is costly
-            return self
-        for name, pose in (("start", self.start), ("goal", self.goal)):
-            objection = checker.objection_to(self, pose)
-            if objection is not None:
-                raise ValueError(
-                    f"{name}: expected a place where the robot stands free, found {list(pose)} {objection}"
-                )
-        return self
-
     @property
     def solved_at(self) -> float:
         """The fitness of a path that reaches the goal."""
@@ -266,28 +200,6 @@ seed = 1
         """Return the length and the commands as text, one command a line."""
         calls = [_called_out(name, value) for name, value in solution["commands"]]
         return "\n".join([f"a way of {solution['length']:.2f} m by {len(calls)} commands:", *calls])
-
-    def check(self, solution: Solution) -> Verdict:
-        """Verify a solution by `problems.mobile_robot.checker`, which shares no code with `evaluate`."""
-        return checker.verify(self, solution)
-
-    def oracle(self) -> Answer:
-        """Return whether there is a way, and bounds of its length; see `problems.mobile_robot.oracle`."""
-        from problems.mobile_robot import oracle
-
-        return oracle.solve_exactly(self)
-
-    def motion(self, solution: Solution, pace: Pace) -> Motion:
-        """Return drives and turns as a motion, each from rest to rest; see `problems.mobile_robot.moving`."""
-        from problems.mobile_robot import moving
-
-        return moving.motion(self, solution, pace)
-
-    def draw(self, figure: Figure, solution: Solution | None, populations: Populations) -> None:
-        """Draw the floor and the swept robot (figure 6 of the paper)."""
-        from problems.mobile_robot import drawing
-
-        drawing.draw(self, figure, solution, populations)
 
     @cached_property
     def _compiled(self) -> Operator:

@@ -1,33 +1,23 @@
-"""The arm-ik planner: find joint angles that bring an arm's tip to a target, clear of obstacles and of itself.
-
-This module also defines `Arm` and `ArmProblem`, which arm-path shares.
-"""
+"""The model of arm-ik: joint angles that bring an arm's tip to a target, clear of obstacles and of itself."""
 
 from __future__ import annotations
 
 from functools import cached_property
-from typing import TYPE_CHECKING, Annotated, ClassVar, Self
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from genetics.arrays import Fitness, Genomes
 from genetics.recipe import ONE_BIT, Recipe
-from problems.angles import Angle, WithAngles
-from problems.arm_ik import checker, reach
-from problems.plane import Metres, Obstacle, Shapes
-from problems.problem import Answer, CodedProblem, Populations, RecipeName, Solution, Table, Verdict, quantity
+from problems.planar_arm.model import ArmProblem, Configurations, Place
+from problems.plane import Shapes
+from problems.problem import Solution
+from problems.tables import RecipeName, quantity
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from genetics.bit_string import BitString
     from genetics.operators import Operator
-
-Length = Annotated[float, Field(gt=0, le=1e6)]
-Place = tuple[Metres, Metres]
-Configurations = NDArray[np.float64]  # (n, links), rad
 
 MILLIMETRE = 1e-3
 """The distance to the target that counts as solved, m, if the code is fine enough for it."""
@@ -36,97 +26,8 @@ _FLIPS = 2.4  # mean number of bits that mutation flips per offspring (tuned): 0
 _FLIPS_ON_ISLANDS = 4.0  # more, as islands lose diversity sooner: the best of a family takes the couple's place
 
 
-class Arm(Table):
-    """A planar arm of revolute joints. Joint angle j is relative to link j − 1; at all zeros it lies along +x."""
-
-    links: list[Length] = quantity("m", "lengths from the base outwards, at least one", min_length=1, max_length=100)
-    base: Place = quantity("m", "where the first joint stands", default=(0.0, 0.0))
-    radius: float = quantity("m", "half the thickness of a link", default=0.0, ge=0, le=1e6)
-    limits: list[tuple[Angle, Angle]] | None = quantity(
-        "rad", "[lowest, highest] angle of each joint; a full circle [0, 2π) if not given", default=None
-    )
-
-    @field_validator("limits")
-    @classmethod
-    def _one_pair_a_link(
-        cls, limits: list[tuple[float, float]] | None, info: ValidationInfo
-    ) -> list[tuple[float, float]] | None:
-        links = len(info.data.get("links", limits or []))
-        if limits is not None and len(limits) != links:
-            raise ValueError(f"expected one [lowest, highest] for each of {links} links, found {len(limits)}")
-        for joint, (lowest, highest) in enumerate(limits or []):
-            if not lowest < highest:
-                raise ValueError(f"expected lowest < highest for joint {joint + 1}, found [{lowest}, {highest}]")
-        return limits
-
-
-class ArmProblem(CodedProblem, WithAngles):
-    """The common base of all problems of planar arms among obstacles."""
-
-    bits: int = quantity("bit", "bits of each joint angle", default=8, ge=1, le=62)
-    clearance: float = quantity(
-        "m",
-        "least distance of links from obstacles, and from links that are not their neighbours",
-        default=0.0,
-        ge=0,
-        le=1e6,
-    )
-    self_collision: bool = quantity("", "whether links that are not neighbours must not touch each other", default=True)
-    arm: Arm = quantity("", "the arm")
-    obstacles: list[Obstacle] = quantity("", "solid shapes that no link may touch", default_factory=list)
-
-    @model_validator(mode="after")
-    def _some_configuration_may_be_free(self) -> Self:
-        """Refuse arms that collide in every configuration: at the base, or by links too short to keep apart."""
-        hit = checker.obstacle_at_base(self)
-        if hit is not None:
-            raise ValueError(
-                f"arm.base: expected a place clear of the obstacles by the arm's radius {self.arm.radius:g}"
-                f"{self._and_clearance}, found {list(self.arm.base)} in obstacles[{hit}]"
-            )
-        shortest = min(self.arm.links[1:-1], default=np.inf)
-        if self.self_collision and shortest < self.apart:
-            raise ValueError(
-                f"arm.links: expected inner links at least as long as twice the radius {self.arm.radius:g}"
-                f"{self._and_clearance}, as the links on either side would always touch, found {shortest:g}"
-            )
-        return self
-
-    @property
-    def _and_clearance(self) -> str:
-        return f" and the clearance {self.clearance:g}" if self.clearance else ""
-
-    @property
-    def reach_of_links(self) -> float:
-        """The least distance between an obstacle and the axis of a link, m: the link's radius plus the clearance."""
-        return self.arm.radius + self.clearance
-
-    @property
-    def apart(self) -> float:
-        """The least distance between the axes of two links that are not neighbours, m."""
-        return 2.0 * self.arm.radius + self.clearance
-
-    @cached_property
-    def joint_ranges(self) -> tuple[Configurations, Configurations]:
-        """The lowest angle of each joint, and the width of its range, rad; shape (links,) each."""
-        limits = np.array(self.arm.limits or [(0.0, 2.0 * np.pi)] * len(self.arm.links))
-        return limits[:, 0], limits[:, 1] - limits[:, 0]
-
-    @property
-    def steps(self) -> int:
-        """The number of code steps in a joint's range.
-
-        Within limits, 2^q codes span 2^q − 1 steps. On a full circle one more step leads from the last code back to the
-        first.
-        """
-        return (1 << self.bits) - (0 if self.arm.limits is None else 1)
-
-
-class ArmIk(ArmProblem):
-    """Minimise f(θ) = ‖d(θ) − X‖, +∞ in collision (Ahuactzin et al. 1992, §3.1).
-
-    Each joint angle is one integer of ``bits`` bits; a genome is their concatenation.
-    """
+class ArmIkModel(ArmProblem):
+    """The fields, coding, recipe, fitness and decoding; `ArmIk` adds what verifies and shows solutions."""
 
     about: ClassVar[str] = "inverse kinematics of a planar arm among obstacles"
     template: ClassVar[str] = """\
@@ -211,11 +112,6 @@ seed = 1
         bits = int(np.ceil(np.log2(self._sweep / (2 * MILLIMETRE) + 1)))
         return f"m from the target, the code's step: {coded}, {share:.1%} of its reach; {bits} bits allow 1 mm"
 
-    @property
-    def unreachable(self) -> str | None:
-        """An error about a target that is too far from the base, or too near to it; see `problems.arm_ik.reach`."""
-        return reach.complaint(self)
-
     def recipe(self, name: RecipeName, deme: int) -> Recipe:
         """Return the paper's operators (§3.1, §6), or the tuned ones: elitist, uniform crossover and more mutation.
 
@@ -269,22 +165,6 @@ seed = 1
         x, y = solution["tip"]
         angles = ", ".join(f"{angle:.4f}" for angle in solution["configuration"])
         return f"tip at ({x:.4f}, {y:.4f}) m, {solution['distance']:.4g} m from the target\njoints at {angles} rad"
-
-    def check(self, solution: Solution) -> Verdict:
-        """Judge a solution with `problems.arm_ik.checker`, which shares no code with `evaluate`."""
-        return checker.verify(self, solution)
-
-    def oracle(self) -> Answer:
-        """Return the optimum by enumeration if there are few codes, else bounds; see `problems.arm_ik.oracle`."""
-        from problems.arm_ik import oracle
-
-        return oracle.solve_exactly(self)
-
-    def draw(self, figure: Figure, solution: Solution | None, populations: Populations) -> None:
-        """Draw the arm among its obstacles and, for two links, its configuration space (figures 1 to 3)."""
-        from problems.arm_ik import drawing
-
-        drawing.draw(self, figure, solution, populations)
 
     @cached_property
     def _compiled(self) -> Operator:

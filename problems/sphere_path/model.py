@@ -1,4 +1,4 @@
-"""The sphere-path planner: find a path in configuration space that crosses no obstacle, or as few as possible."""
+"""The model of sphere-path: a path in configuration space that crosses no obstacle, or as few as possible."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, ValidationError
 
 from genetics.arrays import Fitness, Genomes, writable
 from genetics.recipe import Recipe, Replacement
@@ -18,20 +18,16 @@ from problems.angles import WithAngles, in_unit
 from problems.digests import digest
 from problems.errors import BadInput
 from problems.plane import CONTACT, Obstacle
-from problems.problem import Answer, CodedProblem, Populations, RecipeName, Solution, Verdict, quantity
+from problems.problem import CodedProblem, Solution
 from problems.sphere_path import cells, making
 from problems.sphere_path.random_world import Random, random_spheres
 from problems.sphere_path.space import Space, length_of
-from problems.sphere_path.validation import validate
 from problems.sphere_path.vehicle import Mesh, Vehicle, dimensions_of, gathered
+from problems.tables import RecipeName, quantity
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from genetics.bit_string import BitString
     from genetics.operators import Operator
-    from problems.motion import Motion, Pace
-    from problems.run import Run
 
 Floats = NDArray[np.float64]
 Place = Annotated[float, Field(ge=-1e6, le=1e6)]
@@ -40,11 +36,8 @@ Axes = Annotated[list[Place], Field(min_length=2, max_length=7)]
 _FLIPS = 8.0  # bits that the tuned recipe changes in an offspring, on average
 
 
-class SpherePath(CodedProblem, WithAngles):
-    """Find intermediate nodes of a path from start to goal that crosses no obstacle (Eldershaw and Cameron).
-
-    Obstacles are spheres in configuration space: given, random, or made from a vehicle and its obstacles.
-    """
+class SpherePathModel(CodedProblem, WithAngles):
+    """The fields, coding, recipe, fitness and decoding; `SpherePath` adds what verifies and shows solutions."""
 
     about: ClassVar[str] = "a path among spheres in a configuration space of 2 to 7 dimensions"
     template: ClassVar[str] = """\
@@ -165,11 +158,6 @@ target = 0.03                   # nothing crossed, and a detour of at most 1.1; 
             return fields  # the caller validates the fields again, which raises the error
         return fields | {"hierarchy": problem.cells_code, "hierarchy_of": made_of}
 
-    @model_validator(mode="after")
-    def _is_a_world(self) -> Self:
-        validate(self)
-        return self
-
     @cached_property
     def space(self) -> Space:
         """The box of configurations; angles of a vehicle count as arcs of its farthest point."""
@@ -216,7 +204,25 @@ target = 0.03                   # nothing crossed, and a detour of at most 1.1; 
         """The code of the cells of a vehicle's configuration space, see `problems.sphere_path.cells`."""
         if self.hierarchy is not None:
             return self.hierarchy
-        return making.made_or_kept(self)
+        return making.made_or_kept(
+            self.model_dump(mode="json", include={*making.SHAPING, "clearance"}), self._subdivide
+        )
+
+    @property
+    def gaps(self) -> cells.Clearance:
+        """The exact gaps between the vehicle and all obstacles, see `cells.Clearance`; each use prepares them anew."""
+        assert self.vehicle is not None, "obstacles are there for a vehicle"
+        return making.gaps_of(self.vehicle, self.mesh, self.obstacles)
+
+    def _subdivide(self) -> str:
+        """Return the code of the cells; a configuration that keeps too little distance is like one in collision."""
+        gaps = self.gaps
+
+        def spare(configurations: Floats) -> Floats:
+            left: Floats = np.maximum(0.0, gaps(configurations) - self.clearance)
+            return left
+
+        return cells.subdivide(self.space, dimensions_of(self.mesh), self.accuracy, spare)
 
     def for_recipe(self, name: RecipeName, deme: int) -> Self:
         """Fill in also the spheres of a vehicle, so that a process that gets the problem need not make them again."""
@@ -285,50 +291,6 @@ target = 0.03                   # nothing crossed, and a detour of at most 1.1; 
         rows = [", ".join(f"{place:9.4f}" for place in row) for row in solution["path"]]
         head = f"a path of length {solution['length']:.4g} that crosses {solution['crossed']} spheres:"
         return "\n".join([head, *(f"  {row}" for row in rows)])
-
-    def check(self, solution: Solution) -> Verdict:
-        """Verify a solution by `problems.sphere_path.checker`, which shares no code with `evaluate`."""
-        from problems.sphere_path import checker
-
-        return checker.verify(self, solution)
-
-    def oracle(self) -> Answer:
-        """Return what is known about the best path, see `problems.sphere_path.oracle`."""
-        from problems.sphere_path import oracle
-
-        return oracle.solve_exactly(self)
-
-    def advice(self, found: Solution | None, run: Run) -> list[str]:
-        """Return advice after a run; a finer accuracy if nothing else keeps the best attempt from being free."""
-        spare = None if found is None or self.vehicle is None else self._spare(found)
-        if spare is None:
-            return super().advice(found, run)
-        finer = min(spare or self.accuracy, self.accuracy) / 2.0
-        return [
-            f"`accuracy` is what blocks: the vehicle is free on the best path, {spare:.3g} m clear of what it must not "
-            f"touch, and crosses spheres only since they reach up to {self.accuracy:g} m farther: try "
-            f"accuracy = {finer:.2g} in the problem file (this run: {self.accuracy:g})"
-        ]
-
-    def _spare(self, found: Solution) -> float | None:
-        """Return the gap beyond the clearance, m, on a path through spheres but is free in the world, or None."""
-        verdict = self.check(found)
-        # Only a path that crosses spheres, but meets nothing in the world, shows that accuracy is to blame.
-        if not (found["crossed"] and verdict.feasible) or verdict.clearance is None:
-            return None
-        return max(0.0, verdict.clearance.least - self.clearance)
-
-    def motion(self, solution: Solution, pace: Pace) -> Motion:
-        """Return the motion along the path, from rest to rest between its corners."""
-        from problems.sphere_path import moving
-
-        return moving.motion(self, solution, pace)
-
-    def draw(self, figure: Figure, solution: Solution | None, populations: Populations) -> None:
-        """Draw the path among the spheres (the paper's figure), or the vehicle in its world."""
-        from problems.sphere_path import drawing
-
-        drawing.draw(self, figure, solution, populations)
 
     @cached_property
     def _compiled(self) -> Operator:

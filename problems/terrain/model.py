@@ -1,4 +1,4 @@
-"""The terrain planner (Fries): find the easiest path over a grid of fuzzy difficulty."""
+"""The model of terrain (Fries): the easiest path over a grid of fuzzy difficulty."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from pydantic import AfterValidator, Field, field_validator, model_validator
 from genetics.arrays import Fitness, Genomes, writable
 from genetics.recipe import Recipe
 from problems.errors import BadInput, shorten
-from problems.problem import Answer, Populations, Problem, RecipeName, Solution, Table, Verdict, quantity
-from problems.terrain import checker, movingai
+from problems.problem import Problem, Solution
+from problems.tables import RecipeName, Table, quantity
+from problems.terrain import movingai
 from problems.terrain.arrays import world_arrays
+from problems.terrain.obstacles import HAIR, distances_from, obstacles_of
 from problems.terrain.solution import solution_of
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from genetics.operators import Operator
-    from problems.motion import Motion, Pace
     from problems.terrain.coding import Moves
 
 MOST_SIDE = 1024
 IMPASSABLE = "impassable"
 
 Place = tuple[Annotated[int, Field(ge=0)], Annotated[int, Field(ge=0)]]
+_HEADINGS = ("E", "NE", "N", "NW", "W", "SW", "S", "SE")  # heading k is k·π/4, anticlockwise
 Compass = Literal["E", "NE", "N", "NW", "W", "SW", "S", "SE"]
 
 
@@ -60,8 +60,8 @@ DIFFICULTIES: dict[str, Fuzzy | Slope] = {  # figure 5 has no numbers: these are
 TERRAIN = {".": "clear", "G": "clear", "S": "clear"}
 
 
-class Terrain(Problem):
-    """Find the easiest way from a cell to another, as a list of turns and straight moves."""
+class TerrainModel(Problem):
+    """The fields, coding, recipe, fitness and decoding; `Terrain` adds what verifies and shows solutions."""
 
     about: ClassVar[str] = "a path over terrain of fuzzy difficulty, on a grid"
     template: ClassVar[str] = """\
@@ -235,13 +235,39 @@ seed = 1
 
     @cached_property
     def impassable(self) -> NDArray[np.bool_]:
-        """The cells where the robot cannot stand, (rows, columns); for validation, `check` and the oracle."""
-        return checker.impassable(self)
+        """The cells where the robot cannot stand, (rows, columns): obstacles, and cells too near to them.
+
+        For validation, `check` and the oracle; the fitness has its own classes of cells.
+        """
+        if self.robot_radius + self.clearance > 0.0:
+            near: NDArray[np.bool_] = self.distances[1::2, 1::2] < self.least_allowed
+            return near
+        return obstacles_of(self.map, self.legend)
 
     @cached_property
     def distances(self) -> NDArray[np.float64]:
-        """Distances of cells' centres and corners from obstacles, see `problems.terrain.checker.distances`."""
-        return checker.distances(self)
+        """Distances of cells' centres and corners from obstacles, see `problems.terrain.obstacles.distances_from`."""
+        return distances_from(obstacles_of(self.map, self.legend))
+
+    @property
+    def least_allowed(self) -> float:
+        """The least distance from an obstacle, in cells, at which the robot's axis may be."""
+        return (self.robot_radius + self.clearance) * (1.0 - HAIR)
+
+    def _ranked(self, name: str, heading: int) -> float:
+        """Return a difficulty for a heading, in eighths of a turn anticlockwise, as one number, by `rank`."""
+        difficulty = self.difficulties[name]
+        if not isinstance(difficulty, tuple):
+            off = abs((heading - _HEADINGS.index(difficulty.uphill) + 4) % 8 - 4)  # eighths of a turn from uphill
+            difficulty = difficulty.up if off < 2 else difficulty.across if off == 2 else difficulty.down
+        a, b, c = difficulty
+        match self.rank:
+            case "pessimistic":
+                return c
+            case "optimistic":
+                return a
+            case _:
+                return (a + b + c) / 3.0
 
     def for_recipe(self, name: RecipeName, deme: int) -> Self:
         """Return the problem with the recipe's way of making first paths, unless the file states one."""
@@ -257,7 +283,9 @@ seed = 1
 
         side = max(len(self.map), len(self.map[0]))
         most = max(64, 4 * side) if self.blocks is None else self.blocks
-        return Moves(world_arrays(self), side, most, self.founders or "lines")
+        settings = [*self.start, *self.goal, self.corner_cutting]
+        world = world_arrays(self.map, self.legend, self._ranked, settings, self.robot_radius, self.clearance)
+        return Moves(world, side, most, self.founders or "lines")
 
     def recipe(self, name: RecipeName, deme: int) -> Recipe:
         """Return the recipe of §3.3 as far as it is stated (paper), or best paths over both parents' cells (tuned)."""
@@ -292,28 +320,6 @@ seed = 1
         moves = solution["moves"]
         calls = [f"heading {np.degrees(heading):4.0f}°, {cells} cells" for heading, cells in moves]
         return "\n".join([f"cost {solution['cost']:.6g}, {len(moves)} moves, {len(solution['path'])} cells:", *calls])
-
-    def check(self, solution: Solution) -> Verdict:
-        """Verify a solution by `problems.terrain.checker`, which shares no code with `evaluate`."""
-        return checker.verify(self, solution)
-
-    def oracle(self) -> Answer:
-        """Return the easiest of all paths, by Dijkstra's algorithm."""
-        from problems.terrain import oracle
-
-        return oracle.solve_exactly(self)
-
-    def motion(self, solution: Solution, pace: Pace) -> Motion:
-        """Return the motion from cell to cell, from rest to rest between its turns."""
-        from problems.terrain import moving
-
-        return moving.motion(self, solution, pace)
-
-    def draw(self, figure: Figure, solution: Solution | None, populations: Populations) -> None:
-        """Draw the map and the path (figures 7 to 10 of the paper), and the difficulties (figure 5)."""
-        from problems.terrain import drawing
-
-        drawing.draw(self, figure, solution, populations)
 
     @cached_property
     def _compiled(self) -> Operator:

@@ -21,7 +21,7 @@ from problems.profile import Profile
 
 if TYPE_CHECKING:
     from problems.coordination.arms import Robot
-    from problems.coordination.problem import Coordination
+    from problems.coordination.model import CoordinationModel
 
 _SAME = 1e-9  # cells: places that are no farther apart are the same
 
@@ -35,7 +35,7 @@ class Law(NamedTuple):
     corners: Floats  # of its own path, where it must stop, cells, increasing
 
 
-def motion(problem: Coordination, solution: Solution, pace: Pace) -> Motion:
+def motion(problem: CoordinationModel, solution: Solution, pace: Pace) -> Motion:
     """Return the motion of both robots. Its rows include all moments at which an acceleration of either changes.
 
     Raises:
@@ -57,7 +57,7 @@ def motion(problem: Coordination, solution: Solution, pace: Pace) -> Motion:
     )
 
 
-def _law(problem: Coordination, number: int) -> Law:
+def _law(problem: CoordinationModel, number: int) -> Law:
     """Return the motion law of a robot, 0 or 1.
 
     Raises:
@@ -114,7 +114,7 @@ def _track(name: str, law: Law, timed: Profile, times: Floats) -> Track:
     return Joints(name, joint_names(angles.shape[1]), angles, velocity, acceleration, links=links)
 
 
-def _limits(problem: Coordination, number: int, law: Law) -> tuple[Limit, ...]:
+def _limits(problem: CoordinationModel, number: int, law: Law) -> tuple[Limit, ...]:
     """Return the limits of a robot, which the problem file states."""
     name, to_speed = f"robot_{number + 1}", law.speed / law.acceleration
     if law.robot is None:

@@ -11,13 +11,13 @@ from problems.motion import Joints, Limit, Motion, Pace, joint_names, planar_lin
 from problems.problem import Solution
 
 if TYPE_CHECKING:
-    from problems.min_time.problem import MinTime
+    from problems.min_time.model import MinTimeModel
 
 
 _BETWEEN = "between rows the limits hold for the law of docs/min-time.md; a cubic through the rows may exceed torque"
 
 
-def motion(problem: MinTime, solution: Solution, pace: Pace) -> Motion:
+def motion(problem: MinTimeModel, solution: Solution, pace: Pace) -> Motion:
     """Return the trajectory as a motion, row by row.
 
     Accelerations and torques of a row are those of the step that begins there. A pace is refused: another speed would

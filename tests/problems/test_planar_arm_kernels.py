@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 import shapely
 
-from problems.arm_ik import Arm, ArmIk
+from problems.arm_ik import ArmIk
+from problems.planar_arm.model import Arm
 from problems.plane import Circle
 
 AMBIGUOUS = 1e-7  # m: nearer to contact than this, either answer will do

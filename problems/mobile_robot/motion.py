@@ -12,10 +12,10 @@ from problems.problem import Solution
 from problems.profile import drive
 
 if TYPE_CHECKING:
-    from problems.mobile_robot.problem import MobileRobot
+    from problems.mobile_robot.model import MobileRobotModel
 
 
-def motion(problem: MobileRobot, solution: Solution, pace: Pace) -> Motion:
+def motion(problem: MobileRobotModel, solution: Solution, pace: Pace) -> Motion:
     """Return the motion at most at --speed, m/s.
 
     If no speed of turns is given, they are so slow that no point of the robot exceeds --speed.
@@ -31,7 +31,7 @@ def motion(problem: MobileRobot, solution: Solution, pace: Pace) -> Motion:
     return Motion(way.times, (_body(problem, way.rows),), obstacles, (speed, gain, turn, turn_gain), way.notes)
 
 
-def _body(problem: MobileRobot, poses: Floats) -> Body:
+def _body(problem: MobileRobotModel, poses: Floats) -> Body:
     x, y, heading = poses.T
     still = np.zeros(len(poses))
     outline = loop(np.array(problem.robot.vertices or [(0.0, 0.0)]), problem.robot.radius or 0.0)

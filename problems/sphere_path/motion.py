@@ -12,14 +12,14 @@ from problems.problem import Solution
 from problems.profile import ride
 
 if TYPE_CHECKING:
-    from problems.sphere_path.problem import SpherePath
+    from problems.sphere_path.model import SpherePathModel
     from problems.sphere_path.vehicle import Vehicle
 
 _IN_THE_PLANE = ("x", "y", "heading")
 _IN_SPACE = {3: ("x", "y", "z"), 4: ("x", "y", "z", "yaw"), 6: ("x", "y", "z", "roll", "pitch", "yaw")}
 
 
-def motion(problem: SpherePath, solution: Solution, pace: Pace) -> Motion:
+def motion(problem: SpherePathModel, solution: Solution, pace: Pace) -> Motion:
     """Return the motion at most at --speed, by the solution's lengths: angles count as arcs of the farthest point.
 
     A vehicle's turns may be limited further, by a turn speed and acceleration of the sum of its angles.
@@ -49,7 +49,7 @@ def motion(problem: SpherePath, solution: Solution, pace: Pace) -> Motion:
     return Motion(way.times, (_track(problem, way.rows),), outlines(problem.obstacles), tuple(limits), way.notes)
 
 
-def _track(problem: SpherePath, rows: Floats) -> Track:
+def _track(problem: SpherePathModel, rows: Floats) -> Track:
     if problem.vehicle is None:
         return Values("", tuple(Column(f"axis_{axis}", "", values) for axis, values in enumerate(rows.T, start=1)))
     dimensions = 2 if problem.mesh is None else 3

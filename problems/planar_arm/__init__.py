@@ -1,0 +1,1 @@
+"""What the planners of planar arms share: arm-ik and arm-path."""
