@@ -158,3 +158,8 @@ def _prepare_sqlite(connection: Any, _: object) -> None:
     connection.isolation_level = None  # transactions begin where SQLAlchemy begins them
     for pragma in _SQLITE:
         connection.execute(f"PRAGMA {pragma}")
+
+
+def storable(message: str) -> str:
+    """Return ``message`` without characters that a database cannot store: NUL (PostgreSQL) and lone surrogates."""
+    return message.replace("\0", "\\0").encode("utf-8", "replace").decode("utf-8")

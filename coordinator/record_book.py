@@ -9,7 +9,8 @@ from typing import Any
 
 from sqlalchemy import Select, delete, func, select
 
-from coordinator.store import Store, storable
+from coordinator.database import storable
+from coordinator.store import Store
 from coordinator.tables import HistoryRow, ImprovementRow, JobRow, LogRow, RecordRow, StatisticsRow
 from problems.errors import BadInput
 from spy.improvement_records import ImprovementRecord

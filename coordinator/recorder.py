@@ -21,7 +21,8 @@ from coordinator.job import Placement
 from coordinator.log_lines import LogLines
 from coordinator.record_book import RecordBook
 from coordinator.states import ENDS, WrongTransition
-from coordinator.store import Store, Summary, UnknownJob
+from coordinator.store import Store
+from coordinator.stored_job import Summary, UnknownJob
 from problems.errors import BadInput
 from spy.improvement_records import ImprovementRecord
 from spy.result import Result

@@ -17,7 +17,8 @@ from coordinator.record_book import RecordBook
 from coordinator.recorder import Recorder, state_of, warning
 from coordinator.scheduler import QueueFull
 from coordinator.states import ENDS, LIVING
-from coordinator.store import Answered, Store, Stored, Submission, Summary
+from coordinator.store import Store
+from coordinator.stored_job import Answered, Stored, Submission, Summary
 from problems import BadInput, ProblemFile
 from problems.digests import digest
 from problems.errors import blaming_the_update, one_line

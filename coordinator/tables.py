@@ -1,6 +1,6 @@
 """The tables of the store's database, as SQLAlchemy classes.
 
-A change here needs a new version number: see `coordinator.store`.
+A change here needs a new version number: see `coordinator.store_sessions`.
 """
 
 import json
@@ -23,7 +23,7 @@ class MetaRow(Base):
 
 
 class JobRow(Base):
-    """A job; see `coordinator.store` for most columns.
+    """A job; see `coordinator.stored_job` for most columns.
 
     Attributes:
         bytes: about how many bytes an ended job takes, without its records.

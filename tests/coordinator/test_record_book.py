@@ -7,7 +7,8 @@ import pytest
 from coordinator import record_book as module
 from coordinator.database import sqlite_url
 from coordinator.record_book import Keep, RecordBook
-from coordinator.store import Store, Submission, UnknownJob
+from coordinator.store import Store
+from coordinator.stored_job import Submission, UnknownJob
 from problems import BadInput
 from spy.improvement_records import ImprovementRecord
 from wire.news import Improvement, LogRecord, Statistics

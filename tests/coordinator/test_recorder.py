@@ -15,7 +15,8 @@ from coordinator.job import JobSpec
 from coordinator.log_lines import LogLines
 from coordinator.record_book import Keep, RecordBook
 from coordinator.recorder import Recorder
-from coordinator.store import Store, Submission
+from coordinator.store import Store
+from coordinator.stored_job import Submission
 from problems import BadInput
 from wire.news import Improvement, Statistics
 

@@ -19,7 +19,8 @@ from coordinator import database
 from coordinator.database import StoreFailed, sqlite_url
 from coordinator.job import Placement
 from coordinator.states import WrongTransition
-from coordinator.store import IdTaken, Store, Submission, UnknownJob
+from coordinator.store import Store
+from coordinator.stored_job import IdTaken, Submission, UnknownJob
 from problems import ProblemFile
 from problems.run import Run
 from spy.past import Lived, Past
@@ -232,16 +233,17 @@ def test_of_many_epochs_the_latest_are_told(store, monkeypatch):
     for epoch in range(1, 8):
         store.note_placing(1, Placement(epoch, file, (0, 1, 2, 3), 7, {"do": "update", "fields": {"goal": "x" * 100}}))
     assert [each["epoch"] for each in store.epochs(1)] == [1, 2, 3, 4, 5, 6, 7]
-    monkeypatch.setattr("coordinator.store._MOST_DIRECTIVE_BYTES", 300)
+    monkeypatch.setattr("coordinator.job_reader._MOST_DIRECTIVE_BYTES", 300)
     assert [each["epoch"] for each in store.epochs(1)] == [6, 7]
-    monkeypatch.setattr("coordinator.store._MOST_DIRECTIVE_BYTES", 10)
+    monkeypatch.setattr("coordinator.job_reader._MOST_DIRECTIVE_BYTES", 10)
     assert [each["epoch"] for each in store.epochs(1)] == [7]
 
 
 def test_a_job_that_lives_for_days_does_not_fill_the_store(store, monkeypatch):
     monkeypatch.setattr("spy.past.MOST_BYTES", 2000)
-    for name, most in (("_FIRST_STATES", 3), ("_LATEST_STATES", 20), ("_TIDY_EVERY", 10)):
-        monkeypatch.setattr(f"coordinator.store.{name}", most)
+    monkeypatch.setattr("coordinator.job_reader._FIRST_STATES", 3)
+    monkeypatch.setattr("coordinator.job_reader._LATEST_STATES", 20)
+    monkeypatch.setattr("coordinator.store._TIDY_EVERY", 10)
     added(store, job="a")
     live(store, 1, "preparing", "running")
     file = ProblemFile("a.toml", {"kind": "arm-ik"}, Run(topology="ring 4"), Path("/"))
@@ -268,12 +270,12 @@ def test_the_states_of_a_job_are_kept_but_for_those_in_the_middle(store, monkeyp
     added(store, job="b")
     live(store, 2, "preparing", "running")
     live(store, 1, "preparing", "running", *["waiting", "running"] * 10)
-    monkeypatch.setattr("coordinator.store._FIRST_STATES", 2)
-    monkeypatch.setattr("coordinator.store._LATEST_STATES", 3)
+    monkeypatch.setattr("coordinator.job_reader._FIRST_STATES", 2)
+    monkeypatch.setattr("coordinator.job_reader._LATEST_STATES", 3)
     monkeypatch.setattr("coordinator.store._TIDY_EVERY", 1)
     file = ProblemFile("a.toml", {"kind": "arm-ik"}, Run(topology="ring 4"), Path("/"))
     store.note_placing(1, Placement(1, file, (0, 1, 2, 3), 7, {"do": "update", "fields": {}}))
-    monkeypatch.setattr("coordinator.store._LATEST_STATES", 1000)
+    monkeypatch.setattr("coordinator.job_reader._LATEST_STATES", 1000)
     assert [state for state, _ in store.transitions(1)] == ["submitted", "queued", "running", "waiting", "running"]
     assert len(store.transitions(2)) == 4
 
@@ -381,7 +383,8 @@ def test_a_second_coordinator_is_refused(store, url, monkeypatch):
 
 WRITER = """
 import sys
-from coordinator.store import Store, Submission
+from coordinator.store import Store
+from coordinator.stored_job import Submission
 store = Store(sys.argv[1])
 for number in range(200):
     job, _ = store.add(Submission("file", "digest", "arm-ik", "ring 4", 4), f"j{number}")
