@@ -280,7 +280,7 @@ class Dispatcher:
             better = Improvement.decode(sample.payload.to_bytes())
             conductor = self._conductors.get(better.job)
             if conductor is not None:
-                conductor.improve(better)
+                conductor.job.improve(better)
 
     def _hear_statistics(self, sample: zenoh.Sample) -> None:
         with contextlib.suppress(Rejected):
