@@ -9,12 +9,13 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import topologies
 from coordinator import capacity
+from coordinator.cpu_time import cpu_seconds_of
 from coordinator.errors import ClusterFailed
 from coordinator.folders import new_folder
 from coordinator.threads import ONE_THREAD
@@ -159,17 +160,3 @@ class Launcher:
         finally:
             self._reader.join()
             shutil.rmtree(self.folder, ignore_errors=True)  # if the zygote was killed
-
-
-def cpu_seconds_of(processes: Mapping[str, int]) -> dict[str, float]:
-    """Return the CPU time that each of the ``processes`` (name to id) has used so far, except those that have ended."""
-    used = {}
-    for name, process in processes.items():
-        with contextlib.suppress(OSError):  # it has ended
-            used[name] = time.clock_gettime(_cpu_clock(process))
-    return used
-
-
-def _cpu_clock(process: int) -> int:
-    """Return the id of another process's CPU-time clock, as Linux forms it (clock_getcpuclockid(3))."""
-    return (~process << 3) | 2

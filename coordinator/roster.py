@@ -12,7 +12,7 @@ from typing import Any
 
 import zenoh
 
-from coordinator.launcher import cpu_seconds_of
+from coordinator.cpu_time import cpu_seconds_of
 from wire.callbacks import direct
 from wire.keys import Keys
 from wire.news import Counters
