@@ -16,7 +16,7 @@ the epochs of the job in `epochs`. Each state of a job has a class:
 `job` has what the submitter sees of a job, and the messages to its conductor; `states` has the table of which state may
 follow which. `consulting` asks a problem's oracle in a process beside the search. `hooks` states the interfaces: what
 the dispatcher reports, and what a service asks of a dispatcher. `node_hosts` knows the addresses of nodes on several
-machines, and `alarms` calls when a deadline has come.
+machines, `listener` passes on what spy and nodes publish, and `alarms` calls when a deadline has come.
 
 Nothing here knows the store, a client, or how processes are launched.
 """

@@ -6,7 +6,6 @@ Any thread may call it. One re-entrant lock guards the scheduler, the wirings an
 no hook that waits for the disk is called, and no conductor is joined.
 """
 
-import contextlib
 import itertools
 import threading
 import time
@@ -21,6 +20,7 @@ from coordinator.jobs.alarms import Alarms
 from coordinator.jobs.conductor import Conductor
 from coordinator.jobs.hooks import Hooks
 from coordinator.jobs.job import Failure, JobEntry, JobSpec, Placement, Replaced, StopRequest
+from coordinator.jobs.listener import Listener
 from coordinator.jobs.node_hosts import NodeHosts
 from coordinator.jobs.scheduler import Placed, Scheduler
 from spy.improvement_records import ImprovementRecord
@@ -31,7 +31,6 @@ from wire.control import Drop, Wiring
 from wire.keys import Keys
 from wire.news import Improvement, LogRecord, Statistics
 from wire.seal import Seal
-from wire.strict import Rejected
 
 _BEGUN_WITHIN = 5.0  # seconds: a thread that was created has begun by then
 _LOOK_AGAIN = 0.01  # seconds
@@ -122,12 +121,7 @@ class Dispatcher:
         self._threads: dict[int, threading.Thread] = {}
         self._conductors: dict[int, Conductor] = {}
         self._deadlines = Alarms(self._end_at_deadline)
-        # One subscriber for all jobs: a declaration takes time, and each key ever declared some memory.
-        self._subscribers = [
-            session.declare_subscriber(keys.best, direct(self._hear_best)),
-            session.declare_subscriber(keys.spy_stats, direct(self._hear_statistics)),
-            session.declare_subscriber(keys.log, direct(self._hear_log)),
-        ]
+        self._listener = Listener(session, keys, self.jobs, self._conductors, self.hooks)
 
     # Orders -----------------------------------------------------------------------------------------------------------
     def submit(self, spec: JobSpec, *, accepted_before: bool = False) -> JobEntry:
@@ -273,30 +267,6 @@ class Dispatcher:
             for number, thread in list(self._threads.items()):
                 if not _joined(thread):
                     self._threads.pop(number, None)
-
-    # Called by Zenoh, on its thread -----------------------------------------------------------------------------------
-    def _hear_best(self, sample: zenoh.Sample) -> None:
-        with contextlib.suppress(Rejected):
-            better = Improvement.decode(sample.payload.to_bytes())
-            conductor = self._conductors.get(better.job)
-            if conductor is not None:
-                conductor.job.improve(better)
-
-    def _hear_statistics(self, sample: zenoh.Sample) -> None:
-        with contextlib.suppress(Rejected):
-            statistics = Statistics.decode(sample.payload.to_bytes())
-            job = self.jobs.get(statistics.job)
-            if job is not None:
-                job.tell(statistics)
-                self.hooks.measured(statistics)
-
-    def _hear_log(self, sample: zenoh.Sample) -> None:
-        with contextlib.suppress(Rejected):
-            record = LogRecord.decode(sample.payload.to_bytes())
-            for job in list(self.jobs.values()):
-                if record.job in (None, job.spec.number):
-                    job.log.record(record)
-            self.hooks.logged(record)
 
     # For conductors, on their threads ---------------------------------------------------------------------------------
     @property
