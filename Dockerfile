@@ -23,7 +23,7 @@ RUN pip install --no-deps --no-compile /src \
       -exec touch --date=@946684800 {} + -exec python -m compileall -q {} + \
     && python -c 'from problems.registry import kernels; print("node.fast_path", *kernels(), sep="\n")' > /src/kernels \
     && xargs -n 1 -P "$(nproc)" python -c 'import importlib, sys; importlib.import_module(sys.argv[1])' < /src/kernels \
-    && python -c 'from coordinator.zygote import import_all; import_all()'
+    && python -c 'from coordinator.launch.zygote import import_all; import_all()'
 
 FROM python:${PYTHON}-slim
 RUN useradd --system --uid 10001 --create-home supernode \

@@ -39,7 +39,7 @@ $(VENV)/core: pyproject.toml
 	@echo compiling the kernels, once
 	$(BIN)/python -c 'from problems.registry import kernels; print("node.fast_path", *kernels())' | \
 	  xargs -n 1 -P $$(nproc) $(BIN)/python -c 'import importlib, sys; importlib.import_module(sys.argv[1])'
-	$(BIN)/python -c 'from coordinator.zygote import import_all; import_all()'
+	$(BIN)/python -c 'from coordinator.launch.zygote import import_all; import_all()'
 	touch $@
 
 $(VENV)/test: $(VENV)/core

@@ -33,7 +33,7 @@ from typing import Any
 
 import supernode
 from benchmarks.service import up
-from coordinator.launcher import cpu_seconds_of
+from coordinator.cpu_time import cpu_seconds_of
 from problems.file import parse
 from supernode.cluster_info import ClusterInfo, read_info
 from supernode.dashboard.keeper import Keeper

@@ -10,7 +10,7 @@ import time
 from pathlib import Path
 
 import supernode
-from coordinator.scaling.measure import memory_of_nodes
+from coordinator.experiments.measure import memory_of_nodes
 from problems.file import parse
 from wire.news import Statistics
 

@@ -15,7 +15,7 @@ from pathlib import Path
 import supernode
 import topologies
 from benchmarks.datagram_floor import measure
-from coordinator.scaling.measure import memory_of_nodes
+from coordinator.experiments.measure import memory_of_nodes
 from problems.file import parse
 
 _PROBLEM = 'kind = "function"\nname = "onemax"\ndimension = 64\n'

@@ -40,7 +40,7 @@ import numpy as np
 
 import topologies
 from coordinator import ClusterFailed, LocalCluster
-from coordinator.scaling.experiment import torus_of
+from coordinator.experiments.experiment import torus_of
 from problems import ProblemFile
 from problems.file import parse
 

@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import supernode
-from coordinator.states import ENDS
+from coordinator.jobs.states import ENDS
 from supernode import Client
 from wire import sessions
 from wire.callbacks import direct

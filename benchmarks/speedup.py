@@ -9,7 +9,7 @@ two kinds of speed-up:
   Information Processing Letters 82:7-13): the median evaluations of the best sequential algorithm (one deme on 1x1, the
   deme of ``--sequential`` that needs fewest), over the median evaluations of one of the n nodes. It is super-linear
   where the efficiency, speed-up / n, is above 1. Its interval holds for all sizes of a table at once, and allows for
-  the choice of the best sequential algorithm by the same runs: see `coordinator.scaling.comparison`.
+  the choice of the best sequential algorithm by the same runs: see `coordinator.experiments.comparison`.
 - *relative, in generations*: the median generations of the smallest torus over those of n nodes, beside n over the
   smallest size. The population grows with the nodes, so this is no strong speed-up.
 
@@ -29,8 +29,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 import problems
-from coordinator.scaling.comparison import Comparison, compare, first_of, merit, with_restarts
-from coordinator.scaling.statistics import median
+from coordinator.experiments.comparison import Comparison, compare, first_of, merit, with_restarts
+from coordinator.experiments.statistics import median
 from node import Plan, simulate
 from problems import ProblemFile
 from problems.file import parse

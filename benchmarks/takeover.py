@@ -25,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 
 import topologies
-from coordinator.scaling.statistics import median
+from coordinator.experiments.statistics import median
 from genetics import Fitness, Genomes, RealVector, Recipe
 from node import Plan, simulate
 from problems import Problem, Run

@@ -27,7 +27,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 from coordinator.errors import ClusterFailed
-from coordinator.states import ENDS
+from coordinator.jobs.states import ENDS
 from problems import ProblemFile, load
 from problems.errors import UPDATE_OF, BadInput
 from problems.file import filled_in, load_patch

@@ -14,7 +14,7 @@ from collections import deque
 from collections.abc import Mapping
 from typing import Any
 
-from coordinator.states import ENDS
+from coordinator.jobs.states import ENDS
 from wire.jobs import JobState
 from wire.news import Improvement
 

@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 from typing import Any, NamedTuple
 
-from coordinator.pages import rendered
+from coordinator.experiments.pages import rendered
 from node.plan import Plan
 from problems import BadInput, Problem, ProblemFile, Run, Solution
 from problems.guard import described

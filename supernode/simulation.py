@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from coordinator.consulting import Consulting
+from coordinator.jobs.consulting import Consulting
 from genetics import Fitness, Genomes
 from node.fingerprint import fingerprint
 from node.replay import Epoch, epochs_of

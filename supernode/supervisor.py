@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
 from coordinator.errors import ClusterFailed
-from coordinator.launcher import Launcher, ServiceOptions
+from coordinator.launch.launcher import Launcher, ServiceOptions
 from problems.errors import BadInput
 from supernode.client import Client
 from supernode.cluster_info import ClusterInfo, Place, occupy, remove_info, write_info
@@ -231,8 +231,8 @@ class Supervisor:
 
         Once it runs, the coordinator waits for a database that does not answer instead of failing.
         """
-        from coordinator.database import url_in
-        from coordinator.store import Store
+        from coordinator.store.database import url_in
+        from coordinator.store.job_store import Store
 
         Store(self._request.service.database or url_in(folder)).close()
 

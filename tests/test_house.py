@@ -21,6 +21,11 @@ FLOORS = {
     "coordinator": 5,
     "supernode": 6,
 }
+# The rooms of a package that has any. A room imports only from rooms of its package below its own, and from the modules
+# beside the rooms; those import from no room, apart from the package itself, which names what it exports.
+ROOMS = {
+    "coordinator": {"jobs": 0, "store": 1, "service": 2, "launch": 3, "experiments": 4},
+}
 MODULES = sorted(path for package in FLOORS for path in (ROOT / package).rglob("*.py"))
 
 # What a module without input, output or clock may import beside this project's own: a list of the harmless, so that
@@ -50,7 +55,7 @@ HARMLESS = {
 PURE = [
     *(path for path in MODULES if path.relative_to(ROOT).parts[0] in ("topologies", "genetics")),
     *(ROOT / "node" / f"{name}.py" for name in ("cell", "generation", "history", "inbox", "kernels", "plan", "rows")),
-    *(ROOT / "coordinator" / f"{name}.py" for name in ("scheduler", "states")),
+    *(ROOT / "coordinator" / "jobs" / f"{name}.py" for name in ("scheduler", "states")),
 ]
 # What only lowlevel/ may use: modules, and names of private parts of numba, CPython and Linux.
 LOW_LEVEL_MODULES = {"ctypes", "llvmlite"}
@@ -101,6 +106,30 @@ def test_a_package_imports_only_from_floors_below_its_own(path):
     own = path.relative_to(ROOT).parts[0]
     used = {name.split(".")[0] for name in imports_of(path)} & FLOORS.keys() - {own}
     assert {name for name in used if FLOORS[name] >= FLOORS[own]} == set()
+
+
+def room_of(package, name):
+    """Return the room that a module of the package is in, by its dotted name; None for modules beside the rooms."""
+    parts = name.split(".")
+    return parts[1] if parts[0] == package and len(parts) > 1 and parts[1] in ROOMS[package] else None
+
+
+@pytest.mark.parametrize("package", ROOMS)
+def test_a_room_imports_only_from_rooms_below_its_own(package):
+    wrong = []
+    for path in (path for path in MODULES if path.relative_to(ROOT).parts[0] == package):
+        own = room_of(package, ".".join(path.relative_to(ROOT).parts))
+        floor = -1 if own is None else ROOMS[package][own]
+        used = {room_of(package, name) for name in imports_of(path)} - {own, None}
+        if path != ROOT / package / "__init__.py":
+            wrong += [(name_of(path), room) for room in used if ROOMS[package][room] >= floor]
+    assert wrong == []
+
+
+@pytest.mark.parametrize("package", ROOMS)
+def test_the_rooms_are_the_folders_of_their_package(package):
+    on_disk = {path.parent.name for path in (ROOT / package).glob("*/__init__.py")}
+    assert on_disk == ROOMS[package].keys()
 
 
 def test_the_search_for_imports_finds_every_way_to_import(tmp_path, monkeypatch):

@@ -16,7 +16,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Ask the cluster to cancel the job, without waiting for its end."""
-    from coordinator.states import ENDS
+    from coordinator.jobs.states import ENDS
 
     with connected(options) as client:
         status = client.job(options.job).cancel()

@@ -43,10 +43,10 @@ def run(options: argparse.Namespace) -> int:
     prepare_process()
     from pathlib import Path
 
-    from coordinator.joined import preside
-    from coordinator.record_book import Keep
-    from coordinator.service import Options
-    from coordinator.zygote import import_all
+    from coordinator.launch.zygote import import_all
+    from coordinator.service.joined import preside
+    from coordinator.service.process import Options
+    from coordinator.store.record_book import Keep
     from node.node_config import NodeConfig
 
     import_all()
@@ -62,7 +62,7 @@ def _file(state: str | None) -> str:
         BadInput: if the folder cannot be made or used.
         ClusterFailed: if another cluster holds it.
     """
-    from coordinator.database import url_in
+    from coordinator.store.database import url_in
     from supernode.cluster_info import Place, occupy
 
     folder = Place.of_folder(state).folder

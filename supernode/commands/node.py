@@ -49,7 +49,7 @@ def run(options: argparse.Namespace) -> int:
     secret = secret_of(options)
     # Before anything that imports numpy: it reads its number of threads only once.
     prepare_process()
-    from coordinator.host import HostZygote
+    from coordinator.launch.host import HostZygote
     from wire.hosts import Host
 
     name = options.host or f"{socket.gethostname()}-{os.getpid()}"

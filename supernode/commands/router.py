@@ -21,7 +21,7 @@ def run(options: argparse.Namespace) -> int:
     endpoint_of(options, "listen")
     endpoints = [endpoint(each, "listen") for each in options.listen.split()]
     prepare_process()
-    from coordinator.router import route
+    from coordinator.launch.router import route
 
     with contextlib.suppress(KeyboardInterrupt):
         route(endpoints, os.open(os.devnull, os.O_WRONLY))

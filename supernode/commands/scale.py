@@ -13,7 +13,7 @@ from supernode import exits
 from supernode.commands.cluster_options import add_force
 
 if TYPE_CHECKING:
-    from coordinator.scaling.experiment import Parameters
+    from coordinator.experiments.experiment import Parameters
     from problems import ProblemFile
 
 EXAMPLE = "supernode scale examples/mobile-robot.toml --nodes 16,64 --repeats 5 -o office-scaling"
@@ -111,8 +111,8 @@ def _add_run(run: argparse._ArgumentGroup) -> None:
 def run(options: argparse.Namespace) -> int:
     """Make the missing runs, write everything that is derived from all runs, and print the summary."""
     _check_libraries()
-    from coordinator import capacity
-    from coordinator.scaling.experiment import design
+    from coordinator.experiments.experiment import design
+    from coordinator.launch import capacity
     from problems import load
 
     file = load(options.problem)
@@ -141,11 +141,11 @@ def _given(options: argparse.Namespace) -> dict[str, Any]:
 
 def _experiment(file: "ProblemFile", parameters: "Parameters", options: argparse.Namespace) -> str:
     """Run the whole experiment, and return the text to print."""
-    from coordinator.scaling.describe import describe
-    from coordinator.scaling.journal import Journal
-    from coordinator.scaling.outputs import as_json, as_words, write_all
-    from coordinator.scaling.runner import Runner
-    from coordinator.scaling.summary import summarise
+    from coordinator.experiments.describe import describe
+    from coordinator.experiments.journal import Journal
+    from coordinator.experiments.outputs import as_json, as_words, write_all
+    from coordinator.experiments.runner import Runner
+    from coordinator.experiments.summary import summarise
 
     def say(text: str) -> None:
         if not options.quiet:

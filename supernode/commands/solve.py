@@ -61,7 +61,7 @@ def _on_a_shown_one(file: "ProblemFile", options: argparse.Namespace, listen_add
     """Solve on a cluster of its own that has a dashboard: one with a coordinator and a store, as `up` starts it."""
     import sys
 
-    from coordinator.launcher import ServiceOptions
+    from coordinator.launch.launcher import ServiceOptions
     from supernode.client import Client
     from supernode.cluster_info import Place
     from supernode.present import present
@@ -96,7 +96,7 @@ def _followed(client: "Client", file: "ProblemFile", options: argparse.Namespace
 def _on_its_own(file: "ProblemFile", options: argparse.Namespace) -> int:
     """Solve on a cluster of its own, started for the job."""
     import topologies
-    from coordinator import capacity
+    from coordinator.launch import capacity
 
     topology = topologies.parse(file.run.topology)
     capacity.check(topology.cells, force=options.force)  # now, not after half a second of imports
@@ -133,7 +133,7 @@ def _follow(cluster: "LocalCluster", job: "Job", terminal: "Terminal") -> tuple[
 
 
 def _show(job: "Job", terminal: "Terminal") -> None:
-    from coordinator.job import BegunAnew
+    from coordinator.jobs.job import BegunAnew
     from wire.news import Improvement
 
     for event in job.events():

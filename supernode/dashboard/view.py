@@ -9,7 +9,7 @@ from operator import itemgetter
 from typing import Any
 
 import topologies
-from coordinator.states import BREEDING, ENDS
+from coordinator.jobs.states import BREEDING, ENDS
 from wire.keys import Keys
 from wire.news import Counters, Improvement, LogRecord, Statistics, period_of_reports
 from wire.plain import plain

@@ -19,7 +19,7 @@ RECORD = LogRecord("warning", "node 7", "rejects messages of node 3: wrong type"
 TRYING = """
 import sys
 from pathlib import Path
-from coordinator.zygote import Zygote
+from coordinator.launch.zygote import Zygote
 from problems.modules import Modules
 
 zygote = Zygote("c1", "torus 2x2", Path(sys.argv[1]), bytes(32), Modules(), {"listen": [sys.argv[2]], "log_json": True})

@@ -68,7 +68,8 @@ class LiveService:
         """Wait until it is up; learn its first line, its zygote and its folder."""
         self.line = self.process.stdout.readline()
         assert self.line.startswith("up: "), self.line
-        (self.zygote,) = (each for each in children_of(self.process.pid) if "coordinator.zygote" in command_of(each))
+        children = children_of(self.process.pid)
+        (self.zygote,) = (each for each in children if "coordinator.launch.zygote" in command_of(each))
         self.folder = Path(self.info().endpoint.partition("/")[2]).parent
 
     def info(self):

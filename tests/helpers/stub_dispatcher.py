@@ -6,8 +6,8 @@ import time
 from dataclasses import replace
 
 import topologies
-from coordinator.job import Placement
-from coordinator.scheduler import Scheduler
+from coordinator.jobs.job import Placement
+from coordinator.jobs.scheduler import Scheduler
 from problems import BadInput
 from spy.result import Result
 from wire.news import Improvement

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from stub_dispatcher import StubDispatcher
 
-from coordinator.record_book import Keep
-from coordinator.service import Options, run
+from coordinator.service.process import Options, run
+from coordinator.store.record_book import Keep
 from node.node_config import NodeConfig
 from problems.modules import Modules
 

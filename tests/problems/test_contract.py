@@ -226,7 +226,7 @@ def test_a_forked_node_has_all_that_it_needs(file):
     """What only a node's generations import would be loaded, or compiled, by each of a thousand nodes."""
     script = (
         "import sys\n"
-        "from coordinator.zygote import import_all; import node.process; import_all()\n"
+        "from coordinator.launch.zygote import import_all; import node.process; import_all()\n"
         "from problems.file import ProblemFile\n"
         "from node import Plan, simulate\n"
         "from node.fingerprint import fingerprint\n"

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from coordinator.database import url_in
-from coordinator.store import Store
+from coordinator.store.database import url_in
+from coordinator.store.job_store import Store
 from problems import BadInput
 from supernode.__main__ import main
 from supernode.cluster_info import ClusterInfo, occupy, read_info, remove_info, write_info

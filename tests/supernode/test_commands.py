@@ -350,7 +350,7 @@ def test_bad_files_get_one_line_and_exit_code_2(tmp_path, capsys):
 def test_an_arm_that_cannot_reach_is_refused_before_anything_is_launched(tmp_path, capsys, monkeypatch, command):
     path = tmp_path / "far.toml"
     path.write_text(ARM.read_text().replace("target = ", "target = [9.0, 0.0] # "))
-    monkeypatch.setattr("coordinator.launcher.Launcher.__init__", lambda *_, **__: pytest.fail("launched"))
+    monkeypatch.setattr("coordinator.launch.launcher.Launcher.__init__", lambda *_, **__: pytest.fail("launched"))
     options = ["--state", tmp_path] if command == "submit" else []
     code, out, err = in_process(capsys, command, path, *options)
     assert (code, out, len(err.splitlines())) == (2, "", 1)

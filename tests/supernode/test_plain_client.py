@@ -18,8 +18,8 @@ import msgpack
 import numpy as np
 import pytest
 
-from coordinator.checking import Checker
-from coordinator.states import TRANSITIONS
+from coordinator.jobs.states import TRANSITIONS
+from coordinator.service.checking import Checker
 from problems import BadInput, ProblemFile, load, registry
 from wire import jobs
 from wire.news import Improvement

@@ -196,7 +196,7 @@ def test_nodes_and_spy_know_themselves_which_modules_they_may_import(tmp_path):
 def test_the_secret_is_in_no_command_line_and_no_message(cluster, stranger):
     service, _ = cluster
     command = Path(f"/proc/{service.zygote}/cmdline").read_text().split("\0")
-    assert command[-2:] == ["coordinator.zygote", ""]
+    assert command[-2:] == ["coordinator.launch.zygote", ""]
     assert json.loads((service.state / "cluster.json").read_text()).keys() == {
         "endpoint",
         "cluster",

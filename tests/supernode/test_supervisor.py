@@ -12,7 +12,7 @@ import pytest
 from fake_service import FakeService
 
 import supernode
-from coordinator.launcher import ServiceOptions
+from coordinator.launch.launcher import ServiceOptions
 from supernode import supervisor
 from supernode.__main__ import main
 from supernode.cluster_info import read_info

@@ -28,7 +28,7 @@ def test_a_command_for_too_many_nodes_says_how_many_there_can_be(arguments: tupl
 
 
 def test_an_experiment_with_too_many_nodes_does_not_begin(tmp_path: Path, monkeypatch, capsys) -> None:
-    from coordinator import capacity
+    from coordinator.launch import capacity
     from supernode.__main__ import main
 
     monkeypatch.setattr(capacity, "limits", lambda _: [capacity.Limit(8, "it is a small machine")])

@@ -1,0 +1,261 @@
+"""Commands to nodes and to the spy, and the queue of one conductor: answers, reports, requests, news of deaths.
+
+Zenoh's thread receives the answers and queues them like all other messages, so a conductor never waits in two places.
+While it waits for the answers to one question it puts other messages off, except those that end the waiting: a failure,
+a replaced process, and (where the caller allows it) a stop request.
+"""
+
+import itertools
+import queue
+import time
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import zenoh
+
+from coordinator.errors import ClusterFailed
+from coordinator.jobs.job import Failure, Replaced, StopRequest
+from problems import BadInput
+from wire import control
+from wire.callbacks import direct
+from wire.control import Command, Done, Finish, Judged, Prepare, Refused
+from wire.report import Report
+from wire.seal import Seal
+from wire.strict import Rejected
+
+# Time limits in seconds. They are kept short where possible: Zenoh keeps some 800 bytes of each query until its time is
+# over, even if it was answered long before.
+_ANSWER_WITHIN = 60.0
+_LONG = 600.0  # a problem may take long to prepare or to check; a dead process is noticed in other ways
+_REPORT_WITHIN = 60.0  # after that reports are asked for again, so jobs may run for any time
+_TOLD_WITHIN = 5.0
+_DEATH_NOTICE = 1.0  # if an answer is missing, the news of a death that explains it may come this much later
+_REPLACED_WITHIN = 60.0  # how long to ask again while a process, or the router that carries all questions, is replaced
+ASK_AGAIN = 0.2  # a router that has died is back after about this time
+
+
+@dataclass(frozen=True)
+class _Answer:
+    """An answer to question number ``question``; None when there will be no more."""
+
+    question: int
+    answer: Done | Judged | Refused | None
+
+
+Given = Done | Judged
+"""An answer other than a refusal."""
+
+
+class Reported(NamedTuple):
+    """A cell's report in an epoch; ``report`` is None when its ``question`` is over and brings no more reports."""
+
+    question: int
+    epoch: int
+    report: Report | None
+
+
+class GivenUpError(Exception):
+    """A stop request came before any node had begun to breed."""
+
+    def __init__(self, stop_request: StopRequest) -> None:
+        super().__init__(stop_request.reason)
+        self.stop_request = stop_request
+
+
+class ReplacedError(Exception):
+    """A process died and was replaced by a new one, which does not know the job.
+
+    Attributes:
+        node: the node; None for the spy.
+    """
+
+    def __init__(self, replaced: Replaced) -> None:
+        super().__init__(replaced.node)
+        self.node = replaced.node
+
+
+class Calls:
+    """The questions and the queue of one job.
+
+    The conductor's thread alone calls the methods; only the queue is shared with other threads.
+
+    Args:
+        session: a Zenoh session through the router.
+        seal: signs the commands.
+        queue: the job's queue.
+        replaces: whether dead processes are replaced, so that it is worth asking again.
+
+    Attributes:
+        closing: whether the failure that ended the job was that the cluster is being closed.
+    """
+
+    def __init__(self, session: zenoh.Session, seal: Seal, queue: "queue.SimpleQueue[object]", replaces: bool) -> None:
+        self.session = session
+        self._seal = seal
+        self.queue = queue
+        self._replaces = replaces
+        self._put_off: deque[object] = deque()
+        self._questions = itertools.count()
+        self.closing = False
+
+    def ask(self, questions: Sequence[tuple[str, Command]], expected: int = 1, give_up: bool = True) -> list[Given]:
+        """Send commands and return the answers of all processes that they reach.
+
+        If too few processes answer, all are asked again for as long as a replacement may take; so commands must be
+        idempotent.
+
+        Args:
+            questions: keys with commands, sent all at once.
+            expected: the number of answers to wait for.
+            give_up: whether a stop request ends the waiting.
+
+        Raises:
+            BadInput: if a process refuses and blames the input.
+            ClusterFailed: if a process refuses for another reason, or fewer answer than expected.
+            GivenUpError: if a stop request comes meanwhile, and ``give_up``.
+            ReplacedError: if a process dies meanwhile.
+        """
+        until = time.monotonic() + (_REPLACED_WITHIN if self._replaces else 0.0)
+        while True:
+            answers = self._ask_once(questions, give_up)
+            if len(answers) >= expected:
+                return answers
+            # If the router has died there is no news at all, so this asks again. If a process has died, this raises.
+            self._wait_for_news_of_a_death(ASK_AGAIN if self._replaces else _DEATH_NOTICE, give_up)
+            if time.monotonic() >= until:
+                raise ClusterFailed(
+                    f"only {len(answers)} of {expected} processes answered the command {questions[0][1].name!r}"
+                )
+
+    def _ask_once(self, questions: Sequence[tuple[str, Command]], give_up: bool) -> list[Given]:
+        number = next(self._questions)
+        queue = self.queue
+
+        def hear(reply: zenoh.Reply) -> None:  # on Zenoh's thread
+            if reply.ok is not None:
+                queue.put(_Answer(number, _decoded(reply.ok.payload.to_bytes())))
+
+        if give_up:
+            self._raise_stop_put_off()
+        for key, command in questions:
+            within = _LONG if isinstance(command, Prepare | Finish) else _ANSWER_WITHIN
+            self._get(key, command, direct(hear, lambda: queue.put(_Answer(number, None))), within)
+        return self._answers(number, len(questions), give_up)
+
+    def _raise_stop_put_off(self) -> None:
+        stop_request = next((each for each in self._put_off if isinstance(each, StopRequest)), None)
+        if stop_request is not None:
+            raise GivenUpError(stop_request)
+
+    def _answers(self, number: int, open_questions: int, give_up: bool) -> list[Given]:
+        answers: list[Given] = []
+        while open_questions:
+            news = self._take(None)
+            if isinstance(news, Replaced):
+                raise ReplacedError(news)
+            if isinstance(news, StopRequest) and give_up:
+                raise GivenUpError(news)
+            if not isinstance(news, _Answer):
+                self._put_off.append(news)
+                continue
+            if news.question != number:  # a late answer to an earlier question, whose waiting was ended
+                continue
+            if news.answer is None:
+                open_questions -= 1
+            elif isinstance(news.answer, Refused):
+                raise self._refusal(news.answer)
+            else:
+                answers.append(news.answer)
+        return answers
+
+    def _refusal(self, answer: Refused) -> Exception:
+        if answer.blame == "input":
+            return BadInput(answer.message)
+        if answer.blame == "stranger" and self._replaces:
+            # Only the spy says so, if it was replaced. Its liveliness token will report the same later.
+            return ReplacedError(Replaced(None))
+        return ClusterFailed(answer.message)
+
+    def _wait_for_news_of_a_death(self, seconds: float, give_up: bool) -> None:
+        """Wait for so long, and raise if a process was replaced meanwhile; other messages are put off."""
+        deadline = time.monotonic() + seconds
+        while True:
+            news = self._take(deadline)
+            if news is None:
+                return
+            if isinstance(news, Replaced):
+                raise ReplacedError(news)
+            if isinstance(news, StopRequest) and give_up:
+                raise GivenUpError(news)
+            self._put_off.append(news)
+
+    def ask_for_reports(self, key: str, command: control.Begin | control.Halt) -> int:
+        """Have the report of each cell that ``key`` reaches queued once it stops; return the question's number."""
+        question, queue, epoch = next(self._questions), self.queue, command.epoch
+
+        def hear(reply: zenoh.Reply) -> None:  # on Zenoh's thread
+            if reply.ok is None:
+                return
+            try:
+                queue.put(Reported(question, epoch, Report.decode(reply.ok.payload.to_bytes())))
+            except Rejected as error:
+                queue.put(Failure(f"a node's report is not readable: {error.reason}"))
+
+        self._get(key, command, direct(hear, lambda: queue.put(Reported(question, epoch, None))), _REPORT_WITHIN)
+        return question
+
+    def tell(self, key: str, command: Command) -> None:
+        """Send a command without waiting for the answers."""
+        self._get(key, command, direct(lambda _: None), _TOLD_WITHIN)
+
+    def next(self, deadline: float | None = None) -> object:
+        """Return the next message, put-off ones first; None if there is none by ``deadline`` (monotonic clock).
+
+        Raises:
+            ClusterFailed: if the message is that the job cannot continue.
+        """
+        return self._put_off.popleft() if self._put_off else self._take(deadline)
+
+    def wait(self, seconds: float) -> None:
+        """Wait for so many seconds; messages are put off.
+
+        Raises:
+            ReplacedError: if a process dies meanwhile.
+        """
+        self._wait_for_news_of_a_death(seconds, give_up=False)
+
+    def _take(self, deadline: float | None) -> object:
+        try:
+            left = None if deadline is None else max(0.0, deadline - time.monotonic())
+            message = self.queue.get(timeout=left)
+        except queue.Empty:
+            return None
+        if isinstance(message, Failure):
+            self.closing = message.closing
+            raise ClusterFailed(message.message)
+        return message
+
+    def put_off(self, message: object) -> None:
+        """Keep a message for later calls of `next`."""
+        self._put_off.append(message)
+
+    def _get(self, key: str, command: Command, handler: Any, timeout: float) -> None:
+        # By default Zenoh may ask only one queryable, and keeps only the latest reply of each key; here each of
+        # perhaps a thousand nodes is asked by one key, and all answers count.
+        self.session.get(
+            key,
+            handler,
+            payload=self._seal.close(key, control.encode(command)),
+            target=zenoh.QueryTarget.ALL,
+            consolidation=zenoh.ConsolidationMode.NONE,
+            timeout=timeout,
+        )
+
+
+def _decoded(payload: bytes) -> Done | Judged | Refused:
+    try:
+        return control.decode_answer(payload)
+    except Rejected as error:
+        return Refused(f"an answer is not readable: {error.reason}")

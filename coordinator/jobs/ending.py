@@ -1,0 +1,103 @@
+"""End an epoch or a job: have the spy judge it, ask the oracle once more, and let the processes forget the job."""
+
+import contextlib
+from dataclasses import replace
+
+import zenoh
+
+from coordinator.errors import ClusterFailed
+from coordinator.jobs.calls import GivenUpError
+from coordinator.jobs.conducted_job import ConductedJob
+from coordinator.jobs.job import StopRequest
+from spy.past import stopped_after
+from spy.result import states_of, stop_reasons
+from spy.verification import STATUS_OF, Judgement
+from wire.control import Drop, Finish, Judged
+
+
+class Ending:
+    """Gets the judgement of an epoch or a job, however it ends."""
+
+    def __init__(self, job: ConductedJob) -> None:
+        self._job = job
+
+    def judge(self, error: str | None) -> Judgement:
+        """Have the spy judge the epoch that has stopped.
+
+        Args:
+            error: why a cell failed, if one did.
+
+        Raises:
+            ClusterFailed: if the spy does not answer as it should.
+            ReplacedError: if the spy died; the caller prepares the new one and tries again.
+        """
+        job = self._job
+        job.pass_on_histories()
+        past, lived = job.epochs.whole()
+        epoch, reports = job.epoch, lived.reports
+        command = Finish(
+            job.number,
+            epoch.number,
+            past.or_better(lived),
+            stopped_after(reports) if reports else 0,
+            stop_reasons(reports, epoch.file.run.mode),
+            error,
+            tuple(states_of(reports).items()),
+            job.epochs.since - job.lived_before,
+        )
+        (answer,) = job.calls.ask([(job.keys.spy_control, command)], give_up=False)
+        if not isinstance(answer, Judged):
+            raise ClusterFailed("the spy did not judge the run")
+        judgement = Judgement.of(answer)
+        if judgement.best is not None:
+            job.improve(judgement.best)  # the spy has published it, but that message may still be on its way
+        job.entry.log.end(judgement, command.generation)
+        return judgement
+
+    def with_the_oracle(self, judgement: Judgement) -> Judgement:
+        """Return the judgement, completed by the oracle's answer if the run has stalled for good or is infeasible.
+
+        This waits for an oracle that still works (for a limited time, see `Consulting`), unless the job is stopped or
+        the cluster fails meanwhile.
+        """
+        job = self._job
+        if not judgement.is_open:
+            return judgement
+        job.oracle.ask()
+        with contextlib.suppress(ClusterFailed):
+            while (look_at := job.oracle.look_at) is not None:
+                if isinstance(job.calls.next(look_at), StopRequest):
+                    break
+                job.oracle.look()
+        bounds = job.oracle.bounds
+        if bounds is None:
+            return judgement
+        job.entry.log.write("oracle", says=bounds.words)
+        return judgement.with_oracle(bounds)
+
+    def as_requested(self, judgement: Judgement) -> Judgement:
+        """Return the judgement with the status of the stop request, for a job that would have continued without it."""
+        assert self._job.stop_request is not None
+        return replace(judgement, status=STATUS_OF[self._job.stop_request.reason], next_attempt=None)
+
+    def after(self, error: Exception) -> Judgement:
+        """Return the judgement of a job that an exception has ended."""
+        best = self._job.best
+        if isinstance(error, GivenUpError):
+            status = STATUS_OF[error.stop_request.reason]
+            if best is None:
+                return Judgement(status, False, "stopped before there was a result", None)
+            return Judgement(status, best.feasible, None, best)
+        if isinstance(error, ClusterFailed):
+            # A job that was cancelled, but had not stopped when the cluster was closed, is cancelled all the same.
+            stop_request = self._job.stop_request
+            cancelled = stop_request is not None and stop_request.reason == "cancel" and self._job.calls.closing
+            return Judgement("cancelled" if cancelled else "failed", False, str(error), best)
+        return Judgement("failed", False, f"{type(error).__name__}: {error}", best)  # some mistake; clients wait
+
+    def drop(self) -> None:
+        """Let nodes and spy forget the job."""
+        job = self._job
+        with contextlib.suppress(zenoh.ZError):  # the session may be closed; then the processes end anyway
+            job.calls.tell(job.keys.every_control, Drop(job.number))
+            job.calls.tell(job.keys.spy_control, Drop(job.number))

@@ -1,0 +1,90 @@
+"""The interfaces between the service and the dispatcher."""
+
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+import zenoh
+
+from coordinator.jobs.job import JobEntry, JobSpec, Placement
+from spy.improvement_records import ImprovementRecord
+from spy.result import Result
+from wire.keys import Keys
+from wire.news import Improvement, LogRecord, Statistics
+
+
+class Hooks(Protocol):
+    """What the dispatcher calls when something happens, on any thread.
+
+    Only `placed` may wait: the dispatcher may hold its lock, or be on Zenoh's thread, when it calls the others.
+    """
+
+    def changed(self, number: int, status: str, nodes: tuple[int, ...]) -> None:
+        """A job has entered a state, or has other nodes; ``nodes`` are in the order of its cells."""
+
+    def placed(self, number: int, placement: Placement) -> None:
+        """A job is about to begin an epoch. When this returns, a coordinator that takes over will know it."""
+
+    def improved(self, number: int, improvement: Improvement) -> None:
+        """A better answer was verified."""
+
+    def lived(self, number: int, epoch: int, records: Sequence[ImprovementRecord]) -> None:
+        """An epoch of a job has ended with these improvements; may be called again for the same epoch."""
+
+    def measured(self, statistics: Statistics) -> None:
+        """Statistics of a job have come, twice a second."""
+
+    def logged(self, record: LogRecord) -> None:
+        """A process has published a log message."""
+
+    def ended(self, number: int, outcome: Result | Exception) -> None:
+        """A job has ended, with a result or because something broke."""
+
+
+class Dispatcher(Protocol):
+    """The interface of what runs jobs.
+
+    It refuses jobs with `BadInput` or `coordinator.jobs.scheduler.QueueFull`; the messages are for the client.
+    """
+
+    @property
+    def topology(self) -> str:
+        """The topology of the nodes at launch, which jobs get that ask for none."""
+        ...
+
+    def submit(self, spec: JobSpec, *, accepted_before: bool = False) -> JobEntry:
+        """Queue a job. One that was ``accepted_before`` starts over and is never refused because the queue is full."""
+        ...
+
+    def adopt(self, spec: JobSpec, placement: Placement) -> JobEntry:
+        """Take over a job that runs already."""
+        ...
+
+    def cancel(self, number: int) -> None:
+        """End a job, queued or running; nothing happens if it has ended already."""
+
+    def update(self, number: int, fields: dict[str, Any]) -> int:
+        """Replace fields of a job's problem; return the number of the new epoch once all nodes are prepared."""
+        ...
+
+    def rewire(self, number: int, topology: str) -> int:
+        """Change a job's topology; return the number of the new epoch once all nodes are prepared."""
+        ...
+
+    def nodes(self) -> list[dict[str, Any]]:
+        """Return each node as the command `status` shows it."""
+        ...
+
+    def spy(self) -> int | None:
+        """Return the id of the spy's process; None if there is none."""
+        ...
+
+    def close(self) -> None:
+        """Stop without calling any hook."""
+
+
+class MakeDispatcher(Protocol):
+    """A function that makes a dispatcher."""
+
+    def __call__(self, session: zenoh.Session, keys: Keys, nodes: int, hooks: Hooks) -> Dispatcher:
+        """Return a dispatcher of ``nodes`` nodes."""
+        ...

@@ -1,0 +1,174 @@
+"""Continue a job whose processes have died, or that a dead coordinator has left running."""
+
+import contextlib
+import json
+import time
+
+import topologies
+from coordinator.errors import ClusterFailed
+from coordinator.jobs.calls import ASK_AGAIN, ReplacedError, Reported
+from coordinator.jobs.conducted_job import ConductedJob
+from coordinator.jobs.epochs import Epoch
+from coordinator.jobs.job import Placement, Replaced
+from coordinator.jobs.preparing import Preparing
+from wire.control import Done, Halt, Look, Wiring
+
+_FOUND_WITHIN = 1.0  # seconds; a running node finds a restarted router in a fifth of that
+_HALTED_WITHIN = 60.0  # seconds
+
+
+class Replacing:
+    """Brings new processes into a job, in the place of dead ones.
+
+    Args:
+        job: the job.
+        preparing: prepares the epoch that begins after a death.
+    """
+
+    def __init__(self, job: ConductedJob, preparing: Preparing) -> None:
+        self._job = job
+        self._preparing = preparing
+        self._spy_is_new = False  # the spy was replaced and does not know this job yet
+
+    def take_over(self, placement: Placement) -> None:
+        """Continue a job that the previous coordinator left running; begin it again if none of its nodes is left."""
+        job = self._job
+        # The wiring's number is enough: nodes that have its links keep them.
+        epoch = Epoch(placement.epoch, placement.file, Wiring(placement.wiring, placement.nodes), why=placement.why)
+        job.epochs.take_over(epoch)
+        job.best = job.answer_for(epoch)
+        epoch.dead = set(range(epoch.cells)) - self._present_cells(epoch)
+        self._spy_is_new = True  # it may have been replaced while there was no coordinator
+        self._replace_the_dead()
+        if job.epoch is epoch:  # else a new epoch has begun without the dead, and reports are asked for already
+            for each in job.epochs.unsettled:
+                job.ask_for_reports(each)
+            if epoch.number > 0:  # the previous coordinator may not have got to stop the epoch before
+                job.stop_everywhere(epoch.number - 1, "update")
+
+    def _present_cells(self, epoch: Epoch) -> set[int]:
+        """Return the cells whose nodes hold this job; allow a second for nodes that still look for the router."""
+        job = self._job
+        until = time.monotonic() + _FOUND_WITHIN
+        while True:
+            with contextlib.suppress(ReplacedError):
+                answers = job.calls.ask([(job.keys.every_control, Look(job.number))], 0, give_up=False)
+                looks = [json.loads(answer.note) for answer in answers if isinstance(answer, Done)]
+                job.versions = looks[0]["versions"] if looks else {}
+                there = {look["cell"] for look in looks}
+                if len(there) == epoch.cells or time.monotonic() >= until:
+                    return there
+                job.calls.wait(ASK_AGAIN)
+
+    def replace(self, node: int | None) -> None:
+        """Bring a new process (on ``node``; None: the spy) into the job, and others that come meanwhile."""
+        self._mark_dead(node)
+        self._replace_the_dead()
+
+    def _mark_dead(self, node: int | None) -> None:
+        """Note that a node of this job (None: the spy) was replaced by a new process, which knows nothing of the job.
+
+        Once all cells have reported, a dead node matters only if the job is kept alive: its deme may be needed then.
+        """
+        job = self._job
+        if node is None:
+            self._spy_is_new = True
+        elif node in job.nodes and (job.epoch.file.run.keep_alive or not job.epoch.stopped):
+            job.epoch.dead.add(job.nodes.index(node))
+
+    def _replace_the_dead(self) -> None:
+        """Bring the new processes into the job; repeat if another one dies meanwhile."""
+        while self._spy_is_new or self._job.epoch.dead:
+            try:
+                if self._job.epoch.dead:  # this begins a new epoch, which is shown to a new spy too
+                    self._go_on_without_the_dead()
+                else:
+                    self._preparing.show_to_the_spy(self._job.epoch)
+                self._spy_is_new = False
+            except ReplacedError as another:
+                self._mark_dead(another.node)
+
+    def _go_on_without_the_dead(self) -> None:
+        """Halt the other cells and begin an epoch in which each new node starts with the deme of a neighbour.
+
+        The others continue with their own demes. In lockstep a cell advances only with its neighbours' messages, so the
+        halted cells differ by at most as many generations as there are links between them and a dead cell.
+        """
+        before = self._job.epoch
+        others = set(range(before.cells)) - before.dead
+        if not others:
+            return self._start_over()
+        self._wait_until_halted(before, others)
+        # A node may have died after its cell had reported. The directive must not list that cell among the others.
+        before.reports = {cell: report for cell, report in before.reports.items() if cell in others}
+        return self._begin_with_new_nodes(before)
+
+    def _wait_until_halted(self, epoch: Epoch, others: set[int]) -> None:
+        """Halt the cells and wait for the reports of ``others``; other messages are put back for later.
+
+        Raises:
+            ReplacedError: if another process dies meanwhile.
+            ClusterFailed: if a cell fails, or they take too long.
+        """
+        until, again = time.monotonic() + _HALTED_WITHIN, 0.0  # `again`: when to send the command (0.0: now)
+        aside = []
+        try:
+            while not others <= epoch.reports.keys():
+                now = time.monotonic()
+                if now >= until:
+                    raise ClusterFailed("the cells did not halt after a node had died")
+                if now >= again:
+                    self._halt()
+                    again = until
+                message = self._job.calls.next(again)
+                if isinstance(message, Replaced):
+                    raise ReplacedError(message)
+                if not isinstance(message, Reported):
+                    aside.append(message)
+                elif message.report is None:
+                    again = min(again, time.monotonic() + ASK_AGAIN)
+                elif (error := self._job.note(message.epoch, message.report)) is not None:
+                    raise ClusterFailed(error)
+        finally:
+            for message in aside:
+                self._job.calls.put_off(message)
+
+    def _halt(self) -> None:
+        """Halt the cells in whichever epoch they are.
+
+        Each `Halt` follows a `Begin`: a cell that missed the first `Begin` has to begin the latest epoch to halt in it.
+        """
+        for epoch in self._job.epochs.known:
+            self._job.ask_for_reports(epoch)
+            self._job.calls.ask_for_reports(self._job.keys.every_control, Halt(self._job.number, epoch.number))
+
+    def _begin_with_new_nodes(self, before: Epoch) -> None:
+        """Begin the epoch after a death; its directive says everything that a replay needs to repeat it."""
+        job = self._job
+        topology = topologies.parse(before.file.run.topology)
+        donors = {cell: _deme_donor(topology.neighbours(cell), before) for cell in sorted(before.dead)}
+        reached = {str(cell): report.generation for cell, report in sorted(before.reports.items())}
+        why = {
+            "do": "replace",
+            "demes_of": {str(cell): donor for cell, donor in donors.items()},
+            "generations": reached,
+        }
+        wiring = job.dispatch.wire(job.nodes, topology.spec, fresh=True)
+        since = job.generations(before, halted=True)
+        epoch = Epoch(before.number + 1, before.file, wiring, since, why=why)
+        self._preparing.prepare(epoch, {cell: before.reports[donor].deme for cell, donor in donors.items()})
+        self._preparing.show_to_the_spy(epoch)
+        self._preparing.begin(epoch)
+        job.unsent_stop = job.stop_request  # a stop in the halted epoch does not hold in this one
+
+    def _start_over(self) -> None:
+        """Begin the job again with new individuals, in the latest problem: no node is left that has its demes."""
+        job = self._job
+        job.dispatch.changed(job.entry, "queued")
+        self._preparing.set_out(job.epoch.number + 1, job.epoch.file)
+        job.unsent_stop = job.stop_request  # what was sent of it is lost with the nodes
+
+
+def _deme_donor(slots: tuple[int, ...], epoch: Epoch) -> int:
+    """Return the first neighbour that has reported; if none has, the first cell that has."""
+    return next(cell for cell in (*slots, *sorted(epoch.reports)) if cell in epoch.reports)

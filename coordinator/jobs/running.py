@@ -1,0 +1,98 @@
+"""Wait until the latest epoch of a job has stopped; stops and changes are begun meanwhile."""
+
+import time
+
+from coordinator.jobs.calls import ASK_AGAIN, ReplacedError, Reported
+from coordinator.jobs.changing import Changing
+from coordinator.jobs.conducted_job import ConductedJob
+from coordinator.jobs.job import Change, Replaced, StopRequest
+
+
+class Running:
+    """Waits for the reports of a job's cells while they breed.
+
+    Args:
+        job: the job.
+        changing: begins the epochs that are requested meanwhile.
+    """
+
+    def __init__(self, job: ConductedJob, changing: Changing) -> None:
+        self._job = job
+        self._changing = changing
+        self._ask_at: float | None = None  # when to ask for reports again; on the monotonic clock
+
+    def gather(self) -> str | None:
+        """Wait for the report of every cell; return the message of the first that failed, without waiting for others.
+
+        Raises:
+            ReplacedError: if a process died and was replaced meanwhile.
+            ClusterFailed: if the job cannot continue.
+        """
+        job = self._job
+        while job.epochs.unsettled:
+            if job.epochs.settled:  # all cells are in the latest epoch, so stops and changes can be sent now
+                self._send_what_was_put_off()
+            message = job.calls.next(_sooner(self._ask_at, job.oracle.look_at))
+            if message is None:
+                self._look_at_the_clock()
+            elif isinstance(message, Reported):
+                if message.report is None:
+                    # The question has ended without all reports: its time was over, or the router died. Ask again,
+                    # unless it has been asked again already.
+                    is_latest = any(message.question == epoch.asked for epoch in job.epochs.unsettled)
+                    self._ask_at = time.monotonic() + ASK_AGAIN if is_latest else self._ask_at
+                elif (error := job.note(message.epoch, message.report)) is not None:
+                    return error
+            else:
+                self._attend_to(message)
+        return None
+
+    def _look_at_the_clock(self) -> None:
+        """Ask for reports again if that is due, and look whether the oracle has answered."""
+        job = self._job
+        if self._ask_at is not None and time.monotonic() >= self._ask_at:
+            self._ask_at = None
+            self._ask_again()
+        job.oracle.look()
+        if job.oracle.is_hopeless and job.stop_request is None:
+            self._attend_to(StopRequest("infeasible"))
+
+    def _ask_again(self) -> None:
+        """Ask for reports again and repeat the stops, which a dead router may have lost; both are idempotent."""
+        job = self._job
+        for epoch in job.epochs.unsettled:
+            job.ask_for_reports(epoch)
+            if epoch is not job.epoch:
+                job.stop_everywhere(epoch.number, "update")
+        job.unsent_stop = job.stop_request
+
+    def _send_what_was_put_off(self) -> None:
+        """Send a stop or begin a change that came while cells were still moving to the latest epoch.
+
+        A cell that has not begun the latest epoch would ignore a stop in it, and there cannot be three epochs at once.
+        """
+        job = self._job
+        if job.unsent_stop is not None:
+            job.stop(job.epoch.number, job.unsent_stop.reason)
+            job.unsent_stop = None
+        if job.changes:  # one at a time: then the cells are on their way again
+            self._changing.change(job.changes.popleft())
+
+    def _attend_to(self, message: object) -> None:
+        """Note a request; it is carried out by `_send_what_was_put_off` when the cells are ready for it.
+
+        Raises:
+            ReplacedError: if the message is that a process was replaced.
+        """
+        if isinstance(message, StopRequest):
+            self._job.stop_request = self._job.stop_request or message
+            self._job.unsent_stop = message
+        elif isinstance(message, Replaced):
+            raise ReplacedError(message)
+        elif isinstance(message, Change):
+            self._job.changes.append(message)
+
+
+def _sooner(*times: float | None) -> float | None:
+    """Return the earliest of the given times; None if there is none."""
+    return min((each for each in times if each is not None), default=None)

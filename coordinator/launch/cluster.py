@@ -1,0 +1,193 @@
+"""A cluster of processes on this machine that belongs to the calling process and ends with it."""
+
+import secrets
+import threading
+import time
+from typing import Any, Self
+
+import zenoh
+
+import topologies
+from coordinator.errors import ClusterFailed
+from coordinator.jobs.dispatcher import Dispatcher
+from coordinator.jobs.job import Job, JobSpec
+from coordinator.launch.launcher import Launcher
+from problems import ProblemFile
+from problems.run import with_topology
+from spy.least_improvement import LEAST
+from wire import sessions
+from wire.callbacks import direct
+from wire.keys import Keys
+from wire.seal import Seal
+
+_READY_WITHIN = 120.0  # seconds; a thousand nodes on two cores usually take less than ten
+
+
+class LocalCluster:
+    """A router, a spy and one node process for each cell of a topology; a context manager.
+
+    When the calling process ends, however it ends, all of them do. A job may ask for any topology of at most as many
+    cells. Jobs run at the same time while there are enough free nodes; the others wait in the order of submission::
+
+        with supernode.LocalCluster(torus=(4, 4)) as cluster:
+            result = cluster.submit(supernode.load("examples/arm-ik.toml"), seed=1).result()
+
+    Args:
+        torus: rows and columns of a torus, as a pair or as text such as ``"4x4"``.
+        topology: another topology instead of ``torus``, as text such as ``"ring 16"``.
+        force: start it even if this machine cannot hold so many nodes.
+
+    Raises:
+        ValueError: if there is no such topology; the message begins with ``torus`` if that is wrong.
+        BadInput: if this machine cannot hold so many nodes.
+        ClusterFailed: if a process dies before all are ready, or they are not ready in time.
+
+    Attributes:
+        topology: the topology of the nodes.
+        seconds_to_ready: how long the start took.
+    """
+
+    def __init__(
+        self, torus: tuple[int, int] | str = (4, 4), *, topology: str | None = None, force: bool = False
+    ) -> None:
+        called = time.monotonic()
+        self.topology = topologies.parse(topology or with_topology({"torus": torus})["topology"])
+        self.keys = Keys(secrets.token_hex(4))  # a random name, so that clusters side by side do not meet
+        self._failure: str | None = None  # why the cluster cannot be used any more; the first reason stays
+        self._changed = threading.Condition()  # guards what the launcher's and Zenoh's threads change too
+        self._submitted = 0
+        self._closed = False
+        self._dispatcher: Dispatcher | None = None
+        self._launcher = Launcher(self.keys.cluster, self.topology.spec, self._on_death, force=force)
+        self._session: zenoh.Session | None = None
+        try:
+            session = self._connect()
+        except BaseException:
+            self._disconnect()
+            self._launcher.close()
+            raise
+        self.seconds_to_ready = time.monotonic() - called
+        dispatcher = Dispatcher(
+            session,
+            self.keys,
+            Seal(self._launcher.secret),
+            self.topology.spec,
+            cpu_seconds=self.cpu_seconds_by_process,
+            seconds_to_ready=self.seconds_to_ready,
+        )
+        with self._changed:
+            self._dispatcher = dispatcher
+        self._pass_on_failure()  # a process may have died before there was a dispatcher
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    @property
+    def processes(self) -> dict[str, int]:
+        """The process ids by name: "router", "spy", "node 0" and so on."""
+        return dict(self._launcher.processes)
+
+    def submit(self, file: ProblemFile, *, log: str | None = None, least_improvement: float = LEAST, **run: Any) -> Job:
+        """Submit a job; it runs as soon as there are enough free nodes. Its ``seconds`` count from now on.
+
+        Args:
+            file: the problem, from `supernode.load`.
+            log: the path of a run log to write, JSON Lines.
+            least_improvement: the least improvement that gets a line there, as a share of the fitness before.
+            run: settings that replace those of the file's ``[run]`` table, such as ``seed=1``, ``seconds=5``,
+                ``torus="2x2"``.
+
+        Raises:
+            BadInput: if a setting is unknown or wrong, or the log cannot be written.
+            ClusterFailed: if the cluster is closed, or a process of it has died.
+        """
+        self._raise_failure()
+        assert self._dispatcher is not None, "ready by now"
+        # Without a topology of its own a job takes the cluster's, whatever the file's settings say.
+        asked = any(run.get(name) is not None for name in ("topology", "torus"))
+        settings = run if asked else run | {"topology": self.topology.spec}
+        file = file.with_run(**settings)
+        file.refuse_unreachable()
+        self._submitted += 1
+        spec = JobSpec(self._submitted, file, log, least_improvement=least_improvement)
+        return self._dispatcher.submit(spec)
+
+    def cpu_seconds(self) -> float:
+        """Return the CPU time that all processes have used so far, this one included."""
+        return self._launcher.cpu_seconds()
+
+    def cpu_seconds_by_process(self) -> dict[str, float]:
+        """Return the CPU time by name: of each of `processes`, of "zygote", and of "coordinator" (this process)."""
+        return self._launcher.cpu_seconds_by_process()
+
+    def close(self) -> None:
+        """End every process; jobs that still run or wait fail. Idempotent."""
+        with self._changed:
+            if self._closed:
+                return
+            self._closed = True
+            self._failure = self._failure or "the cluster was closed"
+        if self._dispatcher is not None:  # while the processes still run, so that each job ends for this reason
+            self._dispatcher.fail(self._failure, closing=True)
+            self._dispatcher.wait()
+        self._disconnect()
+        self._launcher.close()
+
+    def _connect(self) -> zenoh.Session:
+        """Wait for the router, then for the liveliness tokens of the spy and of all nodes; return the session.
+
+        A node declares its token once it is linked with all neighbours, so this is the ready barrier.
+        """
+        self._launcher.started.wait(_READY_WITHIN)
+        self._raise_failure()
+        endpoint = sessions.unix_socket(self._launcher.folder, "router")
+        session = self._session = sessions.client(endpoint)
+        awaited = {self.keys.node(cell) for cell in range(self.topology.cells)} | {self.keys.spy}
+
+        def see(sample: zenoh.Sample) -> None:
+            with self._changed:
+                awaited.discard(str(sample.key_expr))
+                self._changed.notify_all()
+
+        watchers = [
+            session.liveliness().declare_subscriber(key, direct(see), history=True)
+            for key in (self.keys.any_node, self.keys.spy)
+        ]
+        with self._changed:
+            ready = self._changed.wait_for(lambda: not awaited or self._failure, _READY_WITHIN)
+        self._raise_failure()
+        if not ready:
+            raise ClusterFailed(f"not ready within {_READY_WITHIN:.0f} s: {', '.join(sorted(awaited)[:4])}")
+        for watcher in watchers:
+            watcher.undeclare()  # type: ignore[no-untyped-call]
+        return session
+
+    def _disconnect(self) -> None:
+        """Close the session before the router ends: it would look for its router for ever otherwise."""
+        if self._session is not None:
+            self._session.close()  # type: ignore[no-untyped-call]
+
+    def _pass_on_failure(self) -> None:
+        if self._failure is not None and self._dispatcher is not None:
+            self._dispatcher.fail(self._failure)
+
+    def _raise_failure(self) -> None:
+        if self._failure is not None:
+            raise ClusterFailed(self._failure)
+
+    def _on_death(self, text: str | None) -> None:
+        """Fail the cluster, since no process may die while it is open. Called on the launcher's thread."""
+        with self._changed:
+            self._failure = self._failure or self._naming_the_cell(text or "")
+            self._changed.notify_all()
+        self._pass_on_failure()
+
+    def _naming_the_cell(self, text: str) -> str:
+        kind, _, rest = text.partition(" ")
+        number = rest.split(" ")[0]
+        if kind == "node" and number.isdigit():
+            return f"{text} (cell {self.topology.place(int(number))})"
+        return text

@@ -1,0 +1,201 @@
+"""A host of nodes that join a cluster: a zygote of its own, in a container or on another machine.
+
+The host's zygote first forks an agent, since the zygote itself must not open a Zenoh session (a fork after that hangs).
+The agent asks the coordinator for the nodes' numbers, writes them to a pipe and signals the zygote, which then forks
+the nodes. The agent runs as long as the host does: its liveliness token says that the host is present, and a
+coordinator that takes over asks it which nodes run here. A node that dies is replaced under the same number. When the
+zygote ends, however it ends, all its children do.
+"""
+
+import json
+import os
+import signal
+import threading
+from collections.abc import Callable
+from functools import partial
+
+import zenoh
+
+from coordinator.errors import ClusterFailed
+from coordinator.launch import capacity
+from coordinator.launch.folders import make_folder, new_folder
+from coordinator.launch.zygote import Zygote
+from node.node_config import NodeConfig
+from problems.modules import Modules
+from wire import jobs, sessions
+from wire.callbacks import direct
+from wire.hosts import Host
+from wire.keys import Keys
+from wire.seal import Seal
+from wire.strict import Rejected
+
+_ENDING = {signal.SIGTERM, signal.SIGINT, signal.SIGHUP}
+_JOINED = signal.SIGUSR1  # from the agent: the nodes' numbers are in the pipe
+_REFUSED = 101  # exit status of an agent whose host the coordinator has refused
+_ANSWER_WITHIN = 5.0  # seconds
+_AGAIN = 0.1  # seconds
+_AGENT = "agent"
+
+
+class HostZygote(Zygote):
+    """Forks the agent and the nodes of one host.
+
+    Args:
+        cluster: the name of the cluster.
+        router: the endpoint of the cluster's router.
+        secret: the cluster's secret; see `wire.seal`.
+        modules: users' modules that the nodes may import.
+        host: this host, which has no node numbers yet.
+        force: start the nodes even if this machine cannot hold so many.
+
+    Raises:
+        BadInput: if this machine cannot hold so many nodes; the message says how many it can hold.
+    """
+
+    def __init__(
+        self, cluster: str, router: str, secret: bytes, modules: Modules, host: Host, *, force: bool = False
+    ) -> None:
+        capacity.check(host.wants, force=force, has_router=False)
+        folder = new_folder()
+        self._lock = make_folder(folder)
+        super().__init__(cluster, "", folder, secret, modules)
+        self._router = router
+        self._host = host
+        self.name = f"host {host.name}"
+        self._numbers, self._tell_numbers = os.pipe()
+
+    def run(self) -> None:
+        """Join the cluster and run until SIGTERM, SIGINT or SIGHUP comes.
+
+        Raises:
+            ClusterFailed: if the coordinator refuses the host, or its processes die too often.
+        """
+        awaited = _ENDING | {signal.SIGCHLD, _JOINED}
+        signal.pthread_sigmask(signal.SIG_BLOCK, awaited)
+        try:
+            self._warm_up(self._host.wants)
+            self._fork(_AGENT, self._be_the_agent)
+            while (woken := signal.sigwait(awaited)) not in _ENDING:
+                if woken == _JOINED:
+                    self._fork_nodes()
+                elif self._one_died():
+                    raise ClusterFailed(
+                        "this host's processes died too often, or the cluster refused it; see the log above"
+                    )
+        finally:
+            self._kill_all()
+
+    def _fork_nodes(self) -> None:
+        if self._host.nodes:  # forked already
+            return
+        self._host = self._host.with_nodes(tuple(json.loads(os.read(self._numbers, 1 << 16))))
+        for node in self._host.nodes:
+            self._fork_again(f"node {node}")
+        numbers = ", ".join(map(str, self._host.nodes))
+        self._log("info", f"{len(self._host.nodes)} nodes: {numbers}", self.name)
+
+    def _is_the_end(self, name: str, status: int) -> bool:
+        refused = name == _AGENT and os.WIFEXITED(status) and os.WEXITSTATUS(status) == _REFUSED
+        return refused or self._dies_too_often()
+
+    def _fork_again(self, name: str) -> None:
+        if name == _AGENT:
+            self._fork(name, self._be_the_agent)
+        else:
+            number = int(name.removeprefix("node "))
+            self._fork(name, lambda: _as_usual(partial(self._node_live, self._config(number))))
+
+    def _config(self, node: int, topology: str = "") -> NodeConfig:
+        return NodeConfig(
+            self.cluster,
+            node,
+            topology,
+            self.folder,
+            self._router,
+            self.secret,
+            self.modules,
+            self._host.id,
+            self._core_tokens,
+        )
+
+    def _be_the_agent(self) -> None:
+        try:
+            _as_usual(lambda: attend(self._host, Keys(self.cluster), self._router, Seal(self.secret), self._tell))
+        except ClusterFailed as error:
+            self._log("error", str(error), self.name)
+            os._exit(_REFUSED)
+
+    def _tell(self, nodes: tuple[int, ...]) -> None:
+        os.write(self._tell_numbers, json.dumps(nodes).encode())
+        os.kill(os.getppid(), _JOINED)
+
+
+def _as_usual(live: Callable[[], None]) -> None:
+    """Call ``live`` in a child, with the signals unblocked that the zygote blocks; only the zygote reacts to Ctrl-C."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, _ENDING | {_JOINED})
+    live()
+
+
+def attend(host: Host, keys: Keys, router: str, seal: Seal, tell: Callable[[tuple[int, ...]], None]) -> None:
+    """Run as the agent of a host until the process is killed.
+
+    Args:
+        host: the host. If it has node numbers already, the agent before this one has died, and none are asked for.
+        keys: the key expressions of the cluster.
+        router: the endpoint of the cluster's router.
+        seal: seals what the agent sends.
+        tell: called once with the nodes' numbers, if they were asked for.
+
+    Raises:
+        ClusterFailed: if the coordinator refuses the host.
+    """
+    sessions.use_runtime(sessions.NODE_RUNTIME)
+    session = sessions.client(router)
+    here = [host]  # as it is now; Zenoh's thread reads it
+
+    def present(query: zenoh.Query) -> None:
+        with query:
+            query.reply(keys.host(host.id), seal.close(keys.host(host.id), here[0].encode()))
+
+    declared = [
+        session.liveliness().declare_token(keys.host(host.id)),
+        session.declare_queryable(keys.host(host.id), direct(present)),
+    ]
+    if not host.nodes:
+        here[0] = host.with_nodes(_numbers(session, keys, seal, host))
+        tell(here[0].nodes)
+    while declared:
+        signal.pause()
+
+
+def _numbers(session: zenoh.Session, keys: Keys, seal: Seal, host: Host) -> tuple[int, ...]:
+    """Ask for the nodes' numbers until a coordinator answers.
+
+    Raises:
+        ClusterFailed: if the coordinator refuses the host.
+    """
+    there = threading.Event()
+
+    def see(sample: zenoh.Sample) -> None:
+        (there.set if sample.kind == zenoh.SampleKind.PUT else there.clear)()
+
+    watcher = session.liveliness().declare_subscriber(keys.coordinator, direct(see), history=True)
+    while True:
+        there.wait()
+        request = seal.close(keys.nodes, host.encode())
+        for reply in session.get(keys.nodes, payload=request, timeout=_ANSWER_WITHIN):
+            if reply.ok is not None:
+                watcher.undeclare()  # type: ignore[no-untyped-call]
+                return _read(reply.ok.payload.to_bytes())
+        threading.Event().wait(_AGAIN)  # the coordinator's queryable is not known yet, or it has just died
+
+
+def _read(payload: bytes) -> tuple[int, ...]:
+    try:
+        answer = jobs.decode_answer(payload)
+    except Rejected as error:
+        raise ClusterFailed(f"the coordinator's answer cannot be read: {error.reason}") from error
+    if isinstance(answer, jobs.Refused):
+        raise ClusterFailed(answer.message)
+    return tuple(int(node) for node in answer.value)

@@ -1,0 +1,391 @@
+"""The zygote: the process that router, spy and nodes are forked from, and that ends them.
+
+It imports everything and loads all compiled kernels once, then forks; children share its memory and import nothing. It
+never opens a Zenoh session, since a fork after that hangs.
+
+In a cluster that stays up it is the supervisor too: it forks the coordinator, and replaces every process that dies.
+Otherwise the first death ends the cluster.
+
+Lifelines: the zygote runs exactly as long as the calling process holds the other end of its standard input. When the
+caller ends, however it ends, the zygote kills its children, removes the folder of their sockets and exits. If the
+zygote itself is killed, the kernel kills its children (parent-death signal), and the caller, which then reads the end
+of the zygote's standard output, removes the folder. On standard output the zygote writes one JSON object a line: first
+the ids of the processes, at the end why the cluster ended.
+
+The zygote has one thread. SIGCHLD and SIGIO are blocked once it forks, and `sigwait` takes them in one place.
+"""
+
+import contextlib
+import fcntl
+import gc
+import json
+import os
+import shutil
+import signal
+import sys
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from coordinator.errors import ClusterFailed
+from coordinator.launch.folders import make_folder
+from lowlevel import capabilities, linux
+
+if TYPE_CHECKING:
+    from node.core_token import CoreTokens
+    from node.node_config import NodeConfig
+    from problems.modules import Modules
+
+_DOWN = 100  # exit status of a coordinator that a client told to end the cluster
+_LATELY = 60.0  # seconds in which deaths are counted
+_MOST_DEATHS = 20  # allowed besides one for each process; beyond that something is wrong that no new process mends
+_WAKING = {signal.SIGCHLD, signal.SIGIO}  # a child has died; standard input has ended
+_MOVED_FROM = 256  # nodes: with fewer, moving memory to files takes longer than the forks that it makes quicker
+
+
+def main() -> None:
+    """Run as ``python -m coordinator.launch.zygote`` by the launcher, which writes a line to standard input first."""
+    config = json.loads(_first_line(sys.stdin.fileno()))
+    folder = Path(config["folder"])
+    _end_with_the_caller(folder)
+    signal.signal(signal.SIGTTOU, signal.SIG_IGN)  # else a terminal may stop a background process that writes the log
+    try:
+        lock = make_folder(folder)  # inherited by every process of the cluster: without any the folder is stale
+    except OSError as error:
+        return _tell({"failed": f"the zygote cannot make {folder}: {error.strerror}"})
+    service = config["service"]
+    zygote = Zygote(
+        config["cluster"], config["topology"], folder, bytes.fromhex(config["secret"]), _modules(service), service
+    )
+    zygote.run()
+    return os.close(lock)
+
+
+def _first_line(descriptor: int) -> bytes:
+    """Read the configuration, the only thing ever written to standard input; exit if the caller is gone already."""
+    line = b""
+    while not line.endswith(b"\n"):
+        piece = os.read(descriptor, 1 << 16)
+        if not piece:
+            os._exit(0)
+        line += piece
+    return line
+
+
+def _modules(service: dict[str, Any] | None) -> "Modules":
+    from problems.modules import AnyModules, Modules
+
+    if service is None:
+        return AnyModules()  # only the calling process can submit jobs: nobody else reaches the router's socket
+    return Modules(service["allow_modules"], service["modules"] and Path(service["modules"]))
+
+
+def _end_with_the_caller(folder: Path) -> None:
+    """Make the end of standard input interrupt the zygote (SIGIO) while it still imports, which takes long."""
+
+    def end(*_: object) -> None:
+        shutil.rmtree(folder, ignore_errors=True)
+        os._exit(0)
+
+    signal.signal(signal.SIGIO, end)
+    descriptor = sys.stdin.fileno()
+    fcntl.fcntl(descriptor, fcntl.F_SETOWN, os.getpid())
+    fcntl.fcntl(descriptor, fcntl.F_SETFL, fcntl.fcntl(descriptor, fcntl.F_GETFL) | os.O_ASYNC)
+    if _at_end(descriptor):  # it may have ended before the signal was switched on
+        end()
+
+
+def _at_end(descriptor: int) -> bool:
+    """Return whether the other end of the pipe is closed, as nothing more is ever written to it."""
+    import select
+
+    poll = select.poll()
+    poll.register(descriptor, select.POLLIN)
+    return bool(poll.poll(0))
+
+
+def _comes_first(awaited: int, lifeline: int) -> bool:
+    """Wait until one of two pipes can be read or is closed; return False if that is ``lifeline``."""
+    import select
+
+    poll = select.poll()
+    for descriptor in (awaited, lifeline):
+        poll.register(descriptor, select.POLLIN)
+    return lifeline not in dict(poll.poll())
+
+
+class Zygote:
+    """Forks the processes of one cluster and ends them."""
+
+    name = "zygote"  # of this process in the log
+
+    def __init__(
+        self,
+        cluster: str,
+        topology: str,
+        folder: Path,
+        secret: bytes,
+        modules: "Modules",
+        service: dict[str, Any] | None = None,
+    ) -> None:
+        self.cluster = cluster
+        self.secret = secret
+        self.modules = modules
+        self.topology = topology
+        self.folder = folder
+        self.service = service  # `coordinator.launch.launcher.ServiceOptions`, as JSON has them
+        self.children: dict[int, str] = {}  # running children, process id to name
+        self._core_tokens: CoreTokens = {}
+        self._nothing = os.open(os.devnull, os.O_RDWR)
+        self._deaths: list[float] = []  # times of recent deaths, on the monotonic clock
+
+    def run(self) -> None:
+        """Fork all processes, then wait for the end of the caller or the death of a child; kill all at the end."""
+        import topologies
+
+        topology = topologies.parse(self.topology)
+        topology.neighbours(topologies.ROOT)  # a random graph is built here, not in each child
+        self._warm_up(topology.cells)
+        signal.pthread_sigmask(signal.SIG_BLOCK, _WAKING)
+        signal.signal(signal.SIGIO, signal.SIG_DFL)  # from now on `sigwait` takes it, and `finally` below cleans up
+        try:
+            self._fork_all(topology.cells)
+            # A signal that comes between the look and `sigwait` stays pending, so nothing is missed.
+            while not (_at_end(sys.stdin.fileno()) or self._one_died()):
+                signal.sigwait(_WAKING)
+        except ClusterFailed as error:
+            _tell({"failed": str(error)})
+        finally:
+            self._kill_all()
+
+    def _fork_all(self, nodes: int) -> None:
+        """Fork every process and report their ids; stop when the caller ends meanwhile.
+
+        Raises:
+            ClusterFailed: if the router cannot listen, or the system refuses so many processes.
+        """
+        complaint = self._fork_router()
+        if complaint is not None:
+            raise ClusterFailed(f"router {complaint}")
+        self._fork("spy", partial(self._spy, self.topology))
+        for node in range(nodes):
+            if _at_end(sys.stdin.fileno()):  # the look takes 3 µs, a fork 1 to 3 ms
+                return
+            self._fork(f"node {node}", partial(self._node, node, self.topology))
+        if self.service is not None:
+            self._fork("coordinator", partial(self._coordinate, first=True))
+        _tell({"processes": {name: process for process, name in self.children.items()}})
+
+    def _warm_up(self, nodes: int) -> None:
+        """Import everything that a child needs, and arrange memory so that children write to few shared pages."""
+        gc.disable()  # hardly anything is garbage while modules are imported
+        import_all()
+        import node.core_token
+        import node.process
+        import spy.process
+        from wire import sessions
+
+        sessions.log_nothing()  # here, since it would touch forty pages in each child
+        self._core_tokens = node.core_token.for_all_cores(nodes)
+        self._report_ordinary_paths()
+        self._spy_watch, self._node_live = spy.process.watch, node.process.live
+        gc.enable()
+        gc.freeze()  # a collection in a child would write to the header of every object, and so copy their pages
+        if capabilities().fork_memory:
+            from lowlevel import fork_memory
+
+            fork_memory.forget_lookups()
+            fork_memory.fill_holes()
+            fork_memory.join_mappings()
+            if nodes >= _MOVED_FROM:  # last: what the zygote writes to a page afterwards makes it anonymous again
+                fork_memory.move_to_files()
+
+    def _report_ordinary_paths(self) -> None:
+        """Say in one line which low-level parts are not used here, and why."""
+        reasons = capabilities().reasons
+        if reasons:
+            parts = "; ".join(f"{part}: {reason}" for part, reason in reasons.items())
+            self._log("info", f"ordinary paths are taken: {parts}", self.name)
+
+    def _fork_router(self) -> str | None:
+        """Fork the router and wait until it listens, so that the others connect at once; return why it does not."""
+        ready, tell = os.pipe()
+        listen = [self._config(0).router, *(self.service["listen"] if self.service is not None else ())]
+
+        def route() -> None:
+            from coordinator.launch.router import route
+
+            os.close(ready)
+            try:
+                route(listen, tell)
+            except ClusterFailed as error:
+                os.write(tell, str(error).encode())
+
+        self._fork("router", route)
+        os.close(tell)
+        with os.fdopen(ready, "rb") as pipe:
+            if not _comes_first(ready, sys.stdin.fileno()):
+                return "was given up: the caller has ended"
+            said = pipe.read(1)
+            if said == b"!":
+                return None
+            return (said + pipe.read()).decode() or "ended before it listened"
+
+    def _spy(self, topology: str) -> None:
+        self._spy_watch(self._config(0, topology))
+
+    def _node(self, node: int, topology: str) -> None:
+        self._node_live(self._config(node, topology))
+
+    def _coordinate(self, first: bool = False) -> None:
+        from coordinator.service.launched import coordinate
+
+        assert self.service is not None, "only for a cluster that stays up"
+        coordinate(self._config(0, self.topology), self.service, first)
+        os._exit(_DOWN)
+
+    def _config(self, node: int, topology: str = "") -> "NodeConfig":
+        from node.node_config import NodeConfig
+        from wire import sessions
+
+        router = sessions.unix_socket(self.folder, "router")
+        return NodeConfig(
+            self.cluster, node, topology, self.folder, router, self.secret, self.modules, core_tokens=self._core_tokens
+        )
+
+    def _fork(self, name: str, live: Callable[[], None]) -> None:
+        """Fork a child that calls ``live``.
+
+        Raises:
+            ClusterFailed: if the system refuses another process.
+        """
+        parent = os.getpid()
+        try:
+            process = os.fork()
+        except OSError as error:
+            raise ClusterFailed(f"{name} could not be forked: {error.strerror}") from error
+        if process != 0:
+            self.children[process] = name
+            return
+        try:
+            _be_a_child(parent, name, self._nothing)
+            live()
+        except BaseException as error:
+            self._log("error", f"{type(error).__name__}: {error}", name, name)
+        finally:
+            os._exit(1)  # never return into the parent's code; ``live`` exits by itself if it has another status
+
+    def _one_died(self) -> bool:
+        """Replace children that have died; return True if the cluster must end instead, after reporting why.
+
+        One signal may stand for several deaths, so this asks until there is no further one.
+        """
+        while True:
+            process, status = os.waitpid(-1, os.WNOHANG) if self.children else (0, 0)
+            if process == 0:
+                return False
+            name = self.children.pop(process, None)  # None: an orphan, if this is process 1 of a container
+            if name is not None and self._is_the_end(name, status):
+                return True
+            if name is not None:
+                self._log("warning", f"{name} {_how(status)}: another one takes its place", self.name, name)
+                self._fork_again(name)
+
+    def _log(self, level: str, text: str, process: str, about: str = "") -> None:
+        """Write a line to the log; what writes it is imported only now, since this is rare."""
+        from coordinator.log_lines import LogLines
+        from wire.news import LogRecord
+
+        kind, _, number = about.partition(" ")
+        node = int(number) if kind == "node" else None
+        lines = LogLines(self.cluster, None if self.service is None else self.service["log_json"])
+        lines.write(LogRecord(level, process, text, time.time(), node))
+
+    def _is_the_end(self, name: str, status: int) -> bool:
+        """Return whether this death ends the cluster, and report why if it does."""
+        if self.service is not None and os.WIFEXITED(status) and os.WEXITSTATUS(status) == _DOWN:
+            _tell({"down": name})
+            return True
+        if self.service is None or self._dies_too_often():
+            _tell({"failed": f"{name} {_how(status)}"})
+            return True
+        return False
+
+    def _dies_too_often(self) -> bool:
+        now = time.monotonic()
+        self._deaths = [each for each in self._deaths if now - each < _LATELY] + [now]
+        return len(self._deaths) > len(self.children) + _MOST_DEATHS
+
+    def _fork_again(self, name: str) -> None:
+        """Fork a process in the place of a dead one.
+
+        A new node or spy gets no topology, so it makes no links: the links of its neighbours may have changed since the
+        launch, and the conductor of its job gives it the right ones.
+        """
+        kind, _, number = name.partition(" ")
+        if kind == "router":
+            with contextlib.suppress(FileNotFoundError):
+                (self.folder / "router.sock").unlink()
+            complaint = self._fork_router()
+            if complaint is not None:  # its exit is another death, after which it is forked again
+                self._log("warning", f"router: {complaint}", self.name, name)
+        elif kind == "coordinator":
+            self._fork(name, self._coordinate)
+        elif kind == "spy":
+            self._fork(name, partial(self._spy, ""))
+        else:
+            self._fork(name, partial(self._node, int(number), ""))
+
+    def _kill_all(self) -> None:
+        """Kill all children and remove the folder; the router last, so that its end says that all others are gone."""
+        shutil.rmtree(self.folder, ignore_errors=True)
+        routers = [process for process, name in self.children.items() if name == "router"]
+        for processes in (self.children.keys() - set(routers), routers):
+            for process in processes:
+                os.kill(process, signal.SIGKILL)
+            for process in processes:
+                os.waitpid(process, 0)
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+
+def _be_a_child(parent: int, name: str, nothing: int) -> None:
+    """Set up a child: a name for `ps`, an end with the zygote, unblocked signals, and no hold on the zygote's pipes."""
+    linux.name_process(f"sn {name}")
+    linux.end_with_parent(parent)
+    if os.getsid(0) == parent and not name.startswith("node "):  # a crowd's session is for nodes, see `launcher._CROWD`
+        os.setsid()
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, _WAKING)
+    os.dup2(nothing, 0)
+    os.dup2(nothing, 1)  # else the caller could not see the end of the zygote's output while a child runs
+    os.close(nothing)
+
+
+def import_all() -> None:
+    """Import everything that router, spy and nodes need, and load all compiled kernels."""
+    import numpy.ma  # numba asks whether an array is one of these  # noqa: F401
+
+    import problems.registry
+    import spy.process  # noqa: F401
+    from node.fingerprint import fingerprint
+
+    problems.registry.warm_up()
+    fingerprint()
+
+
+def _how(status: int) -> str:
+    if os.WIFSIGNALED(status):
+        return f"killed by {signal.Signals(os.WTERMSIG(status)).name}"
+    return f"ended with exit status {os.WEXITSTATUS(status)}"
+
+
+def _tell(event: dict[str, Any]) -> None:
+    """Write an event to the caller, see `coordinator.launch.launcher.Launcher`."""
+    with contextlib.suppress(BrokenPipeError):  # the caller is gone; the main loop notices that
+        sys.stdout.write(json.dumps(event) + "\n")
+        sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,51 @@
+"""The coordinator of a cluster on several machines or containers: it launches no nodes, hosts of nodes join it."""
+
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import zenoh
+
+from coordinator.jobs.hooks import Hooks
+from coordinator.jobs.node_hosts import PORTS
+from coordinator.service.host_book import LEFT_AFTER, HostBook
+from coordinator.service.process import Options, run
+from coordinator.service.roster import Roster
+from coordinator.service.service_dispatcher import ServiceDispatcher
+from node.node_config import NodeConfig
+from wire.hosts import Host
+from wire.keys import Keys
+from wire.seal import Seal
+
+
+def preside(config: NodeConfig, options: Options, max_queue: int | None) -> None:
+    """Run the coordinator until a client or SIGTERM ends it; at least ``options.nodes`` nodes are expected."""
+    make_dispatcher = partial(JoinedDispatcher, seal=Seal(config.secret), max_queue=max_queue)
+    run(config, replace(options, joined=True), make_dispatcher)
+
+
+class JoinedDispatcher(ServiceDispatcher):
+    """A dispatcher whose nodes come and go host by host. A host itself replaces those of its nodes that die."""
+
+    def __init__(
+        self, session: zenoh.Session, keys: Keys, nodes: int, hooks: Hooks, *, seal: Seal, max_queue: int | None
+    ) -> None:
+        super().__init__(session, keys, seal, hooks, max_queue=max_queue, expected=nodes)
+        self._first_port = self.began % PORTS  # probably not the port that the previous coordinator used last
+        self._book = HostBook(session, keys, seal, self._came, self._leave)
+        # After the book: when a node is reported, its host must be known already, or a wiring would lack its address.
+        self._roster = Roster(session, keys, self.replaced, self.joined)
+        self._roster.look()
+
+    def nodes(self) -> list[dict[str, Any]]:
+        """Return each node as the command `status` shows it, with the name of its host."""
+        return [node | {"host": self._book.host_of(node["node"])} for node in super().nodes()]
+
+    def _came(self, host: Host) -> None:
+        with self._lock:
+            self._node_hosts.move_in(host, self._first_port)
+
+    def _leave(self, host: Host) -> None:
+        numbers = ", ".join(map(str, host.nodes))
+        self.left(host.nodes, f"host {host.name} has been away for {LEFT_AFTER:.0f} s, with its nodes {numbers}")
+        self._roster.forget(host.nodes)

@@ -1,0 +1,59 @@
+"""The coordinator of a cluster that one zygote launched, all on this machine."""
+
+from collections.abc import Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import zenoh
+
+import topologies
+from coordinator.jobs.hooks import Hooks
+from coordinator.service.process import Options, run
+from coordinator.service.roster import Roster
+from coordinator.service.service_dispatcher import ServiceDispatcher
+from coordinator.store.database import url_in
+from coordinator.store.record_book import Keep
+from node.node_config import NodeConfig
+from wire.keys import Keys
+from wire.seal import Seal
+
+
+def coordinate(config: NodeConfig, told: Mapping[str, Any], first: bool) -> None:
+    """Run the coordinator until a client or SIGTERM ends it.
+
+    Args:
+        config: the cluster's configuration.
+        told: the fields of `coordinator.launch.launcher.ServiceOptions`.
+        first: whether this is the first coordinator of the cluster. A later one does not know how the nodes are linked.
+    """
+    url = told["database"] or url_in(Path(told["state"]))
+    cells = topologies.parse(config.topology).cells
+    seal = Seal(config.secret)
+    make_dispatcher = partial(
+        LaunchedDispatcher, seal=seal, topology=config.topology, wired=first, max_queue=told["max_queue"]
+    )
+    keep = Keep(told["keep_days"], told["keep_records"])
+    run(config, Options(cells, url, keep, told["log_json"]), make_dispatcher)
+
+
+class LaunchedDispatcher(ServiceDispatcher):
+    """A dispatcher whose nodes are all there from the beginning."""
+
+    def __init__(
+        self,
+        session: zenoh.Session,
+        keys: Keys,
+        nodes: int,
+        hooks: Hooks,
+        *,
+        seal: Seal,
+        topology: str,
+        wired: bool,
+        max_queue: int | None,
+    ) -> None:
+        assert nodes == topologies.parse(topology).cells
+        super().__init__(session, keys, seal, hooks, topology=topology, wired=wired, max_queue=max_queue)
+        self._roster = Roster(session, keys, self.replaced)
+        if not wired:
+            self._log("warning", "the coordinator has died: another one goes on in its place")

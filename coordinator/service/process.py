@@ -1,0 +1,234 @@
+"""The coordinator's process: it takes jobs from clients, stores them, has them run, and publishes their states.
+
+Everything that matters is in the store: if the coordinator is killed at any moment, the next one continues from there.
+
+No client waits for another client's slow request. One thread answers questions, in the order of their arrival. A few
+others check submitted jobs, whose problems may be large. Changes of one job (updates and rewirings) are carried out one
+after another, beside those of other jobs (see `coordinator.service.lanes`).
+"""
+
+import contextlib
+import queue
+import signal
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+
+import zenoh
+
+from coordinator.jobs.hooks import MakeDispatcher
+from coordinator.log_lines import LogLines
+from coordinator.service.checking import Checker
+from coordinator.service.lanes import Lanes
+from coordinator.service.request_handler import RequestHandler
+from coordinator.service.waiting_room import Queue, WaitingRoom
+from coordinator.store.database import StoreFailed
+from coordinator.store.job_store import Store
+from coordinator.store.record_book import Keep, RecordBook
+from coordinator.store.recorder import Recorder
+from node.node_config import NodeConfig
+from problems.modules import Modules
+from wire import jobs, sessions
+from wire.callbacks import direct
+from wire.jobs import Answer, Done, Down, JobState, Refused, Request, Rewire, Submit, Update
+from wire.keys import Keys
+from wire.news import LogRecord
+from wire.strict import Rejected
+
+_SUBMITS_AT_ONCE = 8  # a problem may take a hundred times its size in memory while it is checked
+_SUBMITS = Queue("submits", 1000, 256 << 20)
+_CHANGES = Queue("changes", 1000, 256 << 20)
+_CHANGES_OF_ONE, _BYTES_OF_ONE = 100, 64 << 20  # of one job, so that it leaves room for changes of others
+_TRY_AGAIN = 0.5  # seconds between two attempts to open the database
+
+
+@dataclass(frozen=True)
+class Options:
+    """How the service is started.
+
+    Attributes:
+        nodes: the number of nodes; if they join, the least number expected.
+        store: the URL of the database.
+        keep: how many records and ended jobs are kept there.
+        log_json: whether the log is written as JSON; if None, it is if stderr is not a terminal.
+        joined: whether router, spy and nodes were started separately, so that they stay when the coordinator ends.
+    """
+
+    nodes: int
+    store: str
+    keep: Keep
+    log_json: bool | None = None
+    joined: bool = False
+
+
+def run(config: NodeConfig, options: Options, make_dispatcher: MakeDispatcher) -> None:
+    """Run the coordinator until a client's `Down` or SIGTERM ends it."""
+    sessions.use_runtime(sessions.NODE_RUNTIME)
+    session = sessions.client(config.router)
+    service = Service(session, config.keys, config.modules, options, make_dispatcher)
+    signal.signal(signal.SIGTERM, lambda *_: service.stop())
+    try:
+        service.serve()
+    finally:
+        service.close()
+        session.close()  # type: ignore[no-untyped-call]
+
+
+class Service:
+    """Receives requests through Zenoh and passes them to the request handler on suitable threads.
+
+    Args:
+        session: a Zenoh session through the router.
+        keys: the key expressions of the cluster.
+        modules: users' modules that may be run.
+        options: how the service is started.
+        make_dispatcher: makes the dispatcher.
+
+    Raises:
+        StoreFailed: if the database cannot be used.
+    """
+
+    def __init__(
+        self,
+        session: zenoh.Session,
+        keys: Keys,
+        modules: Modules,
+        options: Options,
+        make_dispatcher: MakeDispatcher,
+    ) -> None:
+        self._session = session
+        self._keys = keys
+        self._mail: queue.SimpleQueue[zenoh.Query | None] = queue.SimpleQueue()
+        self._waiting = WaitingRoom()
+        self._down = threading.Event()
+        self._submits = ThreadPoolExecutor(_SUBMITS_AT_ONCE, "submits")
+        self._changes = Lanes()  # a lane for each job
+        lines = LogLines(keys.cluster, options.log_json)
+        self._store = _store_at(options.store, lines)
+        self._states = session.declare_publisher(keys.state)
+        book = RecordBook(self._store, options.keep)
+        self._recorder = Recorder(self._store, book, lines, self._publish, self._forget)
+        self._dispatcher = make_dispatcher(session, keys, options.nodes, self._recorder)
+        checker = Checker(modules.allowed, modules.folder)
+        self._request_handler = RequestHandler(
+            keys.cluster,
+            self._store,
+            book,
+            self._recorder,
+            self._dispatcher,
+            checker,
+            self._publish,
+            ends="coordinator" if options.joined else "cluster",
+        )
+
+    def serve(self) -> None:
+        """Continue the jobs of the previous coordinator, then answer requests until `stop`."""
+        self._request_handler.restore()
+        # The token last: a client that sees it may ask at once.
+        queryable = self._session.declare_queryable(self._keys.jobs, direct(self._mail.put))
+        token = self._session.liveliness().declare_token(self._keys.coordinator)
+        worker = threading.Thread(target=self._work, name="requests", daemon=True)
+        worker.start()
+        self._down.wait()
+        with contextlib.suppress(zenoh.ZError):
+            token.undeclare()  # type: ignore[no-untyped-call]
+            queryable.undeclare()  # type: ignore[no-untyped-call]
+        self._mail.put(None)
+        worker.join()
+
+    def stop(self) -> None:
+        """Make `serve` return. Jobs that have not ended stay in the store for the next coordinator."""
+        self._down.set()
+
+    def close(self) -> None:
+        """Close everything but the session."""
+        self._submits.shutdown(wait=False, cancel_futures=True)
+        self._recorder.close()  # before the dispatcher: what happens to its jobs from now on must not be stored
+        self._dispatcher.close()
+        self._store.close()
+
+    def _work(self) -> None:
+        while (query := self._mail.get()) is not None:
+            try:
+                self._handle(query)
+            except Exception as error:
+                self._fail(query, error)
+
+    def _handle(self, query: zenoh.Query) -> None:
+        """Answer a question at once; pass a submit or a change on to other threads. On the requests' thread."""
+        try:
+            request = jobs.decode(b"" if query.payload is None else query.payload.to_bytes())
+        except Rejected as error:
+            return _reply(query, self._keys.jobs, Refused(error.reason))
+        if isinstance(request, Submit | Update | Rewire):
+            self._put_off(query, request)
+        else:
+            self._answer(query, request)
+        return None
+
+    def _put_off(self, query: zenoh.Query, request: Submit | Update | Rewire) -> None:
+        """Answer on another thread; refuse if too many requests wait for that already."""
+        size = 0 if query.payload is None else len(query.payload)
+        full = self._waiting.enter(_queues(request), size)
+        if full is not None:
+            refused = f"too many {full.name} wait (at most {full.requests}, {full.bytes >> 20} MiB in total); try later"
+            return _reply(query, self._keys.jobs, Refused(refused, "failure"))
+        answer = partial(self._answer_later, query, request, size)
+        if isinstance(request, Submit):
+            self._submits.submit(answer)
+        else:
+            self._changes.put(request.job, answer)
+        return None
+
+    def _answer_later(self, query: zenoh.Query, request: Submit | Update | Rewire, size: int) -> None:
+        try:
+            self._answer(query, request)
+        except Exception as error:
+            self._fail(query, error)
+        finally:
+            self._waiting.leave(_queues(request), size)
+
+    def _fail(self, query: zenoh.Query, error: Exception) -> None:
+        _reply(query, self._keys.jobs, Refused(f"{type(error).__name__}: {error}", "failure"))
+
+    def _answer(self, query: zenoh.Query, request: Request) -> None:
+        answer = self._request_handler.answer(request)
+        _reply(query, self._keys.jobs, answer)
+        if isinstance(request, Down) and isinstance(answer, Done):  # only now, so that the client gets its answer
+            self.stop()
+
+    def _publish(self, state: JobState) -> None:
+        with contextlib.suppress(zenoh.ZError):  # clients can still ask for the state
+            self._states.put(state.encode())
+
+    def _forget(self, number: int) -> None:
+        self._request_handler.forget(number)
+
+
+def _queues(request: Submit | Update | Rewire) -> tuple[Queue, ...]:
+    """Return the queues in which a request counts as waiting."""
+    if isinstance(request, Submit):
+        return (_SUBMITS,)
+    return _CHANGES, Queue(f"changes of job {request.job!r}", _CHANGES_OF_ONE, _BYTES_OF_ONE)
+
+
+def _store_at(url: str, lines: LogLines) -> Store:
+    """Open the store; wait for a database that is away for a while."""
+    waiting = False
+    while True:
+        try:
+            return Store(url)
+        except StoreFailed as error:
+            if not error.passing:
+                raise
+            if not waiting:
+                lines.write(LogRecord("warning", "coordinator", f"{error}; waiting for it", time.time()))
+        waiting = True
+        time.sleep(_TRY_AGAIN)
+
+
+def _reply(query: zenoh.Query, key: str, answer: Answer) -> None:
+    with contextlib.suppress(zenoh.ZError), query:  # an error means that the client is gone
+        query.reply(key, jobs.encode_answer(answer))

@@ -1,0 +1,306 @@
+"""Answer clients' requests. A new job is checked, stored and handed to the dispatcher before it is acknowledged."""
+
+import dataclasses
+import json
+import math
+import time
+from collections.abc import Callable
+from typing import Any, Literal
+
+import topologies
+from coordinator.errors import ClusterFailed
+from coordinator.jobs.hooks import Dispatcher
+from coordinator.jobs.job import JobSpec, Placement
+from coordinator.jobs.scheduler import QueueFull
+from coordinator.jobs.states import ENDS, LIVING
+from coordinator.service.checking import Checker, is_own
+from coordinator.store.database import StoreFailed
+from coordinator.store.job_store import Store
+from coordinator.store.record_book import RecordBook
+from coordinator.store.recorder import Recorder, state_of, warning
+from coordinator.store.stored_job import Answered, Stored, Submission, Summary
+from problems import BadInput, ProblemFile
+from problems.digests import digest
+from problems.errors import blaming_the_update, one_line
+from spy.past import Lived, Past
+from wire.jobs import (
+    MOST_LISTED,
+    VERSION,
+    Answer,
+    Cancel,
+    Done,
+    Down,
+    JobState,
+    ListJobs,
+    Logs,
+    Records,
+    Refused,
+    Request,
+    Rewire,
+    Show,
+    Status,
+    Submit,
+    Update,
+)
+from wire.news import Improvement
+
+_FAILURES = (ClusterFailed, QueueFull, StoreFailed)  # not the client's fault
+
+
+class RequestHandler:
+    """Answers requests on any thread; but changes of one job (updates and rewirings) must come one after another.
+
+    Args:
+        cluster: the name of the cluster.
+        store: the jobs.
+        book: the records of the jobs.
+        recorder: writes what the dispatcher reports.
+        dispatcher: runs the jobs.
+        checker: checks problems, and knows which users' modules may be run.
+        publish: called with each new job's first states.
+        ends: what ends when a client sends `Down`: the cluster, or only the coordinator.
+    """
+
+    def __init__(
+        self,
+        cluster: str,
+        store: Store,
+        book: RecordBook,
+        recorder: Recorder,
+        dispatcher: Dispatcher,
+        checker: Checker,
+        publish: Callable[[JobState], None],
+        ends: Literal["cluster", "coordinator"] = "cluster",
+    ) -> None:
+        self._cluster = cluster
+        self._store = store
+        self._book = book
+        self._recorder = recorder
+        self._dispatcher = dispatcher
+        self._checker = checker
+        self._publish = publish
+        self._ends = ends
+        self._began = time.time()
+        self._handed_over: set[int] = set()  # numbers of the jobs that the dispatcher has
+
+    def answer(self, request: Request) -> Answer:
+        """Carry out a request and return its answer; every exception becomes a refusal."""
+        try:
+            return Done(self._do(request))
+        except BadInput as error:
+            return Refused(str(error), "input")
+        except _FAILURES as error:
+            return Refused(one_line(str(error)), "failure")
+        except Exception as error:  # a mistake here must not leave the client without an answer
+            return Refused(one_line(f"{type(error).__name__}: {error}"), "failure")
+
+    def restore(self) -> None:
+        """Hand the jobs of the previous coordinator to the dispatcher, running ones first: they must keep their nodes.
+
+        A running job that cannot be taken over is queued again; one past its deadline ends without a result.
+        """
+        unended = self._store.unended()
+        living = [job for job in unended if job.status in (*LIVING, "deadline") and job.nodes]
+        adopted = {job.number for job in living if self._adopted(job)}
+        for job in unended:
+            if job.number in adopted:
+                continue
+            if job.status == "deadline":  # its clients have their answer already
+                self._recorder.ended(job.number, ClusterFailed("stopped before there was a result"))
+            else:
+                self._queue_again(job)
+
+    def forget(self, number: int) -> None:
+        """Note that a job has ended."""
+        self._handed_over.discard(number)
+
+    def _do(self, request: Request) -> Any:
+        value: Any
+        match request:
+            case Submit():
+                value = self._submit(request)
+            case ListJobs(limit):
+                value = [_line(job) for job in self._store.newest(MOST_LISTED if limit is None else limit)]
+            case Show(job, brief):
+                value = _answer(self._store.answer(job)) if brief else self._show(job)
+            case Records(kind, job, after):
+                value = self._book.page(kind, job, after)
+            case Logs(job, node, after):
+                value = self._book.log(job, node, after)
+            case Cancel(job):
+                value = self._cancel(job)
+            case Update(job, patch):
+                value = self._update(job, json.loads(patch))
+            case Rewire(job, topology):
+                value = self._rewire(job, topology)
+            case Status():
+                value = self._status()
+            case Down():
+                value = {"ends": self._ends}  # the service stops itself once this answer is on its way
+        return value
+
+    # Submitting -------------------------------------------------------------------------------------------------------
+    def _submit(self, request: Submit) -> dict[str, Any]:
+        file = self._checker.read(request.file)
+        if file.attempt or file.attempt_fields:
+            raise BadInput(f"{file.name}: expected a problem file, found one that was tried before")
+        if "topology" not in file.run.model_fields_set:
+            file = file.with_run(topology=self._dispatcher.topology)
+        self._checker.check(file)  # may take long; nothing is locked yet
+        topology = topologies.parse(file.run.topology)
+        new = Submission(file.to_json(), digest_of(file), file.kind, topology.spec, topology.cells, request.priority)
+        with self._recorder.paused():  # else "running" could be published before "submitted"
+            job, is_new = self._store.add(new, request.id)
+            if is_new:
+                self._hand_over_new(job, file)
+            elif job.status not in ENDS and job.number not in self._handed_over:
+                # The job was stored, but the store reported a failure then (as when a connection breaks during the
+                # commit), so it was never handed over. The client submits it again.
+                self._queue_again(self._store.show(job.job))
+        return {"job": job.job, "status": job.status}
+
+    def _hand_over_new(self, job: Summary, file: ProblemFile) -> None:
+        """Hand a new job over and publish its first states; if the dispatcher refuses, remove it from the store."""
+        try:
+            self._hand_over(job, _spec(job, file))
+        except Exception:  # the client gets a refusal, so a later coordinator must not find the job
+            self._store.withdraw(job.number)
+            raise
+        for status in ("submitted", "queued"):
+            self._publish(dataclasses.replace(state_of(job, job.submitted), status=status))
+
+    def _hand_over(self, job: Summary, spec: JobSpec, accepted_before: bool = False) -> None:
+        self._handed_over.add(job.number)  # first: the job may end, and be forgotten, before `submit` returns
+        try:
+            self._dispatcher.submit(spec, accepted_before=accepted_before)
+        except BaseException:
+            self._handed_over.discard(job.number)
+            raise
+
+    def _queue_again(self, job: Stored) -> None:
+        """Let a stored job start over; end it as failed if that is impossible."""
+        if job.status != "queued":
+            self._recorder.changed(job.number, "queued", ())
+        try:
+            first, file = self._checker.read(job.file), self._checker.read(job.file_now)
+            lived = self._past_of(job, file)
+            spec = dataclasses.replace(_spec(job, file), past=lived, best=_best_of(job), first_run=first.run)
+            self._hand_over(job, spec, accepted_before=True)
+        except Exception as error:
+            self._recorder.ended(job.number, error)
+
+    def _past_of(self, job: Stored, file: ProblemFile) -> Past:
+        """Return the past of a job that starts over: all its epochs so far, the last of them without reports."""
+        if job.epoch == 0:  # a first epoch is repeated draw by draw, so nothing of it counts
+            return Past()
+        past, why = self._store.past(job.number)
+        if past.epochs < job.epoch:
+            past = past.and_then(Lived(file, number=job.epoch - 1), why)
+        return past.and_then(Lived(file, number=job.epoch), {"do": "restart"})
+
+    def _adopted(self, job: Stored) -> bool:
+        """Let the dispatcher take over a running job; return whether it could."""
+        try:
+            first, file = self._checker.read(job.file), self._checker.read(job.file_now)
+            past, why = self._store.past(job.number)
+            placement = Placement(job.epoch, file, job.nodes, job.wiring, why, past, _best_of(job))
+            self._dispatcher.adopt(_spec(job, first), placement)
+        except Exception as error:
+            self._recorder.logged(
+                warning(f"the job cannot go on from where it was: {type(error).__name__}: {error}", job.number)
+            )
+            return False
+        self._handed_over.add(job.number)
+        return True
+
+    # Stored jobs ------------------------------------------------------------------------------------------------------
+    def _show(self, job: str) -> dict[str, Any]:
+        stored = self._store.show(job)
+        transitions = [list(each) for each in self._store.transitions(stored.number)]
+        return _answer(stored) | {
+            "file": stored.file,
+            "file_now": stored.file_now,
+            "epochs": self._store.epochs(stored.number),
+            "states": transitions,
+        }
+
+    def _cancel(self, job: str) -> dict[str, Any]:
+        found = self._store.summary(job)
+        if found.status not in ENDS:
+            self._dispatcher.cancel(found.number)
+        return {"job": job, "status": found.status}
+
+    def _update(self, job: str, patch: dict[str, Any]) -> dict[str, Any]:
+        now = self._running(job)
+        before = self._checker.read(now.file_now)
+        if is_own(before):  # problems of built-in kinds are checked by the conductor, without a user's code
+            with blaming_the_update():
+                self._checker.check(before.changed(patch, {}), before)
+        epoch = self._dispatcher.update(now.number, patch)
+        return {"job": job, "epoch": epoch}
+
+    def _rewire(self, job: str, topology: str) -> dict[str, Any]:
+        now = self._running(job)
+        before = self._checker.read(now.file_now)
+        file = before.with_run(topology=topology)
+        cells = topologies.parse(file.run.topology).cells
+        if cells != now.cells:
+            raise BadInput(f"topology: expected one of {now.cells} cells, as the job has, found {cells}")
+        epoch = self._dispatcher.rewire(now.number, file.run.topology)
+        return {"job": job, "epoch": epoch}
+
+    def _running(self, job: str) -> Stored:
+        stored = self._store.show(job)
+        if stored.status not in ("preparing", *LIVING):  # the job may run already, but not be stored as running yet
+            has = "has ended: it is" if stored.status in ENDS else "does not run yet: it is"
+            raise BadInput(f"job {job!r} {has} {stored.status}")
+        return stored
+
+    def _status(self) -> dict[str, Any]:
+        return {
+            "cluster": self._cluster,
+            "version": _version(),
+            "protocol": VERSION,
+            "seconds": time.time() - self._began,
+            "spy": self._dispatcher.spy(),
+            "nodes": self._dispatcher.nodes(),
+            "jobs": self._store.counts(),
+        }
+
+
+def digest_of(file: ProblemFile) -> str:
+    """Return a digest that is equal for equal problems and settings, whatever the name of the file."""
+    settings = file.run.model_dump(exclude_unset=True)
+    return digest([file.fields, settings])
+
+
+def _spec(job: Summary, file: ProblemFile) -> JobSpec:
+    """Return the job for the dispatcher, with its time of submission moved from Unix time to the monotonic clock."""
+    submitted = time.monotonic() - max(0.0, time.time() - job.submitted)
+    return JobSpec(job.number, file, None, job.job, job.priority, submitted)
+
+
+def _best_of(job: Stored) -> Improvement | None:
+    """Return the best answer that the recorder has stored; in JSON an infinite fitness is null."""
+    if job.best is None:
+        return None
+    fitness = job.best["fitness"]
+    return Improvement(**{**job.best, "fitness": math.inf if fitness is None else fitness})
+
+
+def _answer(job: Answered) -> dict[str, Any]:
+    return _line(job) | {"best": job.best, "result": job.result, "epoch": job.epoch, "nodes": list(job.nodes)}
+
+
+def _line(job: Summary) -> dict[str, Any]:
+    shown = ("job", "number", "kind", "status", "fitness", "submitted", "started", "ended", "cells")
+    return {name: getattr(job, name) for name in (*shown, "topology", "priority", "message")}
+
+
+def _version() -> str:
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        return version("supernode")
+    except PackageNotFoundError:
+        return "unknown"

@@ -1,0 +1,94 @@
+"""The dispatcher of a cluster that stays up: processes that die are replaced, and jobs outlive the coordinator."""
+
+import time
+from collections.abc import Iterable
+from typing import Any
+
+import zenoh
+
+from coordinator.jobs.dispatcher import Dispatcher
+from coordinator.jobs.hooks import Hooks
+from coordinator.service.roster import Roster
+from wire.keys import Keys
+from wire.news import LogRecord
+from wire.seal import Seal
+
+
+class ServiceDispatcher(Dispatcher):
+    """Runs jobs on nodes that other processes have launched.
+
+    Args:
+        session: a Zenoh session through the router.
+        keys: the key expressions of the cluster.
+        seal: signs commands.
+        hooks: called with everything that happens.
+        topology: the topology of the nodes, unless they join.
+        wired: whether the nodes have the links of that topology.
+        max_queue: how many jobs may wait; None for any number.
+        expected: for a cluster whose nodes join, the least number of nodes expected.
+    """
+
+    _roster: Roster  # subclasses make it, since only some of them handle nodes that join
+
+    def __init__(
+        self,
+        session: zenoh.Session,
+        keys: Keys,
+        seal: Seal,
+        hooks: Hooks,
+        *,
+        topology: str = "",
+        wired: bool = False,
+        max_queue: int | None,
+        expected: int | None = None,
+    ) -> None:
+        self.began = time.time_ns() // 1_000_000
+        super().__init__(
+            session,
+            keys,
+            seal,
+            topology,
+            wired=wired,
+            hooks=hooks,
+            cpu_seconds=self._cpu_seconds,
+            replaces=True,
+            max_queue=max_queue,
+            # Milliseconds since 1970: higher than all numbers of the coordinator before, which did not make a wiring
+            # each millisecond. A number given twice would let nodes keep links that they should replace.
+            first_wiring=self.began,
+            expected=expected,
+        )
+
+    def nodes(self) -> list[dict[str, Any]]:
+        """Return each node as the command `status` shows it."""
+        with self._lock:
+            here = self._scheduler.here
+        return self._roster.nodes(here, self.job_on)
+
+    def spy(self) -> int | None:
+        """Return the id of the spy's process; None if there is none."""
+        return self._roster.spy
+
+    def replaced(self, node: int | None) -> None:
+        """Note and log that a new process has replaced that of a node (None: of the spy)."""
+        whose = "as the spy" if node is None else f"on node {node}"
+        # The log first: the death may end the job, and then the line could not name it any more.
+        self._log("warning", f"a process has died: another one lives {whose}", node)
+        super().replaced(node)
+
+    def left(self, nodes: Iterable[int], why: str) -> None:
+        """Remove nodes that are gone for good; log why."""
+        self._log("error", why)
+        super().left(nodes, why)
+
+    def close(self) -> None:
+        """Do nothing: the jobs run on and are left to the next coordinator."""
+
+    def _log(self, level: str, text: str, node: int | None = None) -> None:
+        """Log a message; one about a node names the node's job and cell too."""
+        job, cell = (None, None) if node is None else self.place_of(node)
+        number = None if job is None else job.spec.number
+        self.hooks.logged(LogRecord(level, "coordinator", text, time.time(), node, cell, number))
+
+    def _cpu_seconds(self) -> dict[str, float]:
+        return self._roster.cpu_seconds()

@@ -1,0 +1,288 @@
+"""Who runs next, and where: whatever comes, no node has two jobs, and nobody is overtaken without a higher priority."""
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
+
+from coordinator.jobs.scheduler import Placed, QueueFull, Scheduler, TooLarge
+from problems import BadInput
+
+TOPOLOGIES = ["torus 2x2", "torus 1x4", "ring 3", "torus 4x4", "complete 5", "ring 1"]
+CELLS = {"torus 2x2": 4, "torus 1x4": 4, "ring 3": 3, "torus 4x4": 16, "complete 5": 5, "ring 1": 1}
+
+
+def run(scheduler, number, topology, priority=0):
+    """Add a job, and start what may start."""
+    scheduler.add(number, CELLS[topology], topology, priority)
+    return scheduler.start()
+
+
+# The queue ------------------------------------------------------------------------------------------------------------
+def test_a_job_that_fits_starts_at_once():
+    assert run(Scheduler(16), 1, "torus 4x4") == [Placed(1, tuple(range(16)))]
+
+
+def test_small_jobs_share_the_nodes():
+    scheduler = Scheduler(16)
+    nodes = [placed.nodes for number in range(4) for placed in run(scheduler, number, "torus 2x2")]
+    assert nodes == [(0, 1, 2, 3), (4, 5, 6, 7), (8, 9, 10, 11), (12, 13, 14, 15)]
+    assert run(scheduler, 4, "ring 1") == []
+    scheduler.free(2)
+    assert scheduler.start() == [Placed(4, (8,))]
+
+
+def test_a_large_job_is_not_overtaken_by_a_small_one():
+    scheduler = Scheduler(16)
+    run(scheduler, 1, "torus 2x2")
+    assert run(scheduler, 2, "torus 4x4") == []
+    assert run(scheduler, 3, "ring 1") == []
+    assert scheduler.queued == (2, 3)
+    scheduler.free(1)
+    assert [placed.number for placed in scheduler.start()] == [2]
+    scheduler.free(2)
+    assert [placed.number for placed in scheduler.start()] == [3]
+
+
+def test_a_higher_priority_goes_first():
+    scheduler = Scheduler(4)
+    run(scheduler, 1, "torus 2x2")
+    for number, priority in [(2, 0), (3, 5), (4, -1), (5, 5)]:
+        assert run(scheduler, number, "torus 2x2", priority) == []
+    assert scheduler.queued == (3, 5, 2, 4)
+
+
+def test_a_job_that_starts_over_gets_its_old_place():
+    scheduler = Scheduler(4)
+    run(scheduler, 1, "torus 2x2")
+    run(scheduler, 2, "torus 2x2")
+    scheduler.free(1)
+    scheduler.add(1, 4, "torus 2x2", accepted_before=True)
+    assert scheduler.queued == (1, 2)
+
+
+def test_a_cancelled_job_leaves_the_queue():
+    scheduler = Scheduler(4)
+    run(scheduler, 1, "torus 2x2")
+    run(scheduler, 2, "torus 2x2")
+    assert scheduler.remove(2)
+    assert not scheduler.remove(2)
+    assert not scheduler.remove(1)
+    assert scheduler.queued == ()
+    scheduler.free(1)
+    assert scheduler.start() == []
+    assert scheduler.free_nodes == 4
+
+
+def test_a_job_larger_than_the_cluster_is_refused():
+    with pytest.raises(TooLarge, match=r"^the job asks for 16 cells \(torus 4x4\), the cluster has 15 nodes$"):
+        Scheduler(15).add(1, 16, "torus 4x4")
+    assert issubclass(TooLarge, BadInput)
+
+
+def test_a_full_queue_is_refused():
+    scheduler = Scheduler(4, max_queue=2)
+    for number in range(3):
+        run(scheduler, number, "torus 2x2")
+    with pytest.raises(QueueFull, match=r"^the queue is full: 2 jobs wait, at most 2 may$"):
+        scheduler.add(3, 4, "torus 2x2")
+    with pytest.raises(QueueFull):
+        scheduler.add(3, 4, "torus 2x2", 1)
+    scheduler.add(3, 4, "torus 2x2", accepted_before=True)
+    assert scheduler.queued == (1, 2, 3)
+
+
+def test_whoever_need_not_wait_needs_no_room_in_the_queue():
+    scheduler = Scheduler(4, max_queue=0)
+    assert [placed.number for placed in run(scheduler, 1, "ring 3")] == [1]
+    with pytest.raises(QueueFull, match="0 jobs wait, at most 0 may"):
+        scheduler.add(2, 4, "torus 2x2")
+    assert [placed.number for placed in run(scheduler, 2, "ring 1")] == [2]
+
+
+def test_a_higher_priority_that_fits_passes_a_full_queue():
+    scheduler = Scheduler(4, max_queue=1)
+    run(scheduler, 1, "ring 3")
+    assert run(scheduler, 2, "torus 2x2") == []
+    assert [placed.number for placed in run(scheduler, 3, "ring 1", 1)] == [3]
+
+
+# The nodes ------------------------------------------------------------------------------------------------------------
+def test_the_same_topology_gets_the_same_nodes_though_others_come_between():
+    scheduler = Scheduler(8)
+    nodes_of = {topology: set() for topology in ("torus 2x2", "ring 3", "ring 1")}
+    for number in range(30):
+        topology = list(nodes_of)[number % 3]
+        ((_, nodes),) = run(scheduler, number, topology)
+        nodes_of[topology].add(nodes)
+        scheduler.free(number)
+    assert nodes_of == {"torus 2x2": {(0, 1, 2, 3)}, "ring 3": {(4, 5, 6)}, "ring 1": {(7,)}}
+
+
+@given(st.lists(st.tuples(st.sampled_from(TOPOLOGIES), st.integers(0, 3)), max_size=40))
+def test_nodes_wired_for_a_topology_are_taken_again_if_they_are_free(jobs):
+    """At most one job at a time, and each topology may keep its nodes: nothing is ever rewired."""
+    scheduler = Scheduler(sum(CELLS.values()))
+    first = {}
+    for number, (topology, _) in enumerate(jobs):
+        ((_, nodes),) = run(scheduler, number, topology)
+        assert first.setdefault(topology, nodes) == nodes
+        scheduler.free(number)
+
+
+def test_the_order_of_nodes_found_running_is_kept():
+    scheduler = Scheduler(8)
+    scheduler.occupy(7, [6, 2, 5, 1], "torus 2x2")
+    assert scheduler.nodes_of(7) == (6, 2, 5, 1)
+    assert run(scheduler, 8, "torus 1x4") == [Placed(8, (0, 3, 4, 7))]
+    scheduler.free(7)
+    assert run(scheduler, 9, "torus 2x2") == [Placed(9, (6, 2, 5, 1))]
+
+
+def test_nodes_of_a_job_found_running_without_its_topology_may_be_wired_in_any_way():
+    scheduler = Scheduler(4)
+    scheduler.occupy(7, (3, 2, 1, 0))
+    scheduler.free(7)
+    assert run(scheduler, 9, "torus 2x2") == [Placed(9, (0, 1, 2, 3))]
+
+
+@pytest.mark.parametrize("nodes", [(0,), (8,), (-1,), (3, 3)])
+def test_no_node_is_occupied_twice_or_from_nowhere(nodes):
+    scheduler = Scheduler(8)
+    scheduler.occupy(1, (0, 1))
+    with pytest.raises(ValueError, match="are not all free"):
+        scheduler.occupy(2, nodes)
+    assert scheduler.free_nodes == 6
+
+
+def test_rewired_nodes_are_taken_for_what_they_are_now():
+    scheduler = Scheduler(8)
+    run(scheduler, 1, "torus 2x2")
+    scheduler.rewired(1, "torus 1x4")
+    scheduler.free(1)
+    assert run(scheduler, 2, "torus 2x2") == [Placed(2, (4, 5, 6, 7))]
+    assert run(scheduler, 3, "torus 1x4") == [Placed(3, (0, 1, 2, 3))]
+
+
+def test_a_new_node_is_wired_to_nobody():
+    scheduler = Scheduler(8)
+    for number in (1, 2):
+        run(scheduler, number, "torus 2x2")
+    scheduler.replaced(5)
+    for number in (1, 2):
+        scheduler.free(number)
+    assert run(scheduler, 3, "torus 2x2") == [Placed(3, (0, 1, 2, 3))]
+    assert run(scheduler, 4, "torus 2x2") == [Placed(4, (4, 5, 6, 7))]  # wired anew
+
+
+# Whatever comes -------------------------------------------------------------------------------------------------------
+class AnyOrder(RuleBasedStateMachine):
+    """Jobs come, start, end and are cancelled in any order, on a cluster of any size."""
+
+    @initialize(nodes=st.integers(1, 20), max_queue=st.none() | st.integers(0, 5))
+    def begin(self, nodes, max_queue):
+        self.scheduler = Scheduler(nodes, max_queue)
+        self.nodes = nodes
+        self.queued = {}  # number to (priority, topology)
+        self.running = {}  # number to nodes
+        self.number = 0
+
+    @rule(topology=st.sampled_from(TOPOLOGIES), priority=st.integers(-1, 1))
+    def add(self, topology, priority):
+        self.number += 1
+        cells = CELLS[topology]
+        try:
+            self.scheduler.add(self.number, cells, topology, priority)
+        except TooLarge:
+            assert cells > self.nodes
+        except QueueFull:
+            assert len(self.queued) >= self.scheduler.max_queue
+        else:
+            self.queued[self.number] = (priority, topology)
+
+    @rule()
+    def start(self):
+        for number, nodes in self.scheduler.start():
+            priority, topology = self.queued.pop(number)
+            assert len(nodes) == CELLS[topology] == len(set(nodes))
+            assert set(nodes) <= set(range(self.nodes))
+            assert not set(nodes) & {node for busy in self.running.values() for node in busy}
+            assert not [other for other, (its, _) in self.queued.items() if (-its, other) < (-priority, number)]
+            self.running[number] = nodes
+        if self.queued:  # whoever is at the head does not fit
+            head = min(self.queued, key=lambda number: (-self.queued[number][0], number))
+            assert CELLS[self.queued[head][1]] > self.nodes - sum(map(len, self.running.values()))
+
+    @precondition(lambda self: self.running)
+    @rule(data=st.data())
+    def end(self, data):
+        number = data.draw(st.sampled_from(sorted(self.running)))
+        del self.running[number]
+        self.scheduler.free(number)
+        self.scheduler.free(number)
+
+    @precondition(lambda self: self.queued)
+    @rule(data=st.data())
+    def cancel(self, data):
+        number = data.draw(st.sampled_from(sorted(self.queued)))
+        del self.queued[number]
+        assert self.scheduler.remove(number)
+
+    @precondition(lambda self: self.running)
+    @rule(data=st.data())
+    def restart(self, data):
+        """Another coordinator finds the running jobs and the queue again."""
+        scheduler = Scheduler(self.nodes, self.scheduler.max_queue)
+        for number, nodes in self.running.items():
+            scheduler.occupy(number, nodes)
+        for number, (priority, topology) in sorted(self.queued.items()):
+            scheduler.add(number, CELLS[topology], topology, priority, accepted_before=True)
+        assert scheduler.queued == self.scheduler.queued
+        self.scheduler = scheduler
+
+    @invariant()
+    def it_keeps_count(self):
+        if hasattr(self, "scheduler"):
+            assert self.scheduler.free_nodes == self.nodes - sum(map(len, self.running.values()))
+            assert sorted(self.scheduler.queued) == sorted(self.queued)
+
+    def teardown(self):
+        if not hasattr(self, "scheduler"):
+            return
+        while self.running or self.queued:
+            self.start()
+            for number in list(self.running):
+                self.scheduler.free(number)
+                del self.running[number]
+        assert self.scheduler.free_nodes == self.nodes
+
+
+TestAnyOrder = AnyOrder.TestCase
+TestAnyOrder.settings = settings(max_examples=60, stateful_step_count=40)
+
+
+def test_nodes_join_and_leave():
+    scheduler = Scheduler(4, joining=True)
+    assert (scheduler.nodes, scheduler.free_nodes) == (4, 0)
+    scheduler.add(1, 4, "ring 4")
+    scheduler.join([0, 1, 2])
+    assert scheduler.start() == []
+    scheduler.join([3, 4])
+    assert (scheduler.nodes, scheduler.here) == (5, (0, 1, 2, 3, 4))
+    assert scheduler.start() == [Placed(1, (0, 1, 2, 3))]
+    assert scheduler.leave([3, 4]) == {1}
+    assert (scheduler.nodes, scheduler.free_nodes) == (4, 0)
+    scheduler.free(1)
+    assert (scheduler.here, scheduler.free_nodes) == ((0, 1, 2), 3)
+
+
+def test_a_node_that_comes_back_while_its_job_still_has_it_is_not_free():
+    scheduler = Scheduler(2, joining=True)
+    scheduler.join([0, 1])
+    scheduler.add(1, 2, "ring 2")
+    scheduler.start()
+    scheduler.leave([1])
+    scheduler.join([1])
+    assert scheduler.free_nodes == 0
+    scheduler.free(1)
+    assert scheduler.free_nodes == 2

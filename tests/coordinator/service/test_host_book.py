@@ -1,0 +1,193 @@
+"""The book of hosts: numbers, names, hosts that stay away, and a coordinator that takes over."""
+
+import contextlib
+import queue
+import tempfile
+import time
+from pathlib import Path
+
+import pytest
+
+from coordinator.jobs.node_hosts import PORTS, NodeHosts
+from coordinator.service import host_book
+from coordinator.service.host_book import HostBook
+from wire import jobs, sessions
+from wire.callbacks import direct
+from wire.control import Wiring
+from wire.hosts import Host
+from wire.jobs import Done, Refused
+from wire.keys import Keys
+from wire.seal import Seal
+from wire.strict import pack
+
+KEYS = Keys("c1")
+SECRET = bytes(range(32))
+
+
+class Room:
+    """A router, a book, and hosts that the test plays."""
+
+    def __init__(self, endpoint):
+        self.endpoint = endpoint
+        self.router = sessions.router([endpoint])
+        self.sessions = {}
+        self.tokens = {}  # a token that nobody holds is gone
+        self.left = queue.SimpleQueue()
+        self.came = []
+        self.book = self.open_book()
+
+    def open_book(self):
+        session = self.sessions["book"] = sessions.client(self.endpoint)
+        return HostBook(session, KEYS, Seal(SECRET), self.came.append, self.left.put)
+
+    def arrive(self, host):
+        """A host's session, with its token and its answer to a new coordinator."""
+        session = self.sessions[host.id] = sessions.client(self.endpoint)
+        self.tokens[host.id] = session.liveliness().declare_token(KEYS.host(host.id))
+        present, seal, key = [host], Seal(SECRET), KEYS.host(host.id)
+
+        def answer(query):
+            with query:
+                query.reply(key, seal.close(key, present[0].encode()))
+
+        session.declare_queryable(key, direct(answer))
+        return present
+
+    def ask(self, host):
+        return self.ask_sealed(self.sessions[host.id], host.encode())
+
+    def ask_sealed(self, session, payload, secret=SECRET):
+        return self.ask_raw(session, Seal(secret).close(KEYS.nodes, payload))
+
+    def ask_raw(self, session, payload):
+        """As hosts do, again until there is an answer: nobody answers before the router has heard of the book."""
+        until = time.monotonic() + 10.0
+        while time.monotonic() < until:
+            for reply in session.get(KEYS.nodes, payload=payload, timeout=10.0):
+                return jobs.decode_answer(reply.ok.payload.to_bytes())
+        raise TimeoutError("the book does not answer")
+
+    def join(self, id, name, wants):
+        """Arrive, ask, and say so from then on."""
+        host = Host(id, name, wants)
+        present = self.arrive(host)
+        answer = self.ask(host)
+        if isinstance(answer, Done):
+            present[0] = host.with_nodes(tuple(answer.value))
+            return present[0].nodes
+        return answer
+
+    def go(self, id):
+        self.sessions.pop(id).close()
+        self.tokens.pop(id, None)
+
+    def close(self):
+        for session in [*self.sessions.values(), self.router]:
+            session.close()
+
+
+@pytest.fixture
+def room():
+    with (
+        tempfile.TemporaryDirectory(dir="/dev/shm") as folder,
+        contextlib.closing(Room(sessions.unix_socket(Path(folder), "r"))) as room,
+    ):
+        yield room
+
+
+def test_each_gets_the_lowest_numbers_that_nobody_has_and_the_same_when_it_asks_again(room):
+    assert room.join("a1", "a", 2) == (0, 1)
+    assert room.join("b1", "b", 3) == (2, 3, 4)
+    assert room.ask(Host("a1", "a", 2)) == Done([0, 1])
+    assert [host.nodes for host in room.came] == [(0, 1), (2, 3, 4)]
+
+
+def test_a_name_is_had_once(room):
+    room.join("a1", "a", 2)
+    assert room.join("a2", "a", 2) == Refused("a host named a has joined already: give this one another name (--host)")
+
+
+def test_one_that_comes_again_in_time_gets_its_numbers_again(room):
+    room.join("a1", "a", 2)
+    room.join("b1", "b", 2)
+    room.go("a1")
+    assert until_let_in(room, "a2", "a", 3) == (0, 1, 4)
+    room.go("b1")
+    assert until_let_in(room, "b2", "b", 1) == (2,)
+    assert room.left.get(timeout=10).nodes == (3,)
+
+
+def test_one_that_stays_away_has_left(room, monkeypatch):
+    monkeypatch.setattr(host_book, "LEFT_AFTER", 0.2)
+    room.join("a1", "a", 2)
+    room.join("b1", "b", 1)
+    room.go("a1")
+    assert room.left.get(timeout=10).nodes == (0, 1)
+    assert room.join("c1", "c", 3) == (0, 1, 3)
+    assert room.left.empty()
+
+
+def test_a_coordinator_that_takes_over_asks_who_is_there(room):
+    room.join("a1", "a", 2)
+    room.arrive(Host("b1", "b", 2))  # it has not asked yet
+    room.go("book")
+    room.came.clear()
+    room.open_book()
+    assert [host.nodes for host in room.came] == [(0, 1)]
+    assert room.ask(Host("b1", "b", 2)) == Done([2, 3])
+
+
+@pytest.mark.parametrize("payload", [b"", b"\xc1", pack([99, "a", "b", 1, "", []]), pack([1, "a", "b", 2, "", [1]])])
+def test_nonsense_is_refused(room, payload):
+    session = room.sessions["book"]
+    answer = room.ask_sealed(session, payload)
+    assert isinstance(answer, Refused)
+    assert answer.message.startswith("the request to join cannot be read: ")
+
+
+def test_who_does_not_know_the_secret_is_not_let_in(room):
+    session, stop_request = room.sessions["book"], Host("a1", "a", 2).encode()
+    for answer in (room.ask_raw(session, stop_request), room.ask_sealed(session, stop_request, b"another" * 4)):
+        assert answer == Refused(
+            "this host has another secret than the cluster: give both the same --secret-file", "input"
+        )
+    assert room.came == []
+
+
+def test_a_new_coordinator_does_not_believe_a_stranger_who_says_that_he_is_a_host(room):
+    stranger = room.sessions["stranger"] = sessions.client(room.endpoint)
+    said = Host("x1", "x", 2, "", (0, 1)).encode()
+
+    def answer(query):
+        with query:
+            query.reply(KEYS.host("x1"), said)
+
+    stranger.declare_queryable(KEYS.host("x1"), direct(answer))
+    room.sessions["book"].close()
+    room.book = room.open_book()
+    assert room.came == []
+    assert room.join("a1", "a", 2) == (0, 1)
+
+
+def until_let_in(room, id, name, wants):
+    """Its token may drop a moment later than its session has closed."""
+    host = Host(id, name, wants)
+    room.arrive(host)
+    for _ in range(1000):
+        if isinstance(answer := room.ask(host), Done):
+            return tuple(answer.value)
+    raise AssertionError(answer)
+
+
+def test_a_wiring_says_where_nodes_live_and_listen():
+    node_hosts = NodeHosts()
+    assert node_hosts.wiring(7, (0, 1)) == Wiring(7, (0, 1))
+    node_hosts.move_in(Host("a", "a", 2, "tcp/10.0.0.1:7000", (0, 1)))
+    node_hosts.move_in(Host("b", "b", 2, "", (2, 3)))
+    assert node_hosts.wiring(8, (1, 0)) == Wiring(8, (1, 0), ("a", "a")), "they need no network"
+    wirings = [node_hosts.wiring(9 + turn, (0, 1, 2)) for turn in range(PORTS + 1)]
+    assert {wiring.hosts for wiring in wirings} == {("a", "a", "b")}
+    assert wirings[0].endpoints == ("tcp/10.0.0.1:7001", "tcp/10.0.0.1:7005", "")
+    assert wirings[1].endpoints == ("tcp/10.0.0.1:7002", "tcp/10.0.0.1:7006", "")
+    assert wirings[PORTS].endpoints == wirings[0].endpoints
+    assert wirings[PORTS - 1].endpoints == ("tcp/10.0.0.1:7000", "tcp/10.0.0.1:7004", "")
