@@ -82,6 +82,7 @@ class AsyncClient:
         self._loop = asyncio.get_running_loop()
         # Weak: a feed lives as long as a handle of its job, so a client that runs for weeks does not collect feeds.
         self._feeds: weakref.WeakValueDictionary[str, JobFeed] = weakref.WeakValueDictionary()
+        self._improvement_listeners: list[Callable[[Improvement], None]] = []
         self._closed = False
         self._results: asyncio.Task[Any] | None = None
         link.listen(link.keys.best, self._hear_best)
@@ -196,6 +197,13 @@ class AsyncClient:
         The subscription lasts until the client is closed. ``hear`` must not block.
         """
         self._link.listen(key, hear)
+
+    def listen_to_improvements(self, hear: Callable[[Improvement], None]) -> None:
+        """Call ``hear`` on the loop with each verified improvement of any job, until the client is closed.
+
+        The client decodes each one anyway, so nobody needs to subscribe and decode it again. ``hear`` must not block.
+        """
+        self._improvement_listeners.append(hear)
 
     def watch(self, key: str, hear: Callable[[str, bool], None]) -> None:
         """Call ``hear`` on the loop whenever a process appears or vanishes under ``key``.
@@ -324,6 +332,8 @@ class AsyncClient:
             better = Improvement.decode(payload)
             for feed in list(self._feeds.values()):
                 feed.hear_best(better, self._loop.time())
+            for hear in self._improvement_listeners:
+                hear(better)
 
     def _hear_state(self, payload: bytes) -> None:
         with contextlib.suppress(Rejected):

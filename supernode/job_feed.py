@@ -12,6 +12,7 @@ import math
 from bisect import bisect_right
 from collections import deque
 from collections.abc import Mapping
+from operator import attrgetter
 from typing import Any
 
 from coordinator.states import ENDS
@@ -31,6 +32,7 @@ LOOK_EVERY = 1.0  # seconds without a message after which the cluster is asked
 MOST_KEPT = 1000
 """Improvements kept of one job: it may be kept alive for days while the program does not read them."""
 
+_ORDER = attrgetter("order")
 _RESULT_AFTER = 0.1  # seconds until the next question after a job's end: its nodes have to stop before it has a result
 
 
@@ -122,7 +124,7 @@ class JobFeed:
     def after(self, last: Improvement | None) -> Improvement | None:
         """Return the first kept improvement after ``last``, or the first of all if ``last`` is None."""
         # By order, not by identity: ``last`` may have been dropped from the front since.
-        place = 0 if last is None else bisect_right(self.improvements, _order(last), key=_order)
+        place = 0 if last is None else bisect_right(self.improvements, last.order, key=_ORDER)
         return self.improvements[place] if place < len(self.improvements) else None
 
     def best(self, epoch: int) -> Improvement | None:
@@ -139,13 +141,13 @@ class JobFeed:
     def _know_number(self, number: int) -> None:
         if self.number is None:
             self.number = number
-            for better in sorted((each for each in self._early if each.job == number), key=_order):
+            for better in sorted((each for each in self._early if each.job == number), key=_ORDER):
                 self._add(better)
             self._early.clear()
 
     def _add(self, better: Improvement) -> None:
         # Late and repeated ones are not better than the last one kept: they are dropped.
-        if not self.improvements or _order(better) > _order(self.improvements[-1]):
+        if not self.improvements or better.order > self.improvements[-1].order:
             self.improvements.append(better)
 
 
@@ -153,11 +155,6 @@ def _is_over(view: Mapping[str, Any]) -> bool:
     """Return whether nothing more will be known of the job; after a deadline its nodes have to stop first."""
     draining = view["status"] == "deadline" and view.get("result") is None and view.get("ended") is None
     return view["status"] in ENDS and not draining
-
-
-def _order(better: Improvement) -> tuple[int, float]:
-    """Return the key by which improvements grow: within an epoch each is fitter than those before."""
-    return better.epoch, -better.fitness
 
 
 def improvement_in(value: Mapping[str, Any]) -> Improvement:

@@ -85,7 +85,7 @@ class Dashboard:
     def __init__(self, place: Place) -> None:
         self.view = View()
         self.watcher = Watcher(place, self.view)
-        self.streams = Streams(self.view.snapshot, self.view.news)
+        self.streams = Streams(self.view.snapshot, self.view.news, self.view.improvements)
         self.scenes = Scenes()
         self.metrics = Metrics(self.view)
         self.parser = Parser()
@@ -104,8 +104,11 @@ class Dashboard:
             self._answers[request] = (now, answer)
         return await asyncio.shield(answer)  # shared: a viewer that leaves must not cancel it for the others
 
-    async def show(self, job: str) -> dict[str, Any]:
-        """Return all about a job; one answer serves all viewers until something new is received about the job."""
+    async def show(self, job: str) -> Mapping[str, Any]:
+        """Return all about a job; one answer serves all viewers until something new is received about the job.
+
+        Its best answer is the latest improvement that was received, if the cluster's answer does not have it yet.
+        """
         heard, now = self.view.heard_of(job), asyncio.get_running_loop().time()
         known = self._shown.get(job)
         if known is None or not known.is_good(heard, now):
@@ -114,7 +117,7 @@ class Dashboard:
             self._shown.move_to_end(job)
             while len(self._shown) > _SHOWN:
                 self._shown.popitem(last=False)
-        return await asyncio.shield(known.answer)  # shared as well
+        return self.view.completed(await asyncio.shield(known.answer))  # shared as well
 
     async def _show(self, job: str, after: float) -> dict[str, Any]:
         await asyncio.sleep(after)

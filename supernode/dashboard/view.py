@@ -10,6 +10,7 @@ from typing import Any
 
 import topologies
 from coordinator.states import BREEDING, ENDS
+from supernode.job_feed import improvement_in
 from wire.keys import Keys
 from wire.news import Counters, Improvement, LogRecord, Statistics, period_of_reports
 from wire.plain import plain
@@ -58,6 +59,24 @@ class _Node:
         return "alive"
 
 
+@dataclass(frozen=True, eq=False)  # compared by identity: an equal one that arrives later is another one
+class Heard:
+    """An improvement as it was received.
+
+    Attributes:
+        improvement: the improvement.
+        at: when it was received, Unix time, s.
+    """
+
+    improvement: Improvement
+    at: float
+
+    def plain(self) -> dict[str, Any]:
+        """Return its fields, with ``at``, as plain values."""
+        values: dict[str, Any] = plain(vars(self.improvement) | {"at": self.at})
+        return values
+
+
 class View:
     """The cluster as it is known now. Only one asyncio loop may use it.
 
@@ -77,18 +96,20 @@ class View:
         self.jobs: Sequence[Mapping[str, Any]] = ()
         self.counts: Mapping[str, int] = {}
         self.statistics: dict[int, Statistics] = {}
-        self._best: dict[int, Improvement] = {}
+        self._best: dict[int, Heard] = {}
+        self._improved = 0  # improvements received
         self._nodes: dict[int, _Node] = {}
         self._lines: deque[dict[str, Any]] = deque(maxlen=_LINES)
         self._line = 0
         self._began = time.monotonic()
         self._nodes_due = 0.0
         self._stirred = False  # whether a node has appeared or vanished since the nodes were shown
-        self._told: tuple[int, bool, str | None] | None = None  # what the latest news contained besides the nodes
+        self._told: tuple[int, int, bool, str | None] | None = None  # what the latest news contained besides the nodes
 
     def begin(self) -> None:
-        """Begin with a new link: all nodes are reported anew."""
+        """Begin with a new link: all nodes are reported anew, and another cluster's jobs may have the same numbers."""
         self._nodes.clear()
+        self._best.clear()
         self._began = time.monotonic()
 
     # What is received -------------------------------------------------------------------------------------------------
@@ -103,10 +124,10 @@ class View:
         statistics = Statistics.decode(payload)
         _keep(self.statistics, statistics.job, statistics)
 
-    def hear_best(self, payload: bytes) -> None:
+    def hear_improvement(self, improvement: Improvement) -> None:
         """Take a verified improvement."""
-        better = Improvement.decode(payload)
-        _keep(self._best, better.job, better)
+        self._improved += 1
+        _keep(self._best, improvement.job, Heard(improvement, time.time()))
 
     def hear_log(self, payload: bytes) -> None:
         """Take a log record, a warning or an error, of some process."""
@@ -183,11 +204,11 @@ class View:
         """Return what has changed, or None if nothing has.
 
         It is a whole snapshot whenever nodes report (a thousand of them every four seconds), since drawing it costs the
-        browser time. A node that has come or gone is shown at once. Log lines and a change of whether the cluster
-        answers are shown at once as well, but without the nodes.
+        browser time. A node that has come or gone is shown at once. Log lines, improvements and a change of whether the
+        cluster answers are shown at once as well, but without the nodes.
         """
         due, told = self._stirred or time.monotonic() >= self._nodes_due, self._told
-        self._told = (self._line, self.answers, self.trouble)
+        self._told = (self._line, self._improved, self.answers, self.trouble)
         if not due:
             return self._brief() if self._told != told else None
         self._stirred, self._nodes_due = False, time.monotonic() + period_of_reports(self._places()) - _TICK / 2
@@ -205,7 +226,6 @@ class View:
             "jobs": list(self.jobs),
             "counts": dict(self.counts),
             "statistics": {number: each._asdict() for number, each in self.statistics.items()},
-            "bests": {number: [each.epoch, each.seconds, each.generation] for number, each in self._best.items()},
             "lines": list(self._lines),
         }
         return {name: plain(value) for name, value in shown.items()}
@@ -220,13 +240,36 @@ class View:
         running = [job for job in self.jobs if job["status"] in BREEDING and job["number"] in self.statistics]
         return {job["job"]: self.statistics[job["number"]] for job in running}
 
+    def improvements(self) -> dict[int, Heard]:
+        """Return the latest improvement of each job that is followed, by the job's number."""
+        return dict(self._best)
+
     def heard_of(self, job: str) -> Any:
-        """Return what was last received about a job; it compares equal as long as nothing new has arrived."""
+        """Return what was last received about a job; it compares equal as long as the cluster need not be asked again.
+
+        A better fitness is no reason to ask: `completed` knows it.
+        """
         line = next((each for each in self.jobs if each["job"] == job), None)
-        number = None if line is None else line["number"]
-        statistics = self.statistics.get(number) if number is not None else None
-        best = self._best.get(number) if number is not None else None
-        return line, None if statistics is None else statistics.epoch, best
+        if line is None:
+            return None
+        statistics, best = self.statistics.get(line["number"]), self._best.get(line["number"])
+        epochs = (None if statistics is None else statistics.epoch, None if best is None else best.improvement.epoch)
+        return {name: value for name, value in line.items() if name != "fitness"}, epochs
+
+    def completed(self, told: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Return the cluster's answer about a job, with the latest improvement if that is better than its best.
+
+        Spy and coordinator are separate processes: the coordinator may answer before it has received an improvement
+        that is known here.
+        """
+        best = self._best.get(told["number"])
+        # An improvement of another epoch may answer another problem than that of ``told``.
+        if best is None or best.improvement.epoch != told["epoch"]:
+            return told
+        if told["best"] is not None and best.improvement.order <= improvement_in(told["best"]).order:
+            return told
+        latest = plain(vars(best.improvement))
+        return {**told, "best": latest, "fitness": latest["fitness"]}
 
     def node(self, number: int) -> dict[str, Any] | None:
         """Return everything about one node; None if it is not known."""

@@ -62,10 +62,10 @@ class Watcher:
         for key, hear in (
             (keys.spy_counters, view.hear_counters),
             (keys.spy_stats, view.hear_statistics),
-            (keys.best, view.hear_best),
             (keys.log, view.hear_log),
         ):
             client.listen(key, _forgiving(hear))
+        client.listen_to_improvements(view.hear_improvement)
         client.listen(keys.state, lambda _: self._news.set())
         client.watch(keys.any_life, view.hear_life)
 

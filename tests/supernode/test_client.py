@@ -54,6 +54,19 @@ def test_improvements_between_submit_and_listening_are_not_lost(service, client,
     assert [better.fitness for better in job.improvements()] == [9.0, 4.0, 2.0]
 
 
+def test_whoever_listens_to_improvements_gets_those_of_all_jobs_decoded(service, file):
+    async def heard():
+        all_of_them = asyncio.Queue()
+        async with await supernode.connect_async(service.endpoint) as client:
+            client.listen_to_improvements(all_of_them.put_nowait)
+            for job in ("a", "b"):
+                await client.submit(file, id=job)
+                service.improve(job, 4)
+            return [await asyncio.wait_for(all_of_them.get(), 20) for _ in range(2)]
+
+    assert [(better.job, better.fitness) for better in asyncio.run(heard())] == [(1, 4.0), (2, 4.0)]
+
+
 def test_a_job_of_somebody_else_begins_with_the_best_so_far(service, client, file):
     client.submit(file, id="a")
     service.quiet = True

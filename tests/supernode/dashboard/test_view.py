@@ -1,13 +1,15 @@
 """What a dashboard makes of what it hears."""
 
 import json
+import math
+from dataclasses import replace
 
 import pytest
 
 from supernode.dashboard import view as module
 from supernode.dashboard.view import View, shape_of
 from wire.keys import Keys
-from wire.news import Counters, LogRecord, Statistics
+from wire.news import Counters, Improvement, LogRecord, Statistics
 
 KEYS = Keys("c")
 
@@ -219,3 +221,64 @@ def test_whoever_asks_for_a_snapshot_takes_no_news_from_others(view, clock):
     assert view.snapshot()["nodes"]["state"][7] == "dead"
     assert view.snapshot()["nodes"]["state"][7] == "dead", "with all nodes each time"
     assert view.news()["nodes"]["state"][7] == "dead"
+
+
+BETTER = Improvement(7, 1, 0.1, 3, 2, 0.5, True, {"x": 1.5})
+WORSE = replace(BETTER, fitness=0.75)
+TOLD = {"number": 7, "epoch": 1, "best": None, "fitness": None}
+
+
+def test_an_improvement_is_news_at_once(view):
+    for node in range(1024):
+        view.hear_life(KEYS.life(node, 100 + node), True)
+    view.news()
+    view.hear_improvement(BETTER)
+    assert "nodes" not in view.news()
+    assert [each.improvement for each in view.improvements().values()] == [BETTER]
+    assert view.news() is None
+
+
+def test_what_the_cluster_says_of_a_job_is_completed_by_what_it_has_not_heard_yet(view):
+    assert view.completed(TOLD) == TOLD
+    view.hear_improvement(BETTER)
+    best = {"job": 7, "epoch": 1, "seconds": 0.1, "generation": 3, "cell": 2, "fitness": 0.5, "feasible": True}
+    best["solution"] = {"x": 1.5}
+    for known in (None, vars(WORSE), vars(replace(BETTER, epoch=0, fitness=0.1)), vars(WORSE) | {"fitness": None}):
+        assert view.completed(TOLD | {"best": known}) == TOLD | {"best": best, "fitness": 0.5}
+
+
+@pytest.mark.parametrize("known", [vars(BETTER), vars(replace(BETTER, fitness=0.25)), vars(replace(BETTER, epoch=2))])
+def test_what_the_cluster_knows_better_stays(view, known):
+    view.hear_improvement(BETTER)
+    told = TOLD | {"best": known, "fitness": known["fitness"]}
+    assert view.completed(told) == told
+
+
+@pytest.mark.parametrize("other", [{"number": 8}, {"epoch": 0}, {"epoch": 2}])
+def test_an_improvement_of_another_job_or_epoch_is_not_mixed_in(view, other):
+    view.hear_improvement(BETTER)
+    assert view.completed(TOLD | other) == TOLD | other
+
+
+def test_an_improvement_without_a_fitness_that_a_number_can_say_is_plain(view):
+    view.hear_improvement(replace(BETTER, fitness=math.inf))
+    assert view.completed(TOLD)["fitness"] is None
+    json.dumps([view.completed(TOLD), view.improvements()[7].plain()], allow_nan=False)
+
+
+def test_a_new_link_may_be_to_another_cluster_whose_jobs_have_the_same_numbers(view):
+    view.hear_improvement(BETTER)
+    view.begin()
+    assert view.completed(TOLD) == TOLD
+
+
+def test_a_fitness_is_no_reason_to_ask_the_cluster_but_an_epoch_is(view):
+    job = {"number": 7, "job": "a", "status": "running", "cells": 4, "topology": "torus 1x4", "fitness": None}
+    view.hear_jobs([job])
+    view.hear_improvement(WORSE)
+    known = view.heard_of("a")
+    view.hear_improvement(BETTER)
+    view.hear_jobs([job | {"fitness": 0.5}])
+    assert view.heard_of("a") == known
+    view.hear_improvement(replace(BETTER, epoch=2))
+    assert view.heard_of("a") != known
