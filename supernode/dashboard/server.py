@@ -31,8 +31,8 @@ from coordinator.errors import ClusterFailed
 from problems import BadInput, ProblemFile
 from problems.errors import shorten
 from problems.registry import find_built_in, kinds
-from supernode.client import AsyncClientJob
-from supernode.cluster_info import Place
+from supernode.client.client import AsyncClientJob
+from supernode.client.cluster_info import Place
 from supernode.dashboard.ending import CancellableApp, Server
 from supernode.dashboard.guard import Guard
 from supernode.dashboard.listen_address import ListenAddress
@@ -40,8 +40,8 @@ from supernode.dashboard.metrics import Metrics
 from supernode.dashboard.parsing import Parser
 from supernode.dashboard.scenes import Form, Scenes
 from supernode.dashboard.streams import Streams
-from supernode.dashboard.view import View, shape_of
-from supernode.dashboard.watcher import PATIENCE, Watcher
+from supernode.live.view import View, shape_of
+from supernode.live.watcher import PATIENCE, Watcher
 from wire import jobs as wire
 
 NICENESS = 5  # of the dashboard's process: nodes come first

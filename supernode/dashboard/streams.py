@@ -19,7 +19,7 @@ from urllib.parse import parse_qs
 from starlette.responses import PlainTextResponse
 from starlette.types import Receive, Scope, Send
 
-from supernode.dashboard.view import Heard
+from supernode.live.view import Heard
 
 MOST = 100  # streams at once
 PERIOD = 1.0  # seconds between two events; nodes report their counters no more often
