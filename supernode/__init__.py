@@ -37,14 +37,16 @@ if TYPE_CHECKING:
     from genetics import BitString, Permutation, RealVector, Recipe
     from problems import Answer, BadInput, Clearance, Problem, ProblemFile, Table, Verdict, load, quantity
     from spy.result import Result
-    from supernode.client.client import AsyncClient, AsyncClientJob, Client, ClientJob, connect, connect_async
+    from supernode.client.async_client import AsyncClient, connect_async
+    from supernode.client.async_job import AsyncClientJob
+    from supernode.client.client import Client, ClientJob, connect
     from supernode.runs.simulation import Generation, simulate
     from wire.news import Improvement
 
 _HOMES = {
     "Answer": "problems",
-    "AsyncClient": "supernode.client.client",
-    "AsyncClientJob": "supernode.client.client",
+    "AsyncClient": "supernode.client.async_client",
+    "AsyncClientJob": "supernode.client.async_job",
     "BadInput": "problems",
     "BitString": "genetics",
     "Clearance": "problems",
@@ -64,7 +66,7 @@ _HOMES = {
     "Table": "problems",
     "Verdict": "problems",
     "connect": "supernode.client.client",
-    "connect_async": "supernode.client.client",
+    "connect_async": "supernode.client.async_client",
     "load": "problems",
     "quantity": "problems",
     "simulate": "supernode.runs.simulation",

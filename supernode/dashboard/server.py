@@ -31,7 +31,7 @@ from coordinator.errors import ClusterFailed
 from problems import BadInput, ProblemFile
 from problems.errors import shorten
 from problems.registry import find_built_in, kinds
-from supernode.client.client import AsyncClientJob
+from supernode.client.async_job import AsyncClientJob
 from supernode.client.cluster_info import Place
 from supernode.dashboard.ending import CancellableApp, Server
 from supernode.dashboard.guard import Guard

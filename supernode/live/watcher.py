@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from coordinator.errors import ClusterFailed
 from problems import BadInput
-from supernode.client.client import AsyncClient
+from supernode.client.async_client import AsyncClient
 from supernode.client.cluster_info import Place
 from supernode.live.view import View
 from wire import jobs as wire

@@ -302,7 +302,7 @@ def test_a_job_that_nobody_holds_is_forgotten(service, client, file):
         assert job.result().status == "solved"
     del job
     gc.collect()
-    assert len(client._client._feeds) == 0
+    assert len(client._client._tracker._feeds) == 0
 
 
 def test_clients_leave_no_threads_behind(service):
