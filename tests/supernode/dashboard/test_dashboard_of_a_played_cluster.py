@@ -8,7 +8,7 @@ import pytest
 from live_service import until
 
 import supernode
-from supernode.dashboard import server
+from supernode.dashboard import shared
 from wire import jobs as wire
 from wire.news import Improvement
 
@@ -57,7 +57,7 @@ def of_mine(shown):
 
 
 def test_a_job_is_asked_for_once_for_all_who_look_and_again_once_there_is_news(shown, service, monkeypatch):
-    monkeypatch.setattr(server, "_SHOW_AGAIN", 1000.0)
+    monkeypatch.setattr(shared, "_SHOW_AGAIN", 1000.0)
     submitted(shown)
     assert of_mine(shown)["problem"]["name"] == "onemax"
     asked = service.asked.count("show")
@@ -82,7 +82,7 @@ def running(shown, service, file):
 
 @pytest.mark.usefixtures("running")
 def test_an_improvement_is_shown_before_the_coordinator_has_it_and_without_asking_it_again(shown, service, monkeypatch):
-    monkeypatch.setattr(server, "_SHOW_AGAIN", 1000.0)
+    monkeypatch.setattr(shared, "_SHOW_AGAIN", 1000.0)
     assert of_mine(shown)["best"] is None
     publish_and_see(shown, service, 3.0)  # the first improvement of the epoch
     asked = service.asked.count("show")
