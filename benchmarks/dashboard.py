@@ -35,7 +35,7 @@ import supernode
 from benchmarks.service import up
 from coordinator.cpu_time import cpu_seconds_of
 from problems.file import parse
-from supernode.cluster_info import ClusterInfo, read_info
+from supernode.client.cluster_info import ClusterInfo, read_info
 from supernode.dashboard.keeper import Keeper
 from supernode.dashboard.listen_address import ListenAddress
 from wire import sessions

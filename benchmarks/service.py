@@ -121,7 +121,7 @@ class _Row:
     """Submits jobs one after another and records the publications about them."""
 
     def __init__(self, client: Client, folder: Path, topology: str) -> None:
-        from supernode.cluster_info import read_info
+        from supernode.client.cluster_info import read_info
         from wire.keys import Keys
 
         info = read_info(folder)

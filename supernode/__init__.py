@@ -37,22 +37,24 @@ if TYPE_CHECKING:
     from genetics import BitString, Permutation, RealVector, Recipe
     from problems import Answer, BadInput, Clearance, Problem, ProblemFile, Table, Verdict, load, quantity
     from spy.result import Result
-    from supernode.client import AsyncClient, AsyncClientJob, Client, ClientJob, connect, connect_async
-    from supernode.simulation import Generation, simulate
+    from supernode.client.async_client import AsyncClient, connect_async
+    from supernode.client.async_job import AsyncClientJob
+    from supernode.client.client import Client, ClientJob, connect
+    from supernode.runs.simulation import Generation, simulate
     from wire.news import Improvement
 
 _HOMES = {
     "Answer": "problems",
-    "AsyncClient": "supernode.client",
-    "AsyncClientJob": "supernode.client",
+    "AsyncClient": "supernode.client.async_client",
+    "AsyncClientJob": "supernode.client.async_job",
     "BadInput": "problems",
     "BitString": "genetics",
     "Clearance": "problems",
-    "Client": "supernode.client",
-    "ClientJob": "supernode.client",
+    "Client": "supernode.client.client",
+    "ClientJob": "supernode.client.client",
     "ClusterFailed": "coordinator",
     "Improvement": "wire.news",
-    "Generation": "supernode.simulation",
+    "Generation": "supernode.runs.simulation",
     "Job": "coordinator",
     "LocalCluster": "coordinator",
     "Permutation": "genetics",
@@ -63,11 +65,11 @@ _HOMES = {
     "Result": "spy.result",
     "Table": "problems",
     "Verdict": "problems",
-    "connect": "supernode.client",
-    "connect_async": "supernode.client",
+    "connect": "supernode.client.client",
+    "connect_async": "supernode.client.async_client",
     "load": "problems",
     "quantity": "problems",
-    "simulate": "supernode.simulation",
+    "simulate": "supernode.runs.simulation",
 }
 
 __all__ = [

@@ -46,6 +46,11 @@ class Improvement:
     feasible: bool
     solution: dict[str, Any]
 
+    @property
+    def order(self) -> tuple[int, float]:
+        """The key by which a job's improvements grow: within an epoch each is fitter than those before."""
+        return self.epoch, -self.fitness
+
     def carried_to(self, epoch: int) -> "Improvement":
         """Return the same answer for a later epoch of the same problem, in which it is known from the beginning."""
         return self if epoch == self.epoch else replace(self, epoch=epoch, seconds=0.0, generation=0)

@@ -16,7 +16,7 @@ from spy.collector import Collector
 from spy.past import best_known, stopped_after
 from spy.result import states_of, stop_reasons
 from spy.verification import Status, verify
-from supernode.simulation import Simulation
+from supernode.runs.simulation import Simulation
 
 Task = TypeVar("Task")
 Found = TypeVar("Found")

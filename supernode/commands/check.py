@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from supernode import exits
 
 if TYPE_CHECKING:
-    from supernode.claims import Judgement
+    from supernode.runs.claims import Judgement
 
 EXAMPLE = "supernode check examples/mobile-robot.toml result.json"
 
@@ -23,7 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Print whether the check accepts the result, and the objections if not."""
     from problems import load
-    from supernode.claims import verified
+    from supernode.runs.claims import verified
 
     judgement = verified(load(options.problem), options.result)
     print(json.dumps(_plain(judgement)) if options.json else _words(judgement))
@@ -40,7 +40,7 @@ def _plain(judgement: "Judgement") -> dict[str, Any]:
 
 
 def _words(judgement: "Judgement") -> str:
-    from supernode.present import clearance_words
+    from supernode.terminal.present import clearance_words
 
     if judgement.objections:
         return "rejected: " + "; ".join(judgement.objections)

@@ -5,8 +5,8 @@ import json
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from supernode.client import Client
-    from supernode.cluster_info import Place
+    from supernode.client.client import Client
+    from supernode.client.cluster_info import Place
 
 
 def add_cluster_options(parser: argparse.ArgumentParser, what: str = "the answer") -> None:
@@ -39,7 +39,7 @@ def connected(options: argparse.Namespace) -> "Client":
         BadInput: if ENDPOINT is not an endpoint.
         ClusterFailed: if no cluster answers.
     """
-    from supernode.client import Client
+    from supernode.client.client import Client
 
     return Client(place_of(options))
 
@@ -50,7 +50,7 @@ def place_of(options: argparse.Namespace) -> "Place":
     Raises:
         BadInput: if ENDPOINT is not an endpoint.
     """
-    from supernode.cluster_info import Place
+    from supernode.client.cluster_info import Place
 
     return Place.of_folder(options.state) if options.connect is None else Place.at(options.connect)
 

@@ -63,7 +63,7 @@ def _file(state: str | None) -> str:
         ClusterFailed: if another cluster holds it.
     """
     from coordinator.store.database import url_in
-    from supernode.cluster_info import Place, occupy
+    from supernode.client.cluster_info import Place, occupy
 
     folder = Place.of_folder(state).folder
     assert folder is not None, "that is what it was made of"

@@ -24,7 +24,7 @@ def run(options: argparse.Namespace) -> int:
     """Ask the cluster to end and wait until it has; on this machine, end it even if it does not answer."""
     from pathlib import Path
 
-    from supernode.cluster_info import is_occupied
+    from supernode.client.cluster_info import is_occupied
 
     place = place_of(options)
     info = place.info()

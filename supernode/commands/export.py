@@ -118,7 +118,7 @@ def _check_combination(options: argparse.Namespace) -> None:
 
 def _run_records(options: argparse.Namespace) -> int:
     """Write all records of the job."""
-    from supernode.records import pages, write_csv, write_parquet
+    from supernode.reports.records import pages, write_csv, write_parquet
 
     kind_of_file = _format(options, _OF_RECORDS)
     with connected(options) as client:
@@ -136,7 +136,7 @@ def _run_motion(options: argparse.Namespace) -> int:
     from problems.guard import moved
     from problems.motion import Pace
     from problems.registry import find
-    from supernode.claims import verified
+    from supernode.runs.claims import verified
 
     pace = Pace(options.speed, options.turn_speed, options.acceleration, options.turn_acceleration, options.rate)
     kind_of_file, file = _format(options, _OF_MOTIONS), load(options.source)
@@ -197,17 +197,17 @@ def _no_motion(file: "ProblemFile") -> "BadInput":
 
 
 def _rendered(motion: "Motion", kind: str, kind_of_file: str) -> bytes:
-    from supernode import motion_text
+    from supernode.motion import text
 
     if kind_of_file == "mcap":
-        from supernode.motion_mcap import as_mcap
+        from supernode.motion.mcap_file import as_mcap
 
         return as_mcap(motion)
-    return (motion_text.as_csv(motion) if kind_of_file == "csv" else motion_text.as_json(motion, kind)).encode()
+    return (text.as_csv(motion) if kind_of_file == "csv" else text.as_json(motion, kind)).encode()
 
 
 def _write(data: bytes, name: str | None) -> None:
-    from supernode.outputs import write_output
+    from supernode.files.outputs import write_output
 
     if name is None:
         sys.stdout.write(data.decode())

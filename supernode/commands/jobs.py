@@ -34,7 +34,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _many(jobs: list[dict[str, Any]]) -> str:
-    from supernode.table import table
+    from supernode.terminal.table import table
 
     if not jobs:
         return "no jobs"

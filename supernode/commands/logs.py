@@ -18,7 +18,7 @@ from supernode.commands.cluster_options import add_place, connected
 from supernode.commands.run_options import whole
 
 if TYPE_CHECKING:
-    from supernode.client import Client
+    from supernode.client.client import Client
 
 EXAMPLE = """supernode logs --job 5f3a09c1 --follow
   supernode logs --improvements run-1.jsonl run-2.jsonl"""

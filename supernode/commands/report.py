@@ -23,8 +23,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Ask the cluster, draw the figures, and write the page."""
     _check_libraries()
-    from supernode.outputs import write_output
-    from supernode.report import report
+    from supernode.files.outputs import write_output
+    from supernode.reports.report import report
 
     with connected(options) as client, contextlib.redirect_stdout(sys.stderr):  # a user's module may print
         page = report(client, options.job)

@@ -55,8 +55,8 @@ def secret_of(options: argparse.Namespace) -> bytes:
     """
     from pathlib import Path
 
-    from supernode.cluster_info import default_folder
-    from supernode.secret_file import read_or_make
+    from supernode.client.cluster_info import default_folder
+    from supernode.files.secret_file import read_or_make
 
     return read_or_make(Path(options.secret_file) if options.secret_file else default_folder() / "secret")
 
@@ -87,7 +87,7 @@ def endpoint(text: str, name: str) -> str:
     Raises:
         BadInput: if it is not an endpoint.
     """
-    from supernode.cluster_info import Place
+    from supernode.client.cluster_info import Place
 
     found = Place.at(text, f"--{name}").endpoint
     assert found is not None, "that is what it was made of"

@@ -96,7 +96,7 @@ def chosen_file(options: argparse.Namespace) -> "ProblemFile":
         BadInput: if anything is wrong.
     """
     from problems import load
-    from supernode.picture import check_picture_name
+    from supernode.pictures.picture import check_picture_name
 
     if options.plot is not None:
         check_picture_name(options.plot)

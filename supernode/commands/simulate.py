@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from spy.run_log import RunLog
     from spy.terminal import Terminal
     from spy.verification import Judgement
-    from supernode.simulation import Listener
+    from supernode.runs.simulation import Listener
     from wire.news import Improvement
 
 EXAMPLE = "supernode simulate examples/arm-ik.toml --torus 8x8 --seed 7"
@@ -36,9 +36,9 @@ def run(options: argparse.Namespace) -> int:
     from node.replay import epochs_of
     from spy.run_log import RunLog
     from spy.terminal import Terminal
-    from supernode.present import present
-    from supernode.repeating import Recorded
-    from supernode.simulation import Simulation
+    from supernode.runs.repeating import Recorded
+    from supernode.runs.simulation import Simulation
+    from supernode.terminal.present import present
 
     file = chosen_file(options)
     recorded = None if options.replay is None else Recorded.read(options.replay, settings(options))
@@ -84,7 +84,7 @@ def _interruptible(seconds: float | None) -> "Iterator[StopRequest]":
 
 def _shown(terminal: "Terminal", log: "RunLog") -> "Listener":
     """Return a listener that shows progress on the terminal and writes the run log."""
-    from supernode.simulation import Listener
+    from supernode.runs.simulation import Listener
 
     class Shown(Listener):
         """Passes each event to both."""

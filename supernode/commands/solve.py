@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from problems import ProblemFile
     from spy.result import Result
     from spy.terminal import Terminal
-    from supernode.client import Client
+    from supernode.client.client import Client
     from supernode.dashboard.listen_address import ListenAddress
 
 EXAMPLE = "supernode solve examples/mobile-robot.toml --seed 1 --plot office.png"
@@ -37,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Show progress on stderr, and print the result on stdout."""
-    from supernode.supervisor import wanted_address
+    from supernode.launch.supervisor import wanted_address
 
     file, listen_address = chosen_file(options), wanted_address(options)
     if options.connect is not None or options.state is not None:
@@ -48,7 +48,7 @@ def run(options: argparse.Namespace) -> int:
 def _on_a_running_one(file: "ProblemFile", options: argparse.Namespace, listen_address: "ListenAddress | None") -> int:
     """Solve on a cluster that is up; a dashboard is its own business."""
     from problems import BadInput
-    from supernode.present import present
+    from supernode.terminal.present import present
 
     if listen_address is not None:
         raise BadInput("--dashboard: expected none with --connect or --state: `supernode spy --dashboard` shows those")
@@ -62,10 +62,10 @@ def _on_a_shown_one(file: "ProblemFile", options: argparse.Namespace, listen_add
     import sys
 
     from coordinator.launch.launcher import ServiceOptions
-    from supernode.client import Client
-    from supernode.cluster_info import Place
-    from supernode.present import present
-    from supernode.supervisor import LaunchRequest, Supervisor, check_library
+    from supernode.client.client import Client
+    from supernode.client.cluster_info import Place
+    from supernode.launch.supervisor import LaunchRequest, Supervisor, check_library
+    from supernode.terminal.present import present
 
     check_library("solve --dashboard")
     module, own, _ = file.kind.partition(":")
@@ -81,7 +81,7 @@ def _on_a_shown_one(file: "ProblemFile", options: argparse.Namespace, listen_add
 
 def _followed(client: "Client", file: "ProblemFile", options: argparse.Namespace) -> tuple["Result", bool]:
     """Return the result of the job on a running cluster, and whether Ctrl-C interrupted it, which cancels the job."""
-    from supernode.following import Follower
+    from supernode.terminal.following import Follower
 
     job = client.submit(file)
     follower = Follower(client, job, file, options.quiet, options.log, least=options.least_improvement)
@@ -102,7 +102,7 @@ def _on_its_own(file: "ProblemFile", options: argparse.Namespace) -> int:
     capacity.check(topology.cells, force=options.force)  # now, not after half a second of imports
     from coordinator import LocalCluster
     from spy.terminal import Terminal
-    from supernode.present import present
+    from supernode.terminal.present import present
 
     log, least = options.log, options.least_improvement
     with Terminal(topology, options.quiet, least=least) as terminal:

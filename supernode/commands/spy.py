@@ -21,7 +21,7 @@ from supernode.commands.role_options import (
 )
 
 if TYPE_CHECKING:
-    from supernode.cluster_info import Place
+    from supernode.client.cluster_info import Place
     from supernode.dashboard.listen_address import ListenAddress
 
 EXAMPLE = "supernode spy --connect tcp/192.168.1.7:7447"
@@ -40,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Collect and verify, or show the cluster, until a signal arrives."""
     prepare_process()
-    from supernode.supervisor import wanted_address
+    from supernode.launch.supervisor import wanted_address
 
     listen_address = wanted_address(options)
     if listen_address is not None:
@@ -71,7 +71,7 @@ def _show(options: argparse.Namespace, listen_address: "ListenAddress") -> int:
 
 
 def _place_of(options: argparse.Namespace) -> "Place":
-    from supernode.cluster_info import Place
+    from supernode.client.cluster_info import Place
 
     if options.connect is None:
         return Place.of_folder(options.state)

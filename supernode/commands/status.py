@@ -53,7 +53,7 @@ def _check(status: Mapping[str, Any], expected: str | None) -> None:
 
 
 def _words(status: Mapping[str, Any]) -> str:
-    from supernode.table import table
+    from supernode.terminal.table import table
 
     nodes = status["nodes"]
     counts = ", ".join(f"{count} {state}" for state, count in status["jobs"].items() if count) or "none"

@@ -23,7 +23,7 @@ def run(options: argparse.Namespace) -> int:
     """Print the figures, and draw."""
     import topologies
     from problems import BadInput
-    from supernode.picture import check_picture_name
+    from supernode.pictures.picture import check_picture_name
 
     if options.plot is not None:
         check_picture_name(options.plot)
@@ -64,8 +64,8 @@ def _draw(topology: "Topology", name: str) -> None:
     """Draw the topology; number the cells if there is room."""
     from matplotlib.figure import Figure
 
-    from supernode.picture import save
-    from supernode.topology_picture import draw_topology, spot, write_beside
+    from supernode.pictures.picture import save
+    from supernode.pictures.topology_picture import draw_topology, spot, write_beside
 
     figure = Figure(figsize=(6, 6), layout="constrained")
     axes = figure.add_subplot()

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from supernode.detached import Ready
+    from supernode.launch.detached import Ready
 
 EXAMPLE = "supernode up --torus 4x4 --detach"
 
@@ -55,7 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Run the cluster until its end; or, with ``--detach``, return when it is ready."""
-    from supernode.detached import detached, leave_terminal
+    from supernode.launch.detached import detached, leave_terminal
 
     if options.detach:
         print(detached(lambda ready: _keep_up(options, ready, leave_terminal)))
@@ -65,8 +65,8 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _keep_up(options: argparse.Namespace, ready: "Ready", log_to: "Callable[[Path], None]") -> None:
-    from supernode.cluster_info import Place
-    from supernode.supervisor import Supervisor, launch_request_of
+    from supernode.client.cluster_info import Place
+    from supernode.launch.supervisor import Supervisor, launch_request_of
 
     folder = Place.of_folder(options.state).folder
     assert folder is not None

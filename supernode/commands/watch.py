@@ -14,7 +14,7 @@ from supernode.commands.run_options import add_least_improvement
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
-    from supernode.screen import Screen
+    from supernode.terminal.screen import Screen
 
 EXAMPLE = "supernode watch 5f3a09c1"
 
@@ -37,9 +37,9 @@ def run(options: argparse.Namespace) -> int:
 
 def _follow(options: argparse.Namespace) -> int:
     from problems import ProblemFile
-    from supernode.following import Follower
-    from supernode.picture import check_picture_name
-    from supernode.present import present
+    from supernode.pictures.picture import check_picture_name
+    from supernode.terminal.following import Follower
+    from supernode.terminal.present import present
 
     if options.plot is not None:
         check_picture_name(options.plot)
@@ -58,7 +58,7 @@ def _below(options: argparse.Namespace) -> Iterator["RenderableType"]:
     if options.quiet or not sys.stderr.isatty():
         yield ""
         return
-    from supernode.screen import Screen
+    from supernode.terminal.screen import Screen
 
     with Screen(place_of(options), options.job) as screen:
         yield screen
@@ -66,7 +66,7 @@ def _below(options: argparse.Namespace) -> Iterator["RenderableType"]:
 
 def _watch_all(options: argparse.Namespace) -> int:
     """Show the cluster until Ctrl-C: live on a terminal, else as a line for each log record."""
-    from supernode.screen import Screen
+    from supernode.terminal.screen import Screen
 
     with connected(options), Screen(place_of(options)) as screen, contextlib.suppress(KeyboardInterrupt):
         if sys.stdout.isatty():

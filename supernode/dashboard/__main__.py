@@ -9,7 +9,7 @@ import time
 
 import uvicorn
 
-from supernode.cluster_info import Place
+from supernode.client.cluster_info import Place
 from supernode.dashboard.listen_address import ListenAddress
 from supernode.dashboard.server import NICENESS, serve
 

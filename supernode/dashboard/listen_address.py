@@ -9,7 +9,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from problems.errors import BadInput
-from supernode.private_file import read_private
+from supernode.files.private_file import read_private
 
 _NEEDED = ("jinja2", "plotly", "prometheus_client", "starlette", "uvicorn")  # libraries
 _ADDRESS = re.compile(r"(?:\[(?P<six>[^\]]+)\]|(?P<four>[^:\s]+)):(?P<port>\d{1,5})")

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from prometheus_client import CollectorRegistry, generate_latest
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 
-from supernode.dashboard.view import View
+from supernode.live.view import View
 
 _COUNTERS = {
     "generation": ("supernode_generations", "Generations of a running job's epoch, at the root."),

@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 from problems import BadInput, ProblemFile, registry
 from supernode.dashboard.spaces import spaces_of
-from supernode.picture import as_png, drawn
+from supernode.pictures.picture import as_png, drawn
 
 Form = Literal["png", "spaces"]
 """A PNG picture; or JSON of what is drawn in three dimensions, see `spaces`."""

@@ -1,22 +1,29 @@
 """Stream live updates to browsers as server-sent events.
 
-Each event holds everything that is shown now, or all but the nodes (``nodes=0``). All browsers share one snapshot, and
-no browser has a queue. One that reads slowly misses some events; one that does not read at all is disconnected by the
-socket's user timeout (`listen_address`). So memory does not grow with the number of browsers.
+Each message holds everything that is shown now, or all but the nodes (``nodes=0``). All browsers share one snapshot,
+and no browser has a queue. One that reads slowly misses some messages; one that does not read at all is disconnected by
+the socket's user timeout (`listen_address`). So memory does not grow with the number of browsers.
+
+An event "improvement" before a message holds the latest improvement of a job, with its solution. It is sent once to
+each browser. One that reads slowly misses improvements of a job, but never the latest.
 """
 
 import asyncio
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 from urllib.parse import parse_qs
 
 from starlette.responses import PlainTextResponse
 from starlette.types import Receive, Scope, Send
 
+from supernode.live.view import Heard
+
 MOST = 100  # streams at once
 PERIOD = 1.0  # seconds between two events; nodes report their counters no more often
+_KEPT = 64  # encoded improvements that are kept for the other browsers
 _HEADERS = [
     (b"content-type", b"text/event-stream"),
     (b"cache-control", b"no-store"),
@@ -30,11 +37,18 @@ class Streams:
     Args:
         snapshot: returns everything to show; each stream begins with it.
         news: returns what has changed since it was called last, perhaps without the nodes; None if nothing has.
+        improvements: returns the latest improvement of each job, by the job's number.
     """
 
-    def __init__(self, snapshot: Callable[[], dict[str, Any]], news: Callable[[], dict[str, Any] | None]) -> None:
+    def __init__(
+        self,
+        snapshot: Callable[[], dict[str, Any]],
+        news: Callable[[], dict[str, Any] | None],
+        improvements: Callable[[], Mapping[int, Heard]],
+    ) -> None:
         self._snapshot = snapshot
         self._news = news
+        self._improvements = improvements
         self._latest: asyncio.Future[_Event] = asyncio.get_running_loop().create_future()  # of the next event
         self.count = 0
 
@@ -58,10 +72,12 @@ class Streams:
         try:
             await send({"type": "http.response.start", "status": 200, "headers": _HEADERS})
             event = _Event.of(self._snapshot())
+            sent: Mapping[int, Heard] = {}
             while not gone.done():
-                await send(
-                    {"type": "http.response.body", "body": event.brief if briefly else event.whole, "more_body": True}
-                )
+                before, sent = sent, self._improvements()
+                news = [_improvement_event(each) for job, each in sent.items() if before.get(job) is not each]
+                body = b"".join(news) + (event.brief if briefly else event.whole)
+                await send({"type": "http.response.body", "body": body, "more_body": True})
                 # Shielded: all streams wait for this future, so the end of one must not cancel it.
                 event = await asyncio.shield(self._latest)
         finally:
@@ -85,5 +101,10 @@ class _Event:
         return _Event(_encoded(snapshot), _encoded(brief))
 
 
-def _encoded(snapshot: dict[str, Any]) -> bytes:
-    return b"data: " + json.dumps(snapshot, separators=(",", ":"), allow_nan=False).encode() + b"\n\n"
+@lru_cache(_KEPT)
+def _improvement_event(heard: Heard) -> bytes:
+    return b"event: improvement\n" + _encoded(heard.plain())
+
+
+def _encoded(value: dict[str, Any]) -> bytes:
+    return b"data: " + json.dumps(value, separators=(",", ":"), allow_nan=False).encode() + b"\n\n"

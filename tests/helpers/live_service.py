@@ -10,7 +10,7 @@ import time
 from pathlib import Path
 
 import supernode
-import supernode.cluster_info
+import supernode.client.cluster_info
 
 ROOT = Path(__file__).resolve().parents[2]
 PATIENCE = 60.0  # seconds
@@ -73,7 +73,7 @@ class LiveService:
         self.folder = Path(self.info().endpoint.partition("/")[2]).parent
 
     def info(self):
-        return supernode.cluster_info.read_info(self.state)
+        return supernode.client.cluster_info.read_info(self.state)
 
     def connect(self):
         return supernode.connect(self.state)

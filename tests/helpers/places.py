@@ -12,8 +12,8 @@ import time
 from pathlib import Path
 
 import supernode
-from supernode.client import Client
-from supernode.cluster_info import Place
+from supernode.client.client import Client
+from supernode.client.cluster_info import Place
 
 ROOT = Path(__file__).resolve().parents[2]
 PATIENCE = 60.0  # seconds

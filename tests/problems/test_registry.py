@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from coordinator.checking import is_own
+from coordinator.service.checking import is_own
 from node import Plan, simulate
 from problems import BadInput, load, registry
 

@@ -28,6 +28,12 @@ export const moment = (seconds) => new Date(seconds * 1000).toLocaleString("sv-S
 const ENDS = ["solved", "optimal", "infeasible", "stalled", "exhausted", "deadline", "cancelled", "failed"];
 export const hasEnded = (status) => ENDS.includes(status);
 
+// Whether an improvement is better than another one of its job, or than none. A later epoch counts more; null is infinite.
+export function isBetter(one, other) {
+  if (!other || one.epoch !== other.epoch) return !other || one.epoch > other.epoch;
+  return (one.fitness ?? Infinity) < (other.fitness ?? Infinity);
+}
+
 // Fills a list of facts. A list with the same names is changed in place, so that the page does not jump.
 export function showFacts(list, facts) {
   const names = Object.keys(facts);
@@ -67,9 +73,10 @@ export const announceVisited = (text) => setText(byId("visited"), text);
 
 // Calls `show` with each snapshot of the cluster while the page is visible: browsers allow few connections to a host.
 // A page that does not show `nodes` is not sent them. Events without nodes get those of the event before.
+// `improvements` of a snapshot are the latest of each job, by the job's number: they come in events of their own.
 export function follow(show, { nodes }) {
   let last = null, source = null, timer = null, known = null;
-  const pill = byId("link");
+  const pill = byId("link"), improvements = new Map();
   const say = (state, text) => { pill.dataset.state = state; setText(pill, text); };
 
   function hear(message) {
@@ -81,7 +88,13 @@ export function follow(show, { nodes }) {
     last = newest ? newest.number : 0;
     snapshot.stirred = "nodes" in snapshot;
     known = snapshot.nodes ??= known;
+    snapshot.improvements = improvements;
     show(snapshot);
+  }
+
+  function hearImprovement(message) {
+    const improvement = JSON.parse(message.data);
+    improvements.set(improvement.job, improvement);
   }
 
   function fail() {
@@ -92,7 +105,9 @@ export function follow(show, { nodes }) {
   function open() {
     close();
     const address = nodes ? "/events" : "/events?nodes=0";
-    if (!document.hidden) source = Object.assign(new EventSource(address), { onmessage: hear, onerror: fail });
+    if (document.hidden) return;
+    source = Object.assign(new EventSource(address), { onmessage: hear, onerror: fail });
+    source.addEventListener("improvement", hearImprovement);
   }
 
   function close() {

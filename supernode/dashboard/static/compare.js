@@ -10,12 +10,12 @@ const left = ids.length > MOST ? [`Only the first ${MOST} of ${ids.length} jobs 
 const runs = ids.slice(0, MOST).map((id) => ({ id, job: null, history: new History(id), trouble: "" }));
 let busy = false, due = 0;
 
-async function show() {
+async function show({ improvements }) {
   const stale = runs.filter((run) => run.job === null || !hasEnded(run.job.status) || !run.whole);
   if (busy || stale.length === 0 || Date.now() < due) return;
   busy = true;
   try {
-    for (const run of stale) await load(run);
+    for (const run of stale) await load(run, improvements);
     const known = runs.filter((run) => run.job !== null);
     showPlots(known);
     showTable(known);
@@ -31,10 +31,11 @@ function showTroubles() {
   setText(byId("trouble"), [...left, ...troubles].join("\n"));
 }
 
-async function load(run) {
+async function load(run, improvements) {
   const over = run.job !== null && hasEnded(run.job.status); // then load once more: the last records come after the end
   try {
     run.job = await getJson(`/api/jobs/${encodeURIComponent(run.id)}`);
+    run.history.hear(improvements.get(run.job.number));
     await run.history.load();
     [run.whole, run.trouble] = [over, ""];
   } catch (error) {

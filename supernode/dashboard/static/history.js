@@ -1,6 +1,6 @@
 // The history of a job, fetched from the cluster's store page by page, and how it is plotted.
 
-import { getJson } from "./common.js";
+import { getJson, isBetter } from "./common.js";
 
 const MOST = 2000; // points of a curve
 const LATEST = 200; // improvements that are all kept, for the table and the lineage
@@ -25,13 +25,27 @@ export class History {
   #kept = { improvements: new Thinned(), history: new Thinned(), statistics: new Thinned() };
   #last = { improvements: 0, history: 0, statistics: 0 };
   #latest = { improvements: [], history: [], statistics: [] };
+  #live = null; // the latest improvement of the live updates
 
   constructor(job) { this.job = job; }
 
-  get improvements() { return this.#kept.improvements.records; } // as the spy received them
+  get improvements() { return this.#withLive(this.#kept.improvements.records); } // as the spy received them
   get births() { return byBirth(this.#kept.history.records, this.improvements); }
-  get latest() { return byBirth(this.#latest.history, this.#latest.improvements).slice(-LATEST); }
+  get latest() { return byBirth(this.#latest.history, this.#withLive(this.#latest.improvements)).slice(-LATEST); }
   get statistics() { return this.#kept.statistics.records; }
+
+  // Takes an improvement of the live updates: the store may not have it yet. Returns whether it is a better one.
+  hear(improvement) {
+    if (!improvement || !isBetter(improvement, this.#live)) return false;
+    const { epoch, generation, cell, fitness, at } = improvement;
+    this.#live = { kind: "live", id: at, at, epoch, generation, cell, fitness };
+    return true;
+  }
+
+  // A record of the store replaces the live one.
+  #withLive(records) {
+    return this.#live !== null && isBetter(this.#live, records.at(-1)) ? [...records, this.#live] : records;
+  }
 
   // Fetches new records; returns whether there were any.
   async load() {

@@ -1,7 +1,7 @@
 // The page of a job: convergence, diversity, lineage, and the best solution or attempt so far.
 
 import {
-  TROUBLED, announce, ask, byId, fillRow, follow, getJson, hasEnded, make, number, postJson, setText, showFacts,
+  TROUBLED, announce, ask, byId, fillRow, follow, getJson, hasEnded, isBetter, make, number, postJson, setText, showFacts,
 } from "./common.js";
 import { History, generation, isOfNewLife, line, plot, since } from "./history.js";
 import { canTurn, showSpaces } from "./spaces.js";
@@ -14,6 +14,7 @@ const REST = 20; // pause after drawing the curves, as a multiple of the time it
 const id = byId("job").dataset.job, address = `/api/jobs/${encodeURIComponent(id)}`;
 const history = new History(id);
 // `heard` is what the live updates said when all was last fetched: as long as it is the same, nothing is fetched.
+// Improvements are not part of it: the live updates have all of an improvement, before the store has it.
 // `patient` and `due` are times before which a failed request is not repeated, and the curves are not drawn again.
 let job = null, latest = null, busy = false, patient = 0, heard = "", due = 0, stale = true, bests = [];
 
@@ -23,17 +24,18 @@ const torus = new Torus(byId("torus"), byId("legend"), {
 
 async function show(snapshot) {
   latest = snapshot;
-  if (job !== null && snapshot.stirred) showCells();
+  if (job !== null) showLive();
   const line = snapshot.jobs.find((each) => each.job === id);
-  const now = JSON.stringify([line, statistics()?.generation, snapshot.bests[job?.number]]);
+  const now = JSON.stringify([line, statistics()?.generation]);
   if (busy || now === heard || Date.now() < patient) return;
-  if (job?.status === line?.status && Date.now() < due) return showJob();
+  if (job?.status === line?.status && Date.now() < due) return;
   busy = true;
   try {
     const over = job !== null && hasEnded(job.status); // then load once more: the last records come after the end
     job = await getJson(address);
     showJob();
     showCells();
+    history.hear(live());
     stale = (await history.load()) || stale;
     if (stale) showHistory();
     if (!stale && (over || !hasEnded(job.status))) heard = now;
@@ -46,14 +48,27 @@ async function show(snapshot) {
   }
 }
 
+// Shows what the live updates themselves hold of the job.
+function showLive() {
+  if (latest.stirred) showCells();
+  showJob();
+  stale = history.hear(live()) || stale;
+  if (stale && Date.now() >= due) showHistory();
+}
+
+const live = () => latest.improvements.get(job.number);
+
+// The best answer: that of the live updates, unless it is of another epoch or the cluster knows a better one.
+const bestAnswer = () => live()?.epoch === job.epoch && isBetter(live(), job.best) ? live() : job.best;
+
 // The latest statistics of the job, or the last recorded ones.
 const statistics = () => latest.statistics[job?.number] ?? history.statistics.at(-1);
 
 function showJob() {
-  const { name, kind, status, fitness, topology, result } = job, now = statistics();
+  const { name, kind, status, topology, result } = job, now = statistics(), answer = bestAnswer();
   const end = job.ended ?? latest.at;
   showFacts(byId("facts"), {
-    status, fitness, feasible: job.best === null ? null : job.best.feasible ? "yes" : "no",
+    status, fitness: fitness(), feasible: answer === null ? null : answer.feasible ? "yes" : "no",
     problem: name, kind, topology, seed: job.run.seed, epoch: job.epoch,
     seconds: job.started ? Number((end - job.started).toFixed(1)) : null,
     generations: result?.generations ?? now?.generation, evaluations: result?.evaluations ?? now?.evaluations,
@@ -66,12 +81,15 @@ function showJob() {
   byId("cancel").dataset.status = status;
   byId("cancel").hidden = hasEnded(status);
   setText(byId("scene-title"), `${found()} so far`);
-  const best = job.best && [job.best.epoch, job.best.fitness, job.epoch];
-  scene.show(JSON.stringify(best ?? [job.epoch]));
+  scene.show(JSON.stringify(answer === null ? [job.epoch] : [answer.epoch, answer.fitness, job.epoch]));
+  byId("solution").parentElement.hidden = answer === null;
+  setText(byId("solution"), answer === null ? "" : JSON.stringify(answer.solution, null, 1));
 }
 
+const fitness = () => bestAnswer() === job.best ? job.fitness : bestAnswer().fitness;
+
 // What the check rejects is not called a solution.
-const found = () => job.best === null || job.best.feasible ? "The best solution" : "The best attempt (infeasible)";
+const found = () => bestAnswer() === null || bestAnswer().feasible ? "The best solution" : "The best attempt (infeasible)";
 
 function showHistory() {
   const began = Date.now();
@@ -87,7 +105,7 @@ function showHistory() {
   ];
   const now = history.statistics.at(-1), [best, median, worst, age] =
     ["best", "median", "worst", "age"].map((name) => number(now?.[name]));
-  const words = `Fitness against ${along}, now: verified ${number(job.fitness)}, of those alive best ${best}, median ${median}, worst ${worst}`;
+  const words = `Fitness against ${along}, now: verified ${number(fitness())}, of those alive best ${best}, median ${median}, worst ${worst}`;
   plot(byId("convergence"), lines, [along, "fitness"], words, { yaxis: { type: byId("log").checked ? "log" : "linear" } });
   plot(byId("diversity"), [
     line("diversity", statistics, x, "diversity", { line: { color: "#2a8c4a" } }, isOfNewLife),
@@ -147,7 +165,7 @@ const scene = {
   },
   async fetch() {
     const of = this.wanted;
-    const words = `${found()} of job ${id} so far, fitness ${number(job.best?.fitness)}`;
+    const words = `${found()} of job ${id} so far, fitness ${number(bestAnswer()?.fitness)}`;
     let wait = SCENE_EVERY;
     try {
       const whole = !this.flat && await this.fetchSpaces(of, words);

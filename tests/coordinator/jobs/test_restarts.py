@@ -9,7 +9,7 @@ from stubborn import stubborn_file
 import supernode
 from coordinator.jobs.job import BegunAnew
 from node.replay import epochs_of
-from supernode.simulation import Listener, Simulation
+from supernode.runs.simulation import Listener, Simulation
 
 FUNCTION = """
 kind = "function"

@@ -10,7 +10,7 @@ import threading
 import pytest
 from live_service import until
 
-from supernode.cluster_info import Place
+from supernode.client.cluster_info import Place
 from supernode.dashboard.listen_address import ListenAddress
 from supernode.dashboard.server import serve
 

@@ -15,6 +15,10 @@ from pathlib import Path
 import pytest
 from live_service import ROOT, command_of, live, until
 
+import supernode
+from wire import jobs as wire
+from wire.news import Improvement
+
 # Nobody solves this: it runs until it is cancelled.
 ENDLESS = """
 kind = "function"
@@ -218,6 +222,20 @@ def test_the_page_of_a_job_that_ended_within_a_second_agrees_with_its_result(pag
     assert curve[1][-1] == result.fitness < curve[1][0], "no flat curve"
     rows = page.evaluate("[...document.querySelectorAll('#rows tr')].map((row) => row.children[1].textContent)")
     assert [int(text) for text in rows] == curve[0]
+
+
+def test_an_improvement_is_on_the_page_before_the_store_has_it(page_of, show, service, file):
+    service.submitted(wire.Submit(supernode.load(file).to_json(), "mine", 0))
+    service.tell("mine", "running")
+    home = f"http://127.0.0.1:{show().port}/"
+    page = page_of(home)
+    page.goto(home + "jobs/mine")
+    page.wait_for_selector("#facts >> text=running")
+    better = Improvement(1, 0, 0.1, 3, 2, 0.25, True, {"x": [0.5, 0.0], "value": 0.25})
+    service.publish(service.keys.best, better.encode())  # the coordinator's best remains none
+    see(page, "#facts div:has(dt:text-is('fitness')) dd:text-is('0.25')")
+    assert json.loads(page.text_content("#solution")) == better.solution
+    until(lambda: page.evaluate(CURVES)["verified"][1][-1] == 0.25)
 
 
 def test_a_dead_cell_is_seen_on_the_page_of_its_job(page, home, cluster, endless):

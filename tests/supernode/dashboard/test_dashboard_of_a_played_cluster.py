@@ -4,10 +4,13 @@ import gzip
 import json
 import urllib.request
 
+import pytest
 from live_service import until
 
-from supernode.dashboard import server
+import supernode
+from supernode.dashboard import shared
 from wire import jobs as wire
+from wire.news import Improvement
 
 PROBLEM = {"file": 'kind = "function"\nname = "onemax"\ndimension = 8\n', "id": "mine"}
 
@@ -54,7 +57,7 @@ def of_mine(shown):
 
 
 def test_a_job_is_asked_for_once_for_all_who_look_and_again_once_there_is_news(shown, service, monkeypatch):
-    monkeypatch.setattr(server, "_SHOW_AGAIN", 1000.0)
+    monkeypatch.setattr(shared, "_SHOW_AGAIN", 1000.0)
     submitted(shown)
     assert of_mine(shown)["problem"]["name"] == "onemax"
     asked = service.asked.count("show")
@@ -67,6 +70,43 @@ def test_a_job_is_asked_for_once_for_all_who_look_and_again_once_there_is_news(s
     service.end("mine")
     until(lambda: shown.dashboard.view.jobs[0]["status"] == "solved")
     assert of_mine(shown)["status"] == "solved", "it is never older than the list"
+
+
+@pytest.fixture
+def running(shown, service, file):
+    """A job that the coordinator says to run."""
+    service.submitted(wire.Submit(supernode.load(file).to_json(), "mine", 0))
+    service.tell("mine", "running")
+    until(lambda: [job["status"] for job in shown.dashboard.view.jobs] == ["running"])
+
+
+@pytest.mark.usefixtures("running")
+def test_an_improvement_is_shown_before_the_coordinator_has_it_and_without_asking_it_again(shown, service, monkeypatch):
+    monkeypatch.setattr(shared, "_SHOW_AGAIN", 1000.0)
+    assert of_mine(shown)["best"] is None
+    publish_and_see(shown, service, 3.0)  # the first improvement of the epoch
+    asked = service.asked.count("show")
+    publish_and_see(shown, service, 2.0)
+    assert service.asked.count("show") == asked
+
+
+def publish_and_see(shown, service, fitness):
+    """The spy finds something better; the coordinator does not hear of it."""
+    better = Improvement(1, 0, 0.1, 3, 2, fitness, True, {"bits": [1] * 8})
+    service.publish(service.keys.best, better.encode())
+    until(lambda: of_mine(shown)["fitness"] == fitness)
+    assert of_mine(shown)["best"] == vars(better)
+
+
+@pytest.mark.usefixtures("running")
+def test_an_improvement_is_decoded_once(shown, service, monkeypatch):
+    decoded, decode = [], Improvement.decode
+    monkeypatch.setattr(Improvement, "decode", staticmethod(lambda payload: decoded.append(payload) or decode(payload)))
+    service.improve("mine", 3.0)
+    until(shown.dashboard.view.improvements)
+    service.tell("mine", "waiting")  # what comes after it has been received, too
+    until(lambda: shown.dashboard.view.jobs[0]["status"] == "waiting")
+    assert len(decoded) == 1
 
 
 def test_an_answer_that_cannot_be_read_is_said_and_asked_for_again(shown, service, monkeypatch):

@@ -6,7 +6,7 @@ from urllib.parse import quote
 import pytest
 from live_service import until
 
-from supernode.dashboard import parsing, server
+from supernode.dashboard import fields, parsing
 
 TOKEN = "s3cret-s3cret-s3cret"
 PROBLEM = {"file": 'kind = "function"\nname = "onemax"\ndimension = 8\n'}
@@ -117,7 +117,7 @@ def test_news_are_only_read(shown):
 
 
 def test_what_is_submitted_has_a_size(shown, monkeypatch):
-    monkeypatch.setattr(server, "MOST_BODY", 1000)
+    monkeypatch.setattr(fields, "MOST_BODY", 1000)
     assert shown.post("/api/jobs", {"file": "#" * 2000})[0] == 413
 
 

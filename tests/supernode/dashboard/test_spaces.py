@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 import supernode
 from supernode.dashboard import spaces as module
 from supernode.dashboard.spaces import spaces_of
-from supernode.picture import drawn
+from supernode.pictures.picture import drawn
 
 SOLVED = {"length": 17.5, "crossed": 0, "path": [[0.5, 0.5, 0.5], [2.0, 9.0, 9.0], [9.5, 9.5, 9.5]]}
 

@@ -1,9 +1,11 @@
 """Live news: many who listen, and one who does not."""
 
 import contextlib
+import itertools
 import json
 import math
 import socket
+from dataclasses import replace
 
 import pytest
 from live_service import until
@@ -24,15 +26,20 @@ def listen(shown, room=None, ask=ASK):
     return sock
 
 
-def events(sock):
+def named_events(sock):
+    """Each event's name, and what it holds."""
+    name = "message"
     with sock.makefile("rb") as lines:
         for line in lines:
-            if line.startswith(b"data: "):
-                yield json.loads(line[6:])
+            if line.startswith(b"event: "):
+                name = line[7:].strip().decode()
+            elif line.startswith(b"data: "):
+                yield name, json.loads(line[6:])
+                name = "message"
 
 
 def first_event(sock):
-    return next(events(sock))
+    return next(event for name, event in named_events(sock) if name == "message")
 
 
 def test_fifty_browsers_hear_the_same(shown, service):
@@ -49,12 +56,43 @@ def test_pages_that_show_no_nodes_are_told_of_none(shown):
         assert first_event(whole).keys() - first_event(brief).keys() == {"nodes"}
 
 
-def test_what_no_number_can_say_stops_no_news(shown, service):
+BETTER = Improvement(1, 0, math.inf, 3, 2, 0.5, True, {"x": [1.5, math.inf]})
+
+
+def test_an_improvement_is_told_with_fitness_and_solution_whatever_no_number_can_say(shown, service):
     until(lambda: shown.dashboard.view.answers)
-    better = Improvement(1, 0, math.inf, 3, 2, 0.5, True, {})
     with listen(shown) as sock:
-        until(lambda: service.publish(service.keys.best, better.encode()) or shown.dashboard.view.snapshot()["bests"])
-        assert next(event for event in events(sock) if event["bests"])["bests"] == {"1": [0, None, 3]}
+        until(lambda: service.publish(service.keys.best, BETTER.encode()) or shown.dashboard.view.improvements())
+        told = next(event for name, event in named_events(sock) if name == "improvement")
+    assert told.pop("at") == shown.dashboard.view.improvements()[1].at
+    place = {"job": 1, "epoch": 0, "seconds": None, "generation": 3, "cell": 2}
+    assert told == place | {"fitness": 0.5, "feasible": True, "solution": {"x": [1.5, None]}}
+
+
+def hear(shown, improvement):
+    """The dashboard receives an improvement."""
+    shown.streams._latest.get_loop().call_soon_threadsafe(shown.dashboard.view.hear_improvement, improvement)
+    until(lambda: any(each.improvement is improvement for each in shown.dashboard.view.improvements().values()))
+
+
+def told_until(news, generation):
+    """The generations of the improvements that a browser is told of, up to that one."""
+    told = (event["generation"] for name, event in news if name == "improvement")
+    return [*itertools.takewhile(lambda each: each != generation, told), generation]
+
+
+def test_each_browser_is_told_of_an_improvement_once_though_it_comes_late(shown):
+    until(lambda: shown.dashboard.view.answers)
+    hear(shown, replace(BETTER, generation=4))
+    with listen(shown) as one, listen(shown) as other:
+        all_news = named_events(one), named_events(other)
+        for news in all_news:
+            assert told_until(news, 4) == [4]
+        hear(shown, replace(BETTER, job=2, generation=5))
+        for news in all_news:
+            assert told_until(news, 5) == [5]
+    with listen(shown) as late:
+        assert told_until(named_events(late), 5) == [4, 5]
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")  # it is raised where it serves

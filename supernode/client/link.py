@@ -1,0 +1,174 @@
+"""A client's link to a cluster: it sends requests and receives answers over Zenoh, for one asyncio loop.
+
+Zenoh calls back on threads of its own. `Link` hands everything that arrives to the loop, so that only the loop's thread
+touches the client's state.
+
+A request without an answer is sent again: the coordinator or the router may have died, and their supervisor starts them
+anew. Requests may be repeated without harm. `Link` gives up only when nothing has answered for a while, or when the
+state folder says that the cluster is down.
+"""
+
+import asyncio
+import contextlib
+import time
+from collections.abc import Callable
+from typing import Any, Self
+
+import zenoh
+
+from coordinator.errors import ClusterFailed
+from problems.errors import BadInput
+from supernode.client.cluster_info import Place
+from wire import sessions
+from wire.callbacks import direct
+from wire.jobs import Refused, Request, Status, decode_answer, encode
+from wire.keys import Keys
+from wire.strict import Rejected
+
+CONNECT_WITHIN = 1.8  # seconds to find a cluster; with the imports before it, `connect` fails within two seconds
+PATIENCE = 30.0  # seconds without any answer after which a cluster is given up; a restart takes less
+_AGAIN = 0.05  # seconds between two attempts
+
+
+class Link:
+    """A session with one cluster; `open` makes one. Use it only on the loop that it was made on."""
+
+    def __init__(self, session: zenoh.Session, place: Place, keys: Keys) -> None:
+        self.place = place
+        self.keys = keys
+        self._session = session
+        self._loop = asyncio.get_running_loop()
+
+    @classmethod
+    async def open(cls, place: Place) -> Self:
+        """Find the cluster at ``place`` and connect to it.
+
+        Raises:
+            ClusterFailed: if no cluster is found, which is known in less than two seconds; if several are, and none is
+                the one that ``place`` names; or if the cluster does not answer.
+        """
+        until = time.monotonic() + CONNECT_WITHIN
+        info = place.info()
+        endpoint = place.endpoint if info is None else info.endpoint
+        assert endpoint is not None, "a place that is not a folder has an endpoint"
+        try:
+            session = await asyncio.to_thread(sessions.visitor, endpoint, CONNECT_WITHIN)
+        except zenoh.ZError:
+            raise ClusterFailed(f"no cluster answers at {endpoint}") from None
+        # Until the cluster's name is known, ask under the name of the folder's entry, or any cluster at the endpoint.
+        link = cls(session, place, Keys("*" if info is None else info.cluster))
+        try:
+            link.keys = Keys(await link._find(until))
+        except BaseException:
+            await link.close()
+            raise
+        return link
+
+    async def ask(self, request: Request, patience: float = PATIENCE) -> Any:
+        """Send a request and return the value of its answer; repeat it until it is answered.
+
+        Args:
+            request: the request.
+            patience: seconds without any answer after which the cluster is given up.
+
+        Raises:
+            BadInput: if the cluster refuses the request and blames the input.
+            ClusterFailed: if the request fails in the cluster, or nothing has answered for ``patience`` seconds.
+        """
+        payload = encode(request)
+        until = time.monotonic() + patience
+        while True:
+            answers = await self._gather(payload, max(_AGAIN, until - time.monotonic()))
+            if answers:
+                return _value(answers[0])
+            self.place.info()  # raises at once if the state folder says that the cluster is down
+            if time.monotonic() >= until:
+                raise ClusterFailed(f"the cluster at {self.place} does not answer")
+            await asyncio.sleep(_AGAIN)
+
+    def listen(self, key: str, hear: Callable[[bytes], None]) -> None:
+        """Call ``hear`` on the loop with the payload of each message under ``key``, until the link is closed."""
+
+        def pass_on(sample: zenoh.Sample) -> None:
+            # On a thread of Zenoh's, which must not be blocked.
+            self._call(hear, sample.payload.to_bytes())
+
+        self._session.declare_subscriber(key, direct(pass_on))
+
+    def watch(self, key: str, hear: Callable[[str, bool], None]) -> None:
+        """Call ``hear`` on the loop with each liveliness token under ``key`` that appears (True) or vanishes (False).
+
+        Tokens that are there already are reported as well.
+        """
+
+        def pass_on(sample: zenoh.Sample) -> None:
+            self._call(hear, str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT)
+
+        self._session.liveliness().declare_subscriber(key, direct(pass_on), history=True)
+
+    async def close(self) -> None:
+        """Disconnect from the cluster."""
+        await asyncio.to_thread(self._session.close)
+
+    async def _find(self, until: float) -> str:
+        """Return the name of the cluster that answers.
+
+        A cluster must be there by ``until``; once it is, its answer may take as long as that to any request.
+
+        Raises:
+            ClusterFailed: if none is there in time, or several are and none of them is the one that is meant.
+        """
+        while True:
+            answers = await self._gather(encode(Status()), PATIENCE)  # returns at once if no coordinator is there
+            names = sorted({str(_value(answer)["cluster"]) for answer in answers})
+            if len(names) == 1:
+                return names[0]
+            if self.place.cluster in names:
+                return self.place.cluster
+            if names:
+                raise ClusterFailed(f"more than one cluster answers at {self.place}: {', '.join(names)}")
+            if time.monotonic() >= until - _AGAIN:
+                raise ClusterFailed(f"no cluster answers at {self.place}")
+            await asyncio.sleep(_AGAIN)
+
+    async def _gather(self, payload: bytes, seconds: float) -> list[bytes]:
+        """Send one query and return all answers to it, none if nothing answers within ``seconds``.
+
+        Raises:
+            ClusterFailed: if the session is broken.
+        """
+        answers: list[bytes] = []
+        over = self._loop.create_future()
+
+        def hear(reply: zenoh.Reply) -> None:
+            if reply.ok is not None:  # else an error of Zenoh's own, such as a timeout
+                answers.append(reply.ok.payload.to_bytes())
+
+        def end() -> None:
+            self._call(_settle, over)
+
+        try:
+            self._session.get(self.keys.jobs, direct(hear, end), payload=payload, timeout=seconds)
+        except zenoh.ZError as error:
+            raise ClusterFailed(f"the link to {self.place} is broken: {error}") from None
+        await over
+        return answers
+
+    def _call(self, function: Callable[..., None], *arguments: Any) -> None:
+        with contextlib.suppress(RuntimeError):  # the loop is closed, so nothing waits for this any more
+            self._loop.call_soon_threadsafe(function, *arguments)
+
+
+def _settle(over: "asyncio.Future[None]") -> None:
+    if not over.done():
+        over.set_result(None)
+
+
+def _value(payload: bytes) -> Any:
+    try:
+        answer = decode_answer(payload)
+    except Rejected as error:
+        raise ClusterFailed(f"the cluster's answer cannot be read: {error.reason}") from error
+    if isinstance(answer, Refused):
+        raise (BadInput if answer.blame == "input" else ClusterFailed)(answer.message)
+    return answer.value

@@ -1,0 +1,5 @@
+"""Motions in files: what `supernode export` writes of a solution over time.
+
+Read `mcap_file` first: it writes joints, poses and the scene for Foxglove and the like, in the messages of `schemas`.
+`text` writes the same motion as CSV or JSON.
+"""
