@@ -1,6 +1,6 @@
 """One cell as a state machine without input or output: events in, actions out.
 
-Its driver (`node.process` with Zenoh, or the simulator within one process) feeds it events and carries out its actions.
+Its driver (`node.driver` in a node, or the simulator within one process) feeds it events and carries out its actions.
 It holds no socket, clock or thread, so a test can give it any sequence of events. Neighbours' messages are not events:
 there are thousands of them a second, and a step takes all of them at once. The cell is not thread-safe.
 

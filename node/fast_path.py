@@ -1,6 +1,6 @@
 """The fast path of an exchange: compiled code from the neighbours' messages to the cell's own, with no Python between.
 
-`node.process` opens it while a cell needs nothing but sound messages and breeding, and closes it for everything else,
+`node.driver` opens it while a cell needs nothing but sound messages and breeding, and closes it for everything else,
 which then takes the ordinary path in Python. What the fast path does depends on the mode:
 
     - In lockstep the callback of a message reads it into the inbox. The last neighbour's message also breeds and

@@ -37,7 +37,7 @@ class Node:
         self.published.append((fields[3], fields[7][0]))
 
     def breeds(self):
-        """One generation, as `node.process` does."""
+        """One generation, as `node.driver` does."""
         self.turn_taking.take_over(self.assignment)
         for action in self.assignment.cell.step():
             if type(action) is Publish:
