@@ -21,13 +21,13 @@ import numpy as np
 
 from genetics import Genomes
 from lowlevel import capabilities
-from node.flags import REACHED, REFUSED, STALLED, STOPS, UNSOUND
-from node.history import History
-from node.inbox import Inbox
-from node.kernels import OWN, PUBLISHED
-from node.outbox import Outbox
+from node.engine.flags import REACHED, REFUSED, STALLED, STOPS, UNSOUND
+from node.engine.history import History
+from node.engine.inbox import Inbox
+from node.engine.kernels import OWN, PUBLISHED
+from node.engine.outbox import Outbox
+from node.engine.rows import Rows
 from node.plan import Plan
-from node.rows import Rows
 from problems import EvaluationFailed
 from problems.guard import reported
 from topologies import ROOT
@@ -36,7 +36,7 @@ from wire.exchange_kernels import EPOCH, JOB, NEVER, SENT
 from wire.report import Birth, Reason, Report, Staleness
 
 if TYPE_CHECKING:
-    from node.generation import Generations
+    from node.engine.generation import Generations
 
 State = Literal["prepared", "running", "stopped", "failed"]
 
@@ -270,7 +270,7 @@ class Cell:
             rows.begin(None if deme is None else deme[None])
             # Not before: the arrays that the compiled call shares are made by `begin`.
             if rows.problems[0].fitness_kernel is not None and capabilities().numba_calls:
-                from node.generation import Generations
+                from node.engine.generation import Generations
 
                 self.generations = Generations(
                     plan, rows, self.inbox, self._history, self._tells_champion, self._outbox

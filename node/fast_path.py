@@ -59,7 +59,7 @@ from lowlevel.clocks import monotonic_nanoseconds
 from lowlevel.compiled import c_function, subroutine
 from lowlevel.pointers import integers_at
 from node.assignment import MANY_UNREAD, Assignment
-from node.generation import (
+from node.engine.generation import (
     PLACES,
     breed_on,
     inbox_of,
@@ -69,7 +69,7 @@ from node.generation import (
     only_a_message,
     take_back,
 )
-from node.inbox import take_in_one
+from node.engine.inbox import take_in_one
 
 # Columns of the path. Numbers: the address of the cell's table of pointers (0: the path is closed), how often it has
 # been opened, generations left before Python must take a step, the most to breed at once, the end of the turn in ns,

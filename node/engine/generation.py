@@ -2,9 +2,9 @@
 
 With few individuals most of a generation's cost is Python between kernels. So one kernel applies the rules of the other
 modules in turn: merge champions, breed, evaluate, replace, prepare the message, propose stops, note and encode
-(Ahuactzin et al. 1992, §3.1 and §6). It repeats this up to the generation that has a message to send. `node.rows` and
-`node.cell` take the same steps in Python, with the same bits. The kernel finds its arrays by a table of pointers, since
-passing an array to a kernel costs as much as breeding with it.
+(Ahuactzin et al. 1992, §3.1 and §6). It repeats this up to the generation that has a message to send.
+`node.engine.rows` and `node.cell` take the same steps in Python, with the same bits. The kernel finds its arrays by a
+table of pointers, since passing an array to a kernel costs as much as breeding with it.
 """
 
 from collections.abc import Sequence
@@ -22,13 +22,13 @@ from genetics.selection import first_unsound, pair, pair_with
 from lowlevel.compiled import kernel, subroutine
 from lowlevel.numba_calls import entry
 from lowlevel.pointers import blocks, integers, octets, reals
-from node.flags import REACHED, REFUSED, STALLED, STOPS, UNSOUND
-from node.history import History
-from node.inbox import LACKING, NEXT, Inbox, hear, packed, turn
-from node.kernels import OWN, PUBLISHED, is_noted, merge_champion, note_staleness, prepare_message
-from node.outbox import Outbox
+from node.engine.flags import REACHED, REFUSED, STALLED, STOPS, UNSOUND
+from node.engine.history import History
+from node.engine.inbox import LACKING, NEXT, Inbox, hear, packed, turn
+from node.engine.kernels import OWN, PUBLISHED, is_noted, merge_champion, note_staleness, prepare_message
+from node.engine.outbox import Outbox
+from node.engine.rows import Rows
 from node.plan import Plan
-from node.rows import Rows
 from wire.exchange_kernels import BIRTHPLACE, BORN, PAYLOAD, SENT, STOP_AT, write_message
 from wire.report import MOST_BIRTHS, Birth
 
@@ -185,7 +185,7 @@ def _update_message(table: Any, settings: Any, now: Any) -> Any:
 
 @subroutine
 def _record(record: Any, now: Any, deme: Any, fitness: Any) -> Any:
-    """Write a generation as `node.history.History` does: generation, genomes and fitness, packed without gaps.
+    """Write a generation as `node.engine.history.History` does: generation, genomes and fitness, packed without gaps.
 
     Bytes are written one by one, since the fitness may begin at any offset.
     """

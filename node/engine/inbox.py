@@ -20,7 +20,7 @@ from genetics import Cells
 from genetics.operators import TABLE, Table, pointers
 from lowlevel.compiled import kernel, subroutine
 from lowlevel.pointers import integers, octets, octets_of, reals
-from node.kernels import OWN, PUBLISHED, note_staleness
+from node.engine.kernels import OWN, PUBLISHED, note_staleness
 from node.plan import Plan
 from wire.exchange import Messages
 from wire.exchange_kernels import EPOCH, GENERATION, JOB, PAYLOAD, SENT, only_emigrants, read_message
