@@ -90,6 +90,12 @@ def test_a_package_imports_only_from_floors_below_its_own(path):
     assert {name for name in used if FLOORS[name] >= FLOORS[own]} == set()
 
 
+@pytest.mark.parametrize("path", sorted((ROOT / "node" / "engine").glob("*.py")), ids=name_of)
+def test_the_engine_uses_nothing_of_what_is_around_it_but_the_plan(path):
+    used = {name for name in imports_of(path) if name.startswith("node.")}
+    assert {name for name in used if name.split(".")[1] not in ("engine", "plan")} == set()
+
+
 def test_the_search_for_imports_finds_every_way_to_import(tmp_path, monkeypatch):
     monkeypatch.setitem(imports_of.__globals__, "ROOT", tmp_path)
     (tmp_path / "wire").mkdir()
