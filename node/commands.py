@@ -6,10 +6,10 @@ from functools import partial
 import zenoh
 
 from node.assignment import Assignment
-from node.cell import Asked, Propose
-from node.cell import Halt as Halted
 from node.driver import Driver
 from node.epochs import Epochs
+from node.events import Asked, Propose
+from node.events import Halt as Halted
 from node.fingerprint import fingerprint
 from node.queries import answer, drop
 from wire import control

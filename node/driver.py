@@ -17,7 +17,7 @@ import zenoh
 from lowlevel import capabilities
 from node import cpu_affinity
 from node.assignment import MANY_UNREAD, Assignment, Coming
-from node.cell import Action, Publish, Start, Waited
+from node.events import Action, Publish, Start, Waited
 from node.links import Hear, Task
 from node.ordinary_path import OrdinaryPath
 from node.telemetry import Telemetry

@@ -8,8 +8,9 @@ import zenoh
 
 import topologies
 from node.assignment import Assignment, Coming
-from node.cell import Cell, Start
+from node.cell import Cell
 from node.driver import Driver
+from node.events import Start
 from node.fingerprint import fingerprint
 from node.links import Links
 from node.node_config import NodeConfig

@@ -29,11 +29,11 @@ import zenoh
 
 from node import cpu_affinity
 from node.assignment import Assignment
-from node.cell import Action, Answer, Answered, Ask, Complain
 from node.commands import Commands
 from node.cpu_affinity import Pinning
 from node.driver import PATIENCE, Driver, make_fast_path, wake
 from node.epochs import Epochs
+from node.events import Action, Answer, Answered, Ask, Complain
 from node.node_config import NodeConfig
 from node.queries import reply
 from node.telemetry import Telemetry

@@ -286,9 +286,27 @@ class Inbox:
         """The number of messages that were sound, but too late, too early or repeated."""
         return self.counts.item(_OF_NO_USE)
 
+    @property
+    def exchange(self) -> int:
+        """In lockstep the number of the next exchange."""
+        return self.counts.item(NEXT)
+
+    def validate(self) -> None:
+        """Check that every row is either free or that of one neighbour's message, and the counts.
+
+        Raises:
+            AssertionError: if something does not hold.
+        """
+        free = self._kept["spares"][: self.counts.item(_SPARE)].tolist()
+        in_use = [set(rows) - {OWN, PUBLISHED} for rows in self.source_rows.tolist()]
+        rows = sorted([*free, *(row for exchange in in_use for row in exchange)])
+        assert rows == list(range(2, len(self.messages.header))), f"rows are lost, or used twice: {rows}"
+        assert not self._lockstep or self.lacking() == len(self.missing()), "another number is lacking than missing"
+        assert (self.counts >= 0).all(), f"negative counts: {self.counts}"
+
     def missing(self) -> set[int]:
         """Return, in lockstep, the neighbours whose messages for the next exchange have not come."""
-        return set(compress(self.neighbours, self._not_come[self.counts.item(NEXT) % 2]()))
+        return set(compress(self.neighbours, self._not_come[self.exchange % 2]()))
 
     def hear(self, news: Sequence[tuple[int, bytes]]) -> set[tuple[int, str]]:
         """Take in messages, each with its sender; return the senders of refused ones, each with the reason."""
@@ -313,7 +331,7 @@ class Inbox:
         In lockstep this also moves on to the next exchange; in async mode it notes how old the messages are.
         """
         if self._lockstep:
-            exchange = self.counts.item(NEXT) % 2
+            exchange = self.exchange % 2
             turn(self.latest, self.counts)
             return self.source_rows[exchange : exchange + 1]
         note_staleness(self.messages.header, self.source_rows[0], generation, self.used, self.staleness)

@@ -5,8 +5,8 @@ from types import SimpleNamespace
 
 from node import Cell
 from node.assignment import Assignment
-from node.cell import Start
 from node.driver import Driver, make_fast_path
+from node.events import Start
 from node.telemetry import Telemetry
 from node.turn_taking import TurnTaking
 from wire.control import Wiring

@@ -7,8 +7,8 @@ from lone_node import LoneNode
 
 from node import Cell, Plan
 from node.assignment import MANY_UNREAD, Assignment
-from node.cell import Answered, Ask, Publish, Start, Waited
 from node.driver import MOST_UNREAD
+from node.events import Answered, Ask, Publish, Start, Waited
 from problems import Run
 from problems.function import Function
 from wire.control import Wiring

@@ -14,8 +14,8 @@ from lone_node import LoneNode
 from lowlevel import capabilities
 from node import Cell, Plan, simulate
 from node.assignment import MANY_UNREAD, Coming
-from node.cell import Ask, Complain, Start, Waited
 from node.core_token import CoreToken
+from node.events import Ask, Complain, Start, Waited
 from problems import Run
 from problems.function import Function
 from wire.report import Report

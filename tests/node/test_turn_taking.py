@@ -6,8 +6,8 @@ import msgpack
 
 from node import Cell, Plan
 from node.assignment import Assignment
-from node.cell import Halt, Publish, Start
 from node.core_token import CoreToken
+from node.events import Halt, Publish, Start
 from node.turn_taking import TurnTaking
 from problems import Run
 from problems.function import Function
