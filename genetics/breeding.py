@@ -2,7 +2,7 @@
 
 A node calls it with the single row of its own cell, the simulator with all rows at once. Every draw is keyed by the
 row's cell, so both get the same bits. (A node whose problem has a compiled fitness runs the same rules in
-`node.generation` instead, compiled as a whole.)
+`node.engine.generation` instead, compiled as a whole.)
 
 Many rows are bred in blocks. The temporary arrays of a generation, the offspring and what an evaluation makes of them,
 then fit into the processor's cache, and for a million cells into memory.

@@ -10,8 +10,9 @@ from dataclasses import dataclass, field
 
 import zenoh
 
-from node.cell import Action, Cell, Event, Message
+from node.cell import Cell
 from node.cpu_affinity import LONG, core_of
+from node.events import Action, Event, Message
 from node.links import Links
 from node.plan import Plan
 

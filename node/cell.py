@@ -1,6 +1,6 @@
 """One cell as a state machine without input or output: events in, actions out.
 
-Its driver (`node.process` with Zenoh, or the simulator within one process) feeds it events and carries out its actions.
+Its driver (`node.driver` in a node, or the simulator within one process) feeds it events and carries out its actions.
 It holds no socket, clock or thread, so a test can give it any sequence of events. Neighbours' messages are not events:
 there are thousands of them a second, and a step takes all of them at once. The cell is not thread-safe.
 
@@ -13,110 +13,33 @@ States:
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from genetics import Genomes
 from lowlevel import capabilities
-from node.flags import REACHED, REFUSED, STALLED, STOPS, UNSOUND
-from node.history import History
-from node.inbox import Inbox
-from node.kernels import OWN, PUBLISHED
-from node.outbox import Outbox
+from node.engine.flags import REACHED, REFUSED, STALLED, STOPS, UNSOUND
+from node.engine.history import History
+from node.engine.inbox import Inbox
+from node.engine.kernels import OWN, PUBLISHED
+from node.engine.outbox import Outbox
+from node.engine.rows import Rows
+from node.events import Action, Answer, Answered, Ask, Asked, Complain, Event, Halt, Message, Propose, Start
 from node.plan import Plan
-from node.rows import Rows
+from node.stimuli import Stimuli
 from problems import EvaluationFailed
 from problems.guard import reported
 from topologies import ROOT
 from wire.exchange import Champion
-from wire.exchange_kernels import EPOCH, JOB, NEVER, SENT
-from wire.report import Birth, Reason, Report, Staleness
+from wire.exchange_kernels import EPOCH, GENERATION, JOB, NEVER, SENT
+from wire.report import Birth, Report, Staleness
 
 if TYPE_CHECKING:
-    from node.generation import Generations
+    from node.engine.generation import Generations
 
 State = Literal["prepared", "running", "stopped", "failed"]
-
-
-# Events ---------------------------------------------------------------------------------------------------------------
-@dataclass(frozen=True)
-class Start:
-    """Begin, since every cell is prepared; with the given deme, shape (deme, genome_bytes), or with a random one."""
-
-    deme: Genomes | None = None
-
-
-@dataclass(frozen=True)
-class Halt:
-    """Stop at once, whatever generation the other cells are in."""
-
-
-class Answered(NamedTuple):
-    """A neighbour has answered the question for its message, which was lost or is late."""
-
-    sender: int
-    payload: bytes
-
-
-@dataclass(frozen=True)
-class Propose:
-    """Propose that all cells stop, for a reason from outside the cell."""
-
-    reason: Reason
-
-
-@dataclass(frozen=True)
-class Waited:
-    """No message has come for a while."""
-
-
-@dataclass(frozen=True)
-class Asked:
-    """A neighbour asks for this cell's message of a generation; ``question`` is what the driver needs to answer it."""
-
-    generation: int
-    question: object
-
-
-Event = Start | Halt | Answered | Propose | Waited | Asked
-
-
-# Actions --------------------------------------------------------------------------------------------------------------
-Publish = bytes
-"""An encoded message for all neighbours. Plain bytes: an object around them would be made in each generation."""
-
-
-@dataclass(frozen=True)
-class Ask:
-    """Ask a neighbour for its message of a generation."""
-
-    neighbour: int
-    generation: int
-
-
-@dataclass(frozen=True)
-class Answer:
-    """Answer a neighbour's question with the message that it asked for."""
-
-    question: object
-    payload: bytes
-
-
-@dataclass(frozen=True)
-class Complain:
-    """Report that a neighbour's messages are refused; once for each neighbour and reason."""
-
-    sender: int
-    reason: str
-
-
-Message = tuple[int, bytes]
-"""A neighbour's encoded message, after the number of its cell."""
-
-Action = Publish | Ask | Answer | Complain | Report
 
 
 class Cell:
@@ -146,6 +69,7 @@ class Cell:
         # With the paper's spy the root alone sends its champion, for the spy; neighbours ignore it.
         self._tells_champion = plan.run.spy == "champion" or cell == ROOT
         self._outbox = Outbox(plan.limits.most_bytes)
+        self._stimuli = Stimuli()
         self._complaints: set[tuple[int, str]] = set()  # made already
         self._answered = 0  # messages that were kept from an answer, so had not come by themselves before
         self._answers_of_no_use = 0  # answers whose message had come by itself meanwhile
@@ -172,6 +96,7 @@ class Cell:
         in one call if there is nothing to send or report between them. If the problem's code fails, the cell fails.
         """
         actions: list[Action] = []
+        self._stimuli.note(self.rows.clock.item(), len(news), events)
         try:
             # Otherwise the compiled call below takes the news, without a step into Python in between.
             if news and (events or self.generations is None):
@@ -187,6 +112,9 @@ class Cell:
                     self._went_on(self.generations, news, actions)
         except EvaluationFailed as error:
             self._end("failed", str(error), actions)
+        except Exception as error:  # a mistake in this program, which ends the process
+            error.add_note(self._told())
+            raise
         return actions
 
     @property
@@ -240,6 +168,41 @@ class Cell:
         since = () if self.generations is None else self.generations.births()
         return (*self.rows.births, *since)
 
+    def validate(self) -> None:
+        """Check what must hold between any two steps. Tests call this after each of them; a node never does.
+
+        Raises:
+            AssertionError: if something does not hold; it says what, and what the cell was given lately.
+        """
+        self.inbox.validate()
+        if self.state in ("prepared", "failed"):
+            return
+        rows, now, stop_at = self.rows, self.rows.generation, self.rows.stop_at.item(0)
+        best, known = rows.fitness.min(), rows.messages.fitness.item(OWN, -1)
+        births = [birth.fitness for birth in self.births]
+        exchanges = now // self.plan.run.interval + 1
+        running, lockstep = self.state == "running", not self._is_async
+        for wrong, what in (
+            (not best > -np.inf, "a fitness is NaN or -inf"),
+            (known > best, "an individual is fitter than the champion"),
+            (rows.messages.fitness.item(OWN, 0) != best, "the first emigrant is not the fittest individual"),
+            (rows.messages.header.item(OWN, GENERATION) != now, "the message is of another generation"),
+            (not 0 <= rows.better_at.item(0) <= now, "the champion became fitter in the future"),
+            (births != sorted(set(births), reverse=True), "an improvement is none"),
+            (self.room <= 0, "the history is full"),
+            (running and now >= stop_at, "the cell runs on after its last generation"),
+            (lockstep and now > stop_at, "the cell has bred after its last generation"),
+            (lockstep and running and self.sent != exchanges, "a message was left out, or sent twice"),
+            (self.sent > exchanges + self._is_async, "more messages were sent than there are"),
+            (lockstep and self.inbox.exchange != -(-now // self.plan.run.interval), "it expects another exchange"),
+        ):
+            assert not wrong, f"{what}\n{self._told()}"
+
+    def _told(self) -> str:
+        """Return what the cell was given lately, for an error."""
+        now = f"cell {self.cell}, {self.state}, in generation {self.rows.generation}"
+        return f"{now}; lately it was given:\n{self._stimuli}"
+
     def _take(self, events: Sequence[Event], actions: list[Action]) -> None:
         """Take events in their order, and append what follows to ``actions``."""
         for event in events:
@@ -270,7 +233,7 @@ class Cell:
             rows.begin(None if deme is None else deme[None])
             # Not before: the arrays that the compiled call shares are made by `begin`.
             if rows.problems[0].fitness_kernel is not None and capabilities().numba_calls:
-                from node.generation import Generations
+                from node.engine.generation import Generations
 
                 self.generations = Generations(
                     plan, rows, self.inbox, self._history, self._tells_champion, self._outbox

@@ -5,6 +5,7 @@ caches then hold little that helps anyone, and some nodes breed often while othe
 pinned to one core each take turns evenly, and most neighbours share a core.
 """
 
+import contextlib
 import os
 import time
 
@@ -36,6 +37,30 @@ def core_of(wiring: Wiring, cell: int) -> int | None:
 def share_cores(nodes: int) -> bool:
     """Return whether a host of so many nodes pins each of them to a core."""
     return nodes >= _CROWD * len(CORES)
+
+
+class Pinning:
+    """The core of this process's two threads, and the main thread's time slice, as they were asked for last.
+
+    Attributes:
+        network_thread: the id of Zenoh's thread; until that is known 0, which the kernel takes for the calling thread.
+    """
+
+    def __init__(self) -> None:
+        self.network_thread = 0
+        self._core: int | None = None
+        self._turns = 0.0
+
+    def pin(self, core: int | None, seconds: float) -> None:
+        """Pin both threads to a core, or to none, and ask for time slices of ``seconds`` for the main thread."""
+        if seconds != self._turns:
+            self._turns = seconds
+            linux.ask_for_turns(seconds)
+        if core != self._core:
+            self._core = core
+            with contextlib.suppress(OSError):  # the core has been taken from this process, for instance by a cpuset
+                for thread in (os.getpid(), self.network_thread):
+                    os.sched_setaffinity(thread, CORES if core is None else {core})
 
 
 def take_turns() -> None:

@@ -1,6 +1,6 @@
 """The fast path of an exchange: compiled code from the neighbours' messages to the cell's own, with no Python between.
 
-`node.process` opens it while a cell needs nothing but sound messages and breeding, and closes it for everything else,
+`node.driver` opens it while a cell needs nothing but sound messages and breeding, and closes it for everything else,
 which then takes the ordinary path in Python. What the fast path does depends on the mode:
 
     - In lockstep the callback of a message reads it into the inbox. The last neighbour's message also breeds and
@@ -59,26 +59,40 @@ from lowlevel.clocks import monotonic_nanoseconds
 from lowlevel.compiled import c_function, subroutine
 from lowlevel.pointers import integers_at
 from node.assignment import MANY_UNREAD, Assignment
-from node.generation import (
-    PLACES,
+from node.engine import cell_table
+from node.engine.generation import (
     breed_on,
     inbox_of,
-    lacks,
     next_message_replaces_it,
     nothing_bred,
     only_a_message,
     take_back,
 )
-from node.inbox import take_in_one
+from node.engine.inbox import take_in_one
+from node.engine.layout import RowLayout
+from node.engine.rule import lacks
 
-# Columns of the path. Numbers: the address of the cell's table of pointers (0: the path is closed), how often it has
-# been opened, generations left before Python must take a step, the most to breed at once, the end of the turn in ns,
-# and a struct timespec.
-_TABLE, _OPENINGS, _LEFT, _MOST, _OVER_AT, _SECONDS, _NANOSECONDS = range(7)
-# Addresses of objects: the list of news (0 in lockstep), functions that acquire and release the turn lock, the links,
-# the function for the rest of the work, and constants.
-_NEWS, _ACQUIRE, _RELEASE, _LINKS, _GO_ON, _PAYLOAD, _PUBLISH, _NONE, _TRUE = range(7, 16)
-_PLACES = 16
+_PATH = RowLayout()
+_TABLE = _PATH.column("table")  # the address of the cell's table of pointers; 0: the path is closed
+_OPENINGS = _PATH.column("openings")  # how often the path has been opened
+_LEFT = _PATH.column("left")  # generations left before Python must take a step
+_MOST = _PATH.column("most")  # generations to breed at once
+_OVER_AT = _PATH.column("over_at")  # the end of the turn, in ns
+_SECONDS = _PATH.column("seconds")  # with the next one a struct timespec
+_NANOSECONDS = _PATH.column("nanoseconds")
+# Addresses of objects of the assignment.
+_NEWS = _PATH.column("news")  # the list; 0 in lockstep
+_ACQUIRE = _PATH.column("acquire")  # acquires the turn lock, if that is free
+_RELEASE = _PATH.column("release")
+_LINKS = _PATH.column("links")
+_GO_ON = _PATH.column("go_on")  # does the rest of the work
+# Addresses of constants.
+_PAYLOAD = _PATH.column("payload")
+_PUBLISH = _PATH.column("publish")
+_NONE = _PATH.column("none")
+_TRUE = _PATH.column("true")
+_PLACES = len(_PATH)
+_CELL_PLACES = len(cell_table.TABLE)
 _PUBLISH_NAME = sys.intern("publish")
 _own = struct.Struct("<2q")  # what belongs to one callback: the path's address and the sender's cell
 
@@ -177,7 +191,7 @@ def _end_turn(own: int, path_at: int) -> Any:
     path = integers_at(integer(path_at), 1, _PLACES)[0]
     if path[_TABLE] == 0:  # closed since Python looked
         return new_ref(path[_NONE])
-    table = integers_at(path[_TABLE], PLACES, 3)
+    table = integers_at(path[_TABLE], _CELL_PLACES, 3)
     nothing_bred(table)
     if not _take_news(path, table):
         return new_ref(path[_NONE])
@@ -215,7 +229,7 @@ def _hear(own: int, sample: int) -> Any:
         return call(otherwise, sample)
     if is_async:
         return _put_among_news(path, message)
-    table = integers_at(path[_TABLE], PLACES, 3)
+    table = integers_at(path[_TABLE], _CELL_PLACES, 3)
     # This needs no turn lock: in lockstep Python steps the cell only while the path is closed.
     heard = take_in_one(inbox_of(table), content(message), its[1]) > 0
     decref(message)
@@ -235,9 +249,13 @@ class FastPath:
     def __init__(self) -> None:
         self._path = np.zeros((1, _PLACES), np.int64)
         self._address: int = self._path.ctypes.data
-        self._path[0, _PAYLOAD:] = addresses(PAYLOAD_NAME, _PUBLISH_NAME, None, True)
+        self._point(payload=PAYLOAD_NAME, publish=_PUBLISH_NAME, none=None, true=True)
         self._for: Assignment | None = None
-        self._objects: tuple[object, ...] = ()  # keeps alive what the path holds addresses of
+        self._objects: dict[str, object] = {}  # keeps alive what the path holds addresses of
+
+    def _point(self, **objects: object) -> None:
+        """Write the addresses of objects into their columns."""
+        self._path[0, [_PATH.names.index(name) for name in objects]] = addresses(*objects.values())
 
     def make_handler(self, sender: int, ordinary: Callable[[Any], None]) -> Callable[[Any], None]:
         """Return the callback for a sender's samples; it calls ``ordinary`` with those that the path does not take.
@@ -262,7 +280,7 @@ class FastPath:
         """Close the path for an assignment and drop the references to it; requires the turn lock."""
         self.close(assignment)
         if assignment is self._for:
-            self._for, self._objects = None, ()
+            self._for, self._objects = None, {}
 
     def open(self, assignment: Assignment, go_on: Callable[[Assignment], None]) -> None:
         """Let the fast path take the assignment's messages, if its generations are compiled and (in lockstep) short.
@@ -281,9 +299,14 @@ class FastPath:
             return
         if assignment is not self._for:
             turn = assignment.turn
-            objects = (partial(turn.acquire, False), turn.release, assignment.links, partial(go_on, assignment))
+            objects = {
+                "acquire": partial(turn.acquire, False),
+                "release": turn.release,
+                "links": assignment.links,
+                "go_on": partial(go_on, assignment),
+            }
             self._path[0, _NEWS] = 0 if assignment.in_lockstep else id(assignment.news)
-            self._path[0, _ACQUIRE:_PAYLOAD] = addresses(*objects)
+            self._point(**objects)
             self._for, self._objects = assignment, objects
         # One generation short of a full history: the ordinary path breeds that one, digests, and looks at the clock.
         self._path[0, _LEFT], self._path[0, _MOST] = assignment.cell.room - 1, assignment.most

@@ -12,11 +12,12 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from genetics import Cells, Fitness, Genomes
-from node.cell import Action, Cell, Event, Message, Propose, Publish, Start
-from node.history import History
-from node.kernels import delay
+from node.cell import Cell
+from node.engine.history import History
+from node.engine.kernels import delay
+from node.engine.rows import Rows
+from node.events import Action, Event, Message, Propose, Publish, Start
 from node.plan import Plan
-from node.rows import Rows
 from problems.guard import reported
 from topologies import ROOT
 from wire.exchange import Champion, Messages

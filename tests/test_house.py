@@ -77,7 +77,8 @@ HARMLESS = {
 }
 PURE = [
     *(path for path in MODULES if path.relative_to(ROOT).parts[0] in ("topologies", "genetics")),
-    *(ROOT / "node" / f"{name}.py" for name in ("cell", "generation", "history", "inbox", "kernels", "plan", "rows")),
+    *(ROOT / "node" / f"{name}.py" for name in ("cell", "events", "plan", "stimuli")),
+    *(ROOT / "node" / "engine").glob("*.py"),
     *(ROOT / "coordinator" / "jobs" / f"{name}.py" for name in ("scheduler", "states")),
 ]
 # What only lowlevel/ may use: modules, and names of private parts of numba, CPython and Linux.
@@ -171,6 +172,12 @@ def test_a_room_says_in_a_page_what_happens_in_it_and_where_to_begin(package):
 def test_tests_mirror_the_rooms(package):
     folders = {path.name for path in (ROOT / "tests" / package).iterdir() if any(path.glob("test_*.py"))}
     assert folders <= ROOMS[package].keys()
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "node" / "engine").glob("*.py")), ids=name_of)
+def test_the_engine_uses_nothing_of_what_is_around_it_but_the_plan(path):
+    used = {name for name in imports_of(path) if name.startswith("node.")}
+    assert {name for name in used if name.split(".")[1] not in ("engine", "plan")} == set()
 
 
 def test_the_search_for_imports_finds_every_way_to_import(tmp_path, monkeypatch):

@@ -27,7 +27,7 @@ class Proposal(NamedTuple):
 
 
 MOST_BIRTHS = 1024
-"""The most births in the report of one cell; `node.kernels.is_noted` lets no cell note more."""
+"""The most births in the report of one cell; `node.engine.kernels.is_noted` lets no cell note more."""
 
 
 class Birth(NamedTuple):

@@ -1,13 +1,13 @@
-"""A node's process without a network: tests hand it messages, and see what it publishes."""
+"""A node's data path without a network: tests hand it messages, and see what it publishes."""
 
 import math
-import queue
 from types import SimpleNamespace
 
 from node import Cell
 from node.assignment import Assignment
-from node.cell import Start
-from node.process import NodeProcess, fast_path
+from node.driver import Driver, make_fast_path
+from node.events import Start
+from node.telemetry import Telemetry
 from node.turn_taking import TurnTaking
 from wire.control import Wiring
 
@@ -22,7 +22,7 @@ class Counted(Assignment):
         return super().step()
 
 
-class LoneNode(NodeProcess):
+class LoneNode:
     """A cell after its start, whose neighbours are played by the test.
 
     Attributes:
@@ -30,23 +30,23 @@ class LoneNode(NodeProcess):
         done: what the main thread was asked to carry out.
     """
 
-    def __init__(self, plan, cell, kind=Counted, inline=True):
+    def __init__(self, plan, cell, kind=Counted, inline=True, core_tokens=()):
         self.published, self.done = [], []
-        links = SimpleNamespace(
-            cell=cell, wiring=Wiring(0, tuple(range(plan.topology.cells))), publish=self.published.append
-        )
-        self.coming, self.queue, self._turn_taking, self._fast_path = (
-            None,
-            queue.SimpleQueue(),
-            TurnTaking({}),
-            fast_path(),
-        )
-        self._core, self._turns, self._stats_due = None, 0.0, math.inf
-        self.assignment = kind(Cell(plan, cell, job=1), links)
+        self.fast_path, self.turn_taking = make_fast_path(), TurnTaking(dict(core_tokens))
+        telemetry = Telemetry(cell, self.published.append, self.published.append)
+        telemetry.due = math.inf  # never
+        self.driver = Driver(self.carry_out, telemetry, self.turn_taking, self.fast_path, lambda *_: None)
+        wiring = Wiring(0, tuple(range(plan.topology.cells)))
+        links = SimpleNamespace(cell=cell, wiring=wiring, publish=self.published.append)
+        self.driver.enter(kind(Cell(plan, cell, job=1), links))
         self.assignment.events.append(Start())
         self.published += self.assignment.step()
         self.assignment.inline, self.assignment.steps = inline, 0
-        self.handlers = {other: self.make_handler(other) for other in self.assignment.cell.neighbours}
+        self.handlers = {other: self.driver.make_handler(other) for other in self.assignment.cell.neighbours}
+
+    @property
+    def assignment(self):
+        return self.driver.assignment
 
     @property
     def generation(self):
@@ -54,22 +54,23 @@ class LoneNode(NodeProcess):
 
     def hears(self, sender, payload):
         """By the ordinary way."""
-        self._hear(sender, SimpleNamespace(payload=SimpleNamespace(to_bytes=lambda: payload)))
+        self.driver.hear(sender, SimpleNamespace(payload=SimpleNamespace(to_bytes=lambda: payload)))
 
     def gets(self, sender, payload):
         """As from Zenoh."""
         self.handlers[sender](SimpleNamespace(payload=Payload(payload)))
 
+    def carries_on(self):
+        """As the main thread does."""
+        self.driver.carry_on(self.assignment)
+
     def run_queued(self):
         """As the main thread does."""
-        while not self.queue.empty():
-            self.queue.get_nowait()()
+        while not self.driver.queue.empty():
+            self.driver.queue.get_nowait()()
 
-    def _carry_out(self, assignment, action):
+    def carry_out(self, assignment, action):
         self.done.append(action)
-
-    def _keep_to(self, assignment):
-        """These threads are the test's."""
 
 
 class Payload:

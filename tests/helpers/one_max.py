@@ -4,7 +4,7 @@ import numpy as np
 
 from genetics import BitString
 from node import Cell, Plan
-from node.cell import Propose, Publish, Start
+from node.events import Propose, Publish, Start
 from problems import Problem, Run
 from wire.report import Report
 

@@ -8,8 +8,8 @@ from one_max import plan_of
 
 from node import Cell, Plan
 from node.assignment import Assignment
-from node.cell import Halt, Start
 from node.cpu_affinity import LONG
+from node.events import Halt, Start
 from problems import Run
 from problems.function import Function
 from wire.control import Wiring

@@ -8,7 +8,7 @@ from exchanges import Emigrant, decode
 from one_max import Bus, OneMax, plan_of
 
 from node import Cell, Plan
-from node.cell import Answer, Answered, Ask, Asked, Complain, Halt, Propose, Publish, Start, Waited
+from node.events import Answer, Answered, Ask, Asked, Complain, Halt, Propose, Publish, Start, Waited
 from problems import Run
 from wire.exchange import NEVER, Champion
 from wire.report import Report

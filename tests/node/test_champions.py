@@ -5,7 +5,7 @@ import pytest
 from one_max import plan_of
 
 from node import simulate
-from node.rows import Rows
+from node.engine.rows import Rows
 from wire.exchange import Messages
 
 

@@ -14,9 +14,8 @@ from lone_node import LoneNode
 from lowlevel import capabilities
 from node import Cell, Plan, simulate
 from node.assignment import MANY_UNREAD, Coming
-from node.cell import Ask, Complain, Start, Waited
 from node.core_token import CoreToken
-from node.turn_taking import TurnTaking
+from node.events import Ask, Complain, Start, Waited
 from problems import Run
 from problems.function import Function
 from wire.report import Report
@@ -63,7 +62,7 @@ class Torus:
     def collect(self, number):
         node = self.nodes[number]
         while not node.assignment.inline and node.assignment.busy:  # this machine has been slow for once
-            node._carry_on(node.assignment)
+            node.carries_on()
         for payload in node.published:
             for other in node.assignment.cell.neighbours:
                 self.on_their_way[number, other].append(payload)
@@ -80,14 +79,14 @@ class Torus:
             node.gets(sender, payload)
         elif what == "waited":
             assignment.events.append(Waited())
-            node._carry_on(assignment)
+            node.carries_on()
         elif what == "main thread":
-            node._carry_on(assignment)
+            node.carries_on()
         else:
             with assignment.turn:
                 node.gets(sender, payload)
             while assignment.busy:
-                node._carry_on(assignment)
+                node.carries_on()
 
 
 @pytest.mark.parametrize("name", PROBLEMS)
@@ -102,7 +101,7 @@ def test_nodes_report_what_the_simulator_does(shape, name):
             plan = plan_of(name, **rule)
             torus = Torus(plan, number)
             assert torus.run() == simulate(plan), rule
-            assert all(node.queue.empty() for node in torus.nodes)
+            assert all(node.driver.queue.empty() for node in torus.nodes)
 
 
 def test_hardly_any_generation_goes_the_ordinary_way():
@@ -134,9 +133,7 @@ def in_async(**run):
 
 def waiting_for_turns(plan):
     """The root of nodes that share one core."""
-    node = LoneNode(plan, 0, inline=False)
-    node._turn_taking = TurnTaking({0: CoreToken(1.0)})
-    return node
+    return LoneNode(plan, 0, inline=False, core_tokens={0: CoreToken(1.0)})
 
 
 @pytest.mark.parametrize("bad", [False, True])
@@ -155,7 +152,7 @@ def test_a_turn_is_the_same_as_its_generations_one_by_one(one_core, end, bad):
         if bad and rng.random() < 0.5:
             node.gets(1, b"bad")
         news, before = list(assignment.news), node.generation
-        node._carry_on(assignment)
+        node.carries_on()
         in_turns += node.generation > before + 1
         for generation in range(before, node.generation):
             wanted += cell.step(news if generation == before else [])
@@ -169,7 +166,7 @@ def test_a_turn_is_the_same_as_its_generations_one_by_one(one_core, end, bad):
 
 def test_in_async_mode_messages_are_put_among_the_news(one_core):
     node = waiting_for_turns(in_async(generations=1000))
-    node._carry_on(node.assignment)
+    node.carries_on()
     payloads = [bytes([number]) * 9 for number in range(MANY_UNREAD)]
     for payload in payloads[:-1]:
         node.gets(1, payload)
@@ -185,14 +182,14 @@ def test_in_async_mode_messages_are_put_among_the_news(one_core):
 
 def test_in_async_mode_an_epoch_to_come_hears_its_messages(one_core):
     node = waiting_for_turns(in_async(generations=1000))
-    node._carry_on(node.assignment)
-    node.coming = Coming(1, node.assignment.cell.plan, None, None, b"")
-    node._carry_on(node.assignment)
+    node.carries_on()
+    node.driver.coming = Coming(1, node.assignment.cell.plan, None, None, b"")
+    node.carries_on()
     node.gets(1, b"for any epoch")
-    assert node.coming.news == node.assignment.news == [(1, b"for any epoch")]
-    node.coming = None
-    node._carry_on(node.assignment)
-    assert node._fast_path.is_open(node.assignment)
+    assert node.driver.coming.news == node.assignment.news == [(1, b"for any epoch")]
+    node.driver.coming = None
+    node.carries_on()
+    assert node.fast_path.is_open(node.assignment)
 
 
 @pytest.mark.parametrize("payload", ["good", "bad"])
@@ -209,10 +206,10 @@ def test_what_comes_during_a_turn_is_looked_at_in_it(one_core, payload):
         said += sender.step()
         over = threading.Event()
         telling = threading.Thread(target=tell_in_turn, args=(node, said[-1] if payload == "good" else b"bad", over))
-        in_turn = assignment.hands_on and node._fast_path.is_open(assignment) and not assignment.is_to_be_measured
+        in_turn = assignment.hands_on and node.fast_path.is_open(assignment) and not assignment.is_to_be_measured
         before, kept, refused = node.generation, inbox.kept, inbox.refused
         telling.start()
-        node._carry_on(assignment)
+        node.carries_on()
         over.set()
         telling.join()
         if in_turn and node.generation > before + 1 and payload == "good":
@@ -221,9 +218,9 @@ def test_what_comes_during_a_turn_is_looked_at_in_it(one_core, payload):
             assert inbox.refused == refused
             turns += assignment.news[-1:] == [(1, b"bad")]
         while assignment.news:
-            node._carry_on(assignment)
+            node.carries_on()
     assert turns == 3
-    node._turn_taking.hand_on()
+    node.turn_taking.hand_on()
     assert assignment.cell.sent == len(node.published)
 
 
@@ -276,8 +273,8 @@ def test_the_path_opens_while_a_message_is_on_its_ordinary_way(before):
 
     def steps():
         node.assignment.events.append(Waited())
-        node._carry_on(node.assignment)
-        assert node._fast_path.is_open(node.assignment)
+        node.carries_on()
+        assert node.fast_path.is_open(node.assignment)
 
     news.steps, news.before = steps, before
     node.hears(*third)
@@ -291,9 +288,9 @@ def test_a_message_of_the_next_epoch_waits_for_it(pair):
     plan = plan_of("onemax", topology="torus 1x2", target=-1.0, generations=1000)
     plan = type(plan)(plan.problem, plan.run, 1)
     (early,) = LoneNode(plan, 1).published
-    one.coming = Coming(1, plan, None, None, b"")
+    one.driver.coming = Coming(1, plan, None, None, b"")
     one.gets(1, early)
-    assert (one.coming.news, one.generation) == ([(1, early)], 5)
+    assert (one.driver.coming.news, one.generation) == ([(1, early)], 5)
     one.gets(1, other.published.pop(0))
     assert one.generation == 6
 
@@ -303,7 +300,7 @@ def test_while_another_thread_has_the_turn_nothing_is_bred(pair):
     with one.assignment.turn:
         one.gets(1, other.published.pop(0))
         assert (one.generation, one.assignment.busy) == (5, True)
-    one._carry_on(one.assignment)
+    one.carries_on()
     assert one.generation == 6
 
 
@@ -331,16 +328,15 @@ def test_who_publishes_may_change(pair):
 def test_a_step_for_the_epoch_before_leaves_this_one_its_fast_path(pair):
     one, other = pair
     past = LoneNode(plan_of("onemax", topology="torus 1x2", generations=10), 0).assignment
-    one._carry_on(past)
+    one.driver.carry_on(past)
     one.gets(1, other.published.pop(0))
     assert (one.generation, one.assignment.steps) == (6, 1)
 
 
 def test_a_job_that_is_forgotten_hears_nothing_more(pair):
     one, other = pair
-    one.links, one.past = one.assignment.links, None
     cell = one.assignment.cell
-    one._forget(1)
+    one.driver.leave(one.assignment)
     one.gets(1, other.published.pop(0))
     assert (one.assignment, cell.rows.generation, cell.inbox.lacking()) == (None, 5, 1)
 
@@ -357,7 +353,7 @@ def test_what_is_no_sample_is_an_error_of_the_caller(pair):
 
 def test_no_object_is_kept_or_given_back_twice(pair):
     one, other = pair
-    objects = [None, True, False, "payload", "publish", *one._fast_path._objects]
+    objects = [None, True, False, "payload", "publish", *one.fast_path._objects]
     payloads = []
     before = [sys.getrefcount(each) for each in objects]
     for _ in range(2000):
@@ -392,16 +388,16 @@ def test_a_path_that_is_closed_while_a_payload_is_read_takes_no_message(mode):
     """Thousands of times, by another thread: each message must go the ordinary way, and none be lost or taken twice."""
     plan = plan_of("onemax", topology="torus 2x3", mode=mode, target=-1.0, generations=100_000)
     node = LoneNode(plan, 0, inline=mode == "lockstep")
-    node._open_fast_path(node.assignment)
+    node.carries_on()
     sender = node.assignment.cell.neighbours[0]
     payload = Torus(plan, 1).nodes[sender].published[0]
     ordinary, asked, closed = [], threading.Semaphore(0), threading.Semaphore(0)
-    handler = node._fast_path.make_handler(sender, ordinary.append)
+    handler = node.fast_path.make_handler(sender, ordinary.append)
 
     def close():
         for _ in range(TIMES):
             asked.acquire()
-            node._fast_path.close(node.assignment)
+            node.fast_path.close(node.assignment)
             closed.release()
 
     def meanwhile():
@@ -412,8 +408,8 @@ def test_a_path_that_is_closed_while_a_payload_is_read_takes_no_message(mode):
     closer.start()
     received = node.assignment.cell.inbox.kept
     for _ in range(TIMES):
-        node._fast_path.open(node.assignment, node._go_on)
-        assert node._fast_path.is_open(node.assignment)
+        node.fast_path.open(node.assignment, pytest.fail)
+        assert node.fast_path.is_open(node.assignment)
         handler(SimpleNamespace(payload=PassesTheLock(payload, meanwhile)))
     closer.join()
     assert len(ordinary) == TIMES
@@ -429,12 +425,11 @@ def test_an_assignment_that_is_forgotten_while_a_payload_is_read_is_not_touched(
     ordinary = []
     for _ in range(20):
         node = LoneNode(plan, 0, inline=mode == "lockstep")
-        handler = node._fast_path.make_handler(1, ordinary.append)
-        node._open_fast_path(node.assignment)
+        handler = node.fast_path.make_handler(1, ordinary.append)
+        node.carries_on()
 
         def forget(node=node):
-            node._fast_path.forget(node.assignment)
-            node.assignment = None
+            node.driver.leave(node.assignment)
             gc.collect()
 
         handler(SimpleNamespace(payload=PassesTheLock(payload, forget)))

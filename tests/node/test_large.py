@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from genetics import breeding
-from node import history, simulate
-from node.history import History
+from node import simulate
+from node.engine import history
+from node.engine.history import History
 from node.plan import Plan
 from problems.file import parse
 

@@ -4,7 +4,7 @@ import numpy as np
 from one_max import plan_of
 
 from node import simulate
-from node.rows import Rows
+from node.engine.rows import Rows
 from wire.exchange import Messages
 
 

@@ -6,8 +6,8 @@ import msgpack
 
 from node import Cell, Plan
 from node.assignment import Assignment
-from node.cell import Halt, Publish, Start
 from node.core_token import CoreToken
+from node.events import Halt, Publish, Start
 from node.turn_taking import TurnTaking
 from problems import Run
 from problems.function import Function
@@ -37,7 +37,7 @@ class Node:
         self.published.append((fields[3], fields[7][0]))
 
     def breeds(self):
-        """One generation, as `node.process` does."""
+        """One generation, as `node.driver` does."""
         self.turn_taking.take_over(self.assignment)
         for action in self.assignment.cell.step():
             if type(action) is Publish:

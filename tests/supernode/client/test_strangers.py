@@ -186,9 +186,10 @@ def test_nodes_and_spy_know_themselves_which_modules_they_may_import(tmp_path):
     router_endpoint = f"tcp/127.0.0.1:{free_port()}"
     with contextlib.closing(sessions.router([router_endpoint])):
         config = NodeConfig("c1", 0, "", tmp_path, router_endpoint, bytes(32), Modules(["own"], tmp_path))
-        for process in (NodeProcess(config), SpyProcess(config)):
+        node, spy = NodeProcess(config), SpyProcess(config)
+        for process, prepare in ((node, node.epochs.prepare), (spy, spy._prepare)):
             with contextlib.closing(process.control):
-                answer = process._prepare(preparation("evil_module:Problem", tmp_path))
+                answer = prepare(preparation("evil_module:Problem", tmp_path))
                 assert (answer.blame, "--allow-module evil_module" in answer.message) == ("input", True)
     assert not ran.exists()
 

@@ -12,7 +12,7 @@ import numpy as np
 from genetics import Cells, Fitness, Genomes
 from genetics.breeding import Evaluators, breed, evaluate_all
 from genetics.coding import Immigrants
-from node.kernels import merge_champions, prepare_messages
+from node.engine.kernels import merge_champions, prepare_messages
 from node.plan import Plan
 from problems.guard import guarded
 from topologies import ROOT
@@ -28,7 +28,7 @@ MOST_TOLD = 4096
 class Rows:
     """The demes of ``cells``, shape (rows,), all in the same generation.
 
-    `node.generation` uses the arrays by their addresses, so after `begin` they are changed in place only.
+    `node.engine.generation` uses the arrays by their addresses, so after `begin` they are changed in place only.
 
     Attributes:
         plan: the plan of the epoch.
@@ -39,7 +39,7 @@ class Rows:
         births: the improvements noted, generation by generation; with more than `MOST_TOLD` rows only the best of each.
         clock: the generation of all rows, shape (1,), an array so that compiled code can advance it.
         limit: the generation after which all rows stop by themselves; `NEVER` if there is none.
-        noted: for each row what `node.kernels.is_noted` keeps, shape (rows, 2).
+        noted: for each row what `node.engine.kernels.is_noted` keeps, shape (rows, 2).
         problems: each row's own problem object if evaluating leaves a state in it, else the same one for all.
     """
 

@@ -6,7 +6,7 @@ import struct
 import numpy as np
 import pytest
 
-from node.history import _RECORDS, History
+from node.engine.history import _RECORDS, History
 
 
 def lives(rows, deme, genome_bytes, generations):

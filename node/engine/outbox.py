@@ -10,7 +10,7 @@ from genetics import Genomes
 class Outbox:
     """Room for two messages: the one with an even number in place 0, the one with an odd number in place 1.
 
-    Compiled code (`node.generation`) writes into the same arrays, so they are never replaced.
+    Compiled code (`node.engine.generation`) writes into the same arrays, so they are never replaced.
 
     Attributes:
         room: the encoded messages, shape (2, bytes).

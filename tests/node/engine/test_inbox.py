@@ -8,8 +8,8 @@ import pytest
 from exchanges import Emigrant, Exchange, decode, read_slowly
 from one_max import plan_of
 
-from node.inbox import NEXT, Inbox
-from node.kernels import PUBLISHED
+from node.engine.inbox import NEXT, Inbox
+from node.engine.kernels import PUBLISHED
 from wire.exchange import Champion
 from wire.report import Staleness
 from wire.strict import Rejected

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from node.outbox import Outbox
+from node.engine.outbox import Outbox
 
 
 def put(payload):

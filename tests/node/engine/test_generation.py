@@ -15,7 +15,8 @@ from genetics import Recipe
 from genetics.operators import FITNESS, Operator
 from lowlevel.pointers import integers
 from node import Plan, simulate
-from node.cell import Cell, Publish, Start
+from node.cell import Cell
+from node.events import Publish, Start
 from problems import Run
 from problems.function import Function
 from wire.report import Report

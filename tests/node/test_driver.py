@@ -7,8 +7,8 @@ from lone_node import LoneNode
 
 from node import Cell, Plan
 from node.assignment import MANY_UNREAD, Assignment
-from node.cell import Answered, Ask, Publish, Start, Waited
-from node.process import _MOST_UNREAD
+from node.driver import MOST_UNREAD
+from node.events import Answered, Ask, Publish, Start, Waited
 from problems import Run
 from problems.function import Function
 from wire.control import Wiring
@@ -97,12 +97,12 @@ def test_a_message_that_was_lost_comes_as_an_answer():
 
 def test_many_messages_are_read_whoever_has_sent_nothing():
     node = Node()
-    for _ in range(_MOST_UNREAD):
+    for _ in range(MOST_UNREAD):
         node.hears(5, b"bad")
     assert node.assignment.steps == 0
     node.hears(5, b"bad")
     assert (node.assignment.steps, node.assignment.news) == (1, [])
-    assert node.assignment.cell.inbox.refused == _MOST_UNREAD + 1
+    assert node.assignment.cell.inbox.refused == MOST_UNREAD + 1
 
 
 def test_in_async_mode_many_messages_are_read_before_the_cell_breeds_again():
@@ -115,8 +115,8 @@ def test_in_async_mode_many_messages_are_read_before_the_cell_breeds_again():
     assert (node.generation, node.assignment.steps, node.assignment.news) == (before, 0, [])
     assert (node.assignment.cell.inbox.refused, node.assignment.cell.inbox.kept) == (MANY_UNREAD - 1, 1)
     (complaint,) = Cell(IN_ASYNC, 9, job=1).hear([(5, b"bad")])
-    assert node.queue.get_nowait().args == (node.assignment, complaint)
-    assert node.queue.empty()
+    assert node.driver.queue.get_nowait().args == (node.assignment, complaint)
+    assert node.driver.queue.empty()
     assert not node.assignment.turn.locked()
 
 
@@ -141,7 +141,7 @@ def test_what_goes_wrong_in_reading_ends_the_process(monkeypatch):
     for _ in range(MANY_UNREAD):
         node.hears_of(0, 5)
     with pytest.raises(ZeroDivisionError):
-        node.queue.get_nowait()()
+        node.driver.queue.get_nowait()()
     assert not node.assignment.turn.locked()
 
 
@@ -157,9 +157,9 @@ def test_what_comes_while_another_thread_is_at_it_is_not_forgotten():
 def test_the_main_thread_is_woken_for_generations_that_take_long():
     node = Node(inline=False)
     node.hears_of(0, *NEIGHBOURS[:3])
-    assert node.queue.empty()
+    assert node.driver.queue.empty()
     node.hears_of(0, NEIGHBOURS[3])
-    assert (node.queue.qsize(), node.assignment.steps, node.assignment.busy) == (1, 0, True)
+    assert (node.driver.queue.qsize(), node.assignment.steps, node.assignment.busy) == (1, 0, True)
 
 
 class Steps(list):

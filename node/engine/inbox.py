@@ -17,24 +17,51 @@ import numpy as np
 from numba import types
 
 from genetics import Cells
-from genetics.operators import TABLE, Table, pointers
+from genetics.operators import TABLE, Table
 from lowlevel.compiled import kernel, subroutine
 from lowlevel.pointers import integers, octets, octets_of, reals
-from node.kernels import OWN, PUBLISHED, note_staleness
+from node.engine.kernels import OWN, PUBLISHED, note_staleness
+from node.engine.layout import RowLayout, TableLayout
 from node.plan import Plan
 from wire.exchange import Messages
 from wire.exchange_kernels import EPOCH, GENERATION, JOB, PAYLOAD, SENT, only_emigrants, read_message
 from wire.report import Staleness
 
-# What an inbox counts: the number of the next exchange, spare rows, neighbours whose messages for that exchange have
-# not come (in lockstep), and messages kept, refused, lost (in async mode), and sound but of no use, such as repeats.
-NEXT, _SPARE, LACKING, _KEPT, _REFUSED, _LOST, _OF_NO_USE = range(7)
+# What an inbox counts.
+_COUNT = RowLayout()
+NEXT = _COUNT.column("next")  # the number of the next exchange
+_SPARE = _COUNT.column("spare")  # rows that are free
+LACKING = _COUNT.column("lacking")  # in lockstep the neighbours whose messages for that exchange have not come
+_KEPT = _COUNT.column("kept")  # messages
+_REFUSED = _COUNT.column("refused")
+_LOST = _COUNT.column("lost")  # in async mode
+_OF_NO_USE = _COUNT.column("of_no_use")  # sound, but repeated or out of time
 
-# Places in the table of pointers; `Inbox._kept` lists the arrays in the same order.
-_HEADER, _GENOMES, _FITNESS, _MASK, _LOW, _HIGH, _ITEMS, _NAMES, _SENDERS, _SOURCE_ROWS, _LATEST, _SPARES = range(12)
-_COUNTS, _LIMITS = 12, 13
-# Columns of the limits; the interval is 0 in async mode.
-_MOST_BYTES, _CELLS, _JOB, _EPOCH, _INTERVAL, _CHAMPIONS = range(6)
+# The table by which compiled code finds an inbox's arrays.
+_TABLE = TableLayout()
+_HEADER = _TABLE.integers("header")  # the rows of `Inbox.messages`
+_GENOMES = _TABLE.octets("genomes")
+_FITNESS = _TABLE.reals("fitness")
+_MASK = _TABLE.octets("mask")  # what a genome may be, see `wire.exchange.Alphabet`
+_LOW = _TABLE.reals("low")
+_HIGH = _TABLE.reals("high")
+_ITEMS = _TABLE.integers("items")
+_NAMES = _TABLE.octets("names")  # (neighbours, slots): 1 where the slot names the neighbour
+_SENDERS = _TABLE.integers("senders")  # (neighbours,): their cells
+_SOURCE_ROWS = _TABLE.integers("source_rows")
+_LATEST = _TABLE.integers("latest")
+_SPARES = _TABLE.integers("spares")  # the rows that are free, as many as `_SPARE` says
+_COUNTS = _TABLE.integers("counts")  # the columns of `_COUNT`
+_LIMITS = _TABLE.integers("limits")  # the columns of `_LIMIT`
+
+# What messages must fit.
+_LIMIT = RowLayout()
+_MOST_BYTES = _LIMIT.column("most_bytes")
+_CELLS = _LIMIT.column("cells")
+_JOB = _LIMIT.column("job")
+_EPOCH = _LIMIT.column("epoch")
+_INTERVAL = _LIMIT.column("interval")  # 0 in async mode
+_CHAMPIONS = _LIMIT.column("champions")  # whether they may carry one
 
 _mark = struct.Struct("<2q").pack  # precedes each of several packed messages: its sender and its length
 
@@ -178,7 +205,7 @@ class Inbox:
         source_rows: for each slot the row of its message, shape (exchanges kept apart, slots).
         latest: shape (exchanges kept apart, neighbours). In lockstep 1 until the neighbour's message has come, then 0;
             in async mode the number of the neighbour's latest message.
-        counts: see the constants of this module, shape (7,).
+        counts: see the constants of this module, shape (columns,).
         used: in async mode the number of the message that each slot gave last, shape (slots,).
         staleness: in async mode the counts of `wire.report.Staleness`.
         lacking: in lockstep a function that returns how many neighbours' messages for the next exchange have not come.
@@ -203,26 +230,41 @@ class Inbox:
         self.used = np.zeros(len(slots), np.int64)
         self.staleness = np.zeros(len(Staleness._fields), np.int64)
         spare = np.arange(2, 3 + exchanges * others)  # one for each message that may be kept, and one to decode into
-        self.counts = np.zeros(7, np.int64)
-        self.counts[_SPARE] = len(spare)
-        self.counts[LACKING] = others
+        self.counts = _COUNT.zeros()
+        self.counts[_SPARE], self.counts[LACKING] = len(spare), others
         self.lacking = partial(self.counts.item, LACKING)
         self.messages = Messages.room(2 + len(spare), plan.coding.genome_bytes, plan.run.emigrants)
         names = np.array([[named == other for named in slots] for other in self.neighbours], np.uint8)
-        interval = plan.run.interval if self._lockstep else 0
-        champions = plan.run.spy == "champion"
-        self._kept: tuple[Any, ...] = (
-            *self.messages,
-            *(np.atleast_2d(each) for each in plan.limits.alphabet),
-            names.reshape(others, len(slots)),
-            np.array([self.neighbours], np.int64),
-            self.source_rows,
-            self.latest,
-            spare,
-            self.counts,
-            np.array([plan.limits.most_bytes, plan.limits.cells, job, plan.epoch, interval, champions]),
+        header, genomes, fitness = self.messages
+        mask, low, high, items = (np.atleast_2d(each) for each in plan.limits.alphabet)
+        # The table holds bare addresses: these arrays must live as long, and must never be replaced.
+        self._kept: dict[str, Any] = {
+            "header": header,
+            "genomes": genomes,
+            "fitness": fitness,
+            "mask": mask,
+            "low": low,
+            "high": high,
+            "items": items,
+            "names": names.reshape(others, len(slots)),
+            "senders": np.array([self.neighbours], np.int64),
+            "source_rows": self.source_rows,
+            "latest": self.latest,
+            "spares": spare,
+            "counts": self.counts,
+            "limits": self._limits_row(plan, job),
+        }
+        self.table = _TABLE.build(**self._kept)
+
+    def _limits_row(self, plan: Plan, job: int) -> Any:
+        return _LIMIT.build(
+            most_bytes=plan.limits.most_bytes,
+            cells=plan.limits.cells,
+            job=job,
+            epoch=plan.epoch,
+            interval=plan.run.interval if self._lockstep else 0,
+            champions=plan.run.spy == "champion",
         )
-        self.table = pointers(*self._kept)  # bare addresses: these arrays must never be replaced
 
     @property
     def kept(self) -> int:
@@ -244,9 +286,27 @@ class Inbox:
         """The number of messages that were sound, but too late, too early or repeated."""
         return self.counts.item(_OF_NO_USE)
 
+    @property
+    def exchange(self) -> int:
+        """In lockstep the number of the next exchange."""
+        return self.counts.item(NEXT)
+
+    def validate(self) -> None:
+        """Check that every row is either free or that of one neighbour's message, and the counts.
+
+        Raises:
+            AssertionError: if something does not hold.
+        """
+        free = self._kept["spares"][: self.counts.item(_SPARE)].tolist()
+        in_use = [set(rows) - {OWN, PUBLISHED} for rows in self.source_rows.tolist()]
+        rows = sorted([*free, *(row for exchange in in_use for row in exchange)])
+        assert rows == list(range(2, len(self.messages.header))), f"rows are lost, or used twice: {rows}"
+        assert not self._lockstep or self.lacking() == len(self.missing()), "another number is lacking than missing"
+        assert (self.counts >= 0).all(), f"negative counts: {self.counts}"
+
     def missing(self) -> set[int]:
         """Return, in lockstep, the neighbours whose messages for the next exchange have not come."""
-        return set(compress(self.neighbours, self._not_come[self.counts.item(NEXT) % 2]()))
+        return set(compress(self.neighbours, self._not_come[self.exchange % 2]()))
 
     def hear(self, news: Sequence[tuple[int, bytes]]) -> set[tuple[int, str]]:
         """Take in messages, each with its sender; return the senders of refused ones, each with the reason."""
@@ -271,7 +331,7 @@ class Inbox:
         In lockstep this also moves on to the next exchange; in async mode it notes how old the messages are.
         """
         if self._lockstep:
-            exchange = self.counts.item(NEXT) % 2
+            exchange = self.exchange % 2
             turn(self.latest, self.counts)
             return self.source_rows[exchange : exchange + 1]
         note_staleness(self.messages.header, self.source_rows[0], generation, self.used, self.staleness)

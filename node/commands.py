@@ -1,0 +1,92 @@
+"""The commands that a node takes from the coordinator and from neighbours, each answered at once or at a cell's end."""
+
+import json
+from functools import partial
+
+import zenoh
+
+from node.assignment import Assignment
+from node.driver import Driver
+from node.epochs import Epochs
+from node.events import Asked, Propose
+from node.events import Halt as Halted
+from node.fingerprint import fingerprint
+from node.queries import answer, drop
+from wire import control
+from wire.control import Begin, Command, Done, Drop, Halt, Look, Missed, Prepare, ProposeStop, Refused
+from wire.seal import Seal
+from wire.strict import Rejected
+
+
+class Commands:
+    """Decodes commands on the network thread, and carries them out on the main thread.
+
+    Args:
+        node: the node's number.
+        seal: opens sealed commands.
+        driver: its queue gets the commands; it holds the present epoch.
+        epochs: prepares, begins and leaves epochs.
+    """
+
+    def __init__(self, node: int, seal: Seal, driver: Driver, epochs: Epochs) -> None:
+        self._node = node
+        self._seal = seal
+        self._driver = driver
+        self._epochs = epochs
+
+    def take(self, query: zenoh.Query) -> None:
+        """Decode a command and queue it for the main thread, which carries it out. On the network thread."""
+        command: Command | Rejected
+        try:
+            payload = query.payload.to_bytes() if query.payload is not None else b""
+            command = control.decode(self._seal.open(str(query.key_expr), payload))
+        except Rejected as error:
+            command = error
+        else:
+            self._epochs.note(command)
+        self._driver.queue.put(partial(self._carry_out, query, command))
+
+    def _carry_out(self, query: zenoh.Query, command: Command | Rejected) -> None:
+        """Carry out a command and answer it; a command about a job or epoch unknown here gets no answer."""
+        if isinstance(command, Rejected):
+            answer(query, Refused(f"node {self._node}: bad command: {command.reason}"))
+        elif isinstance(command, Prepare):
+            if self._node in command.wiring.nodes:
+                answer(query, self._epochs.prepare(command))
+            else:
+                drop(query)
+        elif isinstance(command, Drop):
+            self._epochs.forget(command.job)
+            answer(query, Done())
+        elif isinstance(command, Begin):
+            self._epochs.begin(command, query)
+        elif isinstance(command, Look):
+            self._answer_look(command, query)
+        else:
+            for assignment in (self._driver.assignment, self._epochs.past):
+                if assignment is not None and (assignment.job, assignment.epoch) == (command.job, command.epoch):
+                    return self._obey(assignment, command, query)
+            drop(query)
+        return None
+
+    def _answer_look(self, command: Look, query: zenoh.Query) -> None:
+        """Answer a new coordinator that looks for the nodes of a job."""
+        if self._driver.assignment is not None and self._driver.assignment.job == command.job:
+            answer(query, Done(json.dumps({"cell": self._driver.assignment.cell.cell, "versions": fingerprint()})))
+        else:
+            drop(query)
+
+    def _obey(self, assignment: Assignment, command: Command, query: zenoh.Query) -> None:
+        """Carry out a command for an epoch that this node is in or has just left."""
+        if isinstance(command, ProposeStop):
+            assignment.events.append(Propose(command.reason))
+            answer(query, Done())
+        elif isinstance(command, Missed):
+            assignment.events.append(Asked(command.generation, query))
+            if assignment is self._epochs.past:  # `Driver.run` steps the present epoch only
+                self._driver.carry_on(assignment)
+        elif isinstance(command, Halt):
+            assignment.events.append(Halted())
+            self._epochs.answer_with_report(assignment, query)
+        else:
+            answer(query, Refused("that is a command for the spy"))

@@ -1,0 +1,153 @@
+"""The rule of one cell's generation, step by step, on the arrays of its table (`node.engine.cell_table`).
+
+A generation merges what the neighbours know, couples, varies, evaluates, replaces, and prepares the message (Ahuactzin
+et al. 1992, §3.1 and §6). Varying and evaluating are calls of a coding's and a problem's functions, so they are not
+here: `node.engine.generation` puts everything together.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from genetics.replacement import admit_row
+from genetics.selection import pair, pair_with
+from lowlevel.compiled import subroutine
+from lowlevel.pointers import blocks, integers, octets, reals
+from node.engine import cell_table as at
+from node.engine.flags import REACHED, STALLED, STOPS
+from node.engine.inbox import LACKING, NEXT, turn
+from node.engine.kernels import OWN, PUBLISHED, is_noted, merge_champion, note_staleness, prepare_message
+from wire.exchange_kernels import BIRTHPLACE, BORN, SENT, STOP_AT, write_message
+
+
+@subroutine
+def _message_genomes(table: Any) -> Any:
+    """Return the genomes of all messages, shape (rows, emigrants + 1, genome_bytes)."""
+    return blocks(table, at.GENOMES, reals(table, at.FITNESS).shape[1])
+
+
+@subroutine
+def merge_received(table: Any, settings: Any, now: Any) -> Any:
+    """Merge what the neighbours know into the cell's own message, if generation ``now`` follows an exchange.
+
+    Returns the row of each slot's message; between exchanges that of the last exchange.
+    """
+    counts, source_rows = integers(table, at.COUNTS)[0], integers(table, at.SOURCE_ROWS)
+    exchanges = source_rows.shape[0]  # kept apart: two in lockstep, one in async mode
+    if (now - 1) % settings[at.INTERVAL] != 0:
+        return source_rows[(counts[NEXT] - 1) % exchanges]  # `turn` has moved NEXT on already
+    source_row = source_rows[counts[NEXT] % exchanges]
+    header, genomes = integers(table, at.HEADER), _message_genomes(table)
+    fitness, better_at = reals(table, at.FITNESS), integers(table, at.BETTER_AT)[0]
+    if settings[at.LOCKSTEP]:
+        turn(integers(table, at.LATEST), counts)
+    else:
+        note_staleness(header, source_row, now - 1, integers(table, at.USED)[0], integers(table, at.STALENESS)[0])
+    merge_champion(header, genomes, fitness, better_at, OWN, now, header, genomes, fitness, source_row)
+    return source_row
+
+
+@subroutine
+def couple(table: Any, settings: Any, source_row: Any, now: Any) -> Any:
+    """Fill and return the couples.
+
+    A single individual is paired with each of its immigrants. An island first admits its immigrants after an exchange,
+    then pairs its own individuals.
+    """
+    deme, deme_fitness, paired = octets(table, at.DEME), reals(table, at.DEME_FITNESS)[0], blocks(table, at.COUPLES, 2)
+    heard, each = _message_genomes(table), settings[at.EMIGRANTS]
+    seed, cell = np.uint64(settings[at.SEED]), settings[at.CELL]
+    if deme_fitness.size == 1:
+        pair_with(deme[0], heard, source_row, each, paired)
+        return paired
+    if (now - 1) % settings[at.INTERVAL] == 0:
+        admit_row(deme, deme_fitness, heard, reals(table, at.FITNESS), source_row, each, OWN, seed, cell, now)
+    parents, better_half = integers(table, at.PARENTS), settings[at.BETTER_HALF] != 0
+    pair(deme_fitness, seed, cell, now, better_half, settings[at.MOST_SELECTIONS], parents)
+    for couple in range(parents.shape[0]):
+        paired[couple, 0], paired[couple, 1] = deme[parents[couple, 0]], deme[parents[couple, 1]]
+    return paired
+
+
+@subroutine
+def _propose(header: Any, now: Any, distance: Any) -> Any:
+    """Propose a stop ``distance`` generations from now; return whether it is earlier than any that is known."""
+    if now + distance >= header[STOP_AT]:
+        return False
+    header[STOP_AT] = now + distance
+    return True
+
+
+@subroutine
+def _note(table: Any, header: Any, fitness: Any) -> Any:
+    """Keep an improvement. There is room: `is_noted` allows at most MOST_BIRTHS."""
+    births, count = integers(table, at.BIRTHS), integers(table, at.BIRTH_COUNT)[0]
+    births[count[0], 0], births[count[0], 1] = header[BORN], header[BIRTHPLACE]
+    reals(table, at.BIRTH_FITNESS)[0, count[0]] = fitness
+    count[0] += 1
+
+
+@subroutine
+def update_message(table: Any, settings: Any, now: Any) -> Any:
+    """Put emigrants, champion and proposals of generation ``now`` into the cell's own message; return flags."""
+    deme, deme_fitness = octets(table, at.DEME), reals(table, at.DEME_FITNESS)[0]
+    header, fitness = integers(table, at.HEADER)[OWN], reals(table, at.FITNESS)[OWN]
+    genomes, better_at = octets(table, at.GENOMES)[: fitness.size], integers(table, at.BETTER_AT)[0]
+    # Every generation makes the same number of fitness calls, so they need not be counted.
+    cell, evaluations = settings[at.CELL], settings[at.FIRST_EVALUATIONS] + now * settings[at.EVALUATIONS]
+    target, target_reporter = reals(table, at.TARGET)[0, 0], settings[at.TARGET_REPORTER]
+    flags = 0
+    reached = prepare_message(
+        deme, deme_fitness, cell, now, evaluations, header, genomes, fitness, better_at, OWN, target, target_reporter
+    )
+    noted = reals(table, at.NOTED_FITNESS)
+    if is_noted(header, fitness[-1], better_at, OWN, cell, now, target_reporter, noted):
+        _note(table, header, fitness[-1])
+    if reached and _propose(header, now, settings[at.STOP_DISTANCE]):
+        flags |= REACHED
+    stalled = settings[at.STALL] >= 0 and now - better_at[OWN] >= settings[at.STALL]
+    if stalled and _propose(header, now, settings[at.STOP_DISTANCE]):
+        flags |= STALLED
+    return flags
+
+
+@subroutine
+def record(record: Any, now: Any, deme: Any, fitness: Any) -> Any:
+    """Write a generation as `node.engine.history.History` does: generation, genomes and fitness, packed without gaps.
+
+    Bytes are written one by one, since the fitness may begin at any offset.
+    """
+    for place in range(8):
+        record[place] = (now >> (8 * place)) & 0xFF
+    size = deme.shape[1]
+    for individual in range(deme.shape[0]):
+        start = 8 + size * individual
+        record[start : start + size] = deme[individual]
+    record[8 + deme.size :] = fitness.view(np.uint8)
+
+
+@subroutine
+def encode_message(table: Any, settings: Any, now: Any, flags: Any, done: Any) -> Any:
+    """Write the message if this is an exchange generation, and flag the end of the epoch if it has come."""
+    header, fitness = integers(table, at.HEADER), reals(table, at.FITNESS)
+    genomes = _message_genomes(table)
+    # Async cells share no generation to stop after: a cell that learns of a stop passes it on and stops at once.
+    drains = not settings[at.LOCKSTEP] and header[OWN, STOP_AT] != settings[at.LIMIT]
+    stops = drains or now >= header[OWN, STOP_AT]
+    if drains or (now % settings[at.INTERVAL] == 0 and not stops):
+        header[OWN, SENT] += 1
+        header[PUBLISHED], genomes[PUBLISHED], fitness[PUBLISHED] = header[OWN], genomes[OWN], fitness[OWN]
+        place = header[OWN, SENT] % 2  # as in `Outbox.write`
+        champion, out, said = settings[at.CHAMPION] != 0, octets(table, at.OUT)[place], integers(table, at.SAID)[place]
+        done[at.SIZE] = write_message(header[OWN], genomes[OWN], fitness[OWN], champion, out)
+        said[0], said[1] = now, done[at.SIZE]
+    done[at.FLAGS] = flags | STOPS if stops else flags
+
+
+@subroutine
+def lacks(table: Any) -> Any:
+    """Return whether the next generation needs a message that has not come; never in async mode."""
+    settings, generation = integers(table, at.SETTINGS_ROW)[0], integers(table, at.CLOCK)[0, 0]
+    if not settings[at.LOCKSTEP] or generation % settings[at.INTERVAL] != 0:
+        return False
+    return integers(table, at.COUNTS)[0, LACKING] > 0

@@ -1,0 +1,204 @@
+"""The epochs of a node: the one before, the present one, and the one that comes; and the links of each."""
+
+import json
+import threading
+from dataclasses import replace
+
+import zenoh
+
+import topologies
+from node.assignment import Assignment, Coming
+from node.cell import Cell
+from node.driver import Driver
+from node.events import Start
+from node.fingerprint import fingerprint
+from node.links import Links
+from node.node_config import NodeConfig
+from node.plan import Plan
+from node.queries import drop, reply
+from node.telemetry import Telemetry
+from problems import BadInput
+from topologies import Topology
+from wire.control import Begin, Command, Done, Drop, Halt, Prepare, Refused, Wiring
+
+
+class Epochs:
+    """Prepares, begins and leaves the epochs of jobs on one node. Only the main thread uses it, except for `note`.
+
+    Args:
+        config: the node's place in the cluster.
+        control: the session through the router.
+        driver: steps the cell; it holds the present epoch and the coming one.
+        telemetry: told the size of the cluster.
+
+    Attributes:
+        past: the epoch before, kept because neighbours may still ask for its messages and the coordinator for its end.
+        links: the links of the latest wiring; None if this node has had none yet.
+    """
+
+    def __init__(self, config: NodeConfig, control: zenoh.Session, driver: Driver, telemetry: Telemetry) -> None:
+        self.past: Assignment | None = None
+        self._config = config
+        self._control = control
+        self._driver = driver
+        self._telemetry = telemetry
+        # The latest command that makes links prepared for an earlier one useless; the network thread writes it while
+        # the main thread may be waiting for neighbours in `Links`.
+        self._order: Prepare | Halt | Drop | None = None
+        self._changed = threading.Condition()  # notified when `_order` changes or a neighbour is linked
+        self.links: Links | None = None
+        if config.topology:
+            topology = topologies.parse(config.topology)
+            self.links = self._linked(topology, Wiring(0, tuple(range(topology.cells))))
+
+    def note(self, command: Command) -> None:
+        """Note a command that has just come, on the network thread.
+
+        The main thread may be waiting in `Links` for a neighbour that has died. It would not take the command from its
+        queue before that wait ends, and this ends it.
+        """
+        if (isinstance(command, Prepare) and self._config.node in command.wiring.nodes) or (
+            isinstance(command, Drop | Halt) and self._order is not None and command.job == self._order.job
+        ):
+            with self._changed:
+                self._order = command
+                self._changed.notify_all()
+
+    def _linked(self, topology: Topology, wiring: Wiring, order: Prepare | None = None) -> Links:
+        """Return links for a wiring: the present ones if they fit, else new ones, which may wait for neighbours.
+
+        Raises:
+            TimeoutError: if a neighbour cannot be linked, or a newer command than ``order`` arrives while this waits.
+        """
+        if self.links is not None and self.links.leads_to(topology, wiring):
+            return self.links
+
+        def given_up() -> bool:
+            return order is not None and self._order is not order
+
+        return Links(
+            self._config,
+            topology,
+            wiring,
+            self._control,
+            self._driver.make_handler,
+            self._driver.queue.put,
+            self._changed,
+            given_up,
+        )
+
+    def prepare(self, command: Prepare) -> Done | Refused:
+        """Get ready for an epoch: a job's first one becomes the assignment, a later one waits as `coming`."""
+        # A node that is given a deme takes the place of one that died, so it does not go on with a deme of its own.
+        goes_on = self._has_lived_before(command) and not command.deme
+        if not goes_on and self._driver.assignment is not None:
+            self.forget(self._driver.assignment.job)
+        self._driver.coming = None
+        try:
+            file = self._config.modules.read(command.file)
+            plan = Plan.of(file, command.epoch, command.since or 0, checked=True)
+            # The deme must fit the new epoch's genomes. Of a user's own problem the coordinator cannot check that,
+            # since it does not import the user's module.
+            if goes_on and self._driver.assignment is not None and not command.fresh:
+                file.keep_coding(self._driver.assignment.cell.plan.coding, plan.coding)
+            links = self._linked(plan.topology, command.wiring, command)
+            cell = None if goes_on or command.deme else Cell(plan, links.cell, command.job)
+        except BadInput as error:
+            return Refused(str(error), "input")
+        except Exception as error:
+            return Refused(f"node {self._config.node}: {type(error).__name__}: {error}")
+        self._keep(links)
+        self._telemetry.cluster_nodes = command.cluster_nodes
+        if cell is None:
+            self._driver.expect(Coming(command.job, plan, links, command.since, command.deme, command.fresh))
+        else:
+            self._driver.enter(Assignment(cell, links))
+        return Done(json.dumps(fingerprint()))
+
+    def _has_lived_before(self, command: Prepare) -> bool:
+        """Return whether this node is in an earlier epoch of that job.
+
+        If it is in the same epoch already, because the command came twice, it prepares anew.
+        """
+        assignment = self._driver.assignment
+        return assignment is not None and assignment.job == command.job and assignment.epoch < command.epoch
+
+    def _keep(self, links: Links) -> None:
+        """Keep these links for the next epochs; close the previous ones unless the present epoch still needs them."""
+        before, self.links = self.links, links
+        if (
+            before is not None
+            and before is not links
+            and (self._driver.assignment is None or self._driver.assignment.links is not before)
+        ):
+            before.close()
+
+    def begin(self, command: Begin, query: zenoh.Query) -> None:
+        """Begin an epoch. If asked again, as by a coordinator that takes over, report to the latest query only."""
+        assignment, coming = self._driver.assignment, self._driver.coming
+        if coming is not None and (coming.job, coming.plan.epoch) == (command.job, command.epoch):
+            coming.begun = query
+            self._enter_next_epoch()
+        elif assignment is not None and (assignment.job, assignment.epoch) == (command.job, command.epoch):
+            if assignment.cell.state == "prepared":
+                self._driver.start(assignment, Start())
+            self.answer_with_report(assignment, query)
+        elif self.past is not None and (self.past.job, self.past.epoch) == (command.job, command.epoch):
+            self.answer_with_report(self.past, query)  # the report may have been lost the first time
+        else:
+            drop(query)
+
+    def answer_with_report(self, assignment: Assignment, query: zenoh.Query) -> None:
+        """Answer with the cell's report, now or when the cell stops."""
+        if assignment.begun is not None:
+            drop(assignment.begun)
+        assignment.begun = query
+        self._send_report(assignment)
+
+    def report(self, assignment: Assignment, report: bytes) -> None:
+        """Answer with the report of a cell that has stopped, and go on to the next epoch if that has been begun."""
+        assignment.report = report
+        self._send_report(assignment)
+        self._enter_next_epoch()
+
+    def _send_report(self, assignment: Assignment) -> None:
+        if assignment.report is not None and assignment.begun is not None:
+            reply(assignment.begun, assignment.report)
+            assignment.begun = None
+
+    def _enter_next_epoch(self) -> None:
+        """Move to the coming epoch if it has been begun and the present one has stopped; its deme moves along."""
+        before, coming = self._driver.assignment, self._driver.coming
+        if coming is None or coming.begun is None or (before is not None and not before.cell.ended):
+            return
+        # Only this node knows after which generation its cell stopped, so the coordinator leaves `since` open.
+        bred = 0 if before is None else before.cell.plan.since + before.cell.rows.generation
+        plan = replace(coming.plan, since=bred if coming.since is None else coming.since)
+        if coming.fresh:
+            genomes = None
+        else:
+            genomes = before.cell.rows.genomes[0] if before is not None else plan.deme_of(coming.deme)
+        assignment = Assignment(Cell(plan, coming.links.cell, coming.job), coming.links, coming.news)
+        self._drop_past()  # kept until now: neighbours and coordinator may have asked how it ended
+        self.past = before
+        self._driver.enter(assignment)
+        assignment.begun = coming.begun
+        self._driver.start(assignment, Start(genomes))
+
+    def _drop_past(self) -> None:
+        """Forget the past epoch and close its links, unless a later epoch uses them too."""
+        past, self.past = self.past, None
+        in_use = (self.links, None if self._driver.assignment is None else self._driver.assignment.links)
+        if past is not None and past.links not in in_use:
+            past.links.close()
+
+    def forget(self, job: int) -> None:
+        """Forget a job. The latest links stay open, since the next job may want the same ones."""
+        assignment = self._driver.assignment
+        if assignment is not None and assignment.job == job:
+            self._driver.leave(assignment)
+            self._drop_past()
+            if assignment.links is not self.links:
+                assignment.links.close()
+        if self._driver.coming is not None and self._driver.coming.job == job:
+            self._driver.coming = None

@@ -1,0 +1,20 @@
+"""Every cell of these tests is looked at after each of its steps."""
+
+import pytest
+
+from node import Cell
+
+
+@pytest.fixture(autouse=True)
+def _validated(monkeypatch):
+    for name in ("step", "went_on", "hear"):
+        monkeypatch.setattr(Cell, name, looked_at(getattr(Cell, name)))
+
+
+def looked_at(method):
+    def then_validated(cell, *arguments, **named):
+        actions = method(cell, *arguments, **named)
+        cell.validate()
+        return actions
+
+    return then_validated
