@@ -27,6 +27,7 @@ from typing import Any
 
 import zenoh
 
+from lowlevel import thread_state
 from node import cpu_affinity
 from node.assignment import Assignment
 from node.commands import Commands
@@ -52,6 +53,7 @@ _FAST_PATH = make_fast_path()
 def live(config: NodeConfig) -> None:
     """Run a node in this process; does not return, since the coordinator or the zygote ends the process."""
     sessions.use_runtime(sessions.NODE_RUNTIME)
+    thread_state.keep_in_this_process()
     cpu_affinity.take_turns()
     NodeProcess(config).driver.run()
 

@@ -22,6 +22,7 @@ from typing import Any
 import zenoh
 
 import topologies
+from lowlevel import thread_state
 from node.node_config import NodeConfig
 from node.plan import Plan
 from problems import BadInput
@@ -47,6 +48,7 @@ _LINKED_WITHIN = 5.0
 def watch(config: NodeConfig) -> None:
     """Run the spy in this process; does not return. ``config.node`` is the root's number."""
     sessions.use_runtime(sessions.NODE_RUNTIME)
+    thread_state.keep_in_this_process()
     SpyProcess(config).run()
 
 

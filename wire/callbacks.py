@@ -5,14 +5,12 @@ threads would be most of the cost of an exchange, so these handlers avoid it (``
 must not block, since no further message is received meanwhile, and must not declare anything at its session.
 """
 
-import ctypes
-import threading
 from collections.abc import Callable
 from typing import Any
 
 import zenoh
 
-_thread = threading.local()
+from lowlevel import thread_state
 
 
 def direct(function: Callable[[Any], None], end: Callable[[], None] | None = None) -> Any:
@@ -26,7 +24,7 @@ def direct(function: Callable[[Any], None], end: Callable[[], None] | None = Non
     """
 
     def call(message: Any) -> None:
-        _keep_thread_state()
+        thread_state.keep()
         function(message)
 
     return frequent(call, end)
@@ -36,18 +34,7 @@ def frequent(function: Callable[[Any], None], end: Callable[[], None] | None = N
     """Return a handler for messages that arrive thousands of times a second: `direct` without its check in each call.
 
     It is only quick on a thread that has called a `direct` handler before, as a node's single network thread has. That
-    call kept the thread's Python state. On another thread this handler works too, but CPython builds a state each time.
+    call kept the thread's Python state (`lowlevel.thread_state`). On another thread this handler works too, but CPython
+    builds a state for each message.
     """
     return zenoh.handlers.Callback(function, end, indirect=False)
-
-
-def _keep_thread_state() -> None:
-    """Keep this thread's Python state until the process ends.
-
-    CPython creates a thread state before each call from a thread that it does not know, and frees it afterwards. That
-    maps and unmaps 16 kB, a third of the cost of receiving a message.
-    """
-    # The mark is stored in the state itself, so a mark that is found proves that the state was kept.
-    if not hasattr(_thread, "kept"):
-        _thread.kept = True
-        ctypes.pythonapi.PyGILState_Ensure()  # deliberately never released: the count of users stays above zero

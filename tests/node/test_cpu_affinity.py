@@ -8,6 +8,7 @@ from collections import Counter
 
 import pytest
 
+from lowlevel import capabilities
 from node.cpu_affinity import core_of
 from wire.control import Wiring
 
@@ -61,7 +62,8 @@ def test_all_cores_have_as_many(cores, nodes):
 # How a process of its own sees its turns: milliseconds, by sched_getattr(2); 0 before Linux 6.12, which tells nothing.
 LOOK = """
 import ctypes, struct
-from node.cpu_affinity import LONG, take_turns, take_turns_of
+from lowlevel.linux import ask_for_turns
+from node.cpu_affinity import LONG, take_turns
 
 def look():
     attributes = ctypes.create_string_buffer(48)
@@ -71,14 +73,15 @@ def look():
 
 look()
 take_turns()
-take_turns_of(LONG)
+ask_for_turns(LONG)
 look()
-take_turns_of(0.0)
+ask_for_turns(0.0)
 look()
 """
 
 
 @pytest.mark.skipif(platform.machine() != "x86_64", reason="asks the kernel by number")
+@pytest.mark.skipif(not capabilities().linux, reason="the ordinary path leaves turns as they are")
 def test_turns_are_long_for_as_long_as_they_should_be():
     said = subprocess.run([sys.executable, "-c", LOOK], check=True, capture_output=True, text=True).stdout
     before, during, after = ((int(policy), float(turn)) for policy, turn in map(str.split, said.splitlines()))
