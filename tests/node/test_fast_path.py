@@ -404,7 +404,7 @@ def test_a_path_that_is_closed_while_a_payload_is_read_takes_no_message(mode):
         asked.release()
         closed.acquire()
 
-    closer = threading.Thread(target=close)
+    closer = threading.Thread(target=close, daemon=True)
     closer.start()
     received = node.assignment.cell.inbox.kept
     for _ in range(TIMES):
@@ -423,7 +423,7 @@ def test_an_assignment_that_is_forgotten_while_a_payload_is_read_is_not_touched(
     plan = plan_of("onemax", topology="torus 2x3", mode=mode, target=-1.0, generations=100_000)
     payload = Torus(plan, 1).nodes[1].published[0]
     ordinary = []
-    for _ in range(20):
+    for _ in range(4):
         node = LoneNode(plan, 0, inline=mode == "lockstep")
         handler = node.fast_path.make_handler(1, ordinary.append)
         node.carries_on()
@@ -433,4 +433,4 @@ def test_an_assignment_that_is_forgotten_while_a_payload_is_read_is_not_touched(
             gc.collect()
 
         handler(SimpleNamespace(payload=PassesTheLock(payload, forget)))
-    assert len(ordinary) == 20
+    assert len(ordinary) == 4

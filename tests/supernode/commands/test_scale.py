@@ -59,7 +59,7 @@ def test_help_has_an_example(capsys):
 
 
 def test_an_interrupted_experiment_goes_on(own_problem, tmp_path, capsys):
-    problem = own_problem("size = 2000")  # never solved: each run takes half a second
+    problem = own_problem("size = 1000")  # never solved: each run takes a quarter of a second
     folder = tmp_path / "out"
     for end, code in ((signal.SIGKILL, -signal.SIGKILL), (signal.SIGINT, 130)):
         count = runs_on_nodes(folder)
