@@ -5,6 +5,7 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 from matplotlib.figure import Figure
@@ -31,6 +32,7 @@ from coordinator.experiments.summary import (
 FORMATS = ("png", "svg")
 """The formats of pictures by default; PDF is possible too."""
 
+_TITLE = 48  # characters in a line of a title, which is as wide as its plot
 _COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000")  # safe for colour-blind readers
 _MARKERS = {"lockstep": "o", "async": "s"}
 _LINES = {"lockstep": "-", "async": "--"}
@@ -212,7 +214,7 @@ def _frame(axes: Any, nodes: Sequence[int], panel: _Panel) -> None:
     axes.set_xlim(nodes[0] / 1.35, nodes[-1] * 1.35)
     axes.set_xlabel("nodes")
     unit = f" ({metric.unit})" if metric.unit not in ("", "×") else ""
-    axes.set_title(f"{metric.label}{unit}", fontsize=10.5)
+    axes.set_title(fill(f"{metric.label}{unit}", _TITLE), fontsize=10.5)
     if panel.logarithmic:
         axes.set_yscale("log")
         _ticks(axes)
