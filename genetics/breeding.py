@@ -1,8 +1,7 @@
 """The breeding rule, for a deme of one and for an island, over any number of rows of cells.
 
-A node calls it with the single row of its own cell, the simulator with all rows at once. Every draw is keyed by the
-row's cell, so both get the same bits. (A node whose problem has a compiled fitness runs the same rules in
-`node.engine.generation` instead, compiled as a whole.)
+The simulator calls it with all rows at once. A node breeds its only row by `node.engine.rule`, which has the same rule
+for one row, made of the same compiled parts. Every draw is keyed by the row's cell, so both get the same bits.
 
 Many rows are bred in blocks. The temporary arrays of a generation, the offspring and what an evaluation makes of them,
 then fit into the processor's cache, and for a million cells into memory.

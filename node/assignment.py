@@ -186,7 +186,9 @@ class Assignment:
         nodes with short generations, or with a fitness in Python, hold the interpreter's lock most of the time; pinned
         to the same core, their network thread would hardly ever get that lock.
         """
-        goes_on_alone = not self.in_lockstep and self.most == 1 and self.cell.generations is not None
+        generations = self.cell.generations
+        compiled = generations is not None and generations.is_compiled
+        goes_on_alone = not self.in_lockstep and self.most == 1 and compiled
         self.turns = LONG if goes_on_alone else 0.0
         self.core = self._core if self.inline or goes_on_alone else None
         # A node whose generation outlasts its turn would starve the other nodes on its core.

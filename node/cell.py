@@ -13,17 +13,17 @@ States:
 """
 
 from collections.abc import Sequence
-from functools import partial
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 
 from genetics import Genomes
 from lowlevel import capabilities
 from node.engine.flags import REACHED, REFUSED, STALLED, STOPS, UNSOUND
+from node.engine.generation import Generations
 from node.engine.history import History
 from node.engine.inbox import Inbox
-from node.engine.kernels import OWN, PUBLISHED
+from node.engine.kernels import OWN
 from node.engine.outbox import Outbox
 from node.engine.rows import Rows
 from node.events import Action, Answer, Answered, Ask, Asked, Complain, Event, Halt, Message, Propose, Start
@@ -35,9 +35,6 @@ from topologies import ROOT
 from wire.exchange import Champion
 from wire.exchange_kernels import EPOCH, GENERATION, JOB, NEVER, SENT
 from wire.report import Birth, Report, Staleness
-
-if TYPE_CHECKING:
-    from node.engine.generation import Generations
 
 State = Literal["prepared", "running", "stopped", "failed"]
 
@@ -51,8 +48,8 @@ class Cell:
         inbox: the messages of the neighbours.
         neighbours: the distinct cells that the cell's slots name, without the cell itself.
         rows: the cell's only row: its deme, and its own messages.
-        generations: breeds generations in one compiled call, if the problem's fitness is compiled; None before the
-            start, and otherwise. During that call other threads may run Python.
+        generations: breeds generations, in one compiled call if the problem's fitness is compiled; None before the
+            start. During that call other threads may run Python.
     """
 
     def __init__(self, plan: Plan, cell: int, job: int) -> None:
@@ -98,18 +95,16 @@ class Cell:
         actions: list[Action] = []
         self._stimuli.note(self.rows.clock.item(), len(news), events)
         try:
-            # Otherwise the compiled call below takes the news, without a step into Python in between.
-            if news and (events or self.generations is None):
+            # Otherwise the call below takes the news: if it is compiled, without a step into Python in between.
+            if news and (events or self.state != "running"):
                 actions += self.hear(news)
                 news = ()
             if events:
                 self._take(events, actions)
             if self.state == "running":
-                if self.generations is None:
-                    self._advance(actions)
-                else:
-                    self.generations(news, min(most, self.room))
-                    self._went_on(self.generations, news, actions)
+                assert self.generations is not None, "a running cell has begun"
+                self.generations(news, min(most, self.room))
+                self._went_on(self.generations, news, actions)
         except EvaluationFailed as error:
             self._end("failed", str(error), actions)
         except Exception as error:  # a mistake in this program, which ends the process
@@ -231,14 +226,11 @@ class Cell:
             self.state = "running"
             rows, plan = self.rows, self.plan
             rows.begin(None if deme is None else deme[None])
-            # Not before: the arrays that the compiled call shares are made by `begin`.
-            if rows.problems[0].fitness_kernel is not None and capabilities().numba_calls:
-                from node.engine.generation import Generations
-
-                self.generations = Generations(
-                    plan, rows, self.inbox, self._history, self._tells_champion, self._outbox
-                )
-            self._generation_done(actions)
+            # Not before: the arrays that generations share are made by `begin`.
+            kind = _kind_of_generations(rows)
+            self.generations = kind(plan, rows, self.inbox, self._history, self._tells_champion, self._outbox)
+            self.generations.publish_first()
+            self._went_on(self.generations, (), actions)
 
     def _complain(self, refusals: set[tuple[int, str]], actions: list[Action]) -> None:
         new = refusals - self._complaints
@@ -256,57 +248,32 @@ class Cell:
         """Return how many messages that the next generation needs have not come."""
         return 0 if self._is_async or not self.rows.exchanging else self.inbox.lacking()
 
-    def _advance(self, actions: list[Action]) -> None:
-        """Breed one generation in Python, if no message is lacking."""
-        rows = self.rows
-        if self._lacking() == 0:
-            if rows.exchanging:
-                rows.advance(rows.messages, self.inbox.take(rows.generation))
-            else:
-                rows.advance(None)
-            self._generation_done(actions)
-
-    def _went_on(self, generations: "Generations", news: Sequence[Message], actions: list[Action]) -> None:
-        """Append the actions that follow from a compiled call, which has done what `hear` and `_advance` do."""
-        _, flags, size, wrong = generations.done()
+    def _went_on(self, generations: Generations, news: Sequence[Message], actions: list[Action]) -> None:
+        """Append the actions that follow from generations that have been bred, and from ``news`` read meanwhile."""
+        _, flags, size, _ = generations.done()
         self._history.went_on()
         if flags:
-            self._raise_flags(flags, generations.offspring[wrong : wrong + 1], news, actions)
+            self._raise_flags(flags, generations, news, actions)
         if size:
             actions.append(self._outbox.message(self.sent))
         if flags & STOPS:
             self._end("stopped", None, actions)
 
-    def _raise_flags(self, flags: int, wrong: Genomes, news: Sequence[Message], actions: list[Action]) -> None:
-        """Deal with what a compiled call rarely reports beside a message.
+    def _raise_flags(
+        self, flags: int, generations: Generations, news: Sequence[Message], actions: list[Action]
+    ) -> None:
+        """Deal with what generations rarely report beside a message.
 
         Raises:
-            EvaluationFailed: if an offspring's fitness is unsound.
+            EvaluationFailed: if an offspring could not be evaluated, or its fitness is unsound.
         """
         if flags & REFUSED:
             self._complain(self.inbox.complaints(news), actions)
         if flags & UNSOUND:
             self.rows.clock += 1  # the report names the generation that could not be bred
-            self.plan.evaluate(wrong)  # raises an error that says what is wrong with this individual
-            raise EvaluationFailed("the compiled fitness of an individual is NaN or -inf, but `evaluate` accepts it")
+            raise generations.failure()
         if flags & (REACHED | STALLED):
             self.rows.note_proposal(0, "target" if flags & REACHED else "stall")
-
-    def _generation_done(self, actions: list[Action]) -> None:
-        """Note a generation bred in Python, publish it if it is an exchange, and stop if it is the last."""
-        rows = self.rows
-        self._history.note(rows.generation, rows.genomes, rows.fitness)
-        # Async cells share no generation to stop after: a cell that learns of a stop passes it on and stops at once.
-        drains = self._is_async and rows.stop_at.item(0) != rows.limit
-        stops = drains or rows.generation >= rows.stop_at.item(0)
-        if drains or (rows.exchanging and not stops):
-            rows.messages.header[OWN, SENT] += 1
-            for array in rows.messages:
-                array[PUBLISHED] = array[OWN]
-            encode = partial(rows.messages.encode, 0, self._tells_champion)
-            actions.append(self._outbox.write(self.sent, rows.generation, encode))
-        if stops:
-            self._end("stopped", None, actions)
 
     def _end(self, state: Literal["stopped", "failed"], error: str | None, actions: list[Action]) -> None:
         """Stop or fail, and report; a cell that failed may have no deme, so its report holds none."""
@@ -331,3 +298,11 @@ class Cell:
                 error=error,
             )
         )
+
+
+def _kind_of_generations(rows: Rows) -> type[Generations]:
+    if rows.problems[0].fitness_kernel is None or not capabilities().numba_calls:
+        return Generations
+    from node.engine.compiled_generation import CompiledGenerations
+
+    return CompiledGenerations

@@ -60,7 +60,7 @@ from lowlevel.compiled import c_function, subroutine
 from lowlevel.pointers import integers_at
 from node.assignment import MANY_UNREAD, Assignment
 from node.engine import cell_table
-from node.engine.generation import (
+from node.engine.compiled_generation import (
     breed_on,
     inbox_of,
     next_message_replaces_it,
@@ -295,7 +295,9 @@ class FastPath:
                 release it; in async mode it is called without, when many messages are unread.
         """
         generations = assignment.cell.generations
-        if generations is None or (assignment.in_lockstep and not assignment.inline) or self.is_open(assignment):
+        if generations is None or not generations.is_compiled or self.is_open(assignment):
+            return
+        if assignment.in_lockstep and not assignment.inline:
             return
         if assignment is not self._for:
             turn = assignment.turn

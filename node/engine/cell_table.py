@@ -1,4 +1,4 @@
-"""The table by which compiled generations find a cell's arrays (`node.engine.generation`), place by place."""
+"""The table by which a generation's compiled code finds a cell's arrays (`node.engine.rule`), place by place."""
 
 from node.engine.layout import RowLayout, TableLayout
 

@@ -20,7 +20,7 @@ from genetics import Cells
 from genetics.operators import TABLE, Table
 from lowlevel.compiled import kernel, subroutine
 from lowlevel.pointers import integers, octets, octets_of, reals
-from node.engine.kernels import OWN, PUBLISHED, note_staleness
+from node.engine.kernels import OWN, PUBLISHED
 from node.engine.layout import RowLayout, TableLayout
 from node.plan import Plan
 from wire.exchange import Messages
@@ -324,15 +324,3 @@ class Inbox:
         """Return why a message is refused; None if it is not."""
         spare = Messages.room(1, self._limits.genome_bytes, self._limits.emigrants)
         return spare.decode(0, payload, self._limits)
-
-    def take(self, generation: int) -> Cells:
-        """Return the row of each slot's message, shape (1, slots), to breed the generation after ``generation`` with.
-
-        In lockstep this also moves on to the next exchange; in async mode it notes how old the messages are.
-        """
-        if self._lockstep:
-            exchange = self.exchange % 2
-            turn(self.latest, self.counts)
-            return self.source_rows[exchange : exchange + 1]
-        note_staleness(self.messages.header, self.source_rows[0], generation, self.used, self.staleness)
-        return self.source_rows

@@ -3,8 +3,8 @@
 ``header``, ``genomes`` and ``fitness`` are the arrays of `wire.exchange.Messages`. What a cell knows (its champion, the
 least stop) is stored nowhere else than in its own message.
 
-Most rules exist twice: as a subroutine for one row, which `node.engine.generation` calls within its own kernel, and as
-a kernel for many rows, which `node.engine.rows` calls from Python. The kernel only loops over the subroutine, so both
+Most rules exist twice: as a subroutine for one row, which `node.engine.rule` calls within its own kernels, and as a
+kernel for many rows, which `node.engine.rows` calls from Python. The kernel only loops over the subroutine, so both
 give the same bits.
 """
 

@@ -1,16 +1,12 @@
 """The outbox of a cell: its last two messages, for neighbours that miss one; in lockstep none can miss an older one."""
 
-from collections.abc import Callable
-
 import numpy as np
-
-from genetics import Genomes
 
 
 class Outbox:
     """Room for two messages: the one with an even number in place 0, the one with an odd number in place 1.
 
-    Compiled code (`node.engine.generation`) writes into the same arrays, so they are never replaced.
+    Compiled code (`node.engine.rule`) writes the messages into these arrays, so they are never replaced.
 
     Attributes:
         room: the encoded messages, shape (2, bytes).
@@ -21,13 +17,6 @@ class Outbox:
         self.room = np.empty((2, most_bytes), np.uint8)
         self.said = np.zeros((2, 2), np.int64)
         self._room = tuple(each.data for each in self.room)  # memoryviews: slicing an array costs as much as a message
-
-    def write(self, number: int, generation: int, encode: Callable[[Genomes], bytes]) -> bytes:
-        """Write a message and return it; ``encode`` fills the room that it is given and returns the message."""
-        place = number % 2
-        payload = encode(self.room[place])
-        self.said[place] = generation, len(payload)
-        return payload
 
     def message(self, number: int) -> bytes:
         """Return one of the last two messages, by its number."""

@@ -1,7 +1,8 @@
 """Rows of cells from generation to generation: breeding, champions and the agreement to stop.
 
-A node has one row, the simulator one for each cell of the torus. Both use the same code, which consists of arrays and
-arithmetic only. It does not know how messages arrive: it finds the neighbours' messages in arrays.
+The simulator has a row for each cell of the torus, and advances all of them at once. A node has one row; it makes the
+first deme here, and breeds by `node.engine.rule`, so each is a check of the other. Rows do not know how messages
+arrive: they find the neighbours' messages in arrays.
 """
 
 from dataclasses import dataclass, field
@@ -28,7 +29,7 @@ MOST_TOLD = 4096
 class Rows:
     """The demes of ``cells``, shape (rows,), all in the same generation.
 
-    `node.engine.generation` uses the arrays by their addresses, so after `begin` they are changed in place only.
+    `node.engine.rule` uses the arrays by their addresses, so after `begin` they are changed in place only.
 
     Attributes:
         plan: the plan of the epoch.

