@@ -234,6 +234,13 @@ def test_a_planner_joins_what_imports_its_model(kind):
     assert {name for name, imported in modules.items() if f"{package}.planner" in imported} == {"__init__"}
 
 
+@pytest.mark.parametrize("kind", KINDS, ids=name_of)
+def test_checkers_and_oracles_do_not_ask_the_fitness(kind):
+    for path in [*kind.glob("checker*.py"), *kind.glob("oracle*.py")]:
+        asked = {node.attr for node in ast.walk(tree_of(path)) if isinstance(node, ast.Attribute)}
+        assert "evaluate" not in asked, name_of(path)
+
+
 def test_the_search_for_circles_finds_long_ones_and_no_others():
     assert circles_in({"a": {"b"}, "b": {"c"}, "c": {"a", "d"}, "d": {"d", "e"}, "e": set()}) == [["a", "b", "c"]]
 
