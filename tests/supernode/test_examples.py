@@ -37,7 +37,7 @@ def simulated(file):
 def test_solve_and_simulate_have_the_same_history(cluster, name, deme):
     file = load(EXAMPLES / name)
     for seed in (1, 2):
-        run = {"seed": seed, "deme": deme, "stall": 20, "generations": 30, "topology": cluster.topology.spec}
+        run = {"seed": seed, "deme": deme, "stall": 8, "generations": 15, "topology": cluster.topology.spec}
         result = cluster.submit(file, **run).result()
         assert result.status in ("solved", "stalled", "exhausted")
         assert result.history_sha256 == simulated(file.with_run(**run))
