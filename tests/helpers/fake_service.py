@@ -131,6 +131,7 @@ class FakeService:
                 "result": None,
                 "epoch": 0,
                 "epochs": [],
+                "nodes": [],
             }
         return {"job": request.id, "status": self.jobs[request.id]["status"]}
 
@@ -148,7 +149,7 @@ class FakeService:
         return {"job": request.job, "epoch": len(entry["epochs"])}
 
     def brief(self, job):
-        long = ("file", "file_now", "best", "result", "epoch", "epochs")
+        long = ("file", "file_now", "best", "result", "epoch", "epochs", "nodes")
         return {name: value for name, value in self.jobs[job].items() if name not in long}
 
 
