@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import pytest
 from one_max import plan_of
 
+from lowlevel import capabilities
 from node import Cell, Plan
 from node.assignment import Assignment
 from node.cpu_affinity import LONG
@@ -47,6 +48,7 @@ def started(plan):
     return assignment
 
 
+@pytest.mark.skipif(not capabilities().numba_calls, reason="no plan breeds in compiled code here")
 @pytest.mark.parametrize(
     ("plan", "seconds", "core", "turns", "hands_on"),
     [

@@ -13,6 +13,7 @@ from tours import Visiting, VisitingSlowly
 
 from genetics import Recipe
 from genetics.operators import FITNESS, Operator
+from lowlevel import capabilities
 from lowlevel.pointers import integers
 from node import Plan, simulate
 from node.cell import Cell
@@ -168,8 +169,12 @@ class Watched(Function):
 
 
 asked: list[int] = []
+bred_by_address = pytest.mark.skipif(
+    not capabilities().numba_calls, reason="kernels must not be called by their addresses here"
+)
 
 
+@bred_by_address
 @pytest.mark.parametrize("deme", [1, 5])
 @pytest.mark.parametrize("cost", [0.0, 0.001])
 def test_only_the_first_deme_is_evaluated_in_python(deme, cost):
@@ -180,6 +185,7 @@ def test_only_the_first_deme_is_evaluated_in_python(deme, cost):
     assert asked == [deme]
 
 
+@bred_by_address
 @pytest.mark.parametrize("deme", [1, 4])
 def test_no_more_generations_are_bred_at_once_than_up_to_the_next_message(deme):
     plan = plan_of("onemax", topology="torus 1x2", deme=deme, interval=5, target=-1.0, generations=1000)
