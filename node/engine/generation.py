@@ -77,19 +77,17 @@ class Generations:
     is_compiled = False
 
     def __init__(self, plan: Plan, rows: Rows, inbox: Inbox, history: History, champion: bool, outbox: Outbox) -> None:
-        fitness_kernel, variation = rows.problems[0].fitness_kernel, plan.coding.variation(plan.recipe)
-        mutate_one_bit = plan.coding.mutate_one_bit() if plan.recipe.mutation == ONE_BIT else None
+        operators = _operators_of(plan, rows) if self.is_compiled else _Operators()
+        self._plan, self._mutates_one_bit = plan, plan.recipe.mutation == ONE_BIT
         self._alone = plan.run.deme == 1
         couples = plan.slots * plan.run.emigrants if self._alone else plan.recipe.couples(plan.run.deme)
-        operators = _Operators(variation, mutate_one_bit, fitness_kernel)
         self._couples = np.zeros((couples, 2, plan.coding.genome_bytes), np.uint8)
         self._offspring = np.zeros((2 * couples, plan.coding.genome_bytes), np.uint8)
         self._offspring_fitness = np.zeros(2 * couples)
         self._outcome = at.OUTCOME.zeros()
         self._births, self._birth_fitness = np.zeros((MOST_BIRTHS, 2), np.int64), np.zeros(MOST_BIRTHS)
         self._birth_count = np.zeros(1, np.int64)
-        self._rows, self._operators, self._evaluate = rows, operators, guarded(rows.problems[0])
-        self._seed, self._cell = plan.seed, int(rows.cells[0])
+        self._rows, self._evaluate = rows, guarded(rows.problems[0])
         self._failure: EvaluationFailed | None = None
         header, genomes, fitness = rows.messages
         arrays = {
@@ -112,9 +110,9 @@ class Generations:
             "couples": self._couples,
             "offspring": self._offspring,
             "offspring_fitness": self._offspring_fitness,
-            "variation_table": variation.table,
-            "mutate_table": variation.table if mutate_one_bit is None else mutate_one_bit.table,
-            "fitness_table": variation.table if fitness_kernel is None else fitness_kernel.table,
+            "variation_table": _table(operators.variation),
+            "mutate_table": _table(operators.mutate_one_bit),
+            "fitness_table": _table(operators.fitness),
             "records": history.records,
             "noted": history.counts,
             "out": outbox.room,
@@ -153,18 +151,19 @@ class Generations:
         ``evaluate`` is a user's code: it gets arrays that nothing else writes to, and may keep them. What it changes in
         offspring counts, as it does in the simulator.
         """
-        offspring, keys = self._offspring, (self._seed, self._cell, self._rows.generation + 1)
-        variation, mutate_one_bit, _ = self._operators
-        variation.function(self._couples, offspring, *keys, variation.table)
-        if mutate_one_bit is not None and self._alone:
-            mutate_one_bit.function(offspring, *keys, mutate_one_bit.table)
+        offspring, coding, rows = self._offspring, self._plan.coding, self._rows
+        keys = self._plan.keys(rows.cells, rows.generation + 1)
+        # By the coding's Python interface, since a user's own coding need not have any compiled operator.
+        offspring[:] = coding.recombine(self._couples[None], self._plan.recipe, keys)[0]
+        if self._mutates_one_bit and self._alone:
+            coding.mutate_one(offspring[None], keys)
         given = offspring.copy()
         self._offspring_fitness[:] = self._evaluate(given)
         offspring[:] = given
         _replace(self.table)
-        if mutate_one_bit is not None and not self._alone:
-            deme, deme_fitness = self._rows.genomes[0], self._rows.fitness[0]
-            changed = mutate_one_bit.function(deme, *keys, mutate_one_bit.table)
+        if self._mutates_one_bit and not self._alone:
+            deme, deme_fitness = rows.genomes[0], rows.fitness[0]
+            changed = coding.mutate_one(rows.genomes, keys)[0]
             deme_fitness[changed] = self._evaluate(deme[changed : changed + 1].copy())[0]
         _finish(self.table)
 
@@ -190,9 +189,19 @@ class Generations:
 
 
 class _Operators(NamedTuple):
-    variation: Operator
-    mutate_one_bit: Operator | None
-    fitness: Operator | None
+    variation: Operator | None = None
+    mutate_one_bit: Operator | None = None
+    fitness: Operator | None = None
+
+
+def _operators_of(plan: Plan, rows: Rows) -> _Operators:
+    """Return what compiled generations call by address."""
+    mutate_one_bit = plan.coding.mutate_one_bit() if plan.recipe.mutation == ONE_BIT else None
+    return _Operators(plan.coding.variation(plan.recipe), mutate_one_bit, rows.problems[0].fitness_kernel)
+
+
+def _table(operator: Operator | None) -> Table:
+    return np.zeros((1, 3), np.int64) if operator is None else operator.table
 
 
 def _settings(plan: Plan, rows: Rows, champion: bool, operators: _Operators) -> Any:
