@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 # Bit-identity and processes: tested with and without what relies on private parts (lowlevel/).
-BOTH_WAYS := tests/node tests/coordinator/launch/test_cluster.py tests/coordinator/launch/test_zygote.py
+BOTH_WAYS := tests/node/engine tests/node/test_driver.py tests/node/test_replay.py tests/coordinator/launch/test_cluster.py
 
 .PHONY: run test lint bench planners peers clean
 
