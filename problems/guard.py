@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from genetics.arrays import Evaluate, Fitness, Genomes
+from problems.animation import Animation
 from problems.errors import BadInput, EvaluationFailed, one_line, shorten
 from problems.motion import Motion, Pace
 from problems.problem import MOST_REPORT_BYTES, Answer, Clearance, Problem, Solution, Verdict
@@ -180,6 +181,45 @@ def moved(problem: Problem, solution: Solution, pace: Pace) -> Motion | None:
     if not good or not len(times) or times[0] < 0.0 or np.any(np.diff(times) <= 0.0):
         raise EvaluationFailed(f"{problem.kind}: motion must return finite numbers for moments that increase from 0")
     return motion
+
+
+def retimed(problem: Problem, solution: Solution, pace: Pace) -> Solution:
+    """Call ``problem.retimed`` and return the solution, if ``problem.check`` accepts it.
+
+    Raises:
+        BadInput: if the solution cannot be retimed, or the check objects to what came of it.
+        EvaluationFailed: if a method raises anything else, or does not return a dict of plain JSON values.
+    """
+    try:
+        timed = problem.retimed(solution, pace)
+    except BadInput:
+        raise
+    except _ANYTHING as error:
+        raise _raised(problem, "retimed", error) from error
+    timed = _plain(problem, "retimed", timed)
+    objections = checked(problem, timed).objections
+    if objections:
+        raise BadInput(f"--retime: expected a motion that the check accepts, found one where {objections[0]}")
+    return timed
+
+
+def animated(problem: Problem, solution: Solution | None) -> Animation | None:
+    """Call ``problem.animation`` and return the animation, or None if this kind of problem has none.
+
+    Raises:
+        BadInput: if the method raises it.
+        EvaluationFailed: if the method raises anything else, or returns no sound animation.
+    """
+    try:
+        animation = problem.animation(solution)
+        complaint = None if animation is None else animation.complaint()
+    except BadInput:
+        raise
+    except _ANYTHING as error:
+        raise _raised(problem, "animation", error) from error
+    if complaint is not None:
+        raise EvaluationFailed(f"{problem.kind}: animation must return {complaint}")
+    return animation
 
 
 def described(problem: Problem, solution: Solution) -> str:

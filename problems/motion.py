@@ -17,6 +17,7 @@ from problems.errors import BadInput
 
 Floats = NDArray[np.float64]
 
+WORLD = "world"  # the frame of all that stands still
 MOST_ROWS = 1_000_000
 RATE = 50.0  # rows per second by default
 RAMP = 0.5  # s, the default time to reach full speed
@@ -48,11 +49,14 @@ class Joints:
     Attributes:
         name: the arm's name; empty if there is only one arm.
         joints: the names of the joints.
-        position: rad.
+        position: rad, or m where ``units`` says so; the following accordingly.
         velocity: rad/s, if known.
         acceleration: rad/s², if known.
         effort: N·m, if known.
         links: the positions of the joints and the tip, m, shape (rows, points, 3), if known.
+        units: ``"rad"`` or ``"m"`` for each joint; empty if all are in rad.
+        urdf: the robot's description as XML, if there is one.
+        standing: names and values of the robot's other joints, which could move but stand still.
     """
 
     name: str
@@ -62,10 +66,13 @@ class Joints:
     acceleration: Floats | None = None
     effort: Floats | None = None
     links: Floats | None = None
+    units: tuple[str, ...] = ()
+    urdf: str | None = None
+    standing: tuple[tuple[str, float], ...] = ()
 
     @property
     def quantities(self) -> dict[str, tuple[str, Floats]]:
-        """The unit and the values of each known quantity, by its name."""
+        """The unit (of a joint in rad) and the values of each known quantity, by its name."""
         known = {
             "position": ("rad", self.position),
             "velocity": ("rad/s", self.velocity),
@@ -78,10 +85,15 @@ class Joints:
     def columns(self) -> tuple[Column, ...]:
         """One column for each known quantity of each joint."""
         return tuple(
-            Column(f"{joint}.{name}", unit, values[:, number])
+            Column(f"{joint}.{name}", self._unit(number, unit), values[:, number])
             for name, (unit, values) in self.quantities.items()
             for number, joint in enumerate(self.joints)
         )
+
+    def _unit(self, joint: int, unit: str) -> str:
+        """Return the unit of a quantity of a joint, given that of a joint in rad."""
+        is_sliding = bool(self.units) and self.units[joint] == "m"
+        return unit.replace("rad", "m").replace("N m", "N") if is_sliding else unit
 
 
 @dataclass(frozen=True)
@@ -138,6 +150,46 @@ class Limit:
 
 
 @dataclass(frozen=True)
+class Frame:
+    """A frame over time, such as that of a robot's link.
+
+    Attributes:
+        parent: the frame that it is placed in, such as `WORLD`.
+        name: its name.
+        places: its origin, m, shape (rows, 3), or (1, 3) if it stands still in its parent.
+        quaternions: its rotation x, y, z, w, shape (rows, 4) or (1, 4).
+    """
+
+    parent: str
+    name: str
+    places: Floats
+    quaternions: Floats
+
+
+@dataclass(frozen=True)
+class Solid:
+    """A shape in space, for pictures.
+
+    Attributes:
+        name: the name of what it is, unique in the motion.
+        frame: the frame that it stands still in.
+        shape: ``"box"``, ``"cylinder"`` (along z), ``"sphere"`` or ``"mesh"``.
+        size: full lengths along its axes, m; empty for a mesh.
+        place: its centre in the frame, m, shape (3,).
+        quaternion: its rotation x, y, z, w, shape (4,).
+        triangles: the triangles of a mesh, m, shape (triangles, 3, 3).
+    """
+
+    name: str
+    frame: str
+    shape: str
+    size: tuple[float, ...]
+    place: Floats
+    quaternion: Floats
+    triangles: Floats | None = None
+
+
+@dataclass(frozen=True)
 class Motion:
     """Everything that moves, and when.
 
@@ -147,6 +199,8 @@ class Motion:
         obstacles: outlines of what stands still, closed lines of shape (corners, 3), for pictures.
         limits: the limits that the motion respects.
         notes: further remarks for the user of the motion, such as where it stops.
+        frames: the frames of links, for pictures in space.
+        solids: shapes in these frames and in the world.
     """
 
     times: Floats
@@ -154,6 +208,8 @@ class Motion:
     obstacles: tuple[Floats, ...] = ()
     limits: tuple[Limit, ...] = ()
     notes: tuple[str, ...] = ()
+    frames: tuple[Frame, ...] = ()
+    solids: tuple[Solid, ...] = ()
 
     def columns(self) -> Iterator[Column]:
         """Yield the column of times, then those of all tracks, their names prefixed with the track's name if any."""
@@ -174,6 +230,8 @@ class Pace:
         acceleration: the acceleration and deceleration along the path, in the path's unit per second².
         turn_acceleration: the acceleration and deceleration of turns, rad/s².
         rate: rows per second, for motions that can be sampled at any moment.
+        blend: how far from a corner a retimed motion may pass, rad or m.
+        retime: whether the solution was retimed with these options just now.
     """
 
     speed: float | None = None
@@ -181,6 +239,8 @@ class Pace:
     acceleration: float | None = None
     turn_acceleration: float | None = None
     rate: float | None = None
+    blend: float | None = None
+    retime: bool = False
 
     def along(self, kind: str, unit: str) -> float:
         """Return the greatest speed along a path without times.

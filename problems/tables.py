@@ -1,4 +1,4 @@
-"""Tables of problem files, and what their fields are made of: the floor of all models."""
+"""Tables of problem files, and what their fields are made of, for all models."""
 
 from __future__ import annotations
 

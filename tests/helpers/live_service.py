@@ -124,3 +124,8 @@ def live(state, topology="torus 4x4", *options, stderr=None):
         yield service
     finally:
         service.close()
+
+
+def address_in(line):
+    """The address of the dashboard in the line that a cluster prints when it is ready."""
+    return line.split("dashboard ")[1].split(": ")[-1].strip()

@@ -46,8 +46,8 @@ class Bus:
     def run(self):
         while len(self.reports) < len(self.cells):
             cell = self.random.choice(self.cells)
-            news, events = self.some_of(self.news[cell.cell]), self.some_of(self.events[cell.cell])
-            if self.request and cell.cell == 0 and cell.rows.generation >= self.request[0]:
+            news, events = self.some_of(self.news[cell.number]), self.some_of(self.events[cell.number])
+            if self.request and cell.number == 0 and cell.rows.generation >= self.request[0]:
                 events.append(Propose(self.request[1]))
                 self.request = None
             most = 1 if self.request else self.random.choice(self.at_once)
@@ -66,7 +66,7 @@ class Bus:
         if isinstance(action, Publish):
             for other in cell.neighbours:
                 if self.random.random() >= self.drop:
-                    self.news[other].append((cell.cell, action))
+                    self.news[other].append((cell.number, action))
         elif isinstance(action, Report):
-            assert cell.cell not in self.reports, "a cell reports once"
-            self.reports[cell.cell] = action
+            assert cell.number not in self.reports, "a cell reports once"
+            self.reports[cell.number] = action
