@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from problems import registry
-from problems.file import ProblemFile
+from problems.file import ProblemFile, load
 from problems.problem import Problem
 from problems.run import Run
 
@@ -30,3 +30,14 @@ class InMemoryProblem(ProblemFile):
     def find_model(self) -> type[Problem]:
         """Return the class of the problem that this was made of, without an import."""
         return self.model
+
+
+def file_of(problem: ProblemFile | Problem | str | Path) -> ProblemFile:
+    """Return a problem file: the given one, the one at a path, or one with the fields of a problem made in Python.
+
+    Raises:
+        BadInput: if the file at the path cannot be used.
+    """
+    if isinstance(problem, Problem):
+        return InMemoryProblem.of(problem)
+    return problem if isinstance(problem, ProblemFile) else load(problem)

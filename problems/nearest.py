@@ -8,18 +8,18 @@ is halved until no bound is below the best measured distance by more than the ac
 import heapq
 from collections.abc import Callable, Sequence
 
-MOST = 20_000
+MOST_HALVINGS = 20_000
 """The most halvings; after these, the answer follows from the lower bound known by then."""
 
 
 def least_along(
-    measure: Callable[[int, float], float], ways: Sequence[float], accuracy: float
+    measure: Callable[[int, float], float], travel_bounds: Sequence[float], accuracy: float
 ) -> tuple[float, int, float]:
     """Return the least distance on some motions, and where it was measured.
 
     Args:
         measure: returns the distance, given the number of a motion and the share of it that is done, from 0 to 1.
-        ways: for each motion a bound of how far any point moves on it, in the unit of the distance.
+        travel_bounds: for each motion a bound of how far any point moves on it, in the unit of the distance.
         accuracy: the most by which the answer may exceed the least distance.
 
     Returns:
@@ -37,12 +37,12 @@ def least_along(
 
     def push(motion: int, ends: tuple[float, float], distances: tuple[float, float]) -> None:
         # Two lines, falling from one end and rising to the other with the greatest slope, cross at this height.
-        bound = (sum(distances) - ways[motion] * (ends[1] - ends[0])) / 2
+        bound = (sum(distances) - travel_bounds[motion] * (ends[1] - ends[0])) / 2
         heapq.heappush(stretches, (bound, motion, ends, distances))
 
-    for motion in range(len(ways)):
+    for motion in range(len(travel_bounds)):
         push(motion, (0.0, 1.0), (at(motion, 0.0), at(motion, 1.0)))
-    for _ in range(MOST):
+    for _ in range(MOST_HALVINGS):
         if not stretches or stretches[0][0] >= best - accuracy:
             break
         _, motion, (begin, end), (first, last) = heapq.heappop(stretches)

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
     from genetics.coding import Coding
     from genetics.operators import Operator
+    from problems.animation import Animation
     from problems.motion import Motion, Pace
     from problems.run import Run
 
@@ -318,6 +319,28 @@ class Problem(Table):
 
         Raises:
             BadInput: if ``pace`` does not suit the solution.
+        """
+        return None
+
+    def retimed(self, solution: Solution, pace: Pace) -> Solution:
+        """Return a solution with the quickest motion along its path that keeps the robot's limits, for ``--retime``.
+
+        `check` must judge the motion too, and `motion` return it.
+
+        Args:
+            solution: a solution that `check` accepts.
+            pace: further limits of speed and acceleration, the sampling rate, and how far corners may be rounded.
+
+        Raises:
+            BadInput: if solutions of this kind are not retimed, or ``pace`` or the robot does not allow it.
+        """
+        raise BadInput(f"--retime: expected a kind whose paths can be retimed, found {self.kind!r}")
+
+    def animation(self, solution: Solution | None) -> Animation | None:
+        """Return the solution as bodies that move in space, for screens; None if it is no such motion.
+
+        Args:
+            solution: the result of `decode`; None for the problem alone.
         """
         return None
 

@@ -8,6 +8,7 @@ import functools
 import importlib
 import importlib.util
 import sys
+from collections.abc import Collection
 from importlib.metadata import EntryPoint, entry_points
 from operator import attrgetter
 from pathlib import Path
@@ -168,23 +169,41 @@ def _module(name: str, folder: Path | None) -> ModuleType:
     return module
 
 
-def kernels() -> tuple[str, ...]:
-    """Return the names of the modules with compiled kernels; a module that others import comes before them."""
+def imported_kinds() -> tuple[str, ...]:
+    """Return the built-in kinds whose packages this process has imported: those that the loaded problems may use."""
+    return tuple(kind for kind in kinds() if any(entry.module in sys.modules for entry in _entries()[kind]))
+
+
+def kernels(wanted: Collection[str] | None = None) -> tuple[str, ...]:
+    """Return the names of the modules with compiled kernels; a module that others import comes before them.
+
+    Args:
+        wanted: the built-in kinds whose kernels are meant, besides those that all kinds share; None for all kinds.
+    """
     shared = ("bit_kernels", "real_kernels", "selection", "replacement", "sequence_kernels", "permutation_kernels")
-    names = [*(f"genetics.{name}" for name in shared), *_in_packages("kernels"), *_in_packages("coding_kernels")]
+    names = [f"genetics.{name}" for name in shared]
+    names += [*_in_packages("kernels", wanted), *_in_packages("coding_kernels", wanted)]
     if capabilities().numba_calls:
-        names += ["genetics.calls_by_address", *_in_packages("costly_kernels")]
+        names += ["genetics.calls_by_address", *_in_packages("costly_kernels", wanted)]
     return tuple(names)
 
 
-def _in_packages(module: str) -> list[str]:
-    """Return the full names of the modules called ``module`` in the built-in packages, which this imports."""
-    packages = [entry.module for entries in _entries().values() for entry in entries if _is_own(entry)]
-    names = [f"{package}.{module}" for package in packages]
-    return [name for name in names if importlib.util.find_spec(name)]
+def _in_packages(module: str, wanted: Collection[str] | None) -> list[str]:
+    """Return the full names of the modules called ``module`` in the packages of the wanted kinds; import nothing."""
+    packages = [
+        entry.module
+        for kind, entries in _entries().items()
+        if wanted is None or kind in wanted
+        for entry in entries
+        if _is_own(entry)
+    ]
+    root = Path(__file__).parent
+    return [
+        f"{package}.{module}" for package in packages if (root / package.removeprefix(_OWN) / f"{module}.py").is_file()
+    ]
 
 
-def warm_up() -> None:
-    """Import every built-in kind with all kernels and codings, so that processes forked from this one share them."""
-    for name in (*kernels(), *_in_packages("coding")):
+def warm_up(wanted: Collection[str] | None = None) -> None:
+    """Import the wanted kinds with their kernels and codings, so that processes forked from this one share them."""
+    for name in (*kernels(wanted), *_in_packages("coding", wanted)):
         importlib.import_module(name)

@@ -38,16 +38,16 @@ class SynchronisationPoints(Sequence):
         self._layout = [variable, *cells, points]
 
     def initialise(self) -> Operator:
-        """Return the operator that makes first demes: sorted uniform draws; see `kernels.initialise` (§3.2)."""
+        """Return the operator that makes first demes: sorted uniform draws; see `coding_kernels.initialise` (§3.2)."""
         from genetics.operators import Operator
-        from problems.coordination import kernels
+        from problems.coordination import coding_kernels
 
-        return Operator.of(kernels.initialise, self._layout)
+        return Operator.of(coding_kernels.initialise, self._layout)
 
     def variation(self, recipe: Recipe) -> Operator:
         """Return the operator that makes offspring: half by mutation alone, half by crossover, then maybe mutation."""
         from genetics.operators import Operator
-        from problems.coordination import kernels
+        from problems.coordination import coding_kernels
 
         tuned = recipe.crossover == "sp-tuned"
-        return Operator.of(kernels.variation, [*self._layout, tuned], float(recipe.mutation), *self._arrays)
+        return Operator.of(coding_kernels.variation, [*self._layout, tuned], float(recipe.mutation), *self._arrays)

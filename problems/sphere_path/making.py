@@ -11,7 +11,7 @@ from typing import Any
 
 from problems.digests import digest
 from problems.plane import Obstacle
-from problems.progress import telling
+from problems.progress import reporting_if_slow
 from problems.sphere_path import cells
 from problems.sphere_path.vehicle import Mesh, Vehicle
 
@@ -43,7 +43,7 @@ def made_or_kept(shaping: Mapping[str, Any], make: Callable[[], str]) -> str:
     kept = folder() / digest([_source(), shaping])
     code = _read(kept)
     if code is None:
-        with telling("making the spheres of configurations in collision; they are kept for the next time"):
+        with reporting_if_slow("making the spheres of configurations in collision; they are kept for the next time"):
             code = make()
         with contextlib.suppress(OSError):  # the cache is optional: a full disk or a read-only home is no error
             _write(kept, code)

@@ -108,12 +108,12 @@ def test_people_are_told_of_what_takes_long_and_of_nothing_else(monkeypatch: pyt
         heard.set()
 
     monkeypatch.setattr(progress, "_listeners", [])
-    with progress.telling("nobody listens"):
+    with progress.reporting_if_slow("nobody listens"):
         pass
-    progress.tell(listen)
-    with progress.telling("soon done"):
+    progress.set_listener(listen)
+    with progress.reporting_if_slow("soon done"):
         pass
     monkeypatch.setattr(progress, "AFTER", 0.0)
-    with progress.telling("making spheres"):
+    with progress.reporting_if_slow("making spheres"):
         assert heard.wait(10)
     assert told == ["making spheres ..."]
