@@ -1,7 +1,7 @@
 """Launch and supervise nodes, and run jobs on them.
 
-Each room has a docstring that says what happens in it, and which module to read first. A room imports only from rooms
-above it in this list, and from the modules beside the rooms (`errors`, `threads`, `cpu_time`, `log_lines`):
+Each subpackage has a docstring that says what happens in it, and which module to read first. A subpackage imports only
+from those above it in this list, and from the modules beside them (`errors`, `threads`, `cpu_time`, `log_lines`):
 
 - `jobs`: give free nodes to queued jobs, and conduct each job from its first epoch to its result
 - `store`: keep jobs and records in a database, so that another coordinator can go on

@@ -29,7 +29,7 @@ def call_fitness(context: Any, address: Any, genomes: Any, fitness: Any, table: 
 def call_variation(
     context: Any, address: Any, couples: Any, offspring: Any, seed: Any, cell: Any, generation: Any, table: Any
 ) -> Any:
-    """Call a function of signature MATING."""
+    """Call a function of signature VARIATION."""
     return types.void(types.int64, *VARIATION.args), lambda target, builder, _, arguments: call_by_address(
         target, builder, arguments, VARIATION
     )
@@ -39,7 +39,7 @@ def call_variation(
 def call_mutate_one_bit(
     context: Any, address: Any, individuals: Any, seed: Any, cell: Any, generation: Any, table: Any
 ) -> Any:
-    """Call a function of signature STRAYING."""
+    """Call a function of signature MUTATE_ONE_BIT."""
     return types.int64(types.int64, *MUTATE_ONE_BIT.args), lambda target, builder, _, arguments: call_by_address(
         target, builder, arguments, MUTATE_ONE_BIT
     )
@@ -47,7 +47,7 @@ def call_mutate_one_bit(
 
 @_intrinsic  # type: ignore[untyped-decorator]
 def call_initialise(context: Any, address: Any, deme: Any, seed: Any, cell: Any, generation: Any, table: Any) -> Any:
-    """Call a function of signature FOUNDING."""
+    """Call a function of signature INITIALISE."""
     return types.void(types.int64, *INITIALISE.args), lambda target, builder, _, arguments: call_by_address(
         target, builder, arguments, INITIALISE
     )
@@ -55,7 +55,7 @@ def call_initialise(context: Any, address: Any, deme: Any, seed: Any, cell: Any,
 
 @kernel("void(int64, uint8[:,:,::1], uint64, int64[::1], int64, int64[:,::1])")
 def initialise_rows(address: int, demes: Genomes, seed: np.uint64, cells: Cells, generation: int, table: Table) -> None:
-    """Fill first demes (rows, deme, genome_bytes), each by the function of signature FOUNDING at ``address``."""
+    """Fill first demes (rows, deme, genome_bytes), each by the function of signature INITIALISE at ``address``."""
     for row in range(cells.size):
         call_initialise(address, demes[row], seed, cells[row], generation, table)
 
@@ -70,6 +70,6 @@ def vary_rows(
     generation: int,
     table: Table,
 ) -> None:
-    """Fill offspring (rows, 2 * n, bytes) of couples (rows, n, 2, bytes) by the function of signature MATING."""
+    """Fill offspring (rows, 2 * n, bytes) of couples (rows, n, 2, bytes) by the function of signature VARIATION."""
     for row in range(cells.size):
         call_variation(address, couples[row], offspring[row], seed, cells[row], generation, table)

@@ -55,7 +55,7 @@ class Alphabet(NamedTuple):
     def admits(self, genome: Genomes) -> bool:
         """Return whether the coding could have made ``genome``, which may have any size.
 
-        `wire.exchange_kernels` has the same rule, compiled.
+        `wire.exchange_reader` has the same rule, compiled.
         """
         if genome.size != self.mask.size or np.any(genome & ~self.mask):
             return False
@@ -117,7 +117,7 @@ class Coding(Protocol):
         ...
 
     def variation(self, recipe: Recipe) -> "Operator":
-        """Return `recombine` for one row as a compiled operator of signature MATING. Both must give the same bits."""
+        """Return `recombine` for one row as a compiled operator of signature VARIATION, with the same bits."""
         ...
 
     def mutate_one(self, individuals: Genomes, keys: Keys) -> Cells:
@@ -131,7 +131,7 @@ class Coding(Protocol):
         ...
 
     def mutate_one_bit(self) -> "Operator":
-        """Return `mutate_one` for one row as a compiled operator of signature STRAYING."""
+        """Return `mutate_one` for one row as a compiled operator of signature MUTATE_ONE_BIT."""
         ...
 
     @property

@@ -58,9 +58,13 @@ class Operator(NamedTuple):
             own: the entries of its table, in order: numbers or arrays of at most two dimensions. Integers and booleans
                 become int64, floats float64.
         """
-        kept = tuple(np.require(np.atleast_2d(_plain(each)), requirements=["C", "W"]) for each in own)
-        table = pointers(*kept)
-        return Operator(function, _address_of(function), table, kept)
+        kept = _arrays_of(own)
+        return Operator(function, _address_of(function), pointers(*kept), kept)
+
+    def sharing(self, function: Any, *own: Any) -> "Operator":
+        """Return the operator of another kernel: its table has the arrays of this one, not copies, and then its own."""
+        kept = (*self.kept, *_arrays_of(own))
+        return Operator(function, _address_of(function), pointers(*kept), kept)
 
     def fitness(self, genomes: Genomes) -> Fitness:
         """Evaluate genomes with a function of signature FITNESS: (n, genome_bytes) to (n,)."""
@@ -77,6 +81,11 @@ def pointers(*arrays: NDArray[Any]) -> Table:
     assert all(each.flags.c_contiguous for each in arrays), "a pointer knows no strides"
     rows = [[each.ctypes.data, prod(each.shape[:-1]), each.shape[-1]] for each in arrays]
     return np.array(rows, np.int64).reshape(-1, 3)
+
+
+def _arrays_of(own: tuple[Any, ...]) -> tuple[NDArray[Any], ...]:
+    """Return copies of the entries of a table, as arrays of two dimensions that compiled code may write to."""
+    return tuple(np.require(np.atleast_2d(_plain(each)), requirements=["C", "W"]) for each in own)
 
 
 def _plain(value: Any) -> NDArray[Any]:

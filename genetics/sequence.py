@@ -64,11 +64,11 @@ class Sequence(ABC):
 
     @abstractmethod
     def initialise(self) -> "Operator":
-        """Return an operator of signature FOUNDING, which makes first demes."""
+        """Return an operator of signature INITIALISE, which makes first demes."""
 
     @abstractmethod
     def variation(self, recipe: Recipe) -> "Operator":
-        """Return an operator of signature MATING, which crosses and mutates couples."""
+        """Return an operator of signature VARIATION, which crosses and mutates couples."""
 
     def check(self, recipe: Recipe) -> None:
         """Refuse a recipe whose crossover or mutation is not for these sequences.

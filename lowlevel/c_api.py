@@ -63,16 +63,16 @@ _content: Any = _api("PyBytes_AsString", types.intp, OBJECT)
 
 
 @subroutine
-def new_ref(its: Any) -> Any:
+def new_ref(reference: Any) -> Any:
     """Return the object with one more reference, to be returned or stored where a reference is taken."""
-    incref(its)
-    return its
+    incref(reference)
+    return reference
 
 
 @subroutine
-def content(its: Any) -> Any:
+def content(bytes_object: Any) -> Any:
     """Return the content of a bytes object as a uint8 array. Not a copy: the object must outlive the array."""
-    return octets_at(_content(its), _size(its))
+    return octets_at(_content(bytes_object), _size(bytes_object))
 
 
 @subroutine
@@ -84,9 +84,9 @@ def payload_of(sample: Any, name: Any) -> Any:
     payload = attribute(sample, name)
     if payload == 0:
         return payload
-    its_bytes = _bytes_of(payload)
+    bytes_object = _bytes_of(payload)
     decref(payload)
-    return its_bytes
+    return bytes_object
 
 
 @subroutine
@@ -98,16 +98,16 @@ def message_of(octets: Any) -> Any:
 @subroutine
 def pair(first: Any, second: Any) -> Any:
     """Return a new tuple of two objects, with references of its own to both."""
-    its = _new_tuple(2)
-    _set_tuple_item(its, 0, new_ref(first))
-    _set_tuple_item(its, 1, new_ref(second))
-    return its
+    both = _new_tuple(2)
+    _set_tuple_item(both, 0, new_ref(first))
+    _set_tuple_item(both, 1, new_ref(second))
+    return both
 
 
 @subroutine
-def remove_first(its: Any, items: Any) -> Any:
+def remove_first(list_object: Any, items: Any) -> Any:
     """Delete the first ``items`` items of a list: a slice assignment without a value."""
-    _set_slice(its, 0, items, 0)
+    _set_slice(list_object, 0, items, 0)
 
 
 PAYLOAD_NAME = sys.intern("payload")  # attribute names in code are interned, and look-ups compare such by address

@@ -4,9 +4,8 @@ import os
 import platform
 import sys
 import sysconfig
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from functools import cache
-from importlib.metadata import version
 from typing import NamedTuple
 
 PLAIN = "SUPERNODE_PLAIN"
@@ -37,7 +36,11 @@ class Capabilities(NamedTuple):
 
 @cache
 def capabilities() -> Capabilities:
-    """Look at the environment, the interpreter, numba, the C library and the kernel, once for each process."""
+    """Look at the environment, the interpreter, numba, the C library and the kernel, once for each process.
+
+    Raises:
+        ValueError: if the environment names a part that does not exist.
+    """
     numba, python, linux, c_library = _of_numba(), _of_python(), _of_linux(), _of_c_library()
     reasons = {
         "numba_loader": numba,
@@ -46,16 +49,33 @@ def capabilities() -> Capabilities:
         "fork_memory": python or linux or c_library,
         "linux": linux,
     }
-    chosen = os.environ.get(PLAIN, "")
-    turned_off = reasons.keys() if chosen == "1" else chosen.split(",")
-    reasons |= {part: f"{PLAIN}={chosen}" for part in reasons if part in turned_off}
+    reasons |= dict.fromkeys(turned_off(), f"{PLAIN}={os.environ.get(PLAIN)}")
     if reasons["numba_calls"]:  # the callbacks breed whole generations
         reasons["c_api"] = reasons["c_api"] or reasons["numba_calls"]
     refused = {part: reason for part, reason in reasons.items() if reason}
     return Capabilities(**{part: part not in refused for part in reasons}, reasons=refused)
 
 
+def turned_off() -> Collection[str]:
+    """Return the parts that the environment turns off.
+
+    Raises:
+        ValueError: if it names a part that does not exist: a misspelt name would otherwise turn nothing off.
+    """
+    parts = [part for part in Capabilities._fields if part != "reasons"]
+    chosen = os.environ.get(PLAIN, "")
+    if chosen == "1":
+        return parts
+    named = [part for part in map(str.strip, chosen.split(",")) if part]
+    for part in named:
+        if part not in parts:
+            raise ValueError(f"{PLAIN}: expected 1 for all parts, or names from {', '.join(parts)}, found {part!r}")
+    return named
+
+
 def _of_numba() -> str:
+    from importlib.metadata import version  # here, since clients never ask, and it takes milliseconds
+
     found = version("numba")
     minor = ".".join(found.split(".")[:2])
     return "" if minor in _NUMBA else f"numba {found} is none of {', '.join(_NUMBA)}"

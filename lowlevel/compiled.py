@@ -15,6 +15,7 @@ from typing import Any, TypeVar
 os.environ.setdefault("NUMBA_DISABLE_INTEL_SVML", "1")
 
 import numba
+from llvmlite import binding as llvm
 
 from lowlevel.capabilities import capabilities
 from lowlevel.kernel_cache import ModuleLocator, keep_kernels_of
@@ -43,6 +44,11 @@ if capabilities().numba_loader:
     from lowlevel.numba_loader import load_quickly
 
     load_quickly()
+
+
+def processor() -> str:
+    """Return LLVM's name of this processor, for which kernels are compiled."""
+    return str(llvm.get_host_cpu_name())
 
 
 def kernel(signature: Any, may_be_long: bool = False) -> Callable[[Function], Function]:

@@ -56,7 +56,7 @@ class ModuleLocator:
         if file not in _own_files:
             return None
         try:
-            return cls(_folder_of(file), function.__code__.co_firstlineno)
+            return cls(folder_of(file), function.__code__.co_firstlineno)
         except OSError:
             return None  # the folder cannot be made: numba falls back to its own locators
 
@@ -77,7 +77,7 @@ class ModuleLocator:
 
 
 @functools.cache
-def _folder_of(file: str) -> Path:
+def folder_of(file: str) -> Path:
     """Return the folder of a source file's kernels. Make it if need be, deleting old ones, and mark it as used.
 
     Raises:
@@ -108,7 +108,19 @@ def _forget_oldest(base: Path, module: str) -> None:
 
 
 def digest_of(path: Path) -> str:
-    """Return a digest of the contents of a source file and of all files that it imports, directly or indirectly.
+    """Return a digest of the contents of a source file and of all files that it imports, directly or indirectly."""
+    # Sorted by content, not by path, so that it does not matter where a checkout is.
+    contents = sorted(_digest_of_one(each) for each in sources_of(path))
+    return hashlib.sha256(b"".join(contents)).hexdigest()[:16]
+
+
+@functools.cache
+def _digest_of_one(path: Path) -> bytes:
+    return hashlib.sha256(path.read_bytes()).digest()
+
+
+def sources_of(path: Path) -> set[Path]:
+    """Return a source file and all files that it imports, directly or indirectly.
 
     Only files of this project, or in the folder of the importing file (a user's own modules), are followed.
     """
@@ -118,9 +130,7 @@ def digest_of(path: Path) -> str:
         new = set(_imports_of(waiting.pop())) - found
         found |= new
         waiting += new
-    # Sorted by content, not by path, so that it does not matter where a checkout is.
-    contents = sorted(hashlib.sha256(each.read_bytes()).digest() for each in found)
-    return hashlib.sha256(b"".join(contents)).hexdigest()[:16]
+    return found
 
 
 @functools.cache

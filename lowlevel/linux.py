@@ -1,16 +1,17 @@
 """System calls of Linux that Python's standard library has no name for, each with an ordinary path."""
 
+import contextlib
 import ctypes
 import os
 import platform
 import signal
 import struct
 import threading
+from pathlib import Path
 
 from lowlevel.capabilities import capabilities
 
 _PR_SET_PDEATHSIG = 1
-_PR_SET_NAME = 15  # at most 15 bytes of it
 _PR_SET_TIMERSLACK = 29  # option of prctl(2): ns by which a sleep may be longer than asked for; by default 50,000
 _SCHED_SETATTR = {"x86_64": 314, "aarch64": 274}  # the system call's number; the C library has no wrapper for it
 _LOOK_EVERY = 0.2  # seconds
@@ -40,9 +41,9 @@ def _end_without(parent: int) -> None:
 
 
 def name_process(name: str) -> None:
-    """Let `ps` and `top` show the first 15 bytes of ``name``; the ordinary path leaves Python's name."""
-    if capabilities().linux:
-        _LIBC.prctl(_PR_SET_NAME, name.encode())
+    """Let `ps` and `top` show the first 15 bytes of ``name``, where the system has a file for it."""
+    with contextlib.suppress(OSError):
+        Path("/proc/self/comm").write_text(name)
 
 
 def wake_up_promptly() -> None:

@@ -8,7 +8,7 @@ what here is done later, and only if compilation needs it:
 - the intermediate code of a cached kernel is parsed (`Library`);
 - SciPy's linear algebra is imported (`_leave_blas_for_later`).
 
-Both depend on numba's version; `tests/genetics/test_quick_loading.py` shows whether they still work.
+Both depend on numba's version; `tests/lowlevel/test_numba_loader.py` shows whether they still work.
 """
 
 import importlib

@@ -28,27 +28,27 @@ class Assignment:
     """The epoch of a job that a node is in: its cell, its links, unread messages, and how to run it.
 
     Attributes:
-        cell: the state machine; only the thread that holds ``turn`` may use it.
+        cell: the state machine; only the thread that holds ``lock`` may use it.
         links: the links to the neighbours in this epoch.
         news: unread messages for the cell. The network thread appends while ``hears`` is set; the thread that holds
-            ``turn`` takes them.
-        awaited: in lockstep the neighbours whose messages for the next exchange have not come, less those that have
-            sent anything since. The network thread removes from it. If it holds too few, a step is made in vain; if it
-            holds too many, a step is missed and the cell stands still.
+            ``lock`` takes them.
+        missing_senders: in lockstep the neighbours whose messages for the next exchange have not come, less those that
+            have sent anything since. The network thread removes from it. If it holds too few, a step is made in vain;
+            if it holds too many, a step is missed and the cell stands still.
         hears: whether the cell still takes messages; not after its end.
         core: the core that the node should be pinned to, for now; None for none.
-        turns: the time slice that the node should ask for, in seconds; 0 for the kernel's default.
-        hands_on: whether the node breeds only while it has the token of its core.
-        events: events for the cell. Any thread may append; the thread that holds ``turn`` takes them.
-        turn: the lock of the thread that steps the cell, or lets it read messages.
+        slice_seconds: the time slice that the node should ask for, in seconds; 0 for the kernel's default.
+        needs_token: whether the node breeds only while it has the token of its core.
+        events: events for the cell. Any thread may append; the thread that holds ``lock`` takes them.
+        lock: the lock of the thread that steps the cell, or lets it read messages.
         inline: whether the network thread steps the cell, for now.
         begun: the query to answer with the report.
         report: the cell's report, encoded; None before it has stopped.
         bred_at: when the latest generations were bred, seconds on the monotonic clock, as far as it has been noted.
         gap: how long an exchange took then, in seconds.
         most: how many generations may be bred in one call: as many as take about `INLINE_SECONDS`.
-        told: when counters were sent last, on the same clock, and the numbers of messages sent and of generations bred
-            until then.
+        last_report: when counters were sent last, on the same clock, and the numbers of messages sent and of
+            generations bred until then.
         in_lockstep: whether the job runs in lockstep.
     """
 
@@ -56,20 +56,20 @@ class Assignment:
         self.cell = cell
         self.links = links
         self.news: list[Message] = [] if news is None else news
-        self.awaited = set(cell.neighbours)
+        self.missing_senders = set(cell.neighbours)
         self.hears = True
         self.core: int | None = None
-        self.turns = 0.0
-        self.hands_on = False
+        self.slice_seconds = 0.0
+        self.needs_token = False
         self.events: deque[Event] = deque()
-        self.turn = threading.Lock()
+        self.lock = threading.Lock()
         self.inline = False
         self.begun: zenoh.Query | None = None
         self.report: bytes | None = None
         self.bred_at = time.monotonic()
         self.gap = 0.0
         self.most = 1
-        self.told = (self.bred_at, 0, 0)
+        self.last_report = (self.bred_at, 0, 0)
         plan = cell.plan
         self._core = core_of(links.wiring, links.cell)
         self._measured_at = -_MEASURED_EVERY  # the generation of the latest measurement; the first step measures too
@@ -91,7 +91,7 @@ class Assignment:
     @property
     def busy(self) -> bool:
         """Whether a step of the cell would do something now. May be asked without the lock."""
-        return self.cell.awaits == 0 or bool(self.news or self.events)
+        return self.cell.missing_count == 0 or bool(self.news or self.events)
 
     @property
     def is_to_be_measured(self) -> bool:
@@ -103,14 +103,14 @@ class Assignment:
         unmeasured = self.cell.rows.generation - self._measured_at
         return unmeasured >= _MEASURED_EVERY or (self._may_be_inline and not self.inline)
 
-    def seconds_since_told(self) -> tuple[float, float]:
+    def seconds_since_report(self) -> tuple[float, float]:
         """Return the mean seconds from message to message, and from generation to generation, since the last call."""
-        before, had_sent, had_bred = self.told
-        now, sent, bred = self.told = (time.monotonic(), self.cell.sent, self.cell.rows.generation)
+        before, had_sent, had_bred = self.last_report
+        now, sent, bred = self.last_report = (time.monotonic(), self.cell.sent, self.cell.rows.generation)
         return (now - before) / max(1, sent - had_sent), (now - before) / max(1, bred - had_bred)
 
     def step(self) -> list[Action]:
-        """Let the cell take the messages and events that are here now, and breed; requires ``turn``.
+        """Let the cell take the messages and events that are here now, and breed; requires ``lock``.
 
         What arrives meanwhile is left for the next step.
         """
@@ -132,9 +132,9 @@ class Assignment:
         self._end_step()
         return actions
 
-    def went_on(self) -> list[Action]:
-        """Return the actions that the fast path has left to Python; requires ``turn``."""
-        actions = self.cell.went_on()
+    def actions_after_breeding(self) -> list[Action]:
+        """Return the actions that the fast path has left to Python; requires ``lock``."""
+        actions = self.cell.actions_after_breeding()
         self.look_at_the_clock()
         self._end_step()
         return actions
@@ -153,12 +153,12 @@ class Assignment:
     def _end_step(self) -> None:
         """Prepare for the next messages; after the cell's end free the core for others."""
         if self.in_lockstep:
-            self.await_messages()
+            self.find_missing_senders()
         if self.cell.ended:
-            self.hears, self.core, self.turns, self.hands_on = False, None, 0.0, False
+            self.hears, self.core, self.slice_seconds, self.needs_token = False, None, 0.0, False
 
     def take_in(self) -> list[Action]:
-        """Let the cell read the messages that are here now, without breeding; requires ``turn``."""
+        """Let the cell read the messages that are here now, without breeding; requires ``lock``."""
         return self.cell.hear(self._taken())
 
     def _taken(self) -> list[Message]:
@@ -170,13 +170,13 @@ class Assignment:
         del self.news[: len(news)]
         return news
 
-    def await_messages(self) -> None:
-        """Set ``awaited`` anew: the neighbours that must send something before another step is of use."""
-        self.awaited = awaited = self.cell.inbox.missing()
+    def find_missing_senders(self) -> None:
+        """Set ``missing_senders`` anew: the neighbours that must send something before another step is of use."""
+        self.missing_senders = missing = self.cell.inbox.missing_senders()
         # Look at the news only after the set is in place. The network thread appends a message first and removes its
         # sender afterwards: either from this set, or from the old one, and then the message is in the news by now.
         if self.news:
-            awaited.difference_update(sender for sender, _ in self.news[:])
+            missing.difference_update(sender for sender, _ in self.news[:])
 
     def _choose_core(self, seconds: float) -> None:
         """Choose core and time slice, given the processor time of one generation in ``seconds``.
@@ -189,10 +189,10 @@ class Assignment:
         generations = self.cell.generations
         compiled = generations is not None and generations.is_compiled
         goes_on_alone = not self.in_lockstep and self.most == 1 and compiled
-        self.turns = LONG if goes_on_alone else 0.0
+        self.slice_seconds = LONG if goes_on_alone else 0.0
         self.core = self._core if self.inline or goes_on_alone else None
         # A node whose generation outlasts its turn would starve the other nodes on its core.
-        self.hands_on = goes_on_alone and self.core is not None and seconds < LONG
+        self.needs_token = goes_on_alone and self.core is not None and seconds < LONG
 
 
 @dataclass

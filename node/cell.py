@@ -1,13 +1,13 @@
 """One cell as a state machine without input or output: events in, actions out.
 
-Its driver (`node.driver` in a node, or the simulator within one process) feeds it events and carries out its actions.
-It holds no socket, clock or thread, so a test can give it any sequence of events. Neighbours' messages are not events:
-there are thousands of them a second, and a step takes all of them at once. The cell is not thread-safe.
+Its driver feeds it events and carries out its actions: `node.driver` in a node, `node.simulation` for async runs within
+one process. A cell holds no socket, clock or thread, so a test can give it any sequence of events. Neighbours' messages
+are not events: there are thousands of them a second, and a step takes all of them at once. The cell is not thread-safe.
 
 States:
     prepared: it knows its plan, and may already receive messages from neighbours that started before it.
-    running: it breeds a generation in each step for which it `awaits` no message: in lockstep once the messages of all
-        its neighbours have come, in async mode always.
+    running: it breeds a generation in each step for which no message is missing (`missing_count`): in lockstep once the
+        messages of all its neighbours have come, in async mode always.
     stopped: it has reported, and only answers neighbours that missed a message.
     failed: the problem's code failed, and the cell has reported that.
 """
@@ -33,17 +33,19 @@ from problems import EvaluationFailed
 from problems.guard import reported
 from topologies import ROOT
 from wire.exchange import Champion
-from wire.exchange_kernels import EPOCH, GENERATION, JOB, NEVER, SENT
+from wire.exchange_layout import EPOCH, GENERATION, JOB, NEVER, SENT
 from wire.report import Birth, Report, Staleness
 
 State = Literal["prepared", "running", "stopped", "failed"]
 
 
 class Cell:
-    """The state machine of the cell number ``cell`` in one epoch of the job number ``job``.
+    """The state machine of one cell in one epoch of a job.
 
     Attributes:
         plan: the plan of the epoch.
+        number: the number of the cell.
+        job: the number of the job.
         state: see the module.
         inbox: the messages of the neighbours.
         neighbours: the distinct cells that the cell's slots name, without the cell itself.
@@ -52,19 +54,19 @@ class Cell:
             start. During that call other threads may run Python.
     """
 
-    def __init__(self, plan: Plan, cell: int, job: int) -> None:
+    def __init__(self, plan: Plan, number: int, job: int) -> None:
         self.plan = plan
-        self.cell = cell
+        self.number = number
         self.job = job
         self.state: State = "prepared"
-        self.inbox = Inbox(plan, cell, job)
+        self.inbox = Inbox(plan, number, job)
         self.neighbours = self.inbox.neighbours
-        self.rows = Rows(plan, np.array([cell]), self.inbox.messages)
+        self.rows = Rows(plan, np.array([number]), self.inbox.messages)
         # Every message of this cell carries these two, so they are set once.
         self.rows.messages.header[0, JOB], self.rows.messages.header[0, EPOCH] = job, plan.epoch
         self._is_async = plan.run.mode == "async"
         # With the paper's spy the root alone sends its champion, for the spy; neighbours ignore it.
-        self._tells_champion = plan.run.spy == "champion" or cell == ROOT
+        self._tells_champion = plan.run.spy == "champion" or number == ROOT
         self._outbox = Outbox(plan.limits.most_bytes)
         self._stimuli = Stimuli()
         self._complaints: set[tuple[int, str]] = set()  # made already
@@ -79,12 +81,14 @@ class Cell:
         return self.state in ("stopped", "failed")
 
     @property
-    def awaits(self) -> int:
+    def missing_count(self) -> int:
         """How many messages must come, at least, before `step` breeds a generation without any further event.
 
         `NEVER` before the start and after the end.
         """
-        return self._lacking() if self.state == "running" else NEVER
+        if self.state != "running":
+            return NEVER
+        return 0 if self._is_async or not self.rows.exchanging else self.inbox.missing_count()
 
     def step(self, news: Sequence[Message] = (), events: Sequence[Event] = (), most: int = 1) -> list[Action]:
         """Take ``news`` and ``events``, breed if ready, and return the actions to carry out.
@@ -104,7 +108,7 @@ class Cell:
             if self.state == "running":
                 assert self.generations is not None, "a running cell has begun"
                 self.generations(news, min(most, self.room))
-                self._went_on(self.generations, news, actions)
+                self._append_actions(self.generations, news, actions)
         except EvaluationFailed as error:
             self._end("failed", str(error), actions)
         except Exception as error:  # a mistake in this program, which ends the process
@@ -117,12 +121,12 @@ class Cell:
         """How many generations may be bred before the history must be digested."""
         return self._history.most - self._history.noted
 
-    def went_on(self) -> list[Action]:
+    def actions_after_breeding(self) -> list[Action]:
         """Return the actions to carry out after the fast path has called `breed_on` itself and read all news."""
         actions: list[Action] = []
         assert self.generations is not None, "else nothing else could"
         try:
-            self._went_on(self.generations, (), actions)
+            self._append_actions(self.generations, (), actions)
         except EvaluationFailed as error:
             self._end("failed", str(error), actions)
         return actions
@@ -195,7 +199,7 @@ class Cell:
 
     def _told(self) -> str:
         """Return what the cell was given lately, for an error."""
-        now = f"cell {self.cell}, {self.state}, in generation {self.rows.generation}"
+        now = f"cell {self.number}, {self.state}, in generation {self.rows.generation}"
         return f"{now}; lately it was given:\n{self._stimuli}"
 
     def _take(self, events: Sequence[Event], actions: list[Action]) -> None:
@@ -230,7 +234,7 @@ class Cell:
             kind = _kind_of_generations(rows)
             self.generations = kind(plan, rows, self.inbox, self._history, self._tells_champion, self._outbox)
             self.generations.publish_first()
-            self._went_on(self.generations, (), actions)
+            self._append_actions(self.generations, (), actions)
 
     def _complain(self, refusals: set[tuple[int, str]], actions: list[Action]) -> None:
         new = refusals - self._complaints
@@ -238,28 +242,24 @@ class Cell:
         actions += [Complain(sender, reason) for sender, reason in sorted(new)]
 
     def _questions(self) -> list[Action]:
-        """Ask the neighbours whose messages of this generation have not come; in async mode no neighbour is awaited."""
-        if self.state != "running" or self._lacking() == 0:
+        """Ask the neighbours whose messages of this generation have not come; in async mode none is missing."""
+        if self.state != "running" or self.missing_count == 0:
             return []
         generation = self.rows.generation
-        return [Ask(other, generation) for other in sorted(self.inbox.missing())]
+        return [Ask(other, generation) for other in sorted(self.inbox.missing_senders())]
 
-    def _lacking(self) -> int:
-        """Return how many messages that the next generation needs have not come."""
-        return 0 if self._is_async or not self.rows.exchanging else self.inbox.lacking()
-
-    def _went_on(self, generations: Generations, news: Sequence[Message], actions: list[Action]) -> None:
+    def _append_actions(self, generations: Generations, news: Sequence[Message], actions: list[Action]) -> None:
         """Append the actions that follow from generations that have been bred, and from ``news`` read meanwhile."""
         _, flags, size, _ = generations.done()
-        self._history.went_on()
+        self._history.digest_if_full()
         if flags:
-            self._raise_flags(flags, generations, news, actions)
+            self._handle_flags(flags, generations, news, actions)
         if size:
             actions.append(self._outbox.message(self.sent))
         if flags & STOPS:
             self._end("stopped", None, actions)
 
-    def _raise_flags(
+    def _handle_flags(
         self, flags: int, generations: Generations, news: Sequence[Message], actions: list[Action]
     ) -> None:
         """Deal with what generations rarely report beside a message.
@@ -281,7 +281,7 @@ class Cell:
         sound = error is None
         actions.append(
             Report(
-                cell=self.cell,
+                cell=self.number,
                 generation=self.rows.generation,
                 digest=self._history.digests()[0],
                 evaluations=self.rows.evaluations if sound else 0,

@@ -72,7 +72,7 @@ class Commands:
     def _answer_look(self, command: Look, query: zenoh.Query) -> None:
         """Answer a new coordinator that looks for the nodes of a job."""
         if self._driver.assignment is not None and self._driver.assignment.job == command.job:
-            answer(query, Done(json.dumps({"cell": self._driver.assignment.cell.cell, "versions": fingerprint()})))
+            answer(query, Done(json.dumps({"cell": self._driver.assignment.cell.number, "versions": fingerprint()})))
         else:
             drop(query)
 

@@ -95,13 +95,13 @@ class Driver:
             return
         # The order of these lines matters: the main thread may run between any two. Append first, then close: a thread
         # that opens the fast path looks at the news afterwards, so one of the two threads sees the message. Append
-        # first, then discard: `await_messages` replaces the set first and reads the news afterwards, so the sender is
-        # missing from whichever set counts. A stale set costs a step in vain at most, never a missed one.
+        # first, then discard: `find_missing_senders` replaces the set first and reads the news afterwards, so the
+        # sender is absent from whichever set counts. A stale set costs a step in vain at most, never a missed one.
         if self._fast_path.close(assignment):
-            assignment.await_messages()  # the fast path read messages without keeping `awaited` up to date
-        awaited = assignment.awaited
-        awaited.discard(sender)
-        if not awaited or len(news) > MOST_UNREAD:  # otherwise a step would find a message missing
+            assignment.find_missing_senders()  # the fast path has read messages without updating them
+        missing = assignment.missing_senders
+        missing.discard(sender)
+        if not missing or len(news) > MOST_UNREAD:  # otherwise a step would find a message missing
             if assignment.inline:
                 self._carry_on_inline(assignment)
             else:
@@ -112,14 +112,14 @@ class Driver:
 
         If the main thread holds the lock, this does nothing: that thread reads them in its next step.
         """
-        if assignment.turn.acquire(False):
+        if assignment.lock.acquire(False):
             try:
                 for action in assignment.take_in():
                     self.queue.put(partial(self._carry_out, assignment, action))
             except Exception as error:
                 self.queue.put(partial(_fail, error))
             finally:
-                assignment.turn.release()
+                assignment.lock.release()
 
     def _carry_on_inline(self, assignment: Assignment) -> None:
         """Step the cell on the network thread for as long as it can breed.
@@ -127,7 +127,7 @@ class Driver:
         If the main thread holds the lock, this returns: that thread looks for messages again after its step. Nothing
         here may block, so everything except small messages to neighbours and counters is queued for the main thread.
         """
-        while assignment.turn.acquire(False):
+        while assignment.lock.acquire(False):
             self._step_inline(assignment, assignment.step)  # releases the lock
             if not assignment.inline:  # generations have become long: the main thread takes over
                 self.queue.put(wake)
@@ -136,13 +136,13 @@ class Driver:
                 return
 
     def _finish_fast_path(self, assignment: Assignment) -> None:
-        """Finish what the fast path has left to Python; the fast path has acquired the turn lock, this releases it."""
-        self._step_inline(assignment, assignment.went_on)
+        """Finish what the fast path has left to Python; it has acquired the assignment's lock, this releases it."""
+        self._step_inline(assignment, assignment.actions_after_breeding)
         if assignment.busy:
             self._carry_on_inline(assignment)
 
     def _step_inline(self, assignment: Assignment, step: Callable[[], list[Action]]) -> None:
-        """Take one step on the network thread; the caller has acquired the turn lock, this releases it."""
+        """Take one step on the network thread; the caller has acquired the assignment's lock, this releases it."""
         try:
             self._fast_path.close(assignment)  # one of the two is at the cell; `_open_fast_path` opens it afresh
             for action in step():
@@ -157,10 +157,10 @@ class Driver:
         except Exception as error:  # raised here it would end in Zenoh's callback; the main thread ends the process
             self.queue.put(partial(_fail, error))
         finally:
-            assignment.turn.release()
+            assignment.lock.release()
 
     def _open_fast_path(self, assignment: Assignment) -> None:
-        """Open the fast path if the coming messages may take it, else close it; requires the turn lock."""
+        """Open the fast path if the coming messages may take it, else close it; requires the assignment's lock."""
         # In async mode the fast path does not read messages, so it could not hand one on to the epoch that is coming.
         # In lockstep it does, and leaves a message of another epoch to the ordinary path.
         alone = self.coming is None or assignment.in_lockstep
@@ -171,14 +171,14 @@ class Driver:
         else:
             self._fast_path.open(assignment, self._finish_fast_path)
             # Look only now: a message that came before the path was open is among the news, where the path never looks.
-            # The ordinary path then takes the next messages, and needs `awaited` to be right again.
+            # The ordinary path then takes the next messages, and needs `missing_senders` to be right again.
             if assignment.busy and self._fast_path.close(assignment):
-                assignment.await_messages()
+                assignment.find_missing_senders()
 
     def _keep_to(self, assignment: Assignment) -> None:
-        """Apply the assignment's core and time slice; requires the turn lock. A past epoch no longer decides them."""
+        """Apply the assignment's core and time slice; requires its lock. A past epoch no longer decides them."""
         if assignment is self.assignment:
-            self._pin(assignment.core, assignment.turns)
+            self._pin(assignment.core, assignment.slice_seconds)
 
     # On the main thread -----------------------------------------------------------------------------------------------
     def run(self) -> None:
@@ -230,13 +230,13 @@ class Driver:
         """Step the cell on the main thread, or in async mode let compiled code breed to the end of this node's turn."""
         # Wait for the token before the lock: meanwhile the network thread may still let the cell read (`_take_in`).
         self._turn_taking.take_over(assignment)
-        with assignment.turn:
+        with assignment.lock:
             # In lockstep the network thread must not read into the inbox during this step. In async mode the path stays
             # open: there that thread only appends to the news, which needs no lock.
             if assignment.in_lockstep:
                 self._fast_path.close(assignment)
             if self._may_end_turn(assignment) and self._fast_path.end_turn(self._turn_taking.over_at):
-                actions = assignment.went_on()
+                actions = assignment.actions_after_breeding()
             else:
                 actions = assignment.step()
             for action in actions:
@@ -247,7 +247,7 @@ class Driver:
             self._keep_to(assignment)
             self._open_fast_path(assignment)
         self._turn_taking.step_is_done(assignment)
-        if not assignment.in_lockstep and assignment.turns != cpu_affinity.LONG:
+        if not assignment.in_lockstep and assignment.slice_seconds != cpu_affinity.LONG:
             # Give the network thread and the neighbours a chance to get this core (or the interpreter's lock). Without
             # it a node breeds hundreds of generations with the same immigrants before its time slice is over.
             cpu_affinity.stand_back()
@@ -301,13 +301,13 @@ class Driver:
     def start(self, assignment: Assignment, start: Start) -> None:
         """Let the cell of an assignment begin."""
         assignment.bred_at = time.monotonic()
-        assignment.told = (assignment.bred_at, 0, 0)
+        assignment.last_report = (assignment.bred_at, 0, 0)
         self._questions_due = assignment.bred_at + PATIENCE
         assignment.events.append(start)
 
     def leave(self, assignment: Assignment) -> None:
         """Leave an assignment, the present one, for none."""
-        with assignment.turn:  # the network thread may be stepping the cell
+        with assignment.lock:  # the network thread may be stepping the cell
             self._fast_path.forget(assignment)
             self.assignment = None
             self._pin(None, 0.0)

@@ -1,4 +1,4 @@
-"""What a cell is given and what it wants done: the events and actions of `node.cell.Cell`."""
+"""Events and actions of `node.cell.Cell`: the input of a cell, and its requests to whatever drives it."""
 
 from dataclasses import dataclass
 from typing import NamedTuple

@@ -14,11 +14,13 @@ holds that lock except while Zenoh sends (`_publish`) and while it breeds and lo
 
 Invariant: who may touch a cell's table, and when.
 
-    - A thread that holds the assignment's turn lock and has closed the path: nobody else does then.
-    - In lockstep the network thread, without the turn lock, to write a message into the inbox: only while the path is
-      open, and only if it has held the interpreter's lock since it saw that. Whatever may let others run (reading
-      a payload, an allocation that collects garbage) comes before that look. To breed it takes the turn lock.
-    - In async mode the main thread alone, which holds the turn lock; the network thread only appends to the news.
+    - A thread that holds the assignment's lock and has closed the path: nobody else does then.
+    - In lockstep the network thread, without the assignment's lock, to write a message into the inbox: only while the
+      path is open, and only if it has held the interpreter's lock since it saw that. Whatever may let others run
+      (reading a payload, an allocation that collects garbage) comes before that look. To breed it takes the
+      assignment's lock.
+    - In async mode the main thread alone, which holds the assignment's lock; the network thread only appends to the
+      news.
 
 `_carry_on` holds a reference to `go_on`, which keeps the assignment, and so the table, alive while Zenoh sends.
 """
@@ -70,7 +72,7 @@ from node.engine.compiled_generation import (
 )
 from node.engine.inbox import take_in_one
 from node.engine.layout import RowLayout
-from node.engine.rule import lacks
+from node.engine.rule import is_missing_any
 
 _PATH = RowLayout()
 _TABLE = _PATH.column("table")  # the address of the cell's table of pointers; 0: the path is closed
@@ -82,7 +84,7 @@ _SECONDS = _PATH.column("seconds")  # with the next one a struct timespec
 _NANOSECONDS = _PATH.column("nanoseconds")
 # Addresses of objects of the assignment.
 _NEWS = _PATH.column("news")  # the list; 0 in lockstep
-_ACQUIRE = _PATH.column("acquire")  # acquires the turn lock, if that is free
+_ACQUIRE = _PATH.column("acquire")  # acquires the assignment's lock, if that is free
 _RELEASE = _PATH.column("release")
 _LINKS = _PATH.column("links")
 _GO_ON = _PATH.column("go_on")  # does the rest of the work
@@ -119,8 +121,8 @@ def _publish(path: Any, octets: Any) -> Any:
 def _carry_on(path: Any, table: Any) -> Any:
     """In lockstep breed and publish, and leave what else there is to do to Python.
 
-    If another thread holds the turn lock, this returns: that thread looks for messages again after its step. Whoever
-    is called last, `release` or `go_on`, releases the lock.
+    If another thread holds the assignment's lock, this returns: that thread looks for messages again after its step.
+    What is called last, `release` or `go_on`, releases the lock.
     """
     acquired = call_without(path[_ACQUIRE])
     decref(acquired)  # True and False are immortal, so the address may be compared afterwards
@@ -136,7 +138,7 @@ def _carry_on(path: Any, table: Any) -> Any:
     if message.size == 0 or not _publish(path, message):
         forget_exception()  # the ordinary path sends the message again, and reports what is wrong
         result = call_without(go_on)
-    elif lacks(table):  # the usual case: wait for the next messages
+    elif is_missing_any(table):  # the usual case: wait for the next messages
         result = call_without(release)
     else:  # the neighbours are one exchange ahead; nothing may be published twice, so Python sees nothing bred
         nothing_bred(table)
@@ -212,8 +214,8 @@ def _hear(own: int, sample: int) -> Any:
 
     ``own`` is the tuple that `FastPath.make_handler` gives to the callback.
     """
-    its = content(tuple_item(own, 0)).view(np.int64)
-    path, otherwise = integers_at(its[0], 1, _PLACES)[0], tuple_item(own, 1)
+    packed = content(tuple_item(own, 0)).view(np.int64)  # by `FastPath.make_handler`: an address and the sender
+    path, otherwise = integers_at(packed[0], 1, _PLACES)[0], tuple_item(own, 1)
     if path[_TABLE] == 0:  # closed: the ordinary path takes the message
         return call(otherwise, sample)
     openings, is_async = path[_OPENINGS], path[_NEWS] != 0
@@ -230,12 +232,12 @@ def _hear(own: int, sample: int) -> Any:
     if is_async:
         return _put_among_news(path, message)
     table = integers_at(path[_TABLE], _CELL_PLACES, 3)
-    # This needs no turn lock: in lockstep Python steps the cell only while the path is closed.
-    heard = take_in_one(inbox_of(table), content(message), its[1]) > 0
+    # This needs no lock: in lockstep Python steps the cell only while the path is closed.
+    heard = take_in_one(inbox_of(table), content(message), packed[1]) > 0
     decref(message)
     if not heard:  # refused, or of another epoch
         return call(otherwise, sample)
-    return new_ref(path[_NONE]) if lacks(table) else _carry_on(path, table)
+    return new_ref(path[_NONE]) if is_missing_any(table) else _carry_on(path, table)
 
 
 _HEAR = BuiltIn("hear", _hear)
@@ -277,7 +279,7 @@ class FastPath:
         return was_open
 
     def forget(self, assignment: Assignment) -> None:
-        """Close the path for an assignment and drop the references to it; requires the turn lock."""
+        """Close the path for an assignment and drop the references to it; requires the assignment's lock."""
         self.close(assignment)
         if assignment is self._for:
             self._for, self._objects = None, {}
@@ -285,14 +287,14 @@ class FastPath:
     def open(self, assignment: Assignment, go_on: Callable[[Assignment], None]) -> None:
         """Let the fast path take the assignment's messages, if its generations are compiled and (in lockstep) short.
 
-        Requires the turn lock.
+        Requires the assignment's lock.
 
         Args:
             assignment: the node's present epoch. In lockstep it must be idle, because this path never looks at its news
                 and events. The caller checks that after opening, and closes the path if a message came in between:
                 the ordinary path appends to the news first and closes the path second, so one of both threads notices.
-            go_on: does what the fast path leaves to Python. In lockstep it is called with the turn lock held, and must
-                release it; in async mode it is called without, when many messages are unread.
+            go_on: does what the fast path leaves to Python. In lockstep it is called with the assignment's lock held,
+                and must release it; in async mode it is called without, when many messages are unread.
         """
         generations = assignment.cell.generations
         if generations is None or not generations.is_compiled or self.is_open(assignment):
@@ -300,10 +302,10 @@ class FastPath:
         if assignment.in_lockstep and not assignment.inline:
             return
         if assignment is not self._for:
-            turn = assignment.turn
+            lock = assignment.lock
             objects = {
-                "acquire": partial(turn.acquire, False),
-                "release": turn.release,
+                "acquire": partial(lock.acquire, False),
+                "release": lock.release,
                 "links": assignment.links,
                 "go_on": partial(go_on, assignment),
             }
@@ -318,8 +320,8 @@ class FastPath:
     def end_turn(self, over_at: float) -> bool:
         """In async mode take the news and breed until ``over_at``, seconds on the monotonic clock.
 
-        Call it on the main thread with the turn lock held. Nothing is sent; `Assignment.went_on` returns what the last
-        of these generations has to say.
+        Call it on the main thread with the assignment's lock held. Nothing is sent; `Assignment.actions_after_breeding`
+        returns what the last of these generations has to say.
 
         Returns:
             Whether anything was bred: not if the path is closed, or if a message must take the ordinary path.

@@ -4,7 +4,7 @@ import platform
 from functools import cache
 from importlib.metadata import version
 
-import llvmlite.binding
+from lowlevel.compiled import processor
 
 
 @cache
@@ -16,5 +16,5 @@ def fingerprint() -> dict[str, str]:
         "numpy": version("numpy"),
         "numba": version("numba"),
         "libc": " ".join(platform.libc_ver()),
-        "cpu": str(llvmlite.binding.get_host_cpu_name()),
+        "cpu": processor(),
     }

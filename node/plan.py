@@ -21,7 +21,7 @@ _GOLDEN = 0x9E3779B97F4A7C15  # 2^64 divided by the golden ratio: multiples of i
 
 @dataclass(frozen=True)
 class Plan:
-    """What is to be solved in an epoch of a job, how it is bred, which cells are neighbours, and when it ends.
+    """The plan of an epoch of a job: the problem, how it is bred, which cells are neighbours, and when it ends.
 
     Attributes:
         problem: the problem to solve.

@@ -9,7 +9,7 @@ most of an exchange's cost. The main thread does everything that may take long o
 neighbours, long generations, and in async mode every generation, so that messages still arrive while it breeds.
 
 Who may touch what:
-    - The cell (`Assignment.cell`) belongs to the thread that holds `Assignment.turn`, a lock. The network thread only
+    - The cell (`Assignment.cell`) belongs to the thread that holds `Assignment.lock`, a lock. The network thread only
       tries to get the lock and never waits for it; when it fails, the holder looks at the news again after its step.
       Two exceptions: counters are read without it, beside breeding; and in async mode, where only the main thread
       breeds, `TurnTaking` takes back the number of an unsent message without it.

@@ -126,18 +126,18 @@ def epochs_of(file: ProblemFile, directives: Sequence[Mapping[str, Any]] = ()) -
     Raises:
         BadInput: if a directive is malformed, or the run cannot be repeated.
     """
-    turns, stop = _sorted(directives)
-    if turns and file.run.mode != "lockstep":
+    changes, stop = _sorted(directives)
+    if changes and file.run.mode != "lockstep":
         raise BadInput(f"directives: mode: expected lockstep, which alone can be repeated, found {file.run.mode}")
     epochs: list[Epoch] = []
     since, why = 0, dict[str, Any]()
-    for number, turn in enumerate(turns):
+    for number, change in enumerate(changes):
         cells = topologies.parse(file.run.topology).cells
-        left_at, donors = _left_at(turn, cells), _donors(turn, cells)
+        left_at, donors = _left_at(change, cells), _donors(change, cells)
         last = max(left_at.values())  # the others' demes are kept on the way, see `_Leaving`
         epochs.append(Epoch(number, file, since, why, left_at, last, donors))
-        file = _after(turn, file, cells)
-        since, why = since + last, dict(turn)
+        file = _after(change, file, cells)
+        since, why = since + last, dict(change)
     return [*epochs, Epoch(len(epochs), file, since, why, last=stop)]
 
 
@@ -193,7 +193,7 @@ class _Leaving:
 # What directives say --------------------------------------------------------------------------------------------------
 def _sorted(directives: Sequence[Mapping[str, Any]]) -> tuple[list[Mapping[str, Any]], int | None]:
     """Return the directives that lead to another epoch, and the generation of the last epoch's stop, if any."""
-    turns, stops = [], []
+    changes, stops = [], []
     for directive in directives:
         if not isinstance(directive, Mapping):
             raise BadInput(f"directives: expected tables, found {shorten(directive)}")
@@ -201,24 +201,24 @@ def _sorted(directives: Sequence[Mapping[str, Any]]) -> tuple[list[Mapping[str, 
         if kind == "stop":
             stops.append(_count(directive, "generation"))
         elif kind in _TURNS:
-            turns.append(directive)
+            changes.append(directive)
         elif isinstance(kind, str) and kind in _LOST:
             raise BadInput(f"directives: such a run cannot be repeated: {_LOST[kind]}")
         else:
             known = ", ".join(("stop", *_TURNS[:-1]))
             raise BadInput(f"directives: do: expected {known} or {_TURNS[-1]}, found {shorten(kind)}")
-    return turns, min(stops, default=None)
+    return changes, min(stops, default=None)
 
 
-def _after(turn: Mapping[str, Any], file: ProblemFile, cells: int) -> ProblemFile:
-    """Return the problem file of the epoch that the directive ``turn`` leads to."""
-    if turn["do"] == "update":
-        return file.changed(dict(_table(turn, "fields")), {})
-    if turn["do"] == "retry":
-        return file.next_attempt(dict(_table(turn, "fields")))
-    if turn["do"] == "replace":
+def _after(change: Mapping[str, Any], file: ProblemFile, cells: int) -> ProblemFile:
+    """Return the problem file of the epoch that the directive ``change`` leads to."""
+    if change["do"] == "update":
+        return file.changed(dict(_table(change, "fields")), {})
+    if change["do"] == "retry":
+        return file.next_attempt(dict(_table(change, "fields")))
+    if change["do"] == "replace":
         return file
-    topology = turn.get("topology")
+    topology = change.get("topology")
     if not isinstance(topology, str):
         raise BadInput(f"directives: topology: expected a text, found {shorten(topology)}")
     after = file.changed({}, {"topology": topology})
@@ -227,34 +227,34 @@ def _after(turn: Mapping[str, Any], file: ProblemFile, cells: int) -> ProblemFil
     return after
 
 
-def _left_at(turn: Mapping[str, Any], cells: int) -> dict[int, int]:
+def _left_at(change: Mapping[str, Any], cells: int) -> dict[int, int]:
     """Return the generation after which each cell left the epoch, without cells whose node died.
 
     All cells leave after the same generation unless a node died; then they were halted a few generations apart.
     """
-    if turn["do"] != "replace":
-        return dict.fromkeys(range(cells), _count(turn, "generation"))
-    left_at = dict(_by_cell(turn, "generations", cells))
-    missing = set(range(cells)) - left_at.keys() - dict(_by_cell(turn, "demes_of", cells)).keys()
+    if change["do"] != "replace":
+        return dict.fromkeys(range(cells), _count(change, "generation"))
+    left_at = dict(_by_cell(change, "generations", cells))
+    missing = set(range(cells)) - left_at.keys() - dict(_by_cell(change, "demes_of", cells)).keys()
     if missing or not left_at:
         raise BadInput(f"directives: generations: expected one for each cell, found none for {sorted(missing)}")
     return left_at
 
 
-def _donors(turn: Mapping[str, Any], cells: int) -> dict[int, int]:
+def _donors(change: Mapping[str, Any], cells: int) -> dict[int, int]:
     """Return, for each cell whose node died, the cell whose deme the new node got."""
-    if turn["do"] != "replace":
+    if change["do"] != "replace":
         return {}
-    donors = dict(_by_cell(turn, "demes_of", cells))
-    living = dict(_by_cell(turn, "generations", cells)).keys()
+    donors = dict(_by_cell(change, "demes_of", cells))
+    living = dict(_by_cell(change, "generations", cells)).keys()
     if not living >= set(donors.values()) or living & donors.keys():
         raise BadInput(f"directives: demes_of: expected dead cells, each with a living one, found {shorten(donors)}")
     return donors
 
 
-def _by_cell(turn: Mapping[str, Any], name: str, cells: int) -> Iterator[tuple[int, int]]:
+def _by_cell(change: Mapping[str, Any], name: str, cells: int) -> Iterator[tuple[int, int]]:
     """Return the entries of a table with cells as keys (texts in JSON) and counts as values."""
-    table = _table(turn, name)
+    table = _table(change, name)
     for cell in table:
         if not (str(cell).isdecimal() and int(cell) < cells):
             raise BadInput(f"directives: {name}: expected a cell below {cells}, found {shorten(cell)}")

@@ -21,7 +21,8 @@ from node.plan import Plan
 from problems.guard import reported
 from topologies import ROOT
 from wire.exchange import Champion, Messages
-from wire.exchange_kernels import BIRTHPLACE, BORN, hear_emigrants_only
+from wire.exchange_layout import BIRTHPLACE, BORN
+from wire.exchange_reader import hear_emigrants_only
 from wire.report import Birth, Proposal, Reason, Report, Staleness
 
 Watch = Callable[[int, Champion], None]
@@ -204,7 +205,7 @@ class _Delays:
         self.watch = watch
         self.outside = outside
         self.cells = [Cell(plan, number, job=1) for number in range(plan.topology.cells)]
-        self.events: list[list[Event]] = [[Start(None if demes is None else demes[cell.cell])] for cell in self.cells]
+        self.events: list[list[Event]] = [[Start(None if demes is None else demes[cell.number])] for cell in self.cells]
         self.news: list[list[Message]] = [[] for _ in self.cells]
         self.reports: dict[int, Report] = {}
         self.best: Champion | None = None
@@ -217,7 +218,7 @@ class _Delays:
     def run(self) -> list[Report]:
         """Run until no cell has anything left to do; return the reports in the order of the cells."""
         for cell in self.cells:
-            self._later(0.0, cell.cell, None)
+            self._later(0.0, cell.number, None)
         while self._agenda:
             now, _, number, message = heapq.heappop(self._agenda)
             if message is None:
@@ -227,22 +228,22 @@ class _Delays:
         return [self.reports[number] for number in range(len(self.cells))]
 
     def _turn(self, now: float, cell: Cell) -> None:
-        news, self.news[cell.cell] = self.news[cell.cell], []
-        events, self.events[cell.cell] = self.events[cell.cell], []
+        news, self.news[cell.number] = self.news[cell.number], []
+        events, self.events[cell.number] = self.events[cell.number], []
         for action in cell.step(news, events):
             self._carry_out(now, cell, action)
-        if cell.cell == ROOT:
+        if cell.number == ROOT:
             self._look(cell)
         if not cell.ended:
-            self._later(now + self._delay(cell.cell, 0), cell.cell, None)
+            self._later(now + self._delay(cell.number, 0), cell.number, None)
 
     def _carry_out(self, now: float, cell: Cell, action: Action) -> None:
         if isinstance(action, Publish):
             for index, other in enumerate(cell.neighbours):
-                arrival = now + MEAN_LATENCY * self._delay(cell.cell, 1 + index)
-                self._later(arrival, other, (cell.cell, action))
+                arrival = now + MEAN_LATENCY * self._delay(cell.number, 1 + index)
+                self._later(arrival, other, (cell.number, action))
         elif isinstance(action, Report):
-            self.reports[cell.cell] = action
+            self.reports[cell.number] = action
 
     def _look(self, root: Cell) -> None:
         if (reason := self.outside()) is not None:

@@ -1,4 +1,4 @@
-"""What a cell was given lately, kept so that an error can show it."""
+"""A bounded log of the latest stimuli of a cell, which an error prints."""
 
 from collections import deque
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""What a node says of itself beside its messages: counters, and records for the cluster's log."""
+"""Counters that a node publishes, and its records for the cluster's log."""
 
 import time
 from collections.abc import Callable
@@ -35,17 +35,17 @@ class Telemetry:
     def log(self, level: str, text: str, cell: Cell) -> None:
         """Publish a log record about this node's cell."""
         node, generation = self._node, cell.plan.since + cell.rows.generation
-        record = LogRecord(level, f"node {node}", text, time.time(), node, cell.cell, cell.job, generation)
+        record = LogRecord(level, f"node {node}", text, time.time(), node, cell.number, cell.job, generation)
         self._publish_record(record.encode())
 
     def send_counters(self, assignment: Assignment) -> None:
         """Publish this node's counters, on the thread that breeds or, beside it, on the main thread."""
-        cell, (each_exchange, each_generation) = assignment.cell, assignment.seconds_since_told()
-        least = _GENERATIONS_BETWEEN_COUNTERS * each_generation if assignment.hands_on else 0.0
+        cell, (each_exchange, each_generation) = assignment.cell, assignment.seconds_since_report()
+        least = _GENERATIONS_BETWEEN_COUNTERS * each_generation if assignment.needs_token else 0.0
         self.due = time.monotonic() + max(period_of_reports(self.cluster_nodes), least)
         counters = Counters(
             self._node,
-            cell.cell,
+            cell.number,
             cell.job,
             cell.plan.epoch,
             cell.plan.since + cell.rows.generation,

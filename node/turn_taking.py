@@ -37,7 +37,7 @@ class TurnTaking:
 
         With events, such as an order to halt, the step must not wait: it runs without the token.
         """
-        if assignment.hands_on and self._core_token is None and not assignment.events:
+        if assignment.needs_token and self._core_token is None and not assignment.events:
             assert assignment.core is not None, "a node that hands the token on keeps to a core"
             core_token = self._core_tokens.get(assignment.core)
             if core_token is not None:
@@ -63,7 +63,7 @@ class TurnTaking:
 
     def step_is_done(self, assignment: Assignment) -> None:
         """After a step: hand the token on if this turn is over."""
-        if assignment.bred_at >= self.over_at or not assignment.hands_on:
+        if assignment.bred_at >= self.over_at or not assignment.needs_token:
             self.hand_on()
 
     def hand_on(self) -> None:

@@ -162,13 +162,16 @@ def best_known(reports: Sequence[Report], spy: str) -> Champion | None:
 
 
 def stopped_after(reports: Sequence[Report]) -> int:
-    """Return the generation after which the cells stopped; in async mode, where they differ, the lower median."""
-    return statistics.median_low(report.generation for report in reports)
+    """Return the generation after which the cells stopped; in async mode, where they differ, the lower median.
+
+    Without reports, as when a node failed while it prepared, it is 0.
+    """
+    return statistics.median_low(report.generation for report in reports) if reports else 0
 
 
 def lived_for(reports: Sequence[Report], halted: bool) -> int:
     """Return the number of generations of an epoch; if its cells were ``halted`` because a node died, the largest."""
-    return max(report.generation for report in reports) if halted else stopped_after(reports)
+    return max((report.generation for report in reports), default=0) if halted else stopped_after(reports)
 
 
 def _counted(before: Messages, reports: Sequence[Report]) -> Messages:

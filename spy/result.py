@@ -5,6 +5,9 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 import topologies
 from problems import Run
 from spy.past import Lived, Past, stopped_after
@@ -101,6 +104,23 @@ class Result:
     def found(self) -> dict[str, Any] | None:
         """The solution, or the best attempt if there is no solution."""
         return self.best_attempt if self.solution is None else self.solution
+
+    @property
+    def path(self) -> NDArray[np.float64] | None:
+        """The path of the solution, shape (points, numbers of a point); None if it has none."""
+        return None if self.solution is None or "path" not in self.solution else np.array(self.solution["path"])
+
+    @property
+    def configuration(self) -> NDArray[np.float64] | None:
+        """The configuration of the solution, shape (joints,); None if it has none."""
+        found = None if self.solution is None else self.solution.get("configuration")
+        return None if found is None else np.array(found)
+
+    @property
+    def trajectory(self) -> dict[str, NDArray[np.float64]] | None:
+        """The trajectory of the solution, its columns such as ``t`` and ``q`` as arrays; None if it has none."""
+        found = None if self.solution is None else self.solution.get("trajectory")
+        return {name: np.array(column) for name, column in found.items()} if isinstance(found, dict) else None
 
     def to_json(self) -> dict[str, Any]:
         """Return the result as plain JSON values; a fitness of +inf becomes null. Words and demes are left out."""

@@ -30,6 +30,8 @@ class _Rectangle(ABC):
     name: ClassVar[str]
     sides: ClassVar[tuple[tuple[int, int], ...]] = (_NORTH, _EAST, _SOUTH, _WEST)
     """The offset of each slot's neighbour, (rows down, columns to the right), in the order of the slots."""
+    wraps: ClassVar[bool] = False
+    """Whether links lead around the edges, so that a drawing may cross them."""
 
     def __post_init__(self) -> None:
         if self.rows < 1 or self.columns < 1:
@@ -75,6 +77,7 @@ class Torus(_Rectangle):
     """
 
     name = "torus"
+    wraps = True
 
     @property
     def diameter(self) -> int:

@@ -15,6 +15,16 @@ class Topology(Protocol):
 
     All cells have the same number of slots (neighbour positions), so that the neighbours of all cells are one array. A
     slot that would be left over names the cell itself. Links are mutual: if a slot of cell a names b, one of b names a.
+
+    What else must hold:
+
+    - The graph is connected, and no cell has more than `topologies.graphs.MOST_DEGREE` neighbours.
+    - `diameter` is exact. The common stop of a lockstep run depends on it: with one too small, cells would stop after
+      different generations.
+    - Topologies are compared by value: two with the same `spec` are equal.
+
+    A topology that is drawn as a rectangle also has ``rows``, ``columns`` and ``wraps`` (`topologies.grids`). Any other
+    one is drawn like the most square torus, without links around the edges.
     """
 
     @property

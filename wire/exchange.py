@@ -1,8 +1,9 @@
 """The exchange message: what a node publishes to its neighbours in each exchange (the spy subscribes to the root's).
 
 Cells keep messages as rows of arrays, because compiled code reads, writes, packs and unpacks them without creating a
-Python object for each field (`wire.exchange_kernels` defines the layout and the checks). This module is the Python
-side: the array types, the limits that a receiver enforces, and the words for the reasons to refuse a message.
+Python object for each field (`wire.exchange_layout` defines the layout, `wire.exchange_reader` the checks). This module
+is the Python side: the array types, the limits that a receiver enforces, and the words for the reasons to refuse a
+message.
 """
 
 import math
@@ -13,8 +14,9 @@ import numpy as np
 
 from genetics.arrays import Fitness, Genomes
 from genetics.coding import Alphabet
-from wire import exchange_kernels as kernels
-from wire.exchange_kernels import HEADER, NEVER, VERSION, Header
+from wire import exchange_layout as layout
+from wire import exchange_reader
+from wire.exchange_layout import HEADER, NEVER, VERSION, Header
 from wire.strict import count, fields, fitness, of
 
 __all__ = [
@@ -33,16 +35,16 @@ _OVERHEAD = 256  # bytes of a message beside its genomes
 _EACH = 24  # bytes of an emigrant beside its genome
 # The compiled code knows only the numbers; the words end up in a node's warnings.
 REASONS = {
-    kernels.TOO_LONG: "too long",
-    kernels.NOT_MSGPACK: "not msgpack",
-    kernels.NOT_AN_ARRAY: "not an array",
-    kernels.WRONG_SHAPE: "wrong shape",
-    kernels.WRONG_TYPE: "wrong type",
-    kernels.OUT_OF_BOUNDS: "out of bounds",
-    kernels.NOT_FINITE: "not finite",
-    kernels.OTHER_VERSION: "other version",
-    kernels.GENOME_TOO_LONG: "genome too long",
-    kernels.NO_SUCH_GENOME: "no such genome",
+    layout.TOO_LONG: "too long",
+    layout.NOT_MSGPACK: "not msgpack",
+    layout.NOT_AN_ARRAY: "not an array",
+    layout.WRONG_SHAPE: "wrong shape",
+    layout.WRONG_TYPE: "wrong type",
+    layout.OUT_OF_BOUNDS: "out of bounds",
+    layout.NOT_FINITE: "not finite",
+    layout.OTHER_VERSION: "other version",
+    layout.GENOME_TOO_LONG: "genome too long",
+    layout.NO_SUCH_GENOME: "no such genome",
 }
 
 
@@ -104,7 +106,7 @@ class Messages(NamedTuple):
     The shapes depend on the job alone, so a cell allocates all its rows when an epoch begins, and none in an exchange.
 
     Attributes:
-        header: shape (n, HEADER), int64; `wire.exchange_kernels` names the columns. ``stop_at`` is NEVER if no stop is
+        header: shape (n, HEADER), int64; `wire.exchange_layout` names the columns. ``stop_at`` is NEVER if no stop is
             known.
         genomes: shape (n, emigrants + 1, genome_bytes), uint8: the emigrants, best first, then the champion.
         fitness: shape (n, emigrants + 1), float64, in the order of ``genomes``. A champion's fitness of +inf means that
@@ -128,22 +130,12 @@ class Messages(NamedTuple):
         """Return a copy that shares no memory with these messages."""
         return Messages._make(array.copy() for array in self)
 
-    def encode(self, row: int, champion: bool, out: Genomes) -> bytes:
-        """Return one row as msgpack. Zeros at the end of a genome are left out; the receiver restores them.
-
-        Args:
-            row: the message to encode.
-            champion: whether to include the champion; False with ``--spy root``, where champions do not travel.
-            out: working space of at least `Limits.most_bytes` bytes; the compiled writer does not check its size.
-        """
-        return out[: kernels.encode(*self, row, champion, out)].tobytes()
-
     def decode(self, row: int, payload: bytes, limits: Limits) -> str | None:
         """Unpack a payload into one row. Return None, or why the message is refused: one of `REASONS`.
 
         The row of a refused message is partly overwritten, so decode only into a row that nothing reads yet.
         """
-        code = kernels.decode(payload, limits.most_bytes, limits.cells, *limits.alphabet, *self, row)
+        code = exchange_reader.decode(payload, limits.most_bytes, limits.cells, *limits.alphabet, *self, row)
         return None if code == 0 else REASONS[-code]
 
     def champion(self, row: int) -> Champion | None:
@@ -152,5 +144,5 @@ class Messages(NamedTuple):
         if its_fitness == math.inf:
             return None
         header = self.header[row]
-        born, birthplace = int(header[kernels.BORN]), int(header[kernels.BIRTHPLACE])
+        born, birthplace = int(header[layout.BORN]), int(header[layout.BIRTHPLACE])
         return Champion(its_fitness, born, birthplace, self.genomes[row, -1].tobytes())

@@ -93,7 +93,8 @@ class Counters(NamedTuple):
         evaluations: fitness calls in this epoch.
         sent: messages published in this epoch.
         received: messages received and used.
-        lost: in async mode, messages known not to have arrived.
+        lost: messages known not to have arrived; in lockstep those that only a neighbour's answer to a question has
+            brought so far.
         rejected: messages refused as invalid.
         best, median, worst: fitness of the individuals of the deme; infinite for infeasible ones.
         champion: fitness of the best individual that the node knows of.

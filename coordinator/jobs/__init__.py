@@ -5,7 +5,7 @@ Read `dispatcher` first, then `conductor`.
 A job comes to the dispatcher. The scheduler (`scheduler`, pure) decides when it starts, and on which nodes. Each job
 that runs has a conductor on a thread of its own. The conductor sends commands to the nodes and to the spy, and waits at
 one queue for answers, reports, requests and news of deaths (`calls`). What it knows of the job is in `conducted_job`,
-the epochs of the job in `epochs`. Each state of a job has a class:
+the epochs of the job in `epochs`. Each phase of conducting it has a class:
 
 - `preparing`: prepare nodes and spy for an epoch, and begin it
 - `running`: wait for the reports of the cells, and pass on stops and changes meanwhile

@@ -18,8 +18,8 @@ from wire.news import Improvement
 from wire.report import Reason, Report
 
 
-class Dispatch(Protocol):
-    """The interface that a conductor needs from the dispatcher; called on the conductor's thread and on Zenoh's."""
+class ConductorServices(Protocol):
+    """The services of a dispatcher that a conductor uses; called on the conductor's thread and on Zenoh's."""
 
     @property
     def cluster_nodes(self) -> int:
@@ -72,7 +72,7 @@ class ConductedJob:
         calls: Calls,
         keys: Keys,
         nodes: tuple[int, ...],
-        dispatch: Dispatch,
+        dispatch: ConductorServices,
         adopted: Placement | None,
     ) -> None:
         self.entry = entry
@@ -134,7 +134,7 @@ class ConductedJob:
 
     def pass_on_histories(self) -> None:
         """Report the improvements of epochs that have ended; called before each new epoch and at the end of the job."""
-        for past, epoch in self.epochs.untold():
+        for past, epoch in self.epochs.not_passed_on():
             records = records_of(past, epoch.lived)
             self.entry.note(epoch.topology, records)
             self.dispatch.lived(self.entry, epoch.number, records)

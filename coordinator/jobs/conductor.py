@@ -5,8 +5,8 @@ same way: the conductor prepares the next epoch on every node and begins it, the
 node continues in the next one with the deme that it has. A node that receives the command to begin finishes the
 previous epoch first. At most two epochs are in progress at any time.
 
-Each state of a job has a class of its own: `preparing`, `running`, `changing` epoch, `replacing` dead processes and
-`ending`. What they share is `conducted_job.ConductedJob`.
+Each phase of conducting has a class of its own: `preparing`, `running`, `changing` epoch, `replacing` dead processes
+and `ending`. What they share is `conducted_job.ConductedJob`.
 
 Threads: each conductor runs on a thread of its own and is driven by one queue (see `coordinator.jobs.calls`). Zenoh's
 network thread calls only `ConductedJob.improve`.
@@ -19,7 +19,7 @@ import zenoh
 
 from coordinator.jobs.calls import Calls, GivenUpError, ReplacedError
 from coordinator.jobs.changing import Changing
-from coordinator.jobs.conducted_job import ConductedJob, Dispatch
+from coordinator.jobs.conducted_job import ConductedJob, ConductorServices
 from coordinator.jobs.ending import Ending
 from coordinator.jobs.job import JobEntry, Placement, StopRequest
 from coordinator.jobs.preparing import Preparing
@@ -60,7 +60,7 @@ class Conductor:
         seal: Seal,
         keys: Keys,
         nodes: tuple[int, ...],
-        dispatch: Dispatch,
+        dispatch: ConductorServices,
         *,
         replaces: bool = False,
         adopted: Placement | None = None,

@@ -39,7 +39,7 @@ class Ending:
             job.number,
             epoch.number,
             past.or_better(lived),
-            stopped_after(reports) if reports else 0,
+            stopped_after(reports),
             stop_reasons(reports, epoch.file.run.mode),
             error,
             tuple(states_of(reports).items()),

@@ -33,7 +33,7 @@ class Epoch:
         rescued: whether a stop has been sent to all cells, not only to the root.
         dead: cells whose nodes died in this epoch.
         asked: the number of the latest question for reports of this epoch (see `Calls.ask_for_reports`).
-        told: whether its improvements have been passed on.
+        passed_on: whether its improvements have been passed on.
     """
 
     number: int
@@ -45,7 +45,7 @@ class Epoch:
     rescued: bool = False
     dead: set[int] = field(default_factory=set)
     asked: int = -1
-    told: bool = False
+    passed_on: bool = False
 
     @cached_property
     def topology(self) -> Topology:
@@ -150,13 +150,13 @@ class Epochs:
         before = [Epoch(epoch.number - 1, epoch.file, epoch.wiring)] if self.past.epochs < epoch.number else []
         self.known = [*before, epoch]
 
-    def untold(self) -> Iterator[tuple[Past, Epoch]]:
+    def not_passed_on(self) -> Iterator[tuple[Past, Epoch]]:
         """Yield the epochs that have ended since the last call, each with the sum of those before it."""
         past = self.past
         for epoch, after in itertools.zip_longest(self.known, self.known[1:]):
             # A halted epoch is passed on too, with the reports of the cells that still had a node.
-            if epoch.settled and not epoch.told:
-                epoch.told = True
+            if epoch.settled and not epoch.passed_on:
+                epoch.passed_on = True
                 yield past, epoch
             if after is not None:
                 past = past.and_then(epoch.lived, after.why)

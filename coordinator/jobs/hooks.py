@@ -1,4 +1,4 @@
-"""The interfaces between the service and the dispatcher."""
+"""The interfaces between the service and the dispatcher: what a dispatcher reports, and what a service asks of it."""
 
 from collections.abc import Sequence
 from typing import Any, Protocol
@@ -13,7 +13,7 @@ from wire.news import Improvement, LogRecord, Statistics
 
 
 class Hooks(Protocol):
-    """What the dispatcher calls when something happens, on any thread.
+    """Callbacks of the dispatcher, which it calls on any thread.
 
     Only `placed` may wait: the dispatcher may hold its lock, or be on Zenoh's thread, when it calls the others.
     """
@@ -40,8 +40,8 @@ class Hooks(Protocol):
         """A job has ended, with a result or because something broke."""
 
 
-class Dispatcher(Protocol):
-    """The interface of what runs jobs.
+class JobRunner(Protocol):
+    """The interface that a service needs from its dispatcher, such as `service_dispatcher.ServiceDispatcher`.
 
     It refuses jobs with `BadInput` or `coordinator.jobs.scheduler.QueueFull`; the messages are for the client.
     """
@@ -82,9 +82,9 @@ class Dispatcher(Protocol):
         """Stop without calling any hook."""
 
 
-class MakeDispatcher(Protocol):
-    """A function that makes a dispatcher."""
+class MakeJobRunner(Protocol):
+    """A function that makes the dispatcher of a service."""
 
-    def __call__(self, session: zenoh.Session, keys: Keys, nodes: int, hooks: Hooks) -> Dispatcher:
+    def __call__(self, session: zenoh.Session, keys: Keys, nodes: int, hooks: Hooks) -> JobRunner:
         """Return a dispatcher of ``nodes`` nodes."""
         ...

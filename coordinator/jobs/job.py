@@ -225,7 +225,7 @@ class JobEntry(Job):
 
     Args:
         spec: the job as it was submitted.
-        told: whether to keep events for a reader; without one they would fill memory.
+        keeps_events: whether to keep events for a reader; without one they would fill memory.
         cancel: called with the job's number to cancel it, also while it is queued. If None, its conductor gets the stop
             request.
 
@@ -236,10 +236,10 @@ class JobEntry(Job):
         BadInput: if the run log cannot be written.
     """
 
-    def __init__(self, spec: JobSpec, told: bool = True, cancel: Callable[[int], None] | None = None) -> None:
+    def __init__(self, spec: JobSpec, keeps_events: bool = True, cancel: Callable[[int], None] | None = None) -> None:
         super().__init__(spec)
         self.log = RunLog(spec.log, spec.least_improvement)
-        self._told = told
+        self._keeps_events = keeps_events
         self._cancel = cancel
 
     def cancel(self) -> None:
@@ -258,7 +258,7 @@ class JobEntry(Job):
         """Pass an event on to the reader, and statistics to the run log."""
         if isinstance(event, Statistics):
             self.log.statistics(event)
-        if self._told:
+        if self._keeps_events:
             self._news.put(event)
 
     def end(self, outcome: Result | Exception) -> None:

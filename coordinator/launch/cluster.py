@@ -3,6 +3,7 @@
 import secrets
 import threading
 import time
+from collections.abc import Collection
 from typing import Any, Self
 
 import zenoh
@@ -11,8 +12,11 @@ import topologies
 from coordinator.errors import ClusterFailed
 from coordinator.jobs.dispatcher import Dispatcher
 from coordinator.jobs.job import Job, JobSpec
+from coordinator.launch import capacity
+from coordinator.launch.compilation import compile_missing
 from coordinator.launch.launcher import Launcher
-from problems import ProblemFile
+from problems import BadInput, Problem, ProblemFile, registry
+from problems.in_memory import file_of
 from problems.run import with_topology
 from spy.least_improvement import LEAST
 from wire import sessions
@@ -35,12 +39,15 @@ class LocalCluster:
     Args:
         torus: rows and columns of a torus, as a pair or as text such as ``"4x4"``.
         topology: another topology instead of ``torus``, as text such as ``"ring 16"``.
+        kinds: the built-in kinds of problem that jobs may have; the processes load the kernels of no others. By
+            default, all kinds.
         force: start it even if this machine cannot hold so many nodes.
 
     Raises:
         ValueError: if there is no such topology; the message begins with ``torus`` if that is wrong.
         BadInput: if this machine cannot hold so many nodes.
-        ClusterFailed: if a process dies before all are ready, or they are not ready in time.
+        ClusterFailed: if kernels must be compiled first and cannot be, or a process dies before all are ready, or they
+            are not ready in time.
 
     Attributes:
         topology: the topology of the nodes.
@@ -48,17 +55,25 @@ class LocalCluster:
     """
 
     def __init__(
-        self, torus: tuple[int, int] | str = (4, 4), *, topology: str | None = None, force: bool = False
+        self,
+        torus: tuple[int, int] | str = (4, 4),
+        *,
+        topology: str | None = None,
+        kinds: Collection[str] | None = None,
+        force: bool = False,
     ) -> None:
-        called = time.monotonic()
         self.topology = topologies.parse(topology or with_topology({"torus": torus})["topology"])
+        capacity.check(self.topology.cells, force=force)  # before anything is compiled
+        compile_missing(kinds)  # here, since the zygote would compile on one core
+        called = time.monotonic()
+        self._kinds = kinds
         self.keys = Keys(secrets.token_hex(4))  # a random name, so that clusters side by side do not meet
         self._failure: str | None = None  # why the cluster cannot be used any more; the first reason stays
         self._changed = threading.Condition()  # guards what the launcher's and Zenoh's threads change too
         self._submitted = 0
         self._closed = False
         self._dispatcher: Dispatcher | None = None
-        self._launcher = Launcher(self.keys.cluster, self.topology.spec, self._on_death, force=force)
+        self._launcher = Launcher(self.keys.cluster, self.topology.spec, self._on_death, kinds=kinds, force=force)
         self._session: zenoh.Session | None = None
         try:
             session = self._connect()
@@ -90,30 +105,41 @@ class LocalCluster:
         """The process ids by name: "router", "spy", "node 0" and so on."""
         return dict(self._launcher.processes)
 
-    def submit(self, file: ProblemFile, *, log: str | None = None, least_improvement: float = LEAST, **run: Any) -> Job:
+    def submit(
+        self, file: ProblemFile | Problem, *, log: str | None = None, least_improvement: float = LEAST, **run: Any
+    ) -> Job:
         """Submit a job; it runs as soon as there are enough free nodes. Its ``seconds`` count from now on.
 
         Args:
-            file: the problem, from `supernode.load`.
+            file: the problem, from `supernode.load` or made in Python.
             log: the path of a run log to write, JSON Lines.
             least_improvement: the least improvement that gets a line there, as a share of the fitness before.
             run: settings that replace those of the file's ``[run]`` table, such as ``seed=1``, ``seconds=5``,
                 ``torus="2x2"``.
 
         Raises:
-            BadInput: if a setting is unknown or wrong, or the log cannot be written.
+            BadInput: if a setting is unknown or wrong, the log cannot be written, or the cluster was started for other
+                kinds of problem.
             ClusterFailed: if the cluster is closed, or a process of it has died.
         """
         self._raise_failure()
+        file = file_of(file)
+        self._refuse_other_kinds(file.kind)
         assert self._dispatcher is not None, "ready by now"
         # Without a topology of its own a job takes the cluster's, whatever the file's settings say.
         asked = any(run.get(name) is not None for name in ("topology", "torus"))
         settings = run if asked else run | {"topology": self.topology.spec}
-        file = file.with_run(**settings)
-        file.refuse_unreachable()
+        asked_for = file.with_run(**settings)
+        asked_for.refuse_unreachable()
         self._submitted += 1
-        spec = JobSpec(self._submitted, file, log, least_improvement=least_improvement)
+        spec = JobSpec(self._submitted, asked_for, log, least_improvement=least_improvement)
         return self._dispatcher.submit(spec)
+
+    def _refuse_other_kinds(self, kind: str) -> None:
+        """Refuse a kind whose kernels are not loaded: each node would load them, or compile them, by itself."""
+        if self._kinds is not None and registry.is_built_in(kind) and kind not in self._kinds:
+            kinds = ", ".join(sorted(self._kinds)) or "users' own kinds only"
+            raise BadInput(f"kind: expected {kinds}, for which this cluster was started, found {kind!r}")
 
     def cpu_seconds(self) -> float:
         """Return the CPU time that all processes have used so far, this one included."""

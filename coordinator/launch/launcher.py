@@ -9,7 +9,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -66,6 +66,7 @@ class Launcher:
         on_death: called, on a thread of this object, with the reason why the cluster has failed; with None if a client
             has ended it.
         service: options of a cluster that stays up; None for one that ends with the first death.
+        kinds: the built-in kinds of problem whose kernels the processes load; None for all.
         force: start it even if this machine cannot hold so many nodes.
 
     Raises:
@@ -85,6 +86,7 @@ class Launcher:
         on_death: Callable[[str | None], None],
         service: ServiceOptions | None = None,
         *,
+        kinds: Collection[str] | None = None,
         force: bool = False,
     ) -> None:
         nodes = topologies.parse(topology).cells
@@ -102,6 +104,7 @@ class Launcher:
             "topology": topology,
             "folder": self.folder,
             "service": told,
+            "kinds": None if kinds is None else sorted(kinds),
         }
         crowded = nodes >= _CROWD
         self._zygote = subprocess.Popen(

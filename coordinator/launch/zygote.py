@@ -24,7 +24,7 @@ import shutil
 import signal
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -57,7 +57,13 @@ def main() -> None:
         return _tell({"failed": f"the zygote cannot make {folder}: {error.strerror}"})
     service = config["service"]
     zygote = Zygote(
-        config["cluster"], config["topology"], folder, bytes.fromhex(config["secret"]), _modules(service), service
+        config["cluster"],
+        config["topology"],
+        folder,
+        bytes.fromhex(config["secret"]),
+        _modules(service),
+        service,
+        config["kinds"],
     )
     zygote.run()
     return os.close(lock)
@@ -129,6 +135,7 @@ class Zygote:
         secret: bytes,
         modules: "Modules",
         service: dict[str, Any] | None = None,
+        kinds: Collection[str] | None = None,
     ) -> None:
         self.cluster = cluster
         self.secret = secret
@@ -136,6 +143,7 @@ class Zygote:
         self.topology = topology
         self.folder = folder
         self.service = service  # `coordinator.launch.launcher.ServiceOptions`, as JSON has them
+        self._kinds = kinds  # of problem, whose kernels are loaded; None for all
         self.children: dict[int, str] = {}  # running children, process id to name
         self._core_tokens: CoreTokens = {}
         self._nothing = os.open(os.devnull, os.O_RDWR)
@@ -176,12 +184,13 @@ class Zygote:
             self._fork(f"node {node}", partial(self._node, node, self.topology))
         if self.service is not None:
             self._fork("coordinator", partial(self._coordinate, first=True))
+            self._report_ordinary_paths()
         _tell({"processes": {name: process for process, name in self.children.items()}})
 
     def _warm_up(self, nodes: int) -> None:
         """Import everything that a child needs, and arrange memory so that children write to few shared pages."""
         gc.disable()  # hardly anything is garbage while modules are imported
-        import_all()
+        import_all(self._kinds)
         import node.core_token
         import node.process
         import spy.process
@@ -189,7 +198,6 @@ class Zygote:
 
         sessions.log_nothing()  # here, since it would touch forty pages in each child
         self._core_tokens = node.core_token.for_all_cores(nodes)
-        self._report_ordinary_paths()
         self._spy_watch, self._node_live = spy.process.watch, node.process.live
         gc.enable()
         gc.freeze()  # a collection in a child would write to the header of every object, and so copy their pages
@@ -362,15 +370,15 @@ def _be_a_child(parent: int, name: str, nothing: int) -> None:
     os.close(nothing)
 
 
-def import_all() -> None:
-    """Import everything that router, spy and nodes need, and load all compiled kernels."""
+def import_all(kinds: Collection[str] | None = None) -> None:
+    """Import everything that router, spy and nodes need, with the compiled kernels of these kinds (None: of all)."""
     import numpy.ma  # numba asks whether an array is one of these  # noqa: F401
 
     import problems.registry
     import spy.process  # noqa: F401
     from node.fingerprint import fingerprint
 
-    problems.registry.warm_up()
+    problems.registry.warm_up(kinds)
     fingerprint()
 
 

@@ -19,22 +19,22 @@ from wire.keys import Keys
 from wire.seal import Seal
 
 
-def coordinate(config: NodeConfig, told: Mapping[str, Any], first: bool) -> None:
+def coordinate(config: NodeConfig, options: Mapping[str, Any], first: bool) -> None:
     """Run the coordinator until a client or SIGTERM ends it.
 
     Args:
         config: the cluster's configuration.
-        told: the fields of `coordinator.launch.launcher.ServiceOptions`.
+        options: the fields of `coordinator.launch.launcher.ServiceOptions`.
         first: whether this is the first coordinator of the cluster. A later one does not know how the nodes are linked.
     """
-    url = told["database"] or url_in(Path(told["state"]))
+    url = options["database"] or url_in(Path(options["state"]))
     cells = topologies.parse(config.topology).cells
     seal = Seal(config.secret)
     make_dispatcher = partial(
-        LaunchedDispatcher, seal=seal, topology=config.topology, wired=first, max_queue=told["max_queue"]
+        LaunchedDispatcher, seal=seal, topology=config.topology, wired=first, max_queue=options["max_queue"]
     )
-    keep = Keep(told["keep_days"], told["keep_records"])
-    run(config, Options(cells, url, keep, told["log_json"]), make_dispatcher)
+    keep = Keep(options["keep_days"], options["keep_records"])
+    run(config, Options(cells, url, keep, options["log_json"]), make_dispatcher)
 
 
 class LaunchedDispatcher(ServiceDispatcher):

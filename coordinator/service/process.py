@@ -18,7 +18,7 @@ from functools import partial
 
 import zenoh
 
-from coordinator.jobs.hooks import MakeDispatcher
+from coordinator.jobs.hooks import MakeJobRunner
 from coordinator.log_lines import LogLines
 from coordinator.service.checking import Checker
 from coordinator.service.lanes import Lanes
@@ -63,7 +63,7 @@ class Options:
     joined: bool = False
 
 
-def run(config: NodeConfig, options: Options, make_dispatcher: MakeDispatcher) -> None:
+def run(config: NodeConfig, options: Options, make_dispatcher: MakeJobRunner) -> None:
     """Run the coordinator until a client's `Down` or SIGTERM ends it."""
     sessions.use_runtime(sessions.NODE_RUNTIME)
     session = sessions.client(config.router)
@@ -96,7 +96,7 @@ class Service:
         keys: Keys,
         modules: Modules,
         options: Options,
-        make_dispatcher: MakeDispatcher,
+        make_dispatcher: MakeJobRunner,
     ) -> None:
         self._session = session
         self._keys = keys

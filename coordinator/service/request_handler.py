@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import topologies
 from coordinator.errors import ClusterFailed
-from coordinator.jobs.hooks import Dispatcher
+from coordinator.jobs.hooks import JobRunner
 from coordinator.jobs.job import JobSpec, Placement
 from coordinator.jobs.scheduler import QueueFull
 from coordinator.jobs.states import ENDS, LIVING
@@ -67,7 +67,7 @@ class RequestHandler:
         store: Store,
         book: RecordBook,
         recorder: Recorder,
-        dispatcher: Dispatcher,
+        dispatcher: JobRunner,
         checker: Checker,
         publish: Callable[[JobState], None],
         ends: Literal["cluster", "coordinator"] = "cluster",

@@ -46,7 +46,7 @@ class Roster:
         self._lock = threading.Lock()
         self._processes: dict[str, tuple[int, str]] = {}  # by name, the process id and the host ("": this machine)
         self._seen: dict[int, float] = {}  # by node, when its process was first seen, on the monotonic clock
-        self._counters: dict[int, Counters] = {}  # by node
+        self._counters: dict[int, tuple[Counters, float]] = {}  # by node, the latest and when they came, likewise
         self._memory = _Memory()
         self._spy: int | None = None  # its process id, as long as its token exists
         liveliness = self._liveliness = session.liveliness()
@@ -87,9 +87,9 @@ class Roster:
         jobs = {node: job_on(node) for node in nodes}
         with self._lock:
             here = {each: process for each in jobs if (process := self._here(each)) is not None}
-            told = [self._node(node, job) for node, job in jobs.items()]
+            described = [self._node(node, job) for node, job in jobs.items()]
         self._memory.look(here.values())
-        return [each | {"memory": self._memory.known.get(here.get(each["node"], -1))} for each in told]
+        return [each | {"memory": self._memory.known.get(here.get(each["node"], -1))} for each in described]
 
     def _here(self, node: int) -> int | None:
         """Return the id of a node's process if that runs on this machine; else None."""
@@ -97,18 +97,20 @@ class Roster:
         return None if host else process
 
     def _node(self, node: int, job: str | None) -> dict[str, Any]:
-        (process, _), told = self._processes.get(f"node {node}", (None, "")), self._counters.get(node)
-        busy = job is not None and told is not None
+        (process, _), now = self._processes.get(f"node {node}", (None, "")), time.monotonic()
+        counters, came = self._counters.get(node, (None, now))
+        shown = None if job is None else counters  # the counters of a node without a job are those of its last one
         return {
             "node": node,
             "process": process,
             "job": job,
-            "cell": told.cell if busy and told is not None else None,
-            "epoch": told.epoch if busy and told is not None else None,
-            "generation": told.generation if busy and told is not None else None,
-            "seconds": round(time.monotonic() - self._seen[node], 3) if node in self._seen else None,
-            "sent": 0 if told is None else told.sent,
-            "received": 0 if told is None else told.received,
+            "cell": None if shown is None else shown.cell,
+            "epoch": None if shown is None else shown.epoch,
+            "generation": None if shown is None else shown.generation,
+            "seconds": round(now - self._seen[node], 3) if node in self._seen else None,
+            "reported": None if shown is None else round(now - came, 3),
+            "sent": 0 if counters is None else counters.sent,
+            "received": 0 if counters is None else counters.received,
         }
 
     def _see(self, sample: zenoh.Sample) -> None:
@@ -134,11 +136,12 @@ class Roster:
 
     def _hear(self, sample: zenoh.Sample) -> None:
         try:
-            told = Counters.decode_all(sample.payload.to_bytes())
+            received = Counters.decode_all(sample.payload.to_bytes())
         except Rejected:
             return
+        now = time.monotonic()
         with self._lock:
-            self._counters |= {counters.node: counters for counters in told}
+            self._counters |= {counters.node: (counters, now) for counters in received}
 
 
 class _Memory:

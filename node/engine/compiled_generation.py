@@ -14,22 +14,23 @@ from numba import types
 
 from genetics.calls_by_address import call_fitness, call_mutate_one_bit, call_variation
 from genetics.operators import TABLE, Table
+from genetics.recipe import ONE_BIT
 from genetics.selection import first_unsound
 from lowlevel.compiled import kernel, subroutine
 from lowlevel.numba_calls import entry
 from lowlevel.pointers import integers, octets, reals
 from node.engine import cell_table as at
 from node.engine.flags import REFUSED, UNSOUND
-from node.engine.generation import Generations
+from node.engine.generation import Generations, Operators
 from node.engine.history import History
 from node.engine.inbox import Inbox, hear, packed
 from node.engine.kernels import OWN
 from node.engine.outbox import Outbox
 from node.engine.rows import Rows
-from node.engine.rule import finish, lacks, make_couples, replace
+from node.engine.rule import finish, is_missing_any, make_couples, replace
 from node.plan import Plan
 from problems import EvaluationFailed
-from wire.exchange_kernels import PAYLOAD, SENT
+from wire.exchange_layout import PAYLOAD, SENT
 
 
 @subroutine
@@ -81,7 +82,7 @@ def breed_on(table: Any, most: Any) -> Any:
     """
     done, clock = integers(table, at.OUTCOME_ROW)[0], integers(table, at.CLOCK)[0]
     done[:] = 0
-    while done[at.BRED] < most and done[at.SIZE] == 0 and done[at.FLAGS] == 0 and not lacks(table):
+    while done[at.BRED] < most and done[at.SIZE] == 0 and done[at.FLAGS] == 0 and not is_missing_any(table):
         now = clock[0] + 1
         done[at.WRONG] = _breed(table, now)
         if done[at.WRONG] >= 0:
@@ -151,11 +152,16 @@ class CompiledGenerations(Generations):
 
     def __init__(self, plan: Plan, rows: Rows, inbox: Inbox, history: History, champion: bool, outbox: Outbox) -> None:
         super().__init__(plan, rows, inbox, history, champion, outbox)
-        self._live_on = partial(entry(take_in_and_breed), self.table)
+        self._take_in_and_breed = partial(entry(take_in_and_breed), self.table)
+
+    def _operators(self, plan: Plan, rows: Rows) -> Operators:
+        """Return the coding's and the problem's compiled operators."""
+        mutate_one_bit = plan.coding.mutate_one_bit() if plan.recipe.mutation == ONE_BIT else None
+        return Operators(plan.coding.variation(plan.recipe), mutate_one_bit, rows.problems[0].fitness_kernel)
 
     def __call__(self, news: Sequence[tuple[int, bytes]], most: int) -> None:
         """Take in ``news`` and breed at most ``most`` generations, see `take_in_and_breed`; then ask `done`."""
-        self._live_on(packed(news) if news else b"", most)
+        self._take_in_and_breed(packed(news) if news else b"", most)
 
     def failure(self) -> EvaluationFailed:
         """Return what is wrong with the fitness of an offspring, after `UNSOUND`."""

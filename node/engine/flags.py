@@ -1,4 +1,4 @@
-"""What the compiled generations of a cell report beside a message, as bits of one number."""
+"""Flags that the compiled generations of a cell report beside a message, as bits of one number."""
 
 REACHED = 1
 """The cell proposes to stop: its champion meets the target."""

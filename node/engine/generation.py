@@ -20,7 +20,7 @@ from node.engine.history import History
 from node.engine.inbox import Inbox, hear, packed
 from node.engine.outbox import Outbox
 from node.engine.rows import Rows
-from node.engine.rule import finish, lacks, make_couples, record_and_publish, replace
+from node.engine.rule import finish, is_missing_any, make_couples, record_and_publish, replace
 from node.plan import Plan
 from problems import EvaluationFailed
 from problems.guard import guarded
@@ -36,9 +36,9 @@ def _publish_first(table: Table) -> None:
 
 @kernel(types.boolean(TABLE))
 def _make_couples(table: Table) -> bool:
-    """Begin the next generation, unless a message is lacking; return whether it has begun."""
+    """Begin the next generation, unless a message is missing; return whether it has begun."""
     integers(table, at.OUTCOME_ROW)[0, :] = 0
-    ready = not lacks(table)
+    ready = not is_missing_any(table)
     if ready:
         make_couples(table, integers(table, at.CLOCK)[0, 0] + 1)
     return ready
@@ -54,6 +54,14 @@ def _replace(table: Table) -> None:
 def _finish(table: Table) -> None:
     """Count, record and publish the next generation."""
     finish(table, integers(table, at.CLOCK)[0, 0] + 1)
+
+
+class Operators(NamedTuple):
+    """The operators that compiled generations call by address."""
+
+    variation: Operator | None = None
+    mutate_one_bit: Operator | None = None
+    fitness: Operator | None = None
 
 
 class Generations:
@@ -77,7 +85,7 @@ class Generations:
     is_compiled = False
 
     def __init__(self, plan: Plan, rows: Rows, inbox: Inbox, history: History, champion: bool, outbox: Outbox) -> None:
-        operators = _operators_of(plan, rows) if self.is_compiled else _Operators()
+        operators = self._operators(plan, rows)
         self._plan, self._mutates_one_bit = plan, plan.recipe.mutation == ONE_BIT
         self._alone = plan.run.deme == 1
         couples = plan.slots * plan.run.emigrants if self._alone else plan.recipe.couples(plan.run.deme)
@@ -129,12 +137,16 @@ class Generations:
         self._inbox_table = inbox.table
         self._done = self._outcome.data
 
+    def _operators(self, plan: Plan, rows: Rows) -> Operators:
+        """Return none: steps from Python call the coding and the problem, which need not have compiled operators."""
+        return Operators()
+
     def publish_first(self) -> None:
         """Record and publish generation 0, which `Rows.begin` has made; then ask `done`."""
         _publish_first(self.table)
 
     def __call__(self, news: Sequence[tuple[int, bytes]], most: int) -> None:
-        """Take in ``news`` and breed one generation, if no message is lacking; then ask `done`."""
+        """Take in ``news`` and breed one generation, if no message is missing; then ask `done`."""
         refused = bool(news) and hear(packed(news), self._inbox_table) > 0
         if _make_couples(self.table):
             try:
@@ -153,7 +165,6 @@ class Generations:
         """
         offspring, coding, rows = self._offspring, self._plan.coding, self._rows
         keys = self._plan.keys(rows.cells, rows.generation + 1)
-        # By the coding's Python interface, since a user's own coding need not have any compiled operator.
         offspring[:] = coding.recombine(self._couples[None], self._plan.recipe, keys)[0]
         if self._mutates_one_bit and self._alone:
             coding.mutate_one(offspring[None], keys)
@@ -188,23 +199,11 @@ class Generations:
         return [Birth(born, cell, its) for (born, cell), its in zip(births, fitness, strict=True)]
 
 
-class _Operators(NamedTuple):
-    variation: Operator | None = None
-    mutate_one_bit: Operator | None = None
-    fitness: Operator | None = None
-
-
-def _operators_of(plan: Plan, rows: Rows) -> _Operators:
-    """Return what compiled generations call by address."""
-    mutate_one_bit = plan.coding.mutate_one_bit() if plan.recipe.mutation == ONE_BIT else None
-    return _Operators(plan.coding.variation(plan.recipe), mutate_one_bit, rows.problems[0].fitness_kernel)
-
-
 def _table(operator: Operator | None) -> Table:
     return np.zeros((1, 3), np.int64) if operator is None else operator.table
 
 
-def _settings(plan: Plan, rows: Rows, champion: bool, operators: _Operators) -> Any:
+def _settings(plan: Plan, rows: Rows, champion: bool, operators: Operators) -> Any:
     run, recipe = plan.run, plan.recipe
     return at.SETTINGS.build(
         variation=_address(operators.variation),

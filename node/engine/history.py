@@ -46,11 +46,11 @@ class History:
             self._genomes[:, self.noted] = genomes
             self._fitness[:, self.noted] = fitness
             self.counts += 1
-            self.went_on()
+            self.digest_if_full()
         else:
             self._digest_now(genomes, fitness)
 
-    def went_on(self) -> None:
+    def digest_if_full(self) -> None:
         """Digest the records if they are full; call it after writing and counting some, here or in compiled code."""
         if self.noted == self.most:
             self._digest()

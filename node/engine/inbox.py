@@ -24,14 +24,15 @@ from node.engine.kernels import OWN, PUBLISHED
 from node.engine.layout import RowLayout, TableLayout
 from node.plan import Plan
 from wire.exchange import Messages
-from wire.exchange_kernels import EPOCH, GENERATION, JOB, PAYLOAD, SENT, only_emigrants, read_message
+from wire.exchange_layout import EPOCH, GENERATION, JOB, PAYLOAD, SENT
+from wire.exchange_reader import only_emigrants, read_message
 from wire.report import Staleness
 
 # What an inbox counts.
 _COUNT = RowLayout()
 NEXT = _COUNT.column("next")  # the number of the next exchange
 _SPARE = _COUNT.column("spare")  # rows that are free
-LACKING = _COUNT.column("lacking")  # in lockstep the neighbours whose messages for that exchange have not come
+MISSING = _COUNT.column("missing")  # in lockstep the neighbours whose messages for that exchange have not come
 _KEPT = _COUNT.column("kept")  # messages
 _REFUSED = _COUNT.column("refused")
 _LOST = _COUNT.column("lost")  # in async mode
@@ -92,7 +93,7 @@ def _note(header: Any, interval: Any, latest: Any, number: Any, counts: Any) -> 
         return 0
     exchange = header[GENERATION] // interval
     latest[exchange % 2, number] = 0
-    counts[LACKING] -= exchange == counts[NEXT]
+    counts[MISSING] -= exchange == counts[NEXT]
     return exchange % 2
 
 
@@ -184,11 +185,11 @@ def hear(news: bytes, table: Table) -> int:
 
 
 @kernel("void(int64[:,::1], int64[::1])")
-def turn(latest: Cells, counts: Cells) -> None:
+def next_exchange(latest: Cells, counts: Cells) -> None:
     """In lockstep move on to the next exchange; the place of the finished one then waits for the one after that."""
     latest[counts[NEXT] % 2] = 1
     counts[NEXT] += 1
-    counts[LACKING] = np.sum(latest[counts[NEXT] % 2])
+    counts[MISSING] = np.sum(latest[counts[NEXT] % 2])
 
 
 def packed(news: Sequence[tuple[int, bytes]]) -> bytes:
@@ -208,8 +209,8 @@ class Inbox:
         counts: see the constants of this module, shape (columns,).
         used: in async mode the number of the message that each slot gave last, shape (slots,).
         staleness: in async mode the counts of `wire.report.Staleness`.
-        lacking: in lockstep a function that returns how many neighbours' messages for the next exchange have not come.
-            It is a bound C method, because it is called in each generation.
+        missing_count: in lockstep a function that returns how many neighbours' messages for the next exchange have not
+            come. It is a bound C method, because it is called in each generation.
         table: pointers to everything that `hear` works on.
     """
 
@@ -231,8 +232,8 @@ class Inbox:
         self.staleness = np.zeros(len(Staleness._fields), np.int64)
         spare = np.arange(2, 3 + exchanges * others)  # one for each message that may be kept, and one to decode into
         self.counts = _COUNT.zeros()
-        self.counts[_SPARE], self.counts[LACKING] = len(spare), others
-        self.lacking = partial(self.counts.item, LACKING)
+        self.counts[_SPARE], self.counts[MISSING] = len(spare), others
+        self.missing_count = partial(self.counts.item, MISSING)
         self.messages = Messages.room(2 + len(spare), plan.coding.genome_bytes, plan.run.emigrants)
         names = np.array([[named == other for named in slots] for other in self.neighbours], np.uint8)
         header, genomes, fitness = self.messages
@@ -301,10 +302,10 @@ class Inbox:
         in_use = [set(rows) - {OWN, PUBLISHED} for rows in self.source_rows.tolist()]
         rows = sorted([*free, *(row for exchange in in_use for row in exchange)])
         assert rows == list(range(2, len(self.messages.header))), f"rows are lost, or used twice: {rows}"
-        assert not self._lockstep or self.lacking() == len(self.missing()), "another number is lacking than missing"
+        assert not self._lockstep or self.missing_count() == len(self.missing_senders()), "the number missing is wrong"
         assert (self.counts >= 0).all(), f"negative counts: {self.counts}"
 
-    def missing(self) -> set[int]:
+    def missing_senders(self) -> set[int]:
         """Return, in lockstep, the neighbours whose messages for the next exchange have not come."""
         return set(compress(self.neighbours, self._not_come[self.exchange % 2]()))
 

@@ -15,7 +15,7 @@ import numpy as np
 from genetics import Cells, Fitness, Genomes
 from genetics.randomness import DELAY, draw, unit
 from lowlevel.compiled import kernel, subroutine
-from wire.exchange_kernels import BIRTHPLACE, BORN, EVALUATIONS, GENERATION, SENT, STOP_AT, Header
+from wire.exchange_layout import BIRTHPLACE, BORN, EVALUATIONS, GENERATION, SENT, STOP_AT, Header
 from wire.report import MOST_BIRTHS
 
 OWN, PUBLISHED = 0, 1

@@ -18,7 +18,7 @@ from node.plan import Plan
 from problems.guard import guarded
 from topologies import ROOT
 from wire.exchange import NEVER, Messages
-from wire.exchange_kernels import BIRTHPLACE, BORN, STOP_AT
+from wire.exchange_layout import BIRTHPLACE, BORN, STOP_AT
 from wire.report import Birth, Proposal, Reason
 
 MOST_TOLD = 4096

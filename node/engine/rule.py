@@ -17,9 +17,10 @@ from lowlevel.compiled import subroutine
 from lowlevel.pointers import blocks, integers, octets, reals
 from node.engine import cell_table as at
 from node.engine.flags import REACHED, STALLED, STOPS
-from node.engine.inbox import LACKING, NEXT, turn
+from node.engine.inbox import MISSING, NEXT, next_exchange
 from node.engine.kernels import OWN, PUBLISHED, is_noted, merge_champion, note_staleness, prepare_message
-from wire.exchange_kernels import BIRTHPLACE, BORN, SENT, STOP_AT, write_message
+from wire.exchange_layout import BIRTHPLACE, BORN, SENT, STOP_AT
+from wire.exchange_writer import write_message
 
 
 @subroutine
@@ -37,12 +38,12 @@ def _merge_received(table: Any, settings: Any, now: Any) -> Any:
     counts, source_rows = integers(table, at.COUNTS)[0], integers(table, at.SOURCE_ROWS)
     exchanges = source_rows.shape[0]  # kept apart: two in lockstep, one in async mode
     if (now - 1) % settings[at.INTERVAL] != 0:
-        return source_rows[(counts[NEXT] - 1) % exchanges]  # `turn` has moved NEXT on already
+        return source_rows[(counts[NEXT] - 1) % exchanges]  # `next_exchange` has moved NEXT on already
     source_row = source_rows[counts[NEXT] % exchanges]
     header, genomes = integers(table, at.HEADER), _message_genomes(table)
     fitness, better_at = reals(table, at.FITNESS), integers(table, at.BETTER_AT)[0]
     if settings[at.LOCKSTEP]:
-        turn(integers(table, at.LATEST), counts)
+        next_exchange(integers(table, at.LATEST), counts)
     else:
         note_staleness(header, source_row, now - 1, integers(table, at.USED)[0], integers(table, at.STALENESS)[0])
     merge_champion(header, genomes, fitness, better_at, OWN, now, header, genomes, fitness, source_row)
@@ -182,9 +183,9 @@ def _encode_message(table: Any, settings: Any, now: Any, flags: Any, done: Any) 
 
 
 @subroutine
-def lacks(table: Any) -> Any:
+def is_missing_any(table: Any) -> Any:
     """Return whether the next generation needs a message that has not come; never in async mode."""
     settings, generation = integers(table, at.SETTINGS_ROW)[0], integers(table, at.CLOCK)[0, 0]
     if not settings[at.LOCKSTEP] or generation % settings[at.INTERVAL] != 0:
         return False
-    return integers(table, at.COUNTS)[0, LACKING] > 0
+    return integers(table, at.COUNTS)[0, MISSING] > 0

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from genetics import operators
 from genetics.calls_by_address import call_fitness
 from genetics.operators import FITNESS, Operator, pointers
+from lowlevel import capabilities
 from lowlevel.pointers import integers, octets, reals
 
 # These are not kept on disk, as kernels are.
@@ -43,6 +44,7 @@ def operator():
     return Operator.of(weighted, [4, 3], np.array([[0.5], [2.0], [1.0]]))
 
 
+@pytest.mark.skipif(not capabilities().numba_calls, reason="no kernel is called by its address here")
 @given(st.binary(min_size=6, max_size=60))
 def test_an_operator_is_the_same_called_by_python_and_by_address(octets_of):
     genomes = np.frombuffer(octets_of[: len(octets_of) // 6 * 6], np.uint8).reshape(-1, 6)

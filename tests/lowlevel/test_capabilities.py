@@ -9,11 +9,21 @@ from pathlib import Path
 import pytest
 
 from lowlevel import capabilities
-from lowlevel.capabilities import PLAIN, Capabilities
+from lowlevel.capabilities import PLAIN, Capabilities, turned_off
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 PARTS = set(Capabilities._fields) - {"reasons"}
-EXAMPLES = ["arm-ik", "arm-path", "coordination", "mobile-robot", "min-time", "rastrigin", "sphere-path", "terrain"]
+EXAMPLES = [
+    "arm-ik",
+    "arm-path",
+    "coordination",
+    "mobile-robot",
+    "min-time",
+    "panda-ik",
+    "rastrigin",
+    "sphere-path",
+    "terrain",
+]
 
 
 def in_a_process(script, plain=""):
@@ -39,11 +49,28 @@ def test_it_can_name_those_that_are_to_be_off():
     assert json.loads(in_a_process(script, plain="numba_calls")).keys() == {"numba_calls", "c_api"}
 
 
+@pytest.mark.parametrize("plain", ["c-api", "linux,thread_state", "0"])
+def test_a_name_of_no_part_is_refused(plain, monkeypatch):
+    monkeypatch.setenv(PLAIN, plain)
+    found = plain.split(",")[-1]
+    with pytest.raises(ValueError, match=f"^{PLAIN}: expected 1 for all parts, or names from .*, found '{found}'$"):
+        turned_off()
+
+
+def test_the_command_line_refuses_it_in_one_line_before_it_does_anything():
+    command = [sys.executable, "-m", "supernode", "status"]
+    environment = os.environ | {PLAIN: "c-api"}
+    done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.startswith(f"error: {PLAIN}: expected 1 for all parts")
+    assert len(done.stderr.splitlines()) == 1
+
+
 @pytest.mark.parametrize(
     ("patch", "refused", "reason"),
     [
         (
-            "capabilities.version = lambda _: '0.99.1'",
+            "metadata.version = lambda _: '0.99.1'",
             {"numba_loader", "numba_calls", "c_api"},
             "numba 0.99.1 is none of",
         ),
@@ -54,7 +81,8 @@ def test_it_can_name_those_that_are_to_be_off():
 )
 def test_a_part_is_refused_where_it_was_not_tried(patch, refused, reason):
     script = (
-        "import json, platform, sys, sysconfig; import lowlevel; capabilities = sys.modules['lowlevel.capabilities']; "
+        "import json, platform, sys, sysconfig; from importlib import metadata; import lowlevel; "
+        "capabilities = sys.modules['lowlevel.capabilities']; "
         f"{patch}; capabilities.capabilities.cache_clear(); "
         "print(json.dumps(dict(capabilities.capabilities().reasons)))"
     )

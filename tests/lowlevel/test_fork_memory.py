@@ -67,9 +67,10 @@ from lowlevel import fork_memory
 class Wide:
     pass
 
-# On a page each: as many others of that length between them. Longer ones than 100 are not kept.
-strings = [f"{each:06}" + "." * 80 for each in range(10_000 * 30)]
-names = strings[::30]
+# On a page each: thirty others of that length between them, an even number, so that few share an entry of the cache.
+# Longer ones than 100 are not kept.
+strings = [f"{each:06}" + "." * 80 for each in range(10_000 * 31)]
+names = strings[::31]
 if sys.getrefcount(sys.intern(strings[1])) > 1 << 30:  # not counted, as in Python 3.12
     print("immortal")
     sys.exit()

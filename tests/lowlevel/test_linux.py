@@ -59,7 +59,7 @@ def test_a_process_whose_parent_has_gone_ends_at_once(plain):
 
 
 @both_ways
-def test_a_name_and_the_length_of_turns_are_asked_for_only_where_that_is_safe(plain):
+def test_the_length_of_turns_is_asked_for_only_where_that_is_safe_and_the_name_everywhere(plain):
     script = (
         "from pathlib import Path; from lowlevel import linux; "
         "linux.name_process('sn test'); linux.wake_up_promptly(); linux.ask_for_turns(0.02); "
@@ -67,7 +67,7 @@ def test_a_name_and_the_length_of_turns_are_asked_for_only_where_that_is_safe(pl
     )
     command = [sys.executable, "-c", script]
     environment = os.environ | {PLAIN: plain}
-    found = subprocess.run(
-        command, cwd=ROOT, env=environment, check=True, capture_output=True, text=True
-    ).stdout.split()
-    assert (found[-2:] == ["test", "1"]) == (plain == "")
+    done = subprocess.run(command, cwd=ROOT, env=environment, check=True, capture_output=True, text=True)
+    *name, slack = done.stdout.split()
+    assert name == ["sn", "test"]
+    assert (slack == "1") == (plain == "")

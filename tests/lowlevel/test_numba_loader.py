@@ -10,6 +10,9 @@ from typing import Any
 
 import pytest
 
+from lowlevel import capabilities
+
+loads_kernels = pytest.mark.skipif(not capabilities().numba_loader, reason="numba loads kernels its own way here")
 ROOT = Path(__file__).resolve().parents[2]
 LEAVES = """\
 from lowlevel.compiled import kernel
@@ -51,6 +54,7 @@ def tell(tmp_path):
     return run
 
 
+@loads_kernels
 def test_intermediate_code_is_read_only_when_a_kernel_is_compiled_into_another(tell):
     tell("import leaves; print(1)")
     load = "import leaves; hits = sum(leaves.half.stats.cache_hits.values());"
@@ -75,6 +79,7 @@ print(json.dumps([sum(calls.quarter.stats.cache_misses.values()), calls.quarter.
     assert re.sub(r"[0-9]+", "", code) == re.sub(r"[0-9]+", "", code_beside_a_loaded_one)
 
 
+@loads_kernels
 def test_linear_algebra_is_there_for_who_compiles_it(tell):
     program = """
 import leaves
@@ -97,6 +102,7 @@ print(json.dumps([before, "numba_xxdot" in code, bool(same), "scipy.linalg.cytho
     assert tell(program) == [False, True, True, True]
 
 
+@loads_kernels
 def test_what_a_library_defines_is_told_by_its_machine_code_too(tell):
     tell("import calls; print(1)")
     program = """

@@ -7,7 +7,7 @@ from node import Cell
 
 @pytest.fixture(autouse=True)
 def _validated(monkeypatch):
-    for name in ("step", "went_on", "hear"):
+    for name in ("step", "actions_after_breeding", "hear"):
         monkeypatch.setattr(Cell, name, looked_at(getattr(Cell, name)))
 
 

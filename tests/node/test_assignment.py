@@ -50,7 +50,7 @@ def started(plan):
 
 @pytest.mark.skipif(not capabilities().numba_calls, reason="no plan breeds in compiled code here")
 @pytest.mark.parametrize(
-    ("plan", "seconds", "core", "turns", "hands_on"),
+    ("plan", "seconds", "core", "slice_seconds", "needs_token"),
     [
         (compiled("lockstep"), 1e-4, 3, 0.0, False),
         # where nodes wait for each other, some have more to do than others
@@ -63,16 +63,17 @@ def started(plan):
     ],
     ids=["inline", "lockstep", "async inline", "async", "async, longer than a turn", "async in Python"],
 )
-def test_who_keeps_to_a_core(clock, plan, seconds, core, turns, hands_on):
+def test_who_keeps_to_a_core(clock, plan, seconds, core, slice_seconds, needs_token):
     assignment = started(plan)
-    assert (assignment.core, assignment.turns) == (None, 0.0)
+    assert (assignment.core, assignment.slice_seconds) == (None, 0.0)
     clock.step = seconds
     assignment.step()
     assert assignment.cell.rows.generation == 1
-    assert (assignment.core, assignment.turns, assignment.hands_on) == (core, turns, hands_on)
+    assert (assignment.core, assignment.slice_seconds, assignment.needs_token) == (core, slice_seconds, needs_token)
     assignment.events.append(Halt())
     assignment.step()
-    assert (assignment.core, assignment.turns, assignment.hands_on, assignment.hears) == (None, 0.0, False, False)
+    assert (assignment.core, assignment.slice_seconds) == (None, 0.0)
+    assert (assignment.needs_token, assignment.hears) == (False, False)
 
 
 def test_after_a_slow_generation_the_next_is_measured_too(clock):

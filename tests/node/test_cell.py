@@ -41,7 +41,7 @@ def test_before_start_it_only_listens():
     cell = Cell(plan, 5, job=1)
     assert cell.neighbours == (1, 6, 9, 4)
     assert cell.step(heard(plan, cell.neighbours)) == []
-    assert (cell.state, cell.awaits) == ("prepared", NEVER)
+    assert (cell.state, cell.missing_count) == ("prepared", NEVER)
     first, second = cell.step(events=[Start()])
     assert [said(plan, each).generation for each in (first, second)] == [0, 1]
 
@@ -54,7 +54,7 @@ def test_start_publishes_the_first_generation_and_waits():
     assert (message.sent, message.evaluations) == (1, 1)
     (emigrant,) = message.emigrants
     assert message.champion == cell.champion == Champion(emigrant.fitness, 0, 0, emigrant.genome)
-    assert cell.awaits == 4
+    assert cell.missing_count == 4
     assert cell.step() == []
     assert cell.step(events=[Start()]) == [], "it begins once"
 
@@ -101,7 +101,7 @@ def test_messages_of_another_epoch_are_ignored_and_nobody_complains_of_them(mode
     assert cell.state == "running", "a stop of another epoch is none here"
     if mode == "lockstep":
         assert actions == []
-        assert sorted(cell.inbox.missing()) == [1, 3, 4, 12]
+        assert sorted(cell.inbox.missing_senders()) == [1, 3, 4, 12]
         assert cell.rows.generation == generation
     cell.step(heard(plan, (12, 1, 4, 3)))
     assert cell.inbox.kept == 4
@@ -227,7 +227,7 @@ def test_the_cell_that_bred_the_target_proposes_to_stop():
     cell = next(cell for cell in (Cell(plan, number, 1) for number in range(16)) if _starts_solved(cell))
     assert cell.rows.stop_at[0] == plan.stop_distance == 5
     (proposal,) = cell.rows.proposals
-    assert (proposal.reason, proposal.cell, proposal.generation) == ("target", cell.cell, 0)
+    assert (proposal.reason, proposal.cell, proposal.generation) == ("target", cell.number, 0)
 
 
 def _starts_solved(cell):
@@ -286,7 +286,7 @@ def test_in_async_mode_every_step_breeds_and_a_stop_is_passed_on_at_once():
     cell = Cell(plan, 0, job=1)
     first, second = cell.step(events=[Start()])
     assert [said(plan, each).generation for each in (first, second)] == [0, 1]
-    assert cell.awaits == 0
+    assert cell.missing_count == 0
     (third,) = cell.step()
     assert said(plan, third).generation == 2
     published, report = cell.step(heard(plan, (1,), stop_at=9))
@@ -329,17 +329,17 @@ def test_lost_messages_stop_nobody_when_cells_ask(random_source):
     class Lossy(Bus):
         def carry_out(self, cell, action):
             if isinstance(action, Ask):
-                self.events[action.neighbour].append(Asked(action.generation, cell.cell))
+                self.events[action.neighbour].append(Asked(action.generation, cell.number))
             elif isinstance(action, Answer):
-                self.events[action.question].append(Answered(cell.cell, action.payload))
+                self.events[action.question].append(Answered(cell.number, action.payload))
             else:
                 super().carry_out(cell, action)
 
         def run(self):
             while len(self.reports) < len(self.cells):
                 for cell in self.cells:
-                    news, self.news[cell.cell] = self.news[cell.cell], []
-                    events, self.events[cell.cell] = self.events[cell.cell], []
+                    news, self.news[cell.number] = self.news[cell.number], []
+                    events, self.events[cell.number] = self.events[cell.number], []
                     for action in cell.step(news, [*events, Waited()]):
                         self.carry_out(cell, action)
             return [self.reports[number] for number in range(len(self.cells))]

@@ -65,7 +65,7 @@ def test_what_is_a_generation_ahead_takes_nobodys_place():
     assert node.assignment.steps == 0
     node.hears_of(0, NEIGHBOURS[3])
     assert (node.assignment.steps, node.generation) == (1, 1)
-    assert node.assignment.awaited == {NEIGHBOURS[3]}
+    assert node.assignment.missing_senders == {NEIGHBOURS[3]}
     node.hears_of(1, NEIGHBOURS[3])
     assert (node.assignment.steps, node.generation) == (2, 2)
 
@@ -76,7 +76,7 @@ def test_a_message_of_no_use_costs_a_step_and_no_more(useless):
     node.hears_of(0, *NEIGHBOURS)
     node.hears(5, useless)
     node.hears_of(1, *NEIGHBOURS[1:])
-    assert (node.generation, node.assignment.awaited) == (1, {5})
+    assert (node.generation, node.assignment.missing_senders) == (1, {5})
     node.hears_of(1, 5)
     assert (node.generation, node.assignment.steps) == (2, 3)
 
@@ -85,14 +85,14 @@ def test_a_message_that_was_lost_comes_as_an_answer():
     node = Node()
     node.hears_of(0, *NEIGHBOURS[1:])
     node.hears_of(1, *NEIGHBOURS)  # also of whom the one before was lost
-    assert (node.generation, node.assignment.awaited) == (0, {5})
+    assert (node.generation, node.assignment.missing_senders) == (0, {5})
     node.assignment.events.append(Waited())
     assert node.assignment.step() == [Ask(5, 0)]
     node.assignment.events.append(Answered(5, SAID[0][5]))
     node.assignment.step()
     while node.assignment.busy:
         node.assignment.step()
-    assert (node.generation, node.assignment.awaited) == (2, set(NEIGHBOURS))
+    assert (node.generation, node.assignment.missing_senders) == (2, set(NEIGHBOURS))
 
 
 def test_many_messages_are_read_whoever_has_sent_nothing():
@@ -117,12 +117,12 @@ def test_in_async_mode_many_messages_are_read_before_the_cell_breeds_again():
     (complaint,) = Cell(IN_ASYNC, 9, job=1).hear([(5, b"bad")])
     assert node.driver.queue.get_nowait().args == (node.assignment, complaint)
     assert node.driver.queue.empty()
-    assert not node.assignment.turn.locked()
+    assert not node.assignment.lock.locked()
 
 
 def test_in_async_mode_many_messages_wait_for_a_thread_that_is_at_it():
     node = Node(plan=IN_ASYNC)
-    with node.assignment.turn:
+    with node.assignment.lock:
         for _ in range(2 * MANY_UNREAD):
             node.hears(5, b"bad")
         assert len(node.assignment.news) == 2 * MANY_UNREAD
@@ -142,12 +142,12 @@ def test_what_goes_wrong_in_reading_ends_the_process(monkeypatch):
         node.hears_of(0, 5)
     with pytest.raises(ZeroDivisionError):
         node.driver.queue.get_nowait()()
-    assert not node.assignment.turn.locked()
+    assert not node.assignment.lock.locked()
 
 
 def test_what_comes_while_another_thread_is_at_it_is_not_forgotten():
     node = Node()
-    with node.assignment.turn:
+    with node.assignment.lock:
         node.hears_of(0, *NEIGHBOURS)
     assert (node.assignment.steps, node.assignment.busy) == (0, True)
     node.assignment.step()
@@ -207,7 +207,7 @@ def test_who_sends_during_a_step_is_not_awaited_after_it():
     cell.heard, cell.news = assignment.news, [(5, SAID[0][5])]
     assignment.events.append(Start())
     assignment.step()
-    assert assignment.awaited == {8, 10, 13}
+    assert assignment.missing_senders == {8, 10, 13}
     node.hears_of(0, 8, 10, 13)
     assert node.generation == 1
 
@@ -220,11 +220,11 @@ def test_whom_a_cell_waits_for_from_the_start_on(shape, first, interval):
     plan = Plan(PLAN.problem, Run(topology=shape, interval=interval, generations=100))
     cells = plan.topology.cells
     assignment = Assignment(Cell(plan, 0, job=1), SimpleNamespace(cell=0, wiring=Wiring(0, tuple(range(cells)))))
-    assert assignment.awaited == first
+    assert assignment.missing_senders == first
     assignment.events.append(Start())
     assignment.step()
-    assert (assignment.awaited, assignment.busy) == (first, not first)
+    assert (assignment.missing_senders, assignment.busy) == (first, not first)
     assignment.news += [(other, told(plan, 1)[0][other]) for other in first]
     assignment.step()
-    assert assignment.awaited == first
+    assert assignment.missing_senders == first
     assert assignment.busy == (interval > 1 or not first)

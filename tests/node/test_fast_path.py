@@ -41,7 +41,7 @@ class Torus:
         self.disturb = disturb
         self.bad = 0  # messages of cells that had not ended
         self.on_their_way = {
-            (other, node.assignment.cell.cell): [] for node in self.nodes for other in node.assignment.cell.neighbours
+            (other, node.assignment.cell.number): [] for node in self.nodes for other in node.assignment.cell.neighbours
         }
 
     def run(self):
@@ -83,7 +83,7 @@ class Torus:
         elif what == "main thread":
             node.carries_on()
         else:
-            with assignment.turn:
+            with assignment.lock:
                 node.gets(sender, payload)
             while assignment.busy:
                 node.carries_on()
@@ -173,7 +173,7 @@ def test_in_async_mode_messages_are_put_among_the_news(one_core):
     assert node.assignment.news == [(1, payload) for payload in payloads[:-1]]
     alone = sys.getrefcount(bytes(100))
     assert {sys.getrefcount(payloads[number]) for number in range(MANY_UNREAD - 2)} == {alone + 2}
-    with node.assignment.turn:
+    with node.assignment.lock:
         node.gets(1, payloads[-1])
     assert len(node.assignment.news) == MANY_UNREAD
     node.gets(1, payloads[-1])
@@ -206,7 +206,7 @@ def test_what_comes_during_a_turn_is_looked_at_in_it(one_core, payload):
         said += sender.step()
         over = threading.Event()
         telling = threading.Thread(target=tell_in_turn, args=(node, said[-1] if payload == "good" else b"bad", over))
-        in_turn = assignment.hands_on and node.fast_path.is_open(assignment) and not assignment.is_to_be_measured
+        in_turn = assignment.needs_token and node.fast_path.is_open(assignment) and not assignment.is_to_be_measured
         before, kept, refused = node.generation, inbox.kept, inbox.refused
         telling.start()
         node.carries_on()
@@ -226,7 +226,7 @@ def test_what_comes_during_a_turn_is_looked_at_in_it(one_core, payload):
 
 def tell_in_turn(node, payload, over):
     """As the network thread does, while the main thread is at it, or else afterwards."""
-    while not node.assignment.turn.locked() and not over.is_set():
+    while not node.assignment.lock.locked() and not over.is_set():
         pass
     node.gets(1, payload)
 
@@ -297,7 +297,7 @@ def test_a_message_of_the_next_epoch_waits_for_it(pair):
 
 def test_while_another_thread_has_the_turn_nothing_is_bred(pair):
     one, other = pair
-    with one.assignment.turn:
+    with one.assignment.lock:
         one.gets(1, other.published.pop(0))
         assert (one.generation, one.assignment.busy) == (5, True)
     one.carries_on()
@@ -314,7 +314,7 @@ def test_what_cannot_be_published_ends_the_process(pair):
     one.gets(1, other.published.pop(0))
     with pytest.raises(ZeroDivisionError):
         one.run_queued()
-    assert not one.assignment.turn.locked()
+    assert not one.assignment.lock.locked()
 
 
 def test_who_publishes_may_change(pair):
@@ -338,7 +338,7 @@ def test_a_job_that_is_forgotten_hears_nothing_more(pair):
     cell = one.assignment.cell
     one.driver.leave(one.assignment)
     one.gets(1, other.published.pop(0))
-    assert (one.assignment, cell.rows.generation, cell.inbox.lacking()) == (None, 5, 1)
+    assert (one.assignment, cell.rows.generation, cell.inbox.missing_count()) == (None, 5, 1)
 
 
 def test_what_is_no_sample_is_an_error_of_the_caller(pair):

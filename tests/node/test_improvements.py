@@ -11,7 +11,7 @@ from node.engine.kernels import NOTED_ALL, is_noted
 from problems import ProblemFile
 from spy.improvement_records import records_of
 from spy.past import Lived, Past
-from wire.exchange_kernels import BIRTHPLACE, BORN, HEADER
+from wire.exchange_layout import BIRTHPLACE, BORN, HEADER
 from wire.report import MOST_BIRTHS
 
 

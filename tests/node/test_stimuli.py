@@ -59,7 +59,7 @@ def test_a_mistake_in_the_program_shows_what_the_cell_was_given(monkeypatch):
 
 
 WRONG = {
-    "another number is lacking than missing": lambda cell: cell.inbox.counts.__setitem__(2, 1),
+    "the number missing is wrong": lambda cell: cell.inbox.counts.__setitem__(2, 1),
     "rows are lost, or used twice": lambda cell: cell.inbox.source_rows.__setitem__((0, 0), 2),
     "a fitness is NaN or -inf": lambda cell: cell.rows.fitness.fill(np.nan),
     "an individual is fitter than the champion": lambda cell: cell.rows.fitness.fill(-1.0),
@@ -79,4 +79,4 @@ def test_what_must_hold_between_steps_is_checked(what):
     WRONG[what](cell)
     with pytest.raises(AssertionError, match=what) as error:
         cell.validate()
-    assert "row" in what or "lacking" in what or "in generation 0: 4 messages" in str(error.value)
+    assert "row" in what or "missing" in what or "in generation 0: 4 messages" in str(error.value)

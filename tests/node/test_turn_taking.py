@@ -28,7 +28,7 @@ class Node:
         run = Run(topology="torus 4x4", mode="async", generations=generations, interval=interval)
         links = SimpleNamespace(cell=9, wiring=Wiring(0, tuple(range(16))), publish=self.publish)
         self.assignment = Assignment(Cell(Plan(FUNCTION, run), 9, job=1), links)
-        self.assignment.core, self.assignment.hands_on = CORE, True
+        self.assignment.core, self.assignment.needs_token = CORE, True
         self.assignment.cell.step(events=[Start()])  # publishes generation 0 and, waiting for nobody, the first
 
     def publish(self, payload):
@@ -46,7 +46,7 @@ class Node:
 
 def test_without_a_token_every_message_is_published_at_once():
     node = Node()
-    node.assignment.hands_on = False
+    node.assignment.needs_token = False
     for _ in range(3):
         node.breeds()
     assert node.published == [(2, 3), (3, 4), (4, 5)]
@@ -85,7 +85,7 @@ def test_a_turn_is_over_when_its_time_is():
 def test_a_turn_is_over_when_the_node_leaves_the_relay():
     node = Node()
     node.breeds()
-    node.assignment.bred_at, node.assignment.hands_on = 0.0, False
+    node.assignment.bred_at, node.assignment.needs_token = 0.0, False
     node.turn_taking.step_is_done(node.assignment)
     assert node.published == [(2, 3)]
 

@@ -138,3 +138,8 @@ def test_staleness_is_over_all_immigrants_of_all_cells():
 @pytest.mark.parametrize("reports", [[], [report()]])
 def test_without_immigrants_there_is_none(reports):
     assert result(lived(0, reports, "async")).staleness is None
+
+
+def test_an_epoch_without_reports_stopped_at_once():
+    assert of_past.stopped_after(()) == 0
+    assert of_past.lived_for((), halted=False) == of_past.lived_for((), halted=True) == 0

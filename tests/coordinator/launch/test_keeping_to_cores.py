@@ -9,6 +9,7 @@ from live_service import live
 from places import until
 
 import supernode
+from lowlevel import capabilities
 
 
 @pytest.fixture(scope="module")
@@ -58,11 +59,12 @@ def generation_of(client, job):
     return page["rows"][-1][page["columns"].index("generation")] if page["rows"] else 0
 
 
+takes_turns = pytest.mark.skipif(not capabilities().numba_calls, reason="only compiled generations take turns")
 two_or_more = pytest.mark.skipif(len(os.sched_getaffinity(0)) < 2, reason="there is one core to keep to")
 
 
 @two_or_more
-@pytest.mark.parametrize(("mode", "cost_us"), [("lockstep", 0), ("async", 1000)])
+@pytest.mark.parametrize(("mode", "cost_us"), [("lockstep", 0), pytest.param("async", 1000, marks=takes_turns)])
 def test_blocks_keep_to_a_core_for_as_long_as_a_job_runs(cluster, tmp_path, mode, cost_us):
     everywhere = cores_of(cluster)[0]
     assert cores_of(cluster) == [everywhere] * 16
@@ -74,6 +76,7 @@ def test_blocks_keep_to_a_core_for_as_long_as_a_job_runs(cluster, tmp_path, mode
     until(lambda: cores_of(cluster) == [everywhere] * 16)
 
 
+@takes_turns
 def test_who_has_a_turn_of_many_generations_tells_the_last_of_them(cluster, tmp_path):
     # Sixteen generations in a turn: also beside other work, where a turn's time passes sooner, there are some.
     result = cluster.submit(onemax(tmp_path, 150), mode="async", target=-1.0, seconds=2).result()

@@ -197,7 +197,7 @@ def test_no_more_generations_are_bred_at_once_than_up_to_the_next_message(deme):
     (message,) = cell.step(most=1000)
     assert isinstance(message, Publish)
     assert cell.rows.generation == 5
-    assert cell.awaits == 1
+    assert cell.missing_count == 1
 
 
 class Repairing(OneMax):

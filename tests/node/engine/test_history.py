@@ -54,6 +54,6 @@ def test_records_may_be_written_from_elsewhere():
         record = struct.pack("<q", 1000 + generation) + genomes[generation].tobytes() + fitness[generation].tobytes()
         written.records[0, written.noted] = np.frombuffer(record, np.uint8)
         written.counts += 1
-        written.went_on()
+        written.digest_if_full()
         assert written.noted < written.records.shape[1], "there is always room for one more"
     assert written.digests() == noted.digests() == [expected(0, genomes, fitness, 1000)]

@@ -8,7 +8,7 @@ import pytest
 from exchanges import Emigrant, Exchange, decode, read_slowly
 from one_max import plan_of
 
-from node.engine.inbox import NEXT, Inbox, turn
+from node.engine.inbox import NEXT, Inbox, next_exchange
 from node.engine.kernels import PUBLISHED, note_staleness
 from wire.exchange import Champion
 from wire.report import Staleness
@@ -28,7 +28,7 @@ def take(inbox, generation):
     """The row of each slot's message, to breed the generation after this one with: as `node.engine.rule` takes them."""
     if inbox.source_rows.shape[0] == 2:  # in lockstep
         exchange = inbox.exchange % 2
-        turn(inbox.latest, inbox.counts)
+        next_exchange(inbox.latest, inbox.counts)
         return inbox.source_rows[exchange : exchange + 1]
     note_staleness(inbox.messages.header, inbox.source_rows[0], generation, inbox.used, inbox.staleness)
     return inbox.source_rows
@@ -188,9 +188,9 @@ def test_in_lockstep_it_keeps_what_the_model_keeps(shape, settings):
             assert inbox.hear(news) == model.hear(news)
             assert (inbox.kept, inbox.refused, inbox.lost) == (model.kept, model.refused, 0)
             assert inbox.of_no_use == model.of_no_use
-            assert inbox.missing() == set(model.missing())
-            assert inbox.lacking() == len(model.missing())
-            if inbox.lacking() == 0:
+            assert inbox.missing_senders() == set(model.missing())
+            assert inbox.missing_count() == len(model.missing())
+            if inbox.missing_count() == 0:
                 assert in_slots(inbox, take(inbox, model.next * plan.run.interval)) == model.take()
                 taken += 1
         assert not inbox.staleness.any()
@@ -240,13 +240,13 @@ def test_the_messages_of_two_exchanges_are_kept_apart():
     rng = random.Random(1)
     now, ahead, two_ahead = (a_message(rng, generation) for generation in range(3))
     inbox.hear([(1, ahead.encode()), (1, two_ahead.encode())])
-    assert (inbox.kept, inbox.missing(), inbox.lacking()) == (1, {1}, 1)
+    assert (inbox.kept, inbox.missing_senders(), inbox.missing_count()) == (1, {1}, 1)
     inbox.hear([(1, now.encode())])
-    assert (inbox.kept, inbox.missing(), inbox.lacking()) == (2, set(), 0)
+    assert (inbox.kept, inbox.missing_senders(), inbox.missing_count()) == (2, set(), 0)
     assert in_slots(inbox, take(inbox, 0)) == [None, now, None, now]
-    assert (inbox.missing(), inbox.lacking()) == (set(), 0)
+    assert (inbox.missing_senders(), inbox.missing_count()) == (set(), 0)
     assert in_slots(inbox, take(inbox, 1)) == [None, ahead, None, ahead]
-    assert (inbox.missing(), inbox.lacking()) == ({1}, 1)
+    assert (inbox.missing_senders(), inbox.missing_count()) == ({1}, 1)
 
 
 def test_what_was_taken_stays_as_it_is_while_the_next_exchange_comes_in():
@@ -281,7 +281,7 @@ def test_messages_of_cells_with_large_numbers():
     plan = plan_in(topology="torus 20x20")
     inbox, payload = Inbox(plan, 300, JOB), a_message(random.Random(1), 0).encode()
     assert inbox.hear([(other, payload) for other in plan.topology.neighbours(300)]) == set()
-    assert inbox.missing() == set()
+    assert inbox.missing_senders() == set()
 
 
 def test_before_anything_is_heard_the_cell_stands_in_for_its_neighbours():
@@ -308,5 +308,5 @@ def test_each_neighbour_has_a_row_of_its_own_in_each_exchange(mode):
         }
         assert len({row for row, *_ in held}) == len({(other, exchange) for _, other, exchange in held}) == len(held)
         assert all(0 < row < len(inbox.messages.header) for row, *_ in held)
-        if mode == "lockstep" and inbox.lacking() == 0:
+        if mode == "lockstep" and inbox.missing_count() == 0:
             take(inbox, now)

@@ -1,73 +1,55 @@
-"""Compiled conversion of the exchange message between msgpack and arrays: the innermost loop of a node.
+"""Compiled reading of the exchange message from msgpack into arrays: the innermost loop of a node.
 
-A message in arrays is one row of ``header``, of ``genomes`` (the emigrants, then the champion) and of ``fitness`` (in
-the same order). In msgpack it is an array of eight:
-
-    [version, job, epoch, generation, stop_at or nil, [[genome, fitness], ...],
-     nil or [fitness, generation, cell, genome], [sent, evaluations]]
-
-The msgpack library is no alternative on the hot path: it would build a Python object for each value, and the fast path
-(`node.fast_path`) reads messages where no Python code runs. That path is also why no reader raises an exception: an
-exception cannot leave a compiled callback. Every value is checked as it is read. The compiled code has no bounds checks
-of its own, so each reader compares with the payload's length before it touches a byte.
+`wire.exchange_layout` describes both forms. The msgpack library is no alternative on the hot path: it would build a
+Python object for each value, and the fast path (`node.fast_path`) reads messages where no Python code runs. That path
+is also why no reader raises an exception: an exception cannot leave a compiled callback. Every value is checked as it
+is read. The compiled code has no bounds checks of its own, so each reader compares with the payload's length before it
+touches a byte.
 """
 
 from typing import Any
 
 import numpy as np
 from numba import types
-from numpy.typing import NDArray
 
 from genetics.arrays import Cells, Fitness, Genomes
 from genetics.sequence_kernels import is_sound_sequence
 from lowlevel.compiled import kernel, subroutine
-
-Header = NDArray[np.int64]  # (..., HEADER)
-
-# Columns of a header: the numbers of the job and of the epoch that the fitness values belong to, the sender's
-# generation, the earliest stop that it knows (a generation), how many messages it has published in this epoch (this one
-# included), how many fitness calls it has made in it, and the champion's generation and cell of birth.
-# The order matters: JOB to STOP_AT and SENT to EVALUATIONS stand side by side in a message and are read as ranges.
-JOB, EPOCH, GENERATION, STOP_AT, SENT, EVALUATIONS, BORN, BIRTHPLACE = range(8)
-HEADER = 8
-
-VERSION = 1
-NEVER = 1 << 62
-"""``stop_at`` as long as no stop is proposed, so that the earliest stop is a plain minimum.
-
-Counts on the wire are below it. Adding a stop distance to a count does not overflow an int64.
-"""
-
-# Why a message is refused. `decode` returns the negated number: positive results are positions in the payload.
-(
-    TOO_LONG,
-    NOT_MSGPACK,
+from wire.exchange_layout import (
+    ARRAY_16,
+    BIN_8,
+    BIRTHPLACE,
+    BORN,
+    FIELDS,
+    FIXARRAY,
+    FLOAT_32,
+    FLOAT_64,
+    GENERATION,
+    GENOME_TOO_LONG,
+    INT_8,
+    INT_64,
+    JOB,
+    NEVER,
+    NIL,
+    NO_SUCH_GENOME,
     NOT_AN_ARRAY,
+    NOT_FINITE,
+    NOT_MSGPACK,
+    OTHER_VERSION,
+    OUT_OF_BOUNDS,
+    PAYLOAD,
+    SENT,
+    STOP_AT,
+    TOO_LONG,
+    UINT_8,
+    UNUSED,
+    VERSION,
     WRONG_SHAPE,
     WRONG_TYPE,
-    OUT_OF_BOUNDS,
-    NOT_FINITE,
-    OTHER_VERSION,
-    GENOME_TOO_LONG,
-    NO_SUCH_GENOME,
-) = range(1, 11)
-
-# The first byte of a value in msgpack (https://github.com/msgpack/msgpack/blob/master/spec.md).
-_NIL = 0xC0
-_UNUSED = 0xC1  # the one byte that msgpack never uses
-_BIN_8 = 0xC4
-_FLOAT_32 = 0xCA
-_FLOAT_64 = 0xCB
-_UINT_8 = 0xCC
-_INT_8 = 0xD0
-_INT_64 = 0xD3
-_FIXARRAY = 0x90
-_ARRAY_16 = 0xDC
-_FIELDS = 8
-PAYLOAD = types.Bytes(types.uint8, 1, "C", readonly=True)  # a Python bytes object, for signatures
+    Header,
+)
 
 
-# Reading --------------------------------------------------------------------------------------------------------------
 # Each reader takes the position ``at`` of a value and returns the position of the next one, after the value itself if
 # there is one. A negative position is the negated reason for a refusal; then the value is meaningless. Callers pass a
 # negative position on instead of reading further, so the first reason is the one that is reported.
@@ -85,13 +67,13 @@ def _raw(payload: Any, at: Any, size: Any) -> Any:
 @subroutine
 def _tag(payload: Any, at: Any) -> Any:
     """Return the first byte of a value; at the end of the payload 0xC1, so no caller needs a check of its own."""
-    return np.int64(payload[at]) if at < len(payload) else np.int64(_UNUSED)
+    return np.int64(payload[at]) if at < len(payload) else np.int64(UNUSED)
 
 
 @subroutine
 def _other(tag: Any) -> Any:
     """Return the refusal of a value that has another type than expected, or of a payload that ends too early."""
-    return -NOT_MSGPACK if tag == _UNUSED else -WRONG_TYPE
+    return -NOT_MSGPACK if tag == UNUSED else -WRONG_TYPE
 
 
 @subroutine
@@ -102,14 +84,14 @@ def _count(payload: Any, at: Any, below: Any) -> Any:
         return (tag, at + 1) if tag < below else (tag, -OUT_OF_BOUNDS)
     if tag >= 0xE0:  # -32 to -1
         return tag, -OUT_OF_BOUNDS
-    if not _UINT_8 <= tag <= _INT_64:
+    if not UINT_8 <= tag <= INT_64:
         return tag, _other(tag)
-    size = 1 << (tag - _UINT_8) % 4  # four unsigned formats of 1, 2, 4 and 8 bytes, then four signed ones
+    size = 1 << (tag - UINT_8) % 4  # four unsigned formats of 1, 2, 4 and 8 bytes, then four signed ones
     value, after = _raw(payload, at + 1, size)
     if after < 0:
         return tag, after
     # Compared as uint64, before the conversion to int64: 2^63 and more would become negative, and so pass.
-    negative = tag >= _INT_8 and value >> np.uint64(8 * size - 1) != 0
+    negative = tag >= INT_8 and value >> np.uint64(8 * size - 1) != 0
     if negative or value >= np.uint64(below):
         return tag, -OUT_OF_BOUNDS
     return np.int64(value), after
@@ -119,11 +101,11 @@ def _count(payload: Any, at: Any, below: Any) -> Any:
 def _length(payload: Any, at: Any) -> Any:
     """Read the length of an array. It only announces elements, perhaps four billion: never allocate by it."""
     tag = _tag(payload, at)
-    if tag & 0xF0 == _FIXARRAY:
+    if tag & 0xF0 == FIXARRAY:
         return tag & 0x0F, at + 1
-    if tag not in (_ARRAY_16, _ARRAY_16 + 1):
-        return tag, -NOT_MSGPACK if tag == _UNUSED else -WRONG_SHAPE
-    length, after = _raw(payload, at + 1, 2 << (tag - _ARRAY_16))
+    if tag not in (ARRAY_16, ARRAY_16 + 1):
+        return tag, -NOT_MSGPACK if tag == UNUSED else -WRONG_SHAPE
+    length, after = _raw(payload, at + 1, 2 << (tag - ARRAY_16))
     return np.int64(length), after
 
 
@@ -160,9 +142,9 @@ def _is_in_alphabet(genome: Any, mask: Any, low: Any, high: Any, items: Any) -> 
 def _genome(payload: Any, at: Any, genome: Any, mask: Any, low: Any, high: Any, items: Any) -> Any:
     """Read bytes into ``genome`` and fill the rest with zeros, which `_put_genome` leaves out; return the position."""
     tag = _tag(payload, at)
-    if not _BIN_8 <= tag <= _BIN_8 + 2:
+    if not BIN_8 <= tag <= BIN_8 + 2:
         return _other(tag)
-    size, start = _raw(payload, at + 1, 1 << (tag - _BIN_8))
+    size, start = _raw(payload, at + 1, 1 << (tag - BIN_8))
     if start < 0:
         return start
     end = start + np.int64(size)
@@ -181,10 +163,10 @@ def _genome(payload: Any, at: Any, genome: Any, mask: Any, low: Any, high: Any, 
 def _fitness(payload: Any, at: Any, fitness: Any, number: Any) -> Any:
     """Read a float64 or float32 into ``fitness[number]``; return the position. +inf, infeasible, is a valid fitness."""
     tag = _tag(payload, at)
-    if tag == _FLOAT_64:
+    if tag == FLOAT_64:
         bits, after = _raw(payload, at + 1, 8)
         fitness.view(np.uint64)[number] = bits  # every bit of it: lockstep runs are repeated bit for bit
-    elif tag == _FLOAT_32:
+    elif tag == FLOAT_32:
         bits, after = _raw(payload, at + 1, 4)
         single = np.array([np.uint32(bits)])
         fitness[number] = single.view(np.float32)[0]
@@ -234,7 +216,7 @@ def _champion(
 ) -> Any:
     """Read the champion, or nil, into the row's last place; return the position."""
     last = fitness.size - 1
-    if _tag(payload, at) == _NIL:
+    if _tag(payload, at) == NIL:
         # The row may hold an older message. With this fitness nothing looks at the genome that is still there.
         fitness[last] = np.inf
         header[BORN] = NEVER
@@ -276,13 +258,13 @@ def read_message(
     length, at = _length(payload, 0)
     if at < 0:
         return -NOT_AN_ARRAY if at == -WRONG_SHAPE else at
-    if length != _FIELDS:
+    if length != FIELDS:
         return -WRONG_SHAPE
     version, after = _count(payload, at, NEVER)
     if version != VERSION or after < 0:
         return -NOT_MSGPACK if after == -NOT_MSGPACK else -OTHER_VERSION
     at = _counts(payload, after, header, JOB, STOP_AT)
-    if at >= 0 and _tag(payload, at) == _NIL:
+    if at >= 0 and _tag(payload, at) == NIL:
         header[STOP_AT], at = NEVER, at + 1
     else:
         at = _counts(payload, at, header, STOP_AT, SENT)
@@ -351,91 +333,3 @@ def hear_emigrants_only(header: Header, genomes: Genomes, fitness: Fitness, send
     """Call `only_emigrants` for one message of each of the ``senders`` (cells)."""
     for row in range(senders.size):
         only_emigrants(header[row], genomes[row], fitness[row], senders[row])
-
-
-# Writing --------------------------------------------------------------------------------------------------------------
-# Each writer puts a value at position ``at`` of ``out`` and returns the position after it. None checks whether there is
-# room: `wire.exchange.Limits.most_bytes` is enough for every message of a job.
-@subroutine
-def _put(out: Any, at: Any, tag: Any, value: Any, size: Any) -> Any:
-    """Write a tag and ``size`` bytes of ``value``, big-endian."""
-    out[at] = tag
-    for place in range(size):
-        out[at + 1 + place] = np.uint8((value >> np.uint64(8 * (size - 1 - place))) & np.uint64(0xFF))
-    return at + 1 + size
-
-
-@subroutine
-def _put_count(out: Any, at: Any, count: Any) -> Any:
-    """Write an integer in the shortest format, as msgpack libraries do, so that equal messages are equal bytes."""
-    value = np.uint64(count)
-    if count < 0x80:
-        return _put(out, at, count, value, 0)
-    size, tag = 1, _UINT_8
-    while size < 8 and value >> np.uint64(8 * size) != 0:
-        size, tag = 2 * size, tag + 1
-    return _put(out, at, tag, value, size)
-
-
-@subroutine
-def _put_length(out: Any, at: Any, length: Any) -> Any:
-    """Write the head of an array."""
-    if length < 16:
-        return _put(out, at, _FIXARRAY + length, np.uint64(0), 0)
-    wide = length > 0xFFFF
-    return _put(out, at, _ARRAY_16 + wide, np.uint64(length), 4 if wide else 2)
-
-
-@subroutine
-def _put_fitness(out: Any, at: Any, fitness: Any, number: Any) -> Any:
-    return _put(out, at, _FLOAT_64, fitness.view(np.uint64)[number], 8)
-
-
-@subroutine
-def _put_genome(out: Any, at: Any, genome: Any) -> Any:
-    """Write a genome without the zeros at its end: genomes of variable length have room for the longest."""
-    length = genome.size
-    while length > 0 and genome[length - 1] == 0:
-        length -= 1
-    size, tag = 1, _BIN_8
-    while length >> (8 * size) != 0:
-        size, tag = 2 * size, tag + 1
-    at = _put(out, at, tag, np.uint64(length), size)
-    for place in range(length):
-        out[at + place] = genome[place]
-    return at + length
-
-
-@subroutine
-def write_message(header: Any, genomes: Any, fitness: Any, champion: Any, out: Any) -> Any:
-    """Write one row's message into ``out``, with its champion if ``champion``; return the number of bytes."""
-    last = fitness.size - 1
-    at = _put_length(out, 0, _FIELDS)
-    at = _put_count(out, at, VERSION)
-    for column in range(JOB, STOP_AT):
-        at = _put_count(out, at, header[column])
-    never = header[STOP_AT] == NEVER
-    at = _put(out, at, _NIL, np.uint64(0), 0) if never else _put_count(out, at, header[STOP_AT])
-    at = _put_length(out, at, last)
-    for number in range(last):
-        at = _put_length(out, at, 2)
-        at = _put_genome(out, at, genomes[number])
-        at = _put_fitness(out, at, fitness, number)
-    if champion and fitness[last] < np.inf:
-        at = _put_length(out, at, 4)
-        at = _put_fitness(out, at, fitness, last)
-        at = _put_count(out, at, header[BORN])
-        at = _put_count(out, at, header[BIRTHPLACE])
-        at = _put_genome(out, at, genomes[last])
-    else:
-        at = _put(out, at, _NIL, np.uint64(0), 0)
-    at = _put_length(out, at, 2)
-    at = _put_count(out, at, header[SENT])
-    return _put_count(out, at, header[EVALUATIONS])
-
-
-@kernel("int64(int64[:,::1], uint8[:,:,::1], float64[:,::1], int64, boolean, uint8[::1])")
-def encode(header: Header, genomes: Genomes, fitness: Fitness, row: int, champion: bool, out: Genomes) -> int:
-    """Call `write_message` for one row of the arrays; return the number of bytes."""
-    end: int = write_message(header[row], genomes[row], fitness[row], champion, out)
-    return end

@@ -20,6 +20,7 @@ from exchanges import (
     bit_genomes,
     counts,
     decode,
+    encoded,
     exchanges,
     limits_of,
     list_genomes,
@@ -32,7 +33,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from wire.exchange import NEVER, REASONS, VERSION, Champion, Messages
-from wire.exchange_kernels import BIRTHPLACE, BORN, GENERATION, hear_emigrants_only
+from wire.exchange_layout import BIRTHPLACE, BORN, GENERATION
+from wire.exchange_reader import hear_emigrants_only
 from wire.strict import Rejected
 
 OF_REALS = limits_of(REALS, 1)
@@ -100,8 +102,8 @@ def test_a_champion_may_be_kept_to_oneself(message):
     rows = Messages.room(3, 2, 2)
     assert rows.decode(1, message.encode(), LIMITS) is None
     out = np.empty(LIMITS.most_bytes, np.uint8)
-    assert rows.encode(1, True, out) == message.encode()
-    assert rows.encode(1, False, out) == dataclasses.replace(message, champion=None).encode()
+    assert encoded(rows, 1, True, out) == message.encode()
+    assert encoded(rows, 1, False, out) == dataclasses.replace(message, champion=None).encode()
 
 
 # Reading --------------------------------------------------------------------------------------------------------------
