@@ -14,6 +14,13 @@ Simulate the same run in this process, generation by generation::
 
     result = supernode.simulate("examples/arm-ik.toml", seed=1, callback=lambda generation: print(generation.best))
 
+Solve a problem made in Python, on processes that are started for this call::
+
+    robot = supernode.load_robot("example-robot-data:panda", group="arm")
+    table = supernode.Box(size=[1.0, 1.0, 0.1], position=[0.8, 0.0, 0.2])
+    problem = supernode.RobotPath(robot=robot, start=[...], goal=[...], obstacles=[table])
+    path = supernode.solve(problem, torus="2x2", seconds=1).path
+
 Submit a job to a cluster that is up already (``supernode up``)::
 
     with supernode.connect() as client:
@@ -40,7 +47,9 @@ if TYPE_CHECKING:
     from supernode.client.async_client import AsyncClient, connect_async
     from supernode.client.async_job import AsyncClientJob
     from supernode.client.client import Client, ClientJob, connect
+    from supernode.robots import Box, Cylinder, Mesh, RobotIk, RobotPath, Sphere, load_robot
     from supernode.runs.simulation import Generation, simulate
+    from supernode.runs.solving import solve
     from wire.news import Improvement
 
 _HOMES = {
@@ -70,6 +79,14 @@ _HOMES = {
     "load": "problems",
     "quantity": "problems",
     "simulate": "supernode.runs.simulation",
+    "Box": "supernode.robots",
+    "Cylinder": "supernode.robots",
+    "Mesh": "supernode.robots",
+    "RobotIk": "supernode.robots",
+    "RobotPath": "supernode.robots",
+    "Sphere": "supernode.robots",
+    "load_robot": "supernode.robots",
+    "solve": "supernode.runs.solving",
 }
 
 __all__ = [
@@ -78,27 +95,35 @@ __all__ = [
     "AsyncClientJob",
     "BadInput",
     "BitString",
+    "Box",
     "Clearance",
     "Client",
     "ClientJob",
     "ClusterFailed",
+    "Cylinder",
     "Generation",
     "Improvement",
     "Job",
     "LocalCluster",
+    "Mesh",
     "Permutation",
     "Problem",
     "ProblemFile",
     "RealVector",
     "Recipe",
     "Result",
+    "RobotIk",
+    "RobotPath",
+    "Sphere",
     "Table",
     "Verdict",
     "connect",
     "connect_async",
     "load",
+    "load_robot",
     "quantity",
     "simulate",
+    "solve",
 ]
 
 

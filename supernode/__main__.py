@@ -20,6 +20,7 @@ _COMMANDS = {
     "simulate": "run the same job in this process: bit-identical to a lockstep solve",
     "check": "verify a result independently of the code that found it",
     "export": "write the motion of a result over time, or the records of a job: CSV, JSON, MCAP, Parquet",
+    "view": "show the motion of a result in a browser, in three dimensions",
     "oracle": "compute the exact optimum of a problem, or a bound, where there is a method",
     "up": "start a cluster that stays up and takes jobs",
     "down": "end a running cluster",
@@ -39,8 +40,11 @@ _COMMANDS = {
     "scale": "measure how a problem scales with the number of nodes; write a table, plots and a report",
     "topology": "show cells, degree and diameter of a topology, and draw it",
     "problems": "list the kinds of problem, or the fields of one",
+    "robots": "list robots that can be had offline, or show, check and draw one",
+    "import": "write a problem file for a scene of MoveIt or a problem of MotionBenchMaker",
     "init": "write a commented problem file to start from",
 }
+_MODULES = {"import": "import_scene"}  # of commands whose names are words of Python
 
 
 class _Parser(argparse.ArgumentParser):
@@ -71,11 +75,23 @@ def _refuse_unknown(options: argparse.Namespace, unknown: Sequence[str]) -> None
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code."""
     parser = _parser()
+    _check_environment(parser)
     # Unknown options are collected, so that the command's own parser can report them with a suggestion.
     options, unknown = parser.parse_known_args(arguments)
     if unknown:
         _refuse_unknown(options, unknown)
     return _run(options)
+
+
+def _check_environment(parser: argparse.ArgumentParser) -> None:
+    """Report a wrong SUPERNODE_PLAIN here: a child process would report it when the command has done half its work."""
+    if "SUPERNODE_PLAIN" in os.environ:
+        from lowlevel.capabilities import turned_off
+
+        try:
+            turned_off()
+        except ValueError as error:
+            parser.exit(BAD_INPUT, f"error: {error}\n")
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -86,7 +102,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"supernode {version('supernode')}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for name, summary in _COMMANDS.items():
-        module = importlib.import_module(f"supernode.commands.{name}")
+        module = importlib.import_module(f"supernode.commands.{_MODULES.get(name, name)}")
         command = commands.add_parser(
             name,
             help=summary,
@@ -120,7 +136,7 @@ def _report_slow_steps(options: argparse.Namespace) -> None:
     if {"problem", "source"} & vars(options).keys() and not getattr(options, "quiet", False):
         from problems import progress
 
-        progress.tell(lambda line: print(line, file=sys.stderr, flush=True))
+        progress.set_listener(lambda line: print(line, file=sys.stderr, flush=True))
 
 
 def _report_error(error: Exception) -> int:

@@ -1,4 +1,4 @@
-"""Talk to a running cluster: find it, send requests, follow jobs. Every other room that needs a cluster uses this one.
+"""Talk to a running cluster: find it, send requests, follow jobs. Other subpackages reach a cluster only by this.
 
 A client is an ordinary Zenoh client. It sends requests to the coordinator, and it receives what spy and coordinator
 publish about jobs. Messages may get lost, repeated or delayed while a router or a coordinator restarts; a job's feed

@@ -6,7 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Self
 
-from problems import ProblemFile, load
+from problems import Problem, ProblemFile
+from problems.in_memory import file_of
 from supernode.client.async_job import AsyncClientJob
 from supernode.client.cluster_info import Place
 from supernode.client.job_tracker import JobTracker
@@ -40,12 +41,12 @@ class AsyncClient:
         await self.close()
 
     async def submit(
-        self, file: ProblemFile | str | Path, *, id: str | None = None, priority: int = 0, **run: Any
+        self, file: ProblemFile | Problem | str | Path, *, id: str | None = None, priority: int = 0, **run: Any
     ) -> AsyncClientJob:
         """Submit a job and return a handle of it once the cluster has stored it.
 
         Args:
-            file: a problem file from `supernode.load`, or the path of one.
+            file: a problem file from `supernode.load`, the path of one, or a problem made in Python.
             id: an id of your choice: 1 to 64 letters, digits, dots, hyphens and underscores. To submit the same problem
                 again under the same id is safe: it is the same job. None picks a random id.
             priority: jobs of a higher priority leave the queue first; at most a million in either direction.
@@ -56,7 +57,7 @@ class AsyncClient:
             ClusterFailed: if the cluster does not answer.
         """
         # In a thread: loading may read large files and import a user's module, which would block the loop.
-        loaded = file if isinstance(file, ProblemFile) else await asyncio.to_thread(load, file)
+        loaded = file if isinstance(file, ProblemFile) else await asyncio.to_thread(file_of, file)
         asked = loaded.with_run(**run)
         asked.refuse_unreachable()
         text = asked.to_json()

@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
-from problems import ProblemFile
+from problems import Problem, ProblemFile
 from supernode.client.async_client import AsyncClient
 from supernode.client.async_job import AsyncClientJob
 from supernode.client.cluster_info import Place
@@ -158,12 +158,12 @@ class Client:
         self.close()
 
     def submit(
-        self, file: ProblemFile | str | Path, *, id: str | None = None, priority: int = 0, **run: Any
+        self, file: ProblemFile | Problem | str | Path, *, id: str | None = None, priority: int = 0, **run: Any
     ) -> ClientJob:
         """Submit a job and return a handle of it once the cluster has stored it.
 
         Args:
-            file: a problem file from `supernode.load`, or the path of one.
+            file: a problem file from `supernode.load`, the path of one, or a problem made in Python.
             id: an id of your choice: 1 to 64 letters, digits, dots, hyphens and underscores. To submit the same problem
                 again under the same id is safe: it is the same job. None picks a random id.
             priority: jobs of a higher priority leave the queue first; at most a million in either direction.

@@ -1,4 +1,4 @@
-"""Write the motion of a result over time: as CSV, as JSON, or as MCAP for Foxglove and the like.
+"""Write the motion of a result over time: as CSV, as JSON, as MCAP for Foxglove and the like, or for ROS.
 
 Given a job instead, write its records as CSV or Parquet: its statistics of each second, or what --records asks for. The
 job is one of a running cluster; it may have ended.
@@ -19,15 +19,16 @@ if TYPE_CHECKING:
     from problems.motion import Motion
 
 EXAMPLE = """supernode export examples/mobile-robot.toml result.json --speed 0.5 -o motion.mcap
+  supernode export panda.toml result.json --retime -o motion.mcap
   supernode export 5f3a09c1 --format parquet -o statistics.parquet
   supernode export 5f3a09c1 --records events"""
 
-_USAGE = """supernode export PROBLEM.toml RESULT.json [--format csv|json|mcap] [-o FILE] [--speed V] ...
+_USAGE = """supernode export PROBLEM.toml RESULT.json [--format csv|json|mcap|ros] [-o FILE] [--retime] [--speed V] ...
        supernode export JOB [--records KIND] [--format csv|parquet] [-o FILE] [--state DIR | --connect ENDPOINT]"""
 
 _KINDS = ("statistics", "improvements", "history", "events", "log")
 _KIND = "statistics"  # the default: the only kind with rows from all of a run, however it went
-_OF_MOTIONS = ("csv", "json", "mcap")
+_OF_MOTIONS = ("csv", "json", "mcap", "ros")
 _OF_RECORDS = ("csv", "parquet")
 _FORMATS = tuple(dict.fromkeys(_OF_MOTIONS + _OF_RECORDS))
 _FOR_MOTIONS = {
@@ -37,6 +38,8 @@ _FOR_MOTIONS = {
     "turn_speed": "--turn-speed",
     "turn_acceleration": "--turn-acceleration",
     "rate": "--rate",
+    "retime": "--retime",
+    "blend": "--blend",
 }
 _FOR_RECORDS = {"state": "--state", "connect": "--connect"}
 _IN_FILES_ONLY = {"mcap": "MCAP", "parquet": "Parquet"}
@@ -49,7 +52,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "result", metavar="RESULT.json", nargs="?", help="a result as `solve --json` prints it, or its solution"
     )
-    parser.add_argument("--format", choices=_FORMATS, help="by default as FILE ends; csv if it has no ending")
+    parser.add_argument(
+        "--format",
+        choices=_FORMATS,
+        help="by default as FILE ends; csv if it has no ending. ros is the JSON of trajectory_msgs/JointTrajectory",
+    )
     parser.add_argument("-o", "--output", metavar="FILE", help="by default stdout; mcap and parquet need a file")
     motion = parser.add_argument_group("the motion of a result")
     motion.add_argument(
@@ -80,6 +87,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     motion.add_argument(
         "--rate", type=_positive, metavar="HZ", help="rows per second (50); min-time has the rows of its solution"
     )
+    motion.add_argument(
+        "--retime",
+        action="store_true",
+        default=None,  # not False: only an option that is given can be refused
+        help="robot-path: find the quickest motion along the path that keeps all limits, with rounded corners",
+    )
+    motion.add_argument(
+        "--blend",
+        type=_not_negative,
+        metavar="D",
+        help="with --retime: how far from a corner the motion may pass, rad or m (0.1; 0: stop at each corner)",
+    )
     records = parser.add_argument_group("the records of a job")
     records.add_argument(
         "--records",
@@ -108,6 +127,8 @@ def _check_combination(options: argparse.Namespace) -> None:
     """Refuse options that belong to the other form of the command."""
     from problems import BadInput
 
+    if options.blend is not None and not options.retime:
+        raise BadInput(f"--blend: expected only with --retime, found {options.blend:g}")
     if options.records is None and options.result is None:
         raise BadInput("RESULT.json: expected a result, or a job in place of PROBLEM.toml, found neither")
     foreign, only = (_FOR_RECORDS, "only with") if options.records is None else (_FOR_MOTIONS, "none with")
@@ -133,12 +154,13 @@ def _run_records(options: argparse.Namespace) -> int:
 def _run_motion(options: argparse.Namespace) -> int:
     """Write the motion, if the check accepts the result."""
     from problems import load
-    from problems.guard import moved
+    from problems.guard import moved, retimed
     from problems.motion import Pace
     from problems.registry import find
     from supernode.runs.claims import verified
 
-    pace = Pace(options.speed, options.turn_speed, options.acceleration, options.turn_acceleration, options.rate)
+    speeds = (options.speed, options.turn_speed, options.acceleration, options.turn_acceleration)
+    pace = Pace(*speeds, options.rate, options.blend, bool(options.retime))
     kind_of_file, file = _format(options, _OF_MOTIONS), load(options.source)
     with contextlib.redirect_stdout(sys.stderr):  # a user's module may print
         # Asked of the class, before the check of the result, which may take long.
@@ -148,7 +170,10 @@ def _run_motion(options: argparse.Namespace) -> int:
         if judgement.solution is None or judgement.objections:
             print("rejected: " + "; ".join(judgement.objections), file=sys.stderr)
             return exits.NOT_REACHED
-        motion = moved(judgement.problem, judgement.solution, pace)
+        solution = judgement.solution
+        if options.retime:
+            solution = retimed(judgement.problem, solution, pace)
+        motion = moved(judgement.problem, solution, pace)
         if motion is None:
             raise _no_motion(file)
     _write(_rendered(motion, file.kind, kind_of_file), options.output)
@@ -167,12 +192,23 @@ def _positive(text: str) -> float:
     return value
 
 
+def _not_negative(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0.0 <= value < math.inf:
+        raise argparse.ArgumentTypeError(f"expected a number, 0 or greater, found {text}")
+    return value
+
+
 def _format(options: argparse.Namespace, known: tuple[str, ...]) -> str:
     from problems import BadInput
 
     ending = Path(options.output or "").suffix.lower().lstrip(".")
-    if options.format is None and ending and ending not in known:
-        endings = ", ".join(f".{each}" for each in known)
+    by_ending = [each for each in known if each != "ros"]  # its files are JSON
+    if options.format is None and ending and ending not in by_ending:
+        endings = ", ".join(f".{each}" for each in by_ending)
         raise BadInput(f"-o: expected a file that ends in one of {endings}, or --format, found {options.output}")
     chosen = str(options.format or ending or "csv")
     if chosen not in known:
@@ -197,13 +233,18 @@ def _no_motion(file: "ProblemFile") -> "BadInput":
 
 
 def _rendered(motion: "Motion", kind: str, kind_of_file: str) -> bytes:
-    from supernode.motion import text
+    from supernode.motion import ros, text
 
-    if kind_of_file == "mcap":
-        from supernode.motion.mcap_file import as_mcap
+    match kind_of_file:
+        case "mcap":
+            from supernode.motion.mcap_file import as_mcap
 
-        return as_mcap(motion)
-    return (text.as_csv(motion) if kind_of_file == "csv" else text.as_json(motion, kind)).encode()
+            return as_mcap(motion)
+        case "ros":
+            return ros.as_joint_trajectory(motion).encode()
+        case "json":
+            return text.as_json(motion, kind).encode()
+    return text.as_csv(motion).encode()
 
 
 def _write(data: bytes, name: str | None) -> None:

@@ -37,6 +37,9 @@ def add_run_options(parser: argparse.ArgumentParser) -> None:
     out.add_argument("--log", metavar="FILE", help="write a run log as JSON Lines")
     add_least_improvement(out)
     out.add_argument("--plot", metavar="FILE", help="draw the result (PNG, SVG or PDF, by the name's end)")
+    out.add_argument(
+        "--retime", action="store_true", help="robot-path: add the quickest motion along the path that keeps all limits"
+    )
     out.add_argument("--json", action="store_true", help="print the result as one JSON object")
     out.add_argument("--quiet", action="store_true", help="no progress on stderr")
 

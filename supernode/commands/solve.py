@@ -101,13 +101,17 @@ def _on_its_own(file: "ProblemFile", options: argparse.Namespace) -> int:
     topology = topologies.parse(file.run.topology)
     capacity.check(topology.cells, force=options.force)  # now, not after half a second of imports
     from coordinator import LocalCluster
+    from coordinator.launch.compilation import compile_missing
+    from problems import registry
     from spy.terminal import Terminal
     from supernode.terminal.present import present
 
     log, least = options.log, options.least_improvement
+    kinds = registry.imported_kinds()  # that of the file, and those that a user's own kind is made of
     with Terminal(topology, options.quiet, least=least) as terminal:
+        compile_missing(kinds, terminal.say)
         terminal.say(f"starting nodes: {topology.cells} ({topology.spec})")
-        with LocalCluster(topology=topology.spec, force=options.force) as cluster:
+        with LocalCluster(topology=topology.spec, kinds=kinds, force=options.force) as cluster:
             terminal.say(f"ready after {cluster.seconds_to_ready:.2f} s")
             result, interrupted = _follow(cluster, cluster.submit(file, log=log, least_improvement=least), terminal)
     tried = file.tried(result.directives)

@@ -12,7 +12,7 @@ from supernode.commands.cluster_options import add_cluster_options, connected, t
 
 EXAMPLE = "supernode status"
 
-_COLUMNS = ("node", "process", "job", "cell", "epoch", "generation", "age", "memory", "sent", "received")
+_COLUMNS = ("node", "process", "job", "cell", "epoch", "generation", "age", "reported", "memory", "sent", "received")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -67,8 +67,8 @@ def _row(node: Mapping[str, Any]) -> list[object]:
 
 def _shown(column: str, node: Mapping[str, Any]) -> object:
     match column:
-        case "age":
-            seconds = node.get("seconds")
+        case "age" | "reported":  # of the process, and of its latest counters, in seconds
+            seconds = node.get("seconds" if column == "age" else column)
             return None if seconds is None else round(seconds)
         case "memory":
             memory = node.get("memory")

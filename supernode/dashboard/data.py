@@ -6,6 +6,7 @@ from collections.abc import Awaitable, Callable
 from functools import lru_cache
 from typing import Any
 
+from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.responses import JSONResponse, PlainTextResponse, Response
 from starlette.routing import Route
@@ -15,9 +16,10 @@ from problems.errors import shorten
 from problems.registry import find_built_in
 from supernode.client.async_job import AsyncClientJob
 from supernode.dashboard.fields import as_number, as_whole, fields_of, text_of
+from supernode.dashboard.packing import answer_of
 from supernode.dashboard.scenes import Form
 from supernode.dashboard.shared import dashboard_of
-from supernode.live.view import shape_of
+from supernode.live.view import shape_of, wraps
 from wire import jobs as wire
 
 _MOST_NAME = 200  # characters
@@ -41,6 +43,7 @@ def routes() -> list[Route]:
         Route("/api/jobs/{job}", _job),
         Route("/api/jobs/{job}/history", _history),
         Route("/api/jobs/{job}/spaces", _scene("spaces", "application/json")),
+        Route("/api/jobs/{job}/bodies", _bodies),
         Route("/api/jobs/{job}/cancel", _cancel, methods=["POST"]),
     ]
 
@@ -68,8 +71,9 @@ async def _template(request: Request) -> Response:
 async def _job(request: Request) -> Response:
     view = await dashboard_of(request).show(request.path_params["job"])
     rows, columns = shape_of(view["topology"])
+    shape = {"rows": rows, "columns": columns, "wraps": wraps(view["topology"])}
     told = {key: value for key, value in view.items() if key != "file_now"}
-    return JSONResponse(told | _made_of(view["file_now"]) | {"rows": rows, "columns": columns})
+    return JSONResponse(told | _made_of(view["file_now"]) | shape)
 
 
 async def _history(request: Request) -> Response:
@@ -88,6 +92,18 @@ def _scene(form: Form, media_type: str) -> Callable[[Request], Awaitable[Respons
         return Response(await dashboard.scenes.drawn(view, form), media_type=media_type)
 
     return scene
+
+
+async def _bodies(request: Request) -> Response:
+    """Answer with the bodies that move in a job's problem; a browser may keep them under their key."""
+    dashboard = dashboard_of(request)
+    bodies = await dashboard.scenes.bodies(await dashboard.show(request.path_params["job"]))
+    if bodies is None:
+        raise BadInput("problems of this kind have no bodies that move")
+    if request.query_params.get("key", bodies.key) != bodies.key:
+        raise HTTPException(404, "the job has other bodies now")  # its problem has changed in between
+    cached = {"Cache-Control": "private, max-age=86400"} if "key" in request.query_params else {}
+    return answer_of(bodies.packed, request, "application/json", cached)
 
 
 async def _submit(request: Request) -> Response:

@@ -16,8 +16,8 @@ from starlette.staticfiles import StaticFiles
 from starlette.templating import Jinja2Templates
 
 from problems.registry import kinds
+from supernode.dashboard.packing import COMPRESSION, answer_of
 
-_COMPRESSION = 5  # zlib's level
 _HERE = Path(__file__).parent
 _templates = Jinja2Templates(_HERE / "templates")
 
@@ -30,7 +30,7 @@ def routes(single: bool) -> list[Route | Mount]:
         Route("/jobs", _page("jobs.html", single)),
         Route("/jobs/{job}", _page("job.html", single)),
         Route("/compare", _page("compare.html", single)),
-        Mount("/static", routes=static, middleware=[Middleware(GZipMiddleware, compresslevel=_COMPRESSION)]),
+        Mount("/static", routes=static, middleware=[Middleware(GZipMiddleware, compresslevel=COMPRESSION)]),
     ]
 
 
@@ -45,13 +45,9 @@ def _page(name: str, single: bool) -> Callable[[Request], Awaitable[Response]]:
 @lru_cache(1)
 def _plotly_script() -> bytes:
     """Return plotly's script, compressed once: each of its 70 pieces would wait for a core that nodes keep busy."""
-    return gzip.compress((files("plotly") / "package_data" / "plotly.min.js").read_bytes(), _COMPRESSION)
+    return gzip.compress((files("plotly") / "package_data" / "plotly.min.js").read_bytes(), COMPRESSION)
 
 
 async def _plotly(request: Request) -> Response:
-    script, headers = await asyncio.to_thread(_plotly_script), {"Cache-Control": "private, max-age=86400"}
-    if "gzip" in request.headers.get("Accept-Encoding", ""):
-        headers |= {"Content-Encoding": "gzip", "Vary": "Accept-Encoding"}
-    else:
-        script = gzip.decompress(script)
-    return Response(script, headers=headers, media_type="text/javascript")
+    script = await asyncio.to_thread(_plotly_script)
+    return answer_of(script, request, "text/javascript", {"Cache-Control": "private, max-age=86400"})

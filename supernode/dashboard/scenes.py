@@ -7,16 +7,22 @@ from collections import OrderedDict
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, Literal
 
-from problems import BadInput, ProblemFile, registry
+from problems import BadInput, Problem, ProblemFile, Solution, registry
+from problems.animation import Animation
+from problems.errors import EvaluationFailed
+from problems.guard import animated
+from supernode.dashboard.animations import Bodies, bodies_of, encoded, placements_of
 from supernode.dashboard.spaces import spaces_of
 from supernode.pictures.picture import as_png, drawn
 
 Form = Literal["png", "spaces"]
-"""A PNG picture; or JSON of what is drawn in three dimensions, see `spaces`."""
+"""A PNG picture; or JSON of what moves, see `animations`, else of what is drawn in three dimensions, see `spaces`."""
 
 _KEPT = 32  # pictures
+_KEPT_STAGES = 4  # a large robot takes tens of megabytes
 _AT_MOST_EVERY = 1.0  # seconds between two pictures of a job, at least
 _REST = 20.0  # the pause after a picture, as a multiple of the time it took: planning has priority
 _DOTS_PER_INCH = 96
@@ -69,15 +75,67 @@ class Scenes:
                 self._pictures.popitem(last=False)
             return known.data
 
+    async def bodies(self, view: Mapping[str, Any]) -> Bodies | None:
+        """Return the bodies that move in a job's problem; None if its kind has no animation.
+
+        Args:
+            view: the answer to `show` about the job.
+
+        Raises:
+            BadInput: if the problem cannot be drawn here.
+        """
+        async with self._drawing:
+            return await asyncio.get_running_loop().run_in_executor(self._thread, _bodies, view["file_now"])
+
     def close(self) -> None:
         """Stop drawing."""
         self._thread.shutdown(wait=False, cancel_futures=True)
 
 
+@dataclass(frozen=True)
+class _Stage:
+    """A problem whose solutions move; making it reads all meshes, so it is kept for the next solutions."""
+
+    problem: Problem
+    bodies: Bodies
+
+
 def _draw(text: str, best: Mapping[str, Any] | None, form: Form) -> bytes:
+    found, is_attempt = (None, False) if best is None else (best["solution"], not best["feasible"])
+    stage = _stage(text) if form == "spaces" else None
+    if stage is not None:
+        animation = _animated(stage.problem, found)
+        if animation is not None:
+            placements = placements_of(animation, stage.bodies.key)
+            return encoded({"spaces": [], "whole": True, "animation": placements})
+    figure = drawn(_drawable(text).problem(), found, is_attempt=is_attempt)
+    return as_png(figure, _DOTS_PER_INCH) if form == "png" else json.dumps(spaces_of(figure), allow_nan=False).encode()
+
+
+def _bodies(text: str) -> Bodies | None:
+    stage = _stage(text)
+    return None if stage is None else stage.bodies
+
+
+@lru_cache(_KEPT_STAGES)
+def _stage(text: str) -> _Stage | None:
+    file = _drawable(text)
+    if registry.find_built_in(file.kind).animation is Problem.animation:
+        return None  # without making the problem
+    problem = file.problem(checked=True)  # by the coordinator
+    animation = _animated(problem, None)  # its bodies are those of all solutions
+    return None if animation is None else _Stage(problem, bodies_of(animation))
+
+
+def _animated(problem: Problem, solution: Solution | None) -> Animation | None:
+    try:
+        return animated(problem, solution)
+    except EvaluationFailed as error:
+        raise BadInput(str(error)) from error
+
+
+def _drawable(text: str) -> ProblemFile:
     file = ProblemFile.from_json(text)
     if not registry.is_built_in(file.kind):
         raise BadInput(f"{file.kind}: a problem of one's own is not drawn here, where its code is not run")
-    found, is_attempt = (None, False) if best is None else (best["solution"], not best["feasible"])
-    figure = drawn(file.problem(), found, is_attempt=is_attempt)
-    return as_png(figure, _DOTS_PER_INCH) if form == "png" else json.dumps(spaces_of(figure), allow_nan=False).encode()
+    return file

@@ -16,6 +16,22 @@ def as_toml(fields: Mapping[str, Any], run: Mapping[str, Any]) -> str:
     return "\n".join([*_lines(fields), "", "[run]", *_lines(run), ""])
 
 
+def as_tables(fields: Mapping[str, Any]) -> str:
+    """Return a problem file for people to edit: plain values first, then a table ``[name]`` for each table or element.
+
+    Values of None are left out.
+    """
+    plain, tables = {}, []
+    for name, value in fields.items():
+        if isinstance(value, dict):
+            tables += ["", f"[{_key(name)}]", *_lines(value)]
+        elif isinstance(value, list) and value and all(isinstance(each, dict) for each in value):
+            tables += [line for each in value for line in ("", f"[[{_key(name)}]]", *_lines(each))]
+        else:
+            plain[name] = value
+    return "\n".join([*_lines(plain), *tables, ""])
+
+
 def _lines(table: Mapping[str, Any]) -> list[str]:
     return [f"{_key(name)} = {_long(value)}" for name, value in table.items() if value is not None]
 

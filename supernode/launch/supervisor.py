@@ -8,7 +8,6 @@ import importlib.util
 import os
 import queue
 import secrets
-import signal
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -18,10 +17,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
 from coordinator.errors import ClusterFailed
+from coordinator.launch.compilation import compile_missing
 from coordinator.launch.launcher import Launcher, ServiceOptions
 from problems.errors import BadInput
 from supernode.client.client import Client
 from supernode.client.cluster_info import ClusterInfo, Place, occupy, remove_info, write_info
+from supernode.signals import on_ending_signals
 from wire import sessions
 
 if TYPE_CHECKING:
@@ -173,7 +174,7 @@ class Supervisor:
         lock = occupy(folder)
         try:
             occupied()
-            with self._ending_by_signals(), suppress(_AskedToEndError):
+            with on_ending_signals(lambda: self._ends.put(None)), suppress(_AskedToEndError):
                 self._try_the_database(folder)
                 with self.up() as up:
                     write_info(folder, ClusterInfo(up.endpoint, up.cluster, os.getpid(), version("supernode")))
@@ -195,6 +196,7 @@ class Supervisor:
         cluster = secrets.token_hex(4)
         with self._dashboard() as dashboard:
             request = self._request
+            compile_missing()
             launcher = Launcher(cluster, request.topology, self._ends.put, service=request.service, force=request.force)
             try:
                 if not launcher.started.wait(_READY_WITHIN):
@@ -255,14 +257,3 @@ class Supervisor:
         if reason is None:
             raise _AskedToEndError
         raise ClusterFailed(reason)
-
-    @contextmanager
-    def _ending_by_signals(self) -> Iterator[None]:
-        """Let SIGINT (Ctrl-C), SIGTERM and SIGHUP end the cluster in good order."""
-        kinds = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-        before = [signal.signal(kind, lambda *_: self._ends.put(None)) for kind in kinds]
-        try:
-            yield
-        finally:
-            for kind, handler in zip(kinds, before, strict=True):
-                signal.signal(kind, handler)

@@ -35,7 +35,7 @@ class _Node:
         came: when its process came, by the monotonic clock.
         died: when its last process vanished.
         deaths: how many of its processes have died.
-        told: its latest counters.
+        counters: its latest counters.
         status: its part of the latest answer to `status`.
     """
 
@@ -44,12 +44,12 @@ class _Node:
     came: float = -math.inf
     died: float = -math.inf
     deaths: int = 0
-    told: Counters | None = None
+    counters: Counters | None = None
     status: Mapping[str, Any] | None = None
 
-    def told_of_now(self, ended: Collection[int]) -> Counters | None:
+    def counters_of_now(self, ended: Collection[int]) -> Counters | None:
         """Return the latest counters, or None if they are of a job that has ended (one of the numbers ``ended``)."""
-        return None if self.told is None or self.told.job in ended else self.told
+        return None if self.counters is None or self.counters.job in ended else self.counters
 
     def state(self, now: float) -> str:
         if now - self.died < SHOWN_FOR or (self.process is None and self.died > -math.inf):
@@ -117,7 +117,7 @@ class View:
         """Take a message with the counters of many nodes."""
         for counters in Counters.decode_all(payload):
             if counters.node < _MOST_NODES:
-                self._nodes.setdefault(counters.node, _Node()).told = counters
+                self._nodes.setdefault(counters.node, _Node()).counters = counters
 
     def hear_statistics(self, payload: bytes) -> None:
         """Take the spy's statistics of a job."""
@@ -159,7 +159,7 @@ class View:
         node.process, node.lost, node.came = process, None, now if is_new else -math.inf
 
     def _gone(self, number: int, node: _Node) -> None:
-        node.process, node.lost, node.told = None, node.process, None
+        node.process, node.lost, node.counters = None, node.process, None
         node.died, node.deaths = time.monotonic(), node.deaths + 1
         self._say("warning", f"node {number} is dead")
 
@@ -276,7 +276,7 @@ class View:
         node = self._nodes.get(number)
         if node is None:
             return None
-        now = node.told_of_now(self._ended())
+        now = node.counters_of_now(self._ended())
         told = {} if now is None else plain(now._asdict())
         status = {name: value for name, value in (node.status or {}).items() if name in _OF_PROCESS}
         names = {job["number"]: job["job"] for job in self.jobs}
@@ -287,7 +287,7 @@ class View:
         """Return the nodes by column, which is compact: a thousand are sent each time. Row i is node i."""
         now, ended = time.monotonic(), self._ended()
         nodes = [self._nodes.get(number) for number in range(self._places())]
-        told = [None if node is None else node.told_of_now(ended) for node in nodes]
+        told = [None if node is None else node.counters_of_now(ended) for node in nodes]
         states = ["absent" if node is None else node.state(now) for node in nodes]
         table: dict[str, list[Any]] = {"node": list(range(len(nodes))), "state": states}
         for name in ("cell", "job", "generation", "champion", "best", "age", "sent"):
@@ -318,6 +318,11 @@ def shape_of(spec: str) -> tuple[int, int]:
     if not hasattr(topology, "rows"):
         topology = topologies.parse(topologies.torus_of(topology.cells))
     return getattr(topology, "rows"), getattr(topology, "columns")  # noqa: B009 - only grids have them
+
+
+def wraps(spec: str) -> bool:
+    """Return whether a drawing of the topology may cross its edges; never if it is drawn in another one's shape."""
+    return getattr(topologies.parse(spec), "wraps", False)
 
 
 def _keep(table: dict[int, Any], job: int, value: Any) -> None:

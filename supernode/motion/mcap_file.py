@@ -7,29 +7,18 @@ Positions are in the frame ``world``. The log time of a message is the time of i
 import io
 import json
 from collections.abc import Iterator
-from typing import Any, NamedTuple
 
 import numpy as np
 
 from problems import BadInput
-from problems.motion import Body, Floats, Joints, Motion, Track, Values
-from supernode.motion import schemas
-from supernode.motion.schemas import Schema
+from problems.motion import WORLD, Body, Floats, Joints, Motion, Track, Values
+from supernode.motion import robot_messages, schemas
+from supernode.motion.messages import Json, Message, frame_transform, moment, nanoseconds, vector
 
-Json = dict[str, Any]
-
-WORLD = "world"
 _STRIP, _LOOP = 0, 1  # Foxglove's types of a line: an open one, a closed one
 _PIXELS = 3.0  # thickness of lines; with `scale_invariant` it is in pixels
 _GREY = {"r": 0.45, "g": 0.45, "b": 0.45, "a": 1.0}  # of obstacles
 _COLORS = ({"r": 0.85, "g": 0.33, "b": 0.1, "a": 1.0}, {"r": 0.1, "g": 0.45, "b": 0.75, "a": 1.0})  # of robots
-
-
-class _Message(NamedTuple):
-    time: float
-    topic: str
-    schema: Schema
-    fields: Json
 
 
 def as_mcap(motion: Motion) -> bytes:
@@ -52,30 +41,38 @@ def as_mcap(motion: Motion) -> bytes:
             schema = json.dumps(message.schema).encode()
             known = writer.register_schema(message.schema["title"], "jsonschema", schema)
             channels[message.topic] = writer.register_channel(message.topic, "json", known)
-        moment = _nanoseconds(message.time)
+        when = nanoseconds(message.time)
         data = json.dumps(message.fields).encode()
-        writer.add_message(channels[message.topic], log_time=moment, data=data, publish_time=moment)
+        writer.add_message(channels[message.topic], log_time=when, data=data, publish_time=when)
     if motion.limits or motion.notes:
         said = {limit.name: f"{list(limit.values)} {limit.unit} ({limit.source})" for limit in motion.limits}
         writer.add_metadata("limits", said | {f"note {number}": note for number, note in enumerate(motion.notes, 1)})
+    for track in motion.tracks:
+        if isinstance(track, Joints) and track.urdf is not None:
+            name = f"{track.name or 'robot'}.urdf"
+            writer.add_attachment(0, 0, name, "application/xml", track.urdf.encode())
     writer.finish()
     return stream.getvalue()
 
 
-def _messages(motion: Motion) -> Iterator[_Message]:
+def _messages(motion: Motion) -> Iterator[Message]:
     standing = _standing(motion)
     if standing:
         yield _scene(float(motion.times[0]), "/scene", standing)
+    yield from robot_messages.of_frames(motion)
+    yield from robot_messages.of_solids(motion)
     for number, track in enumerate(motion.tracks):
+        if isinstance(track, Joints) and track.urdf is not None:
+            yield from robot_messages.of_robot(track, motion.times)
         for row, time in enumerate(motion.times.tolist()):
             yield from _row(track, row, time, _COLORS[number % len(_COLORS)])
 
 
-def _row(track: Track, row: int, time: float, color: Json) -> Iterator[_Message]:
-    stamp = {"timestamp": _moment(time)}
+def _row(track: Track, row: int, time: float, color: Json) -> Iterator[Message]:
+    stamp = {"timestamp": moment(time)}
     match track:
         case Joints():
-            yield _Message(time, _topic(track, "joints"), schemas.JOINT_STATES, stamp | {"joints": _joints(track, row)})
+            yield Message(time, _topic(track, "joints"), schemas.JOINT_STATES, stamp | {"joints": _joints(track, row)})
             if track.links is not None:
                 arm = _entity(time, track.name or "arm", WORLD, [_line(_STRIP, track.links[row], color)])
                 yield _scene(time, _topic(track, "links"), [arm])
@@ -83,7 +80,7 @@ def _row(track: Track, row: int, time: float, color: Json) -> Iterator[_Message]
             yield from _pose(track, row, time)
         case Values():
             named = {column.name: float(column.values[row]) for column in track.columns}
-            yield _Message(time, _topic(track, "values"), schemas.values(list(named)), stamp | named)
+            yield Message(time, _topic(track, "values"), schemas.values(list(named)), stamp | named)
 
 
 def _topic(track: Track, what: str) -> str:
@@ -98,15 +95,13 @@ def _joints(track: Joints, row: int) -> list[Json]:
     ]
 
 
-def _pose(track: Body, row: int, time: float) -> Iterator[_Message]:
+def _pose(track: Body, row: int, time: float) -> Iterator[Message]:
     """Yield the pose, and the same as the transform of the body's frame: its outline is drawn in that frame."""
-    stamp = {"timestamp": _moment(time)}
-    place, turn = _vector(track.places[row]), _quaternion(track.angles[row])
+    stamp = {"timestamp": moment(time)}
+    place, turn = vector(track.places[row]), _quaternion(track.angles[row])
     pose = {"frame_id": WORLD, "pose": {"position": place, "orientation": turn}}
-    yield _Message(time, _topic(track, "pose"), schemas.POSE_IN_FRAME, stamp | pose)
-    frames = {"parent_frame_id": WORLD, "child_frame_id": _frame(track)}
-    transform = frames | {"translation": place, "rotation": turn}
-    yield _Message(time, "/tf", schemas.FRAME_TRANSFORM, stamp | transform)
+    yield Message(time, _topic(track, "pose"), schemas.POSE_IN_FRAME, stamp | pose)
+    yield Message(time, "/tf", schemas.FRAME_TRANSFORM, frame_transform(time, WORLD, _frame(track), place, turn))
 
 
 def _frame(track: Body) -> str:
@@ -127,42 +122,28 @@ def _standing(motion: Motion) -> list[Json]:
     return found
 
 
-def _scene(time: float, topic: str, entities: list[Json]) -> _Message:
-    return _Message(time, topic, schemas.SCENE_UPDATE, {"deletions": [], "entities": entities})
+def _scene(time: float, topic: str, entities: list[Json]) -> Message:
+    return Message(time, topic, schemas.SCENE_UPDATE, {"deletions": [], "entities": entities})
 
 
 def _entity(time: float, name: str, frame: str, lines: list[Json]) -> Json:
     """Return a scene entity of lines; it stays until another of that name replaces it, and follows its frame."""
     forever = {"sec": 0, "nsec": 0}
-    said = {"timestamp": _moment(time), "frame_id": frame, "id": name, "lifetime": forever, "frame_locked": True}
+    said = {"timestamp": moment(time), "frame_id": frame, "id": name, "lifetime": forever, "frame_locked": True}
     return said | schemas.NO_SHAPES | {"lines": lines}
 
 
 def _line(kind: int, points: Floats, color: Json) -> Json:
     return {
         "type": kind,
-        "pose": {"position": _vector(np.zeros(3)), "orientation": _quaternion(np.zeros(3))},
+        "pose": {"position": vector(np.zeros(3)), "orientation": _quaternion(np.zeros(3))},
         "thickness": _PIXELS,
         "scale_invariant": True,
-        "points": [_vector(point) for point in points],
+        "points": [vector(point) for point in points],
         "color": color,
         "colors": [],
         "indices": [],
     }
-
-
-# Numbers --------------------------------------------------------------------------------------------------------------
-def _nanoseconds(time: float) -> int:
-    return round(time * 1e9)
-
-
-def _moment(time: float) -> Json:
-    sec, nsec = divmod(_nanoseconds(time), 1_000_000_000)
-    return {"sec": sec, "nsec": nsec}
-
-
-def _vector(place: Floats) -> Json:
-    return dict(zip("xyz", place.tolist(), strict=True))
 
 
 def _quaternion(angles: Floats) -> Json:

@@ -49,7 +49,20 @@ _LINE = table(
     colors=many(_COLOR),
     indices=many({"type": "integer", "minimum": 0}),
 )
-_SHAPES = ("arrows", "cubes", "spheres", "cylinders", "triangles", "texts", "models")
+_CUBE = table("foxglove.CubePrimitive", pose=_POSE, size=_VECTOR, color=_COLOR)
+_SPHERE = table("foxglove.SpherePrimitive", pose=_POSE, size=_VECTOR, color=_COLOR)
+_CYLINDER = table(
+    "foxglove.CylinderPrimitive", pose=_POSE, size=_VECTOR, bottom_scale=NUMBER, top_scale=NUMBER, color=_COLOR
+)
+_TRIANGLES = table(
+    "foxglove.TriangleListPrimitive",
+    pose=_POSE,
+    points=many(_POINT),
+    color=_COLOR,
+    colors=many(_COLOR),
+    indices=many({"type": "integer", "minimum": 0}),
+)
+_UNUSED = ("arrows", "texts", "models")
 _ENTITY = table(
     "foxglove.SceneEntity",
     timestamp=_TIME,
@@ -59,7 +72,11 @@ _ENTITY = table(
     frame_locked={"type": "boolean"},
     metadata=_NONE,
     lines=many(_LINE),
-    **dict.fromkeys(_SHAPES, _NONE),
+    cubes=many(_CUBE),
+    spheres=many(_SPHERE),
+    cylinders=many(_CYLINDER),
+    triangles=many(_TRIANGLES),
+    **dict.fromkeys(_UNUSED, _NONE),
 )
 
 _JOINT_STATE = table(
@@ -80,10 +97,26 @@ FRAME_TRANSFORM = table(
     translation=_VECTOR,
     rotation=_QUATERNION,
 )
+FRAME_TRANSFORMS = table("foxglove.FrameTransforms", transforms=many(FRAME_TRANSFORM))
 SCENE_UPDATE = table("foxglove.SceneUpdate", deletions=_NONE, entities=many(_ENTITY))
 
-NO_SHAPES: dict[str, list[Any]] = {name: [] for name in ("metadata", *_SHAPES)}
-"""The fields of a scene entity other than its lines: all empty."""
+NO_SHAPES: dict[str, list[Any]] = {
+    name: [] for name in ("metadata", "lines", "cubes", "spheres", "cylinders", "triangles", *_UNUSED)
+}
+"""The fields of a scene entity that hold shapes: all empty."""
+
+# Messages of ROS 2 in JSON. Viewers know them by their names, whatever the encoding.
+_STAMP = table("builtin_interfaces/msg/Time", sec={"type": "integer"}, nanosec={"type": "integer", "minimum": 0})
+_HEADER = table("std_msgs/msg/Header", stamp=_STAMP, frame_id=TEXT)
+ROS_JOINT_STATE = table(
+    "sensor_msgs/msg/JointState",
+    header=_HEADER,
+    name=many(TEXT),
+    position=many(NUMBER),
+    velocity=many(NUMBER),
+    effort=many(NUMBER),
+)
+ROS_STRING = table("std_msgs/msg/String", data=TEXT)
 
 
 def values(names: list[str]) -> Schema:

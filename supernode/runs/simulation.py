@@ -20,8 +20,8 @@ from genetics import Fitness, Genomes
 from node.fingerprint import fingerprint
 from node.replay import Epoch, epochs_of
 from node.simulation import Outside, Snapshot, StopRequest, ignore, never
-from problems import BadInput, EvaluationFailed, Problem, ProblemFile, load, registry
-from problems.in_memory import InMemoryProblem
+from problems import BadInput, EvaluationFailed, Problem, ProblemFile, registry
+from problems.in_memory import InMemoryProblem, file_of
 from spy.collector import Collector
 from spy.improvement_records import ImprovementRecord, records_of
 from spy.past import Lived, Past, stopped_after
@@ -76,11 +76,7 @@ def simulate(problem: ProblemFile | Problem | str | Path, *, callback: Callback 
         BadInput: if the problem or a setting is wrong, or if a callback is given for an asynchronous run: such a run
             has no common generation.
     """
-    if isinstance(problem, Problem):
-        file: ProblemFile = InMemoryProblem.of(problem)
-    else:
-        file = problem if isinstance(problem, ProblemFile) else load(problem)
-    file = file.with_run(**run)
+    file = file_of(problem).with_run(**run)
     file.refuse_unreachable()
     if callback is not None and file.run.mode != "lockstep":
         raise BadInput(f"callback: expected mode lockstep, which has common generations, found {file.run.mode}")

@@ -6,6 +6,7 @@ import json
 import math
 import sys
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 from problems import BadInput, ProblemFile, Run
@@ -15,7 +16,9 @@ from supernode import exits
 
 
 def present(result: Result, file: ProblemFile, options: argparse.Namespace, interrupted: bool) -> int:
-    """Print ``result`` on stdout, draw it if asked to, and return the exit code."""
+    """Print ``result`` on stdout, retimed and drawn if asked to, and return the exit code."""
+    if getattr(options, "retime", False):
+        result = _retimed(result, file)
     if options.json:
         print(json.dumps(result.to_json()))
     else:
@@ -25,6 +28,23 @@ def present(result: Result, file: ProblemFile, options: argparse.Namespace, inte
     elif options.plot is not None:
         _draw(result, file, options.plot)
     return exits.INTERRUPTED if interrupted else exit_code(result)
+
+
+def _retimed(result: Result, file: ProblemFile) -> Result:
+    """Return the result with times; a path that cannot have them still counts."""
+    from problems.guard import retimed
+    from problems.motion import Pace
+
+    if result.solution is None:
+        return result
+    try:
+        with contextlib.redirect_stdout(sys.stderr):  # a user's module may print
+            timed = retimed(file.problem(), result.solution, Pace())
+    except BadInput as error:
+        print(f"warning: no times: {error}", file=sys.stderr)
+        return result
+    print(f"retimed: {timed['trajectory']['t'][-1]:.3f} s", file=sys.stderr)
+    return replace(result, solution=timed)
 
 
 def _draw(result: Result, file: ProblemFile, name: str) -> None:

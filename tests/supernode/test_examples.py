@@ -18,6 +18,7 @@ from spy.past import best_known
 
 EXAMPLES = Path(__file__).parent.parent.parent / "examples"
 PROBLEMS = sorted(path.name for path in EXAMPLES.glob("*.toml"))
+SLOW = "robot-path"  # an individual takes milliseconds there, not microseconds: fewer of them, and fewer generations
 load = functools.cache(supernode.load)  # to make the spheres of a mesh takes a second
 
 
@@ -36,10 +37,12 @@ def simulated(file):
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_solve_and_simulate_have_the_same_history(cluster, name, deme):
     file = load(EXAMPLES / name)
+    generations = 3 if file.kind == SLOW else 15
+    deme = min(deme, 2) if file.kind == SLOW else deme
     for seed in (1, 2):
-        run = {"seed": seed, "deme": deme, "stall": 8, "generations": 15, "topology": cluster.topology.spec}
+        run = {"seed": seed, "deme": deme, "stall": 8, "generations": generations, "topology": cluster.topology.spec}
         result = cluster.submit(file, **run).result()
-        assert result.status in ("solved", "stalled", "exhausted")
+        assert result.status in ("solved", "stalled", "exhausted", "optimal")
         assert result.history_sha256 == simulated(file.with_run(**run))
         assert result.history_sha256 == cluster.submit(file, **run).result().history_sha256
         assert result.messages["lost"] == result.messages["rejected"] == 0

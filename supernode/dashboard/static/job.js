@@ -4,6 +4,7 @@ import {
   TROUBLED, announce, ask, byId, fillRow, follow, getJson, hasEnded, isBetter, make, number, postJson, setText, showFacts,
 } from "./common.js";
 import { History, generation, isOfNewLife, line, plot, since } from "./history.js";
+import { Moving } from "./moving.js";
 import { canTurn, showSpaces } from "./spaces.js";
 import { Torus } from "./torus.js";
 
@@ -53,7 +54,8 @@ function showLive() {
   if (latest.stirred) showCells();
   showJob();
   stale = history.hear(live()) || stale;
-  if (stale && Date.now() >= due) showHistory();
+  // Not before the records are there: the latest improvement alone would be drawn as a flat curve.
+  if (stale && due > 0 && Date.now() >= due) showHistory();
 }
 
 const live = () => latest.improvements.get(job.number);
@@ -123,7 +125,7 @@ function showHistory() {
 function showBirths(improvements) {
   const epoch = improvements.at(-1)?.epoch, rows = byId("rows");
   const born = improvements.filter((each) => each.epoch === epoch).slice(-LINEAGE).map((each) => each.cell);
-  torus.trace(born, /^(torus|moore)/.test(job.topology));
+  torus.trace(born, job.wraps);
   const keys = improvements.map((each) => `${each.kind} ${each.id}`);
   while (rows.firstElementChild && rows.firstElementChild.dataset.key !== keys[0]) rows.firstElementChild.remove();
   for (const [index, each] of improvements.entries()) {
@@ -154,8 +156,10 @@ function noBests() {
   return job.nodes.length ? "nothing feasible yet" : "the job is on no nodes yet";
 }
 
+const moving = new Moving(byId("spaces"), `${address}/bodies`);
+
 // The planner's drawing. It is fetched when there is a better answer, at most every SCENE_EVERY, and again after a
-// failure. What it has in three dimensions can be turned if the browser has WebGL; the rest is a picture.
+// failure. What it has in three dimensions can be turned if the browser has WebGL; the rest is a picture. Robots move.
 const scene = {
   shown: null, wanted: null, due: 0, timer: null, flat: !canTurn(),
   show(of) {
@@ -183,7 +187,11 @@ const scene = {
     this.show(this.wanted);
   },
   async fetchSpaces(of, words) {
-    const { spaces, whole } = await getJson(`${address}/spaces?of=${encodeURIComponent(of)}`);
+    const { spaces, whole, animation } = await getJson(`${address}/spaces?of=${encodeURIComponent(of)}`);
+    if (animation) {
+      await moving.show(animation, words);
+      return whole;
+    }
     this.flat = spaces.length === 0;
     showSpaces(byId("spaces"), spaces, words);
     return whole;

@@ -20,7 +20,7 @@ export function showSpaces(parent, spaces, words) {
   });
 }
 
-function newFigure() {
+export function newFigure() {
   const plot = make("div", { class: "plot space", tabindex: "0", role: "application" });
   plot.addEventListener("keydown", (event) => {
     if (!TURNS[event.key]) return;
@@ -36,12 +36,14 @@ function turned({ x, y, z }, around, up) {
   return { x: far * Math.cos(height) * Math.cos(angle), y: far * Math.cos(height) * Math.sin(angle), z: far * Math.sin(height) };
 }
 
-function draw(plot, traces, scene) {
+// Draws traces in one scene; a scene that is there already keeps its camera.
+export function draw(plot, traces, scene) {
   const style = getComputedStyle(document.documentElement), of = (name) => style.getPropertyValue(name).trim();
   const axis = { color: of("--faint"), gridcolor: of("--line"), zerolinecolor: of("--line"), showspikes: false, nticks: 6 };
   const axes = Object.fromEntries(["xaxis", "yaxis", "zaxis"].map((name) => [name, { ...axis, ...scene[name] }]));
-  Plotly.react(plot, traces, {
-    scene: { ...scene, ...axes, dragmode: "orbit" }, margin: { l: 0, r: 0, t: 0, b: 0 }, uirevision: "same",
+  const camera = plot.layout?.scene?.camera ?? scene.camera; // `uirevision` keeps no turn by the arrow keys
+  return Plotly.react(plot, traces, {
+    scene: { ...scene, ...axes, camera, dragmode: "orbit" }, margin: { l: 0, r: 0, t: 0, b: 0 }, uirevision: "same",
     paper_bgcolor: "rgba(0,0,0,0)", font: { color: of("--ink"), family: "system-ui, sans-serif" },
     legend: { orientation: "h", x: 0, y: 1 },
   }, { displayModeBar: false, responsive: true, scrollZoom: false });

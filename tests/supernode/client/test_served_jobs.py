@@ -15,6 +15,7 @@ from pathlib import Path
 
 import msgpack
 import pytest
+from command_line import in_process
 from live_service import ROOT, end_all_jobs, live, until
 
 import supernode
@@ -66,13 +67,9 @@ def command(service, capsys):
     """Runs a command on the service: exit code and the one line of its error."""
 
     def run(name, *arguments):
-        try:
-            code = main([name, *(str(argument) for argument in arguments), "--state", str(service.state)])
-        except SystemExit as error:
-            code = error.code
-        captured = capsys.readouterr()
-        (line,) = captured.err.splitlines()
-        assert captured.out == ""
+        code, out, err = in_process(capsys, name, *arguments, "--state", service.state)
+        (line,) = err.splitlines()
+        assert out == ""
         return code, line
 
     return run

@@ -11,11 +11,11 @@ from functools import partial
 from pathlib import Path
 
 import pytest
+from command_line import in_process
 
 from coordinator.store.database import url_in
 from coordinator.store.job_store import Store
 from problems import BadInput
-from supernode.__main__ import main
 from supernode.client.cluster_info import ClusterInfo, occupy, read_info, remove_info, write_info
 
 COMMANDS = ("up", "down", "status", "submit", "jobs", "watch", "cancel", "update", "rewire")
@@ -27,12 +27,7 @@ def supernode(service, capsys):
 
     def run(*arguments, connect=True):
         place = ["--connect", service.endpoint] if connect else []
-        try:
-            code = main([str(argument) for argument in (*arguments, *place)])
-        except SystemExit as error:
-            code = error.code
-        captured = capsys.readouterr()
-        return code, captured.out, captured.err
+        return in_process(capsys, *arguments, *place)
 
     return run
 
@@ -187,16 +182,16 @@ def test_cancel_update_and_rewire(supernode, service, file, tmp_path):
 
 def test_status_is_a_table_of_nodes(supernode, service):
     node = {"node": 0, "process": 4711, "job": "a", "cell": [0, 1], "epoch": 2, "generation": 37, "seconds": 12.3,
-            "memory": 7_000_000, "sent": 40, "received": 160}  # fmt: skip
-    idle = node | {"node": 1, "job": None, "cell": None, "epoch": None, "generation": None}
+            "reported": 1.6, "memory": 7_000_000, "sent": 40, "received": 160}  # fmt: skip
+    idle = node | {"node": 1, "job": None, "cell": None, "epoch": None, "generation": None, "reported": None}
     service.value = lambda _: {"cluster": "fake", "version": "0", "nodes": [node, idle], "jobs": {"running": 1}}
     code, out, _ = supernode("status")
     head, titles, first, second = out.splitlines()
     assert code == 0
     assert head == "cluster fake, supernode 0: 2 nodes; jobs: 1 running"
-    assert titles == "node  process  job  cell    epoch  generation  age  memory  sent  received"
-    assert first.split() == ["0", "4711", "a", "(0,", "1)", "2", "37", "12", "7.0", "MB", "40", "160"]
-    assert second.split() == ["1", "4711", "-", "-", "-", "-", "12", "7.0", "MB", "40", "160"]
+    assert titles == "node  process  job  cell    epoch  generation  age  reported  memory  sent  received"
+    assert first.split() == ["0", "4711", "a", "(0,", "1)", "2", "37", "12", "2", "7.0", "MB", "40", "160"]
+    assert second.split() == ["1", "4711", "-", "-", "-", "-", "12", "-", "7.0", "MB", "40", "160"]
     assert json.loads(supernode("status", "--json")[1])["nodes"] == [node, idle]
 
 

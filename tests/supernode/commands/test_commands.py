@@ -10,13 +10,24 @@ import time
 from pathlib import Path
 
 import pytest
+from command_line import in_process
 
 import supernode
-from supernode.__main__ import main
 
 ARM = Path(__file__).resolve().parents[3] / "examples" / "arm-ik.toml"
-KINDS = ["arm-ik", "arm-path", "coordination", "function", "min-time", "mobile-robot", "sphere-path", "terrain"]
-COMMANDS = ("solve", "simulate", "check", "export", "oracle", "topology", "problems", "init")
+KINDS = [
+    "arm-ik",
+    "arm-path",
+    "coordination",
+    "function",
+    "min-time",
+    "mobile-robot",
+    "robot-ik",
+    "robot-path",
+    "sphere-path",
+    "terrain",
+]
+COMMANDS = ("solve", "simulate", "check", "export", "view", "oracle", "topology", "problems", "init")
 
 
 def run(*arguments, **options):
@@ -28,16 +39,6 @@ def run(*arguments, **options):
         check=False,
         **options,
     )
-
-
-def in_process(capsys, *arguments):
-    """Exit code, stdout and stderr of a command, without a new process."""
-    try:
-        code = main([str(argument) for argument in arguments])
-    except SystemExit as error:
-        code = error.code
-    captured = capsys.readouterr()
-    return code, captured.out, captured.err
 
 
 def test_help_names_every_command_and_each_has_an_example(capsys):

@@ -7,8 +7,7 @@ import sys
 import time
 
 import pytest
-
-from supernode.__main__ import main
+from command_line import in_process
 
 QUICK = (
     *("--nodes", "4", "--repeats", "2", "--seeds", "2", "--series", "growing-population"),
@@ -19,15 +18,6 @@ QUICK = (
 @pytest.fixture
 def problem(own_problem):
     return own_problem("size = 24")
-
-
-def in_process(capsys, *arguments):
-    try:
-        code = main(["scale", *map(str, arguments)])
-    except SystemExit as error:
-        code = error.code
-    captured = capsys.readouterr()
-    return code, captured.out, captured.err
 
 
 def begin(*arguments):
@@ -53,7 +43,7 @@ def wait_for_runs(folder, count):
 
 
 def test_help_has_an_example(capsys):
-    code, out, _ = in_process(capsys, "--help")
+    code, out, _ = in_process(capsys, "scale", "--help")
     assert code == 0
     assert "supernode scale examples/mobile-robot.toml" in out.split("example:")[1]
 
@@ -72,7 +62,7 @@ def test_an_interrupted_experiment_goes_on(own_problem, tmp_path, capsys):
     assert "Traceback" not in err
     assert not (folder / "report.html").exists()
     before = (folder / "runs.jsonl").read_text()
-    code, out, err = in_process(capsys, problem, *QUICK, "-o", folder, "--json")
+    code, out, err = in_process(capsys, "scale", problem, *QUICK, "-o", folder, "--json")
     assert code == 0
     assert "going on:" in err
     result = json.loads(out)
@@ -87,10 +77,10 @@ def test_an_interrupted_experiment_goes_on(own_problem, tmp_path, capsys):
 
 
 def _check_nothing_is_done_again(problem, folder, result, capsys):
-    code, out, err = in_process(capsys, problem, *QUICK, "-o", folder, "--quiet", "--json")
+    code, out, err = in_process(capsys, "scale", problem, *QUICK, "-o", folder, "--quiet", "--json")
     assert (code, err) == (0, "")
     assert json.loads(out) == result
-    code, out, err = in_process(capsys, problem, *QUICK, "-o", folder, "--stall", "9")
+    code, out, err = in_process(capsys, "scale", problem, *QUICK, "-o", folder, "--stall", "9")
     assert (code, out) == (2, "")
     assert err.count("\n") == 1
     assert "(there / here): run.stall not given / 9" in err
@@ -107,7 +97,7 @@ def _check_nothing_is_done_again(problem, folder, result, capsys):
     ],
 )
 def test_wrong_options(problem, tmp_path, capsys, arguments, message):
-    code, out, err = in_process(capsys, problem, *arguments, "-o", tmp_path / "out")
+    code, out, err = in_process(capsys, "scale", problem, *arguments, "-o", tmp_path / "out")
     assert (code, out) == (2, "")
     assert err.startswith(message)
     assert err.count("\n") == 1
@@ -117,7 +107,7 @@ def test_wrong_options(problem, tmp_path, capsys, arguments, message):
 def test_a_folder_that_is_none(problem, tmp_path, capsys):
     (tmp_path / "taken").write_text("")
     for name in ("taken", "taken/inside"):
-        code, _, err = in_process(capsys, problem, *QUICK, "-o", tmp_path / name)
+        code, _, err = in_process(capsys, "scale", problem, *QUICK, "-o", tmp_path / name)
         assert code == 2
         assert err.startswith(f"error: {tmp_path / name}: expected a folder that can be written, found ")
 
@@ -126,7 +116,7 @@ def test_a_problem_without_a_target_has_only_a_budget(own_problem, tmp_path, cap
     problem = own_problem("size = 24")
     module = tmp_path / "own_module.py"
     module.write_text(module.read_text().replace("return 0.0", "return None"))
-    code, _, err = in_process(capsys, problem, *QUICK, "-o", tmp_path / "out")
+    code, _, err = in_process(capsys, "scale", problem, *QUICK, "-o", tmp_path / "out")
     assert code == 2
     assert "expected a problem with a target, found none; give --target, or --series budget" in err
 
@@ -134,13 +124,13 @@ def test_a_problem_without_a_target_has_only_a_budget(own_problem, tmp_path, cap
 @pytest.mark.parametrize("library", ["pyarrow", "jinja2"])
 def test_without_its_libraries_it_says_what_to_install(problem, tmp_path, capsys, monkeypatch, library):
     monkeypatch.setitem(sys.modules, library, None)
-    code, out, err = in_process(capsys, problem, "-o", tmp_path / "out")
+    code, out, err = in_process(capsys, "scale", problem, "-o", tmp_path / "out")
     assert (code, out) == (2, "")
     assert err == f"error: scale: expected {library} to be installed: pip install 'supernode[scale]'\n"
 
 
 def test_a_problem_that_breaks_ends_it(own_problem, tmp_path, capsys):
     problem = own_problem("size = 24", 'trouble = "raises"')
-    code, out, err = in_process(capsys, problem, *QUICK, "-o", tmp_path / "out", "--quiet")
+    code, out, err = in_process(capsys, "scale", problem, *QUICK, "-o", tmp_path / "out", "--quiet")
     assert (code, out) == (1, "")
     assert err == "error: own_module:OneMax: evaluate raised RuntimeError: out of paper\n"

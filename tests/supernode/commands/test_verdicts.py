@@ -5,6 +5,7 @@ import re
 from pathlib import Path
 
 import pytest
+from command_line import in_process
 
 from problems import load
 from supernode.__main__ import main
@@ -22,13 +23,6 @@ class Near(OneMax):
         return supernode.Verdict(super().check(solution).fitness, (), supernode.Clearance(0.031, where))
 """
 WORDS = "least clearance 0.031 m (0.02 m required), at configuration [0.1235, 1], link 2"
-
-
-def in_process(capsys, *arguments):
-    """Exit code, stdout and stderr of a command, without a new process."""
-    code = main([str(argument) for argument in arguments])
-    captured = capsys.readouterr()
-    return code, captured.out, captured.err
 
 
 def of_a_kind(own_problem, kind, code, *lines):

@@ -1,10 +1,9 @@
-"""What tests of the dashboard share: one in this process, before a coordinator that the test plays; and a browser."""
+"""What tests of the dashboard share: one in this process, before a coordinator that the test plays."""
 
 import contextlib
 import http.client
 import json
 import queue
-import shutil
 import threading
 
 import pytest
@@ -87,13 +86,24 @@ def shown(show):
     return show()
 
 
-@pytest.fixture(scope="module")  # while it lives, no other test of this process can have an asyncio loop
-def chromium():
-    sync_api = pytest.importorskip("playwright.sync_api")
-    path = shutil.which("chromium")
-    if path is None:
-        pytest.skip("no chromium on this machine (Debian: apt-get install chromium)")
-    with sync_api.sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
-        yield browser
-        browser.close()
+@pytest.fixture
+def page_of(chromium):
+    """Opens pages of a dashboard that may neither complain nor ask anybody but that one."""
+    pages, complaints = [], []
+
+    def complain_of_foreign(request, home):
+        if not request.url.startswith((home, "data:")):
+            complaints.append(request.url)
+
+    def opened(home):
+        page = chromium.new_page(viewport={"width": 1280, "height": 800})
+        page.on("console", lambda message: complaints.append(message.text) if message.type == "error" else None)
+        page.on("pageerror", lambda error: complaints.append(str(error)))
+        page.on("request", lambda request: complain_of_foreign(request, home))
+        pages.append(page)
+        return page
+
+    yield opened
+    for page in pages:
+        page.close()
+    assert complaints == []

@@ -13,7 +13,7 @@ import urllib.request
 from pathlib import Path
 
 import pytest
-from live_service import ROOT, command_of, live, until
+from live_service import ROOT, address_in, command_of, live, until
 
 import supernode
 from wire import jobs as wire
@@ -57,29 +57,6 @@ def endless(cluster, tmp_path):
 
 
 @pytest.fixture
-def page_of(chromium):
-    """Opens pages of a dashboard that may neither complain nor ask anybody but that one."""
-    pages, complaints = [], []
-
-    def complain_of_foreign(request, home):
-        if not request.url.startswith((home, "data:")):
-            complaints.append(request.url)
-
-    def opened(home):
-        page = chromium.new_page(viewport={"width": 1280, "height": 800})
-        page.on("console", lambda message: complaints.append(message.text) if message.type == "error" else None)
-        page.on("pageerror", lambda error: complaints.append(str(error)))
-        page.on("request", lambda request: complain_of_foreign(request, home))
-        pages.append(page)
-        return page
-
-    yield opened
-    for page in pages:
-        page.close()
-    assert complaints == []
-
-
-@pytest.fixture
 def page(page_of, home):
     return page_of(home)
 
@@ -87,10 +64,6 @@ def page(page_of, home):
 def see(page, selector, seconds=30):
     """Wait until there is such an element, seen or not."""
     page.wait_for_selector(selector, state="attached", timeout=1000 * seconds)
-
-
-def address_in(line):
-    return line.split("dashboard ")[1].split(": ")[-1].strip()
 
 
 def dashboard_of(service):
@@ -215,10 +188,10 @@ def test_the_page_of_a_job_that_ended_within_a_second_agrees_with_its_result(pag
     _, heard = page.evaluate(CURVES)["verified"]
     assert heard[-1] == result.fitness
     page.select_option("#against", "generation")
+    until(lambda: "best so far" in page.evaluate(CURVES))
     noted = [dict(zip(told["columns"], row, strict=True)) for row in told["rows"]]
     curve = [[each["generation"] for each in noted], [each["fitness"] for each in noted]]
-    # The live update's last improvement is drawn first, the others once they are fetched.
-    until(lambda: page.evaluate(CURVES).get("best so far") == curve)
+    assert page.evaluate(CURVES)["best so far"] == curve
     assert curve[1][-1] == result.fitness < curve[1][0], "no flat curve"
     rows = page.evaluate("[...document.querySelectorAll('#rows tr')].map((row) => row.children[1].textContent)")
     assert [int(text) for text in rows] == curve[0]
@@ -417,7 +390,7 @@ def test_a_single_run_is_shown_as_long_as_it_lasts(page_of, tmp_path):
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
     with subprocess.Popen(command, env=os.environ | {"PYTHONPATH": str(ROOT)}, **pipes) as process:
         try:
-            home = address_in(process.stderr.readline())
+            home = address_in(next(line for line in process.stderr if "dashboard " in line))
             page = page_of(home)
             page.goto(home + "jobs")
             page.wait_for_selector("main >> text=It takes no other jobs")

@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from supernode.live import view as module
-from supernode.live.view import View, shape_of
+from supernode.live.view import View, shape_of, wraps
 from wire.keys import Keys
 from wire.news import Counters, Improvement, LogRecord, Statistics
 
@@ -172,9 +172,17 @@ def test_what_is_kept_of_jobs_is_bounded(view):
     assert len(view.statistics) < 100
 
 
-@pytest.mark.parametrize(("spec", "shape"), [("torus 2x8", (2, 8)), ("grid 3x4", (3, 4)), ("ring 16", (4, 4))])
-def test_each_topology_is_drawn_in_rows_and_columns(spec, shape):
-    assert shape_of(spec) == shape
+@pytest.mark.parametrize(
+    ("spec", "shape", "around"),
+    [
+        ("torus 2x8", (2, 8), True),
+        ("moore 2x8", (2, 8), True),
+        ("grid 3x4", (3, 4), False),
+        ("ring 16", (4, 4), False),
+    ],
+)
+def test_each_topology_is_drawn_in_rows_and_columns(spec, shape, around):
+    assert (shape_of(spec), wraps(spec)) == (shape, around)
 
 
 def test_news_come_as_often_as_nodes_tell_and_at_once_when_one_has_gone(view, clock):

@@ -6,10 +6,11 @@ import json
 import math
 import sys
 
-import jsonschema
 import numpy as np
 import pytest
+from command_line import in_process
 from mcap.reader import make_reader
+from mcap_files import read
 from rooms import EMPTY_ROOM
 from scipy.spatial.transform import Rotation
 
@@ -54,36 +55,9 @@ def export(tmp_path, capsys):
     def run(problem, result, *options):
         (tmp_path / "problem.toml").write_text(problem)
         (tmp_path / "result.json").write_text(result if isinstance(result, str) else json.dumps(result))
-        files = [str(tmp_path / name) for name in ("problem.toml", "result.json")]
-        try:
-            code = main(["export", *files, *map(str, options)])
-        except SystemExit as error:
-            code = error.code
-        captured = capsys.readouterr()
-        return code, captured.out, captured.err
+        return in_process(capsys, "export", tmp_path / "problem.toml", tmp_path / "result.json", *options)
 
     return run
-
-
-def read(data):
-    """Topic to (time, message) of an MCAP file, each valid by its schema."""
-    found = {}
-    for schema, channel, message in make_reader(io.BytesIO(data)).iter_messages():
-        assert (schema.encoding, channel.message_encoding) == ("jsonschema", "json")
-        rules = json.loads(schema.data)
-        assert rules["title"] == schema.name
-        jsonschema.Draft202012Validator.check_schema(rules)
-        fields = json.loads(message.data)
-        jsonschema.validate(fields, rules)
-        assert fields.keys() <= rules["properties"].keys()
-        assert message.log_time == message.publish_time
-        if "timestamp" in fields:
-            assert message.log_time == fields["timestamp"]["sec"] * 10**9 + fields["timestamp"]["nsec"]
-        found.setdefault((channel.topic, schema.name), []).append((message.log_time, fields))
-    for messages in found.values():
-        times = [time for time, _ in messages]
-        assert times == sorted(times)
-    return found
 
 
 def test_csv_has_names_with_units_and_goes_from_start_to_goal(export):
@@ -226,7 +200,7 @@ def test_the_format_is_the_files_unless_it_is_told(export, tmp_path):
             {},
             [],
             "{folder}/problem.toml: kind: expected one whose solution is a motion (arm-path, coordination, min-time, "
-            "mobile-robot, sphere-path, terrain), found 'function'",
+            "mobile-robot, robot-path, sphere-path, terrain), found 'function'",
         ),
     ],
 )

@@ -9,6 +9,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from command_line import in_process
 from hypothesis import given
 from hypothesis import strategies as st
 from live_service import ROOT, end_all_jobs, live, until
@@ -19,7 +20,6 @@ import supernode
 import supernode.reports.report
 from problems import Run
 from problems.file import parse
-from supernode.__main__ import main
 from supernode.files.toml_text import as_toml
 from supernode.reports.records import pages, write_csv, write_parquet
 
@@ -75,12 +75,7 @@ def command(service, capfd):
     """Runs a command on the service: exit code, stdout and stderr."""
 
     def run(*arguments, place=None):
-        try:
-            code = main([*map(str, arguments), *(["--state", str(service.state)] if place is None else place)])
-        except SystemExit as error:
-            code = error.code
-        captured = capfd.readouterr()
-        return code, captured.out, captured.err
+        return in_process(capfd, *arguments, *(["--state", service.state] if place is None else place))
 
     return run
 
