@@ -1,5 +1,7 @@
 """The floors that the mobile robot is measured on: they are as they say, and the same for the same number."""
 
+import functools
+
 import numpy as np
 import pytest
 
@@ -9,10 +11,16 @@ from problems.plane import Box
 FAMILIES = [three_room_world, narrow_door_world]
 
 
+@functools.cache
+def floor(family, number):
+    """A floor, which takes seconds to make: many are drawn before one has a way."""
+    return family(number)
+
+
 @pytest.mark.parametrize("family", FAMILIES)
 @pytest.mark.parametrize("number", [1, 2])
 def test_a_floor_has_three_rooms_and_twenty_obstacles_and_surely_a_way(family, number):
-    file = family(number)
+    file = floor(family, number)
     problem = file.problem()
     assert file.fields == family(number).fields
     walls, furniture = problem.obstacles[:4], problem.obstacles[4:]
@@ -27,7 +35,7 @@ def test_a_floor_has_three_rooms_and_twenty_obstacles_and_surely_a_way(family, n
 @pytest.mark.parametrize(("family", "least", "most"), [(three_room_world, 1.58, 2.17), (narrow_door_world, 1.05, 1.2)])
 @pytest.mark.parametrize("number", [1, 2])
 def test_doors_are_so_much_wider_than_the_robot(family, number, least, most):
-    problem = family(number).problem()
+    problem = floor(family, number).problem()
     robot = problem.robot
     wide = 2.0 * robot.radius if robot.vertices is None else np.ptp(np.array(robot.vertices)[:, 1])
     for below, above in (problem.obstacles[:2], problem.obstacles[2:4]):
@@ -36,8 +44,8 @@ def test_doors_are_so_much_wider_than_the_robot(family, number, least, most):
 
 
 def test_robots_are_discs_and_polygons_or_a_rectangle_of_85_by_60_centimetres():
-    assert [narrow_door_world(number).problem().robot.radius is None for number in (1, 2)] == [False, True]
-    assert np.ptp(three_room_world(1).problem().robot.vertices, axis=0) == pytest.approx([0.85, 0.6])
+    assert [floor(narrow_door_world, number).problem().robot.radius is None for number in (1, 2)] == [False, True]
+    assert np.ptp(floor(three_room_world, 1).problem().robot.vertices, axis=0) == pytest.approx([0.85, 0.6])
 
 
 def test_processes_and_the_simulator_solve_a_floor_alike():
