@@ -21,9 +21,7 @@ ENV NUMBA_CACHE_DIR=/opt/kernels NUMBA_CPU_NAME=generic
 RUN pip install --no-deps --no-compile /src \
     && find /opt/supernode -name '*.py' -newer /src/libraries \
       -exec touch --date=@946684800 {} + -exec python -m compileall -q {} + \
-    && python -c 'from problems.registry import kernels; print("node.fast_path", *kernels(), sep="\n")' > /src/kernels \
-    && xargs -n 1 -P "$(nproc)" python -c 'import importlib, sys; importlib.import_module(sys.argv[1])' < /src/kernels \
-    && python -c 'from coordinator.launch.zygote import import_all; import_all()'
+    && python -m coordinator.launch.compilation
 
 FROM python:${PYTHON}-slim
 RUN useradd --system --uid 10001 --create-home supernode \

@@ -1,23 +1,38 @@
 # All set-up happens here: `make run` and `make test` work in a fresh clone.
+.DEFAULT_GOAL := run
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 # Bit-identity and processes: tested with and without what relies on private parts (lowlevel/).
 BOTH_WAYS := tests/node/engine tests/node/test_driver.py tests/node/test_replay.py tests/coordinator/launch/test_cluster.py
 
-.PHONY: run test lint bench planners peers clean
+# The useful core: no cluster, no browser, no run of an example.
+FAST := tests/test_house.py tests/topologies tests/genetics tests/wire tests/spy tests/node/test_assignment.py \
+  tests/node/test_cell.py tests/node/test_champions.py tests/node/test_stopping.py tests/coordinator/jobs/test_scheduler.py
+
+.PHONY: help run test test-fast lint kernels bench planners peers clean
+
+help:  ## this list
+	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' Makefile | expand -t 12
 
 run: $(VENV)/core  ## sixteen processes plan the path of a mobile robot through an office floor
 	$(BIN)/supernode solve examples/mobile-robot.toml --seed 1 --plot office.png
 
-test: lint  ## everything that must hold, on all cores
+test: $(VENV)/test  ## everything that must hold, on all cores
+	$(MAKE) --jobs 2 lint kernels  # mypy uses one core only
 	$(BIN)/pytest --numprocesses $$(($$(nproc) + 1)) --dist worksteal  # one more than cores: many wait for others
 	SUPERNODE_PLAIN=1 $(BIN)/pytest --numprocesses $$(($$(nproc) + 1)) --dist worksteal $(BOTH_WAYS)
 
-lint: $(VENV)/test
+test-fast: kernels $(VENV)/test  ## the core, in under two minutes: no cluster, no browser
+	$(BIN)/pytest --numprocesses $$(nproc) --dist worksteal $(FAST)
+
+lint: $(VENV)/test  ## style and types
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
+
+kernels: $(VENV)/core  ## compile what is not compiled yet, on all cores
+	$(BIN)/python -m coordinator.launch.compilation --all
 
 bench: $(VENV)/test  ## ratios and shares, measured side by side on this machine
 	$(BIN)/python -m benchmarks.exchange
@@ -35,11 +50,7 @@ clean:
 
 $(VENV)/core: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/pip install --quiet --disable-pip-version-check --editable .
-	@echo compiling the kernels, once
-	$(BIN)/python -c 'from problems.registry import kernels; print("node.fast_path", *kernels())' | \
-	  xargs -n 1 -P $$(nproc) $(BIN)/python -c 'import importlib, sys; importlib.import_module(sys.argv[1])'
-	$(BIN)/python -c 'from coordinator.launch.zygote import import_all; import_all()'
+	$(BIN)/pip install --quiet --disable-pip-version-check --no-compile --editable .  # Python compiles what it imports
 	touch $@
 
 $(VENV)/test: $(VENV)/core
