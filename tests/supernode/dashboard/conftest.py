@@ -88,7 +88,11 @@ def shown(show):
 
 @pytest.fixture
 def page_of(chromium):
-    """Opens pages of a dashboard that may neither complain nor ask anybody but that one."""
+    """Opens pages of a dashboard that may neither complain nor ask anybody but that one.
+
+    Name it after the fixtures that serve the pages: fixtures end in reverse order, and an open page complains of a
+    server that is gone.
+    """
     pages, complaints = [], []
 
     def complain_of_foreign(request, home):

@@ -197,7 +197,7 @@ def test_the_page_of_a_job_that_ended_within_a_second_agrees_with_its_result(pag
     assert [int(text) for text in rows] == curve[0]
 
 
-def test_an_improvement_is_on_the_page_before_the_store_has_it(page_of, show, service, file):
+def test_an_improvement_is_on_the_page_before_the_store_has_it(service, show, page_of, file):
     service.submitted(wire.Submit(supernode.load(file).to_json(), "mine", 0))
     service.tell("mine", "running")
     home = f"http://127.0.0.1:{show().port}/"
