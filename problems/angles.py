@@ -13,7 +13,7 @@ from pydantic import AfterValidator, BaseModel, field_validator
 
 from problems.errors import BadInput, tables_in
 from problems.problem import Problem
-from problems.tables import quantity
+from problems.tables import derived, quantity
 
 MOST = 4.0 * np.pi
 """The largest absolute value of an angle in a problem file, rad. A larger number was probably meant in degrees."""
@@ -51,10 +51,8 @@ class WithAngles(Problem):
         "listed here; results are always in radians",
         default="rad",
     )
-    written_in: Literal["deg"] | None = quantity(
-        "",
-        "the unit of the file that was read, which files of updates share; set by the program, not in a file",
-        default=None,
+    written_in: Literal["deg"] | None = derived(
+        "the unit of the file that was read, which files of updates share", default=None
     )
 
     @field_validator("unit")

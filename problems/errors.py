@@ -9,6 +9,8 @@ from typing import Any, Literal, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
+from problems.tables import is_derived
+
 _LONGEST_FOUND = 80
 _TYPES = ("bool", "float", "int", "str")  # as pydantic names them where a field may be of several
 
@@ -135,7 +137,7 @@ def _siblings(model: type[BaseModel], location: tuple[int | str, ...]) -> str:
         inner = [each for table in tables if part in table.model_fields for each in tables_in(table, str(part))]
         chosen = [table for table in tables if _is_tagged(table, part)]
         tables = inner or chosen or tables
-    fields = [each for table in tables for each in table.model_fields.items()]
+    fields = [each for table in tables for each in table.model_fields.items() if not is_derived(each[1])]
     known = list(dict.fromkeys(field.alias or name for name, field in fields))
     known += [name for table in tables for name in getattr(table, "shorthands", ())]
     return "one of " + ", ".join(known) + did_you_mean(str(location[-1]), known)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
+from pydantic.fields import FieldInfo
 
 RecipeName = Literal["tuned", "paper"]
 
@@ -24,3 +25,15 @@ class Table(BaseModel):  # noqa: PLW1641 - pydantic hashes what is frozen, by it
 def quantity(unit: str, description: str, **options: Any) -> Any:
     """Return a pydantic field with a unit and a description, which `supernode problems KIND` shows."""
     return Field(description=description, json_schema_extra={"unit": unit}, **options)
+
+
+def derived(description: str, **options: Any) -> Any:
+    """Return a pydantic field that `Problem.derive_fields` or `Problem.gather` sets; files do not have it."""
+    extra = {"unit": "", "derived": True}
+    return Field(description=f"{description}; set by the program, not in a file", json_schema_extra=extra, **options)
+
+
+def is_derived(field: FieldInfo) -> bool:
+    """Return whether a field was made by `derived`."""
+    extra = field.json_schema_extra
+    return isinstance(extra, dict) and bool(extra.get("derived"))

@@ -19,6 +19,7 @@ from problems.registry import find_registered
 from problems.robots import fields as tables
 from problems.robots.fields import Robot
 from problems.robots.loading import EXTRA, gather_description, robots_of_extra
+from problems.robots.making import read_parts
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -67,7 +68,9 @@ def load_robot(
         "base": base,
     }
     described = {field: _plain(value) for field, value in given.items() if value is not None}
-    return _made(Robot, gather_description(described, Path()), "load_robot")
+    loaded = _made(Robot, gather_description(described, Path()), "load_robot")
+    read_parts(loaded)  # refuses a group or a joint that the robot does not have
+    return loaded
 
 
 # Solids ---------------------------------------------------------------------------------------------------------------

@@ -20,7 +20,7 @@ from problems.coordination.diagram import Arrays, Diagram, Mask, RandomDiagram, 
 from problems.digests import digest
 from problems.errors import BadInput
 from problems.problem import Solution
-from problems.tables import RecipeName, quantity
+from problems.tables import RecipeName, derived, quantity
 
 if TYPE_CHECKING:
     from genetics.bit_string import BitString
@@ -79,12 +79,8 @@ seed = 1
     robots: list[Robot] | None = quantity("", "instead of diagram, two arms", default=None, min_length=2, max_length=2)
     clearance: float = quantity("m", "least distance between the links of two arms", default=0.0, ge=0, le=1e3)
     # The next two are computed once, by `derive_fields`, and sent to the nodes with the other fields.
-    collisions: Diagram | None = quantity(
-        "", "the diagram of the robots; set by the program when it reads the file, not in a file", default=None
-    )
-    collisions_of: str | None = quantity(
-        "", "digest of what collisions was made of; set by the program, not in a file", default=None
-    )
+    collisions: Diagram | None = derived("the diagram of the robots", default=None)
+    collisions_of: str | None = derived("digest of what collisions was made of", default=None)
 
     @model_validator(mode="after")
     def _one_source(self) -> Self:

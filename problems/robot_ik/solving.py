@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from problems.errors import BadInput
+
 if TYPE_CHECKING:
     from problems.robot_ik.model import RobotIkModel
 
@@ -56,8 +58,14 @@ class Solver:
             pose: the frame that the link is to reach, a 4×4 or 3×4 matrix.
             seed: the seed of the draws; the same seed gives the same configuration.
             most: the number of configurations after which the search ends.
+
+        Raises:
+            BadInput: if the pose is no such matrix of finite numbers.
         """
-        self._pose[:] = np.asarray(pose, float)[:3].reshape(12)
+        matrix = np.asarray(pose, float)
+        if matrix.shape not in ((4, 4), (3, 4)) or not np.isfinite(matrix).all():
+            raise BadInput(f"pose: expected a 4x4 or 3x4 matrix of finite numbers, found one of shape {matrix.shape}")
+        self._pose[:] = matrix[:3].reshape(12)
         table = self._operator.table
         genes, error, tried = self._kernels.solve(np.uint64(seed), 0, most, table)
         configurations, _ = self._kernels.follow(genes, table)

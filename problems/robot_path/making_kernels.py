@@ -21,8 +21,8 @@ from problems.robot_path.shortening_kernels import drop_points, shorten
 from problems.robot_path.tree_kernels import Search, grow
 
 FIRST_BUDGET = 40000
-"""The most configurations that a tree of the first generation tests; it doubles with every generation."""
-_MOST_DOUBLINGS = 2
+"""The most configurations that a tree of the first generation tests; later ones may test twice as many."""
+_MOST_DOUBLINGS = 1
 STEP = 1.5
 """The greatest length of a step of a tree, rad."""
 _TRIES = 10  # to shorten a new way

@@ -125,7 +125,7 @@ seed = 1
     @property
     def solved_when(self) -> str:
         """Why no fitness counts as solved: paths get shorter as long as one waits."""
-        return "no length is known to be the least: `supernode oracle` gives a bound"
+        return "paths get shorter as long as the run goes on; `supernode oracle` gives a bound of the length"
 
     @cached_property
     def coding(self) -> Paths | Clews:

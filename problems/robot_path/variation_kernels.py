@@ -104,7 +104,7 @@ def _renew(numbers: Any, parent: Any, task: Any, way: Any, part: Any, dice: Any)
 
 
 @subroutine
-def _vary(numbers: Any, one: Any, other: Any, is_other_free: Any, rate: Any, task: Any, ways: Any, dice: Any) -> Any:
+def _vary(numbers: Any, one: Any, other: Any, is_other_free: Any, task: Any, ways: Any, dice: Any) -> Any:
     """Write an offspring of a free path and another one: joined, if that is possible, and shortened."""
     first, second, child = ways[0], ways[1], ways[2]
     numbers[:] = one
@@ -133,13 +133,9 @@ def _look_elsewhere(numbers: Any, task: Any, ways: Any, dice: Any) -> Any:
 
 
 @subroutine
-def _is_free(couples: Any, couple: Any, parent: Any, known: Any, task: Any, way: Any) -> Any:
-    """Return whether a parent's path is free. A parent alone on its cell is in every couple, and tested once."""
-    for before in range(couple):
-        for place in range(2):
-            if np.array_equal(couples[before, place], couples[couple, parent]):
-                return known[before, place]
-    count, _ = read_way(numbers_of(couples[couple, parent]), task, way)
+def _is_free(parent: Any, task: Any, way: Any) -> Any:
+    """Return whether a parent's path is free. The memo of segments knows parents that were tested before."""
+    count, _ = read_way(numbers_of(parent), task, way)
     return is_free_all_along(task, way, count)
 
 
@@ -148,20 +144,19 @@ def variation(couples: Genomes, offspring: Genomes, seed: np.uint64, cell: int, 
     """Join, shorten and renew paths."""
     task, rate = task_of(table), pointers.reals(table, RATE)[0, 0]
     ways = np.empty((3, MOST_POINTS, task.joints))
-    are_free = np.zeros((couples.shape[0], 2), np.bool_)
+    free = np.zeros(2, np.bool_)
     for couple in range(couples.shape[0]):
         for parent in range(2):
-            are_free[couple, parent] = _is_free(couples, couple, parent, are_free, task, ways[0])
-        free = are_free[couple]
+            free[parent] = _is_free(couples[couple, parent], task, ways[0])
         for child in range(2):
             number = 2 * couple + child
             dice = dice_of(seed, cell, generation, MUTATE, number)
             numbers = numbers_of(offspring[number])
             one, other = numbers_of(couples[couple, child]), numbers_of(couples[couple, 1 - child])
             if free[child]:
-                _vary(numbers, one, other, free[1 - child], rate, task, ways, dice)
+                _vary(numbers, one, other, free[1 - child], task, ways, dice)
             elif free[1 - child]:
-                _vary(numbers, other, one, False, rate, task, ways, dice)
+                _vary(numbers, other, one, False, task, ways, dice)
             elif number == 0:  # one tree for a cell and generation: the others would only keep its neighbours waiting
                 _renew(numbers, one, task, ways[0], ways[1], dice)
             else:

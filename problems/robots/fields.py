@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, Field, field_validator, model_validator
 
-from problems.tables import Table, quantity
+from problems.tables import Table, derived, quantity
 
 Floats = NDArray[np.float64]
 Metres = Annotated[float, Field(ge=-1e4, le=1e4)]
@@ -106,9 +106,7 @@ class Robot(Table):
         default=None,
     )
     base: Placed = quantity("", "where the root of the robot stands", default_factory=Placed)
-    meshes: dict[str, str] = quantity(
-        "", "the meshes that the URDF and obstacles name; set by the program, not in a file", default_factory=dict
-    )
+    meshes: dict[str, str] = derived("the meshes that the URDF and obstacles name", default_factory=dict)
 
     @field_validator("urdf", "srdf")
     @classmethod

@@ -136,7 +136,8 @@ def make_scene(
     parts = read_parts(robot)
     pieces = _refined(robot, parts, link_pieces(robot, parts))
     links = len(pieces)
-    pieces += [_attached_piece(robot, parts, thing, number) for number, thing in enumerate(attached)]
+    meshes = [name_of(each, "obstacles", at) for at, each in enumerate(obstacles) if isinstance(each, MeshObstacle)]
+    pieces += [_attached_piece(robot, parts, thing, number, meshes) for number, thing in enumerate(attached)]
     held = len(pieces)
     for number, obstacle in enumerate(obstacles):
         if isinstance(obstacle, MeshObstacle):
@@ -268,17 +269,22 @@ def _soup_of(shape: Shape, robot: Robot) -> Floats:
             return _mesh_soup(robot, shape_name(shape.file, (x, y, z)), UNSCALED)
 
 
-def _attached_piece(robot: Robot, parts: Parts, thing: AnyAttached, number: int) -> Piece:
+def _attached_piece(robot: Robot, parts: Parts, thing: AnyAttached, number: int, meshes: Sequence[str]) -> Piece:
+    """Return the piece of an attached thing; ``meshes`` are the names of mesh obstacles."""
     chain, name = parts.chain, name_of(thing, "attached", number)
-    for field, link in [("link", thing.link), *(("may_touch", each) for each in thing.may_touch)]:
-        if link not in chain.links and field == "link":
-            raise BadInput(
-                f"attached[{number}].{field}: expected a link of the URDF, found {link!r}"
-                f"{did_you_mean(link, chain.links)}"
-            )
+    _refuse_unknown(f"attached[{number}].link", thing.link, "a link of the URDF", chain.links)
+    for each in thing.may_touch:
+        _refuse_unknown(
+            f"attached[{number}].may_touch", each, "links of the URDF or mesh obstacles", [*chain.links, *meshes]
+        )
     at = chain.links.index(thing.link)
     placement = chained(chain.link_placements[at], thing.placement)
     return Piece(name, int(chain.link_body[at]), placed(placement, _soup_of(thing, robot)))
+
+
+def _refuse_unknown(field: str, name: str, expected: str, known: Sequence[str]) -> None:
+    if name not in known:
+        raise BadInput(f"{field}: expected {expected}, found {name!r}{did_you_mean(name, known)}")
 
 
 def planted(pieces: list[Piece]) -> Trees:

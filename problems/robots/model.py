@@ -12,7 +12,7 @@ from pydantic import Field, ValidationError
 from problems.angles import WithAngles
 from problems.robots.arm import Scene
 from problems.robots.fields import Attached, Obstacle, Robot
-from problems.tables import Table, quantity
+from problems.tables import Table, derived, quantity
 
 
 class _Parts(Table):
@@ -32,9 +32,7 @@ class RobotModel(WithAngles):
     robot: Robot = quantity("", "the robot")
     obstacles: list[Obstacle] = quantity("", "solid shapes that stand still", default_factory=list)
     attached: list[Attached] = quantity("", "solid shapes that move with a link", default_factory=list)
-    model: str | None = quantity(
-        "", "the robot and its scene as the planner needs them; set by the program, not in a file", default=None
-    )
+    model: str | None = derived("the robot and its scene as the planner needs them", default=None)
 
     @classmethod
     def gather(cls, fields: dict[str, Any], folder: Path) -> dict[str, Any]:

@@ -168,7 +168,10 @@ class Proof:
         return max(0.0, least), None if pair is None else pairs.names(pair)
 
     def contacts(self, configuration: Configuration, clearance: float = 0.0) -> list[Contact]:
-        """Return the pairs that touch, or are nearer to each other than the clearance, m; the deepest first."""
+        """Return the pairs that touch, or are nearer to each other than the clearance, m; the deepest first.
+
+        Of two links with several shapes each, the worst pair of shapes is returned.
+        """
         pairs = self._pairs
         pairs.place(configuration)
         found = []
@@ -178,7 +181,10 @@ class Proof:
                 found.append(Contact(*pairs.names(pair), pairs.depth(pair)))
             elif distance < clearance:
                 found.append(Contact(*pairs.names(pair), 0.0, distance))
-        return sorted(found, key=lambda contact: (contact.distance, -contact.depth))
+        worst: dict[tuple[str, str], Contact] = {}
+        for contact in sorted(found, key=lambda contact: (contact.distance, -contact.depth)):
+            worst.setdefault((contact.one, contact.other), contact)
+        return list(worst.values())
 
     def of_path(self, path: Sequence[Configuration] | Floats, clearance: float = 0.0) -> PathProof:
         """Prove that the straight segments between configurations keep the clearance, m, or say where they do not.

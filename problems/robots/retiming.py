@@ -175,7 +175,9 @@ def _grid(stretch: Stretch) -> Floats:
             continue  # no straight piece between two curves
         count = _ON_CURVES if number % 2 else max(_LEAST_INTERVALS, int(np.ceil((end - begin) / _STEP)))
         parts.append(np.linspace(begin, end, count + 1)[1:])
-    return np.concatenate(parts)
+    places = np.concatenate(parts)
+    places[-1] = stretch.length  # toppra refuses a grid that ends elsewhere, even by rounding
+    return places
 
 
 def _refuse_too_weak(positions: Floats, limits: Limits, dynamics: Dynamics) -> None:

@@ -39,9 +39,11 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _fields(schema: dict[str, Any], whole: dict[str, Any], prefix: str) -> Iterator[tuple[str, str, str, str]]:
-    """Yield name, type with unit, default and description of each field; a table's fields follow its own name."""
+    """Yield name, type with unit, default and description of each field of a file; a table's fields follow its name."""
     required = schema.get("required", ())
     for name, field in schema.get("properties", {}).items():
+        if field.get("derived"):
+            continue
         unit = f" ({field['unit']})" if field.get("unit") else ""
         yield prefix + name, _type(field) + unit, _default(name in required, field), field.get("description", "")
         for table, label in _tables(field, whole):

@@ -208,7 +208,7 @@ def _draw(robot: "Robot", name: str) -> None:
     from problems.robots.spheres_drawing import draw_spheres
     from supernode.pictures.picture import check_picture_name, save
 
-    check_picture_name(name)
+    check_picture_name(name, "--spheres")
     figure = Figure(figsize=(12, 7), layout="constrained")
     print(draw_spheres(figure, make_arm(robot)))
     save(figure, name)

@@ -17,14 +17,14 @@ _FORMATS = ("png", "svg", "pdf")
 _ATTEMPT = "infeasible: the best attempt, not a solution"
 
 
-def check_picture_name(name: str) -> None:
-    """Check that the file name of a picture ends in a known format.
+def check_picture_name(name: str, option: str = "--plot") -> None:
+    """Check that the file name of a picture, given by an option, ends in a known format.
 
     Raises:
         BadInput: if it does not; names the formats.
     """
     if Path(name).suffix.lower().lstrip(".") not in _FORMATS:
-        raise BadInput(f"--plot: expected a name that ends in .png, .svg or .pdf, found {name}")
+        raise BadInput(f"{option}: expected a name that ends in .png, .svg or .pdf, found {name}")
 
 
 def drawn(

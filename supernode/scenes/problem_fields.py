@@ -127,6 +127,9 @@ class _Writer:
         for name in values:
             if what == "goal" and name not in self.variables:
                 self.notes.append(f"{what}: {name} is left out; it does not move here")
+        taken = [name for name in self.variables if name not in values and name in default]
+        if taken:
+            self.notes.append(f"{what}: the scene has no value of {', '.join(taken)}; the start's was taken")
         return [self._value(name, values.get(name, default.get(name)), what) for name in self.variables]
 
     def _value(self, name: str, value: float | None, what: str) -> float:

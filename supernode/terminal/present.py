@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from problems import BadInput, ProblemFile, Run
+from problems import BadInput, EvaluationFailed, ProblemFile, Run
 from problems.run import DEFAULT_STALL
 from spy.result import Result
 from supernode import exits
@@ -40,7 +40,7 @@ def _retimed(result: Result, file: ProblemFile) -> Result:
     try:
         with contextlib.redirect_stdout(sys.stderr):  # a user's module may print
             timed = retimed(file.problem(), result.solution, Pace())
-    except BadInput as error:
+    except (BadInput, EvaluationFailed) as error:
         print(f"warning: no times: {error}", file=sys.stderr)
         return result
     print(f"retimed: {timed['trajectory']['t'][-1]:.3f} s", file=sys.stderr)
