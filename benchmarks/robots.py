@@ -202,12 +202,18 @@ def main() -> None:
     rivals = [name for name in options.rivals.split(",") if name]
     if unknown := [name for name in rivals if name not in RIVALS]:
         parser.error(f"--rivals: expected some of {', '.join(RIVALS)}, found {', '.join(unknown)}")
+    if missing := [name for name in options.robots.split(",") if not families_of(name, options.data)]:
+        parser.error(f"--data: expected motionbenchmaker/{missing[0]}/*.json in {options.data}, found none")
     with contextlib.ExitStack() as stack:
         solvers: Solvers = {OURS: (in_process, False)}
         if not options.in_process:
             solvers[OURS] = on_cluster(stack.enter_context(supernode.LocalCluster(topology=run.topology))), False
         for name in rivals:
-            solvers[name] = solver_of(name, options.seed, options.seconds if options.cpu else None), options.cpu
+            try:
+                solver = solver_of(name, options.seed, options.seconds if options.cpu else None)
+            except ModuleNotFoundError as error:
+                parser.error(f"--rivals: {error}")
+            solvers[name] = solver, options.cpu
         print(head(REFERENCE if REFERENCE in rivals else None), flush=True)
         for robot in options.robots.split(","):
             every: dict[str, list[Outcome]] = {name: [] for name in solvers}

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
+from pydantic.config import JsonDict
 from pydantic.fields import FieldInfo
 
 RecipeName = Literal["tuned", "paper"]
@@ -29,7 +30,7 @@ def quantity(unit: str, description: str, **options: Any) -> Any:
 
 def derived(description: str, **options: Any) -> Any:
     """Return a pydantic field that `Problem.derive_fields` or `Problem.gather` sets; files do not have it."""
-    extra = {"unit": "", "derived": True}
+    extra: JsonDict = {"unit": "", "derived": True}
     return Field(description=f"{description}; set by the program, not in a file", json_schema_extra=extra, **options)
 
 

@@ -68,7 +68,7 @@ position = [0.55, 0.25, 0.25]     # m
 
 [run]                             # what the command line does not say
 topology = "torus 1x2"
-stall = 3
+stall = 5
 seed = 1
 """
     is_batch_invariant: ClassVar[bool] = True

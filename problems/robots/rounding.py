@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 _SHARE = 3.0 / 16.0  # of radius · |difference of directions|: the distance of the curve's middle from the corner
+_REPEATED = 1e-9  # rad or m between two points that count as one: a direction needs some length
 _STRAIGHT = 1e-9  # two directions count as equal if their unit vectors differ by no more
 _LEAST_RADIUS = 1e-3  # a smaller curve costs as much time as a stop
 _HALVINGS = 6  # of a curve that is not free, before the robot stops at its corner
@@ -95,8 +96,10 @@ def simplified(path: Floats) -> Floats:
     """Return a path without repeated points, and without those between two pieces of the same direction."""
     kept = [path[0]]
     for row in path[1:]:
-        if np.any(row != kept[-1]):
+        if np.linalg.norm(row - kept[-1]) > _REPEATED:
             kept.append(row)
+    if len(kept) > 1:
+        kept[-1] = path[-1]
     corners = [kept[0]]
     for before, at, behind in zip(kept, kept[1:], kept[2:], strict=False):
         if np.linalg.norm(_unit(behind - at) - _unit(at - before)) > _STRAIGHT:

@@ -84,6 +84,12 @@ def test_a_solver_leaves_the_problem_as_it_is():
     assert own.evaluate(some_genomes(own)).tobytes() == before.tobytes()
 
 
+@pytest.mark.parametrize("pose", [np.eye(3), np.zeros(7), np.full((4, 4), np.nan)])
+def test_a_solver_refuses_what_is_no_pose(pose):
+    with pytest.raises(BadInput, match="pose: expected a 4x4 or 3x4 matrix of finite numbers, found one of shape"):
+        Solver(problem()).solve(pose)
+
+
 @settings(deadline=None, max_examples=30)
 @given(st.tuples(*(st.floats(0, 1) for _ in range(4))))
 def test_a_genome_codes_a_configuration_within_limits_and_its_figures_are_true(genes):

@@ -244,6 +244,18 @@ def test_the_oracle_bounds_the_length(problem, solution):
     assert answer.fitness < solution["length"]
 
 
+@pytest.mark.parametrize(("obstacles", "meaning"), [([], "upper bound"), ([WALL], "lower bound")])
+def test_of_a_pose_the_oracle_knows_some_goals_only(obstacles, meaning):
+    pose = {"link": "bar_3", "position": [0.424264, 0.424264, 0.34641]}
+    problem = problem_of(goal=None, goal_pose=pose, obstacles=obstacles)
+    answer = problem.oracle()
+    assert answer.meaning == meaning
+    if meaning == "lower bound":
+        assert answer.fitness == 0.0
+    else:
+        assert problem.check(answer.solution).objections == ()
+
+
 # Motion and pictures --------------------------------------------------------------------------------------------------
 def test_the_motion_keeps_all_limits(problem, solution):
     moved = problem.motion(solution, Pace(speed=1.5, acceleration=3.0, rate=100.0))

@@ -31,7 +31,7 @@ def test_a_robot_is_loaded_with_all_its_files():
 
 
 def test_a_robot_of_the_extra_by_its_short_name():
-    robot = supernode.load_robot("double_pendulum_simple")
+    robot = supernode.load_robot("panda", group="arm")
     assert "<robot" in robot.urdf
 
 
@@ -47,6 +47,11 @@ def test_wrong_fields_of_a_robot_are_named(options, expected):
     with pytest.raises(supernode.BadInput) as refused:
         load(**options)
     assert str(refused.value).startswith(expected)
+
+
+def test_a_group_that_the_robot_does_not_have_is_refused_at_once():
+    with pytest.raises(supernode.BadInput, match=r"robot\.group: expected one of .*, found 'amr'; did you mean 'arm'"):
+        supernode.load_robot("panda", group="amr")
 
 
 def test_a_missing_robot_is_named():

@@ -6,6 +6,8 @@ import numpy as np
 import pinocchio
 import pytest
 from heavy_robots import JOINTS, PATH, arm, arm_urdf
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from problems import BadInput
 from problems.motion import Pace
@@ -96,6 +98,14 @@ def test_rounded_corners_save_time():
     seconds = [timed(robot, JOINTS, PATH, Pace(blend=blend)).times[-1] for blend in (0.0, 0.05, 0.2)]
     assert seconds[0] > 1.05 * seconds[1] > 1.05 * seconds[2]
     assert timed(robot, JOINTS, PATH, is_free=lambda chords: False).times[-1] == pytest.approx(seconds[0])
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.lists(st.tuples(*[st.floats(-1.5, 1.5)] * 3), min_size=2, max_size=5), st.sampled_from([0.0, 0.1, 0.5]))
+def test_any_path_takes_times_that_begin_and_end_where_it_does(path, blend):
+    rows = timed(arm(), JOINTS, path, Pace(blend=blend))
+    assert np.all(np.diff(rows.times) > 0.0)
+    np.testing.assert_allclose(rows.positions[[0, -1]], np.array(path)[[0, -1]], atol=1e-8)
 
 
 def test_a_straight_way_takes_the_time_of_the_trapezoid():

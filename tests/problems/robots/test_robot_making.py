@@ -231,6 +231,13 @@ def test_an_attached_thing_needs_a_link_of_the_robot():
         make_scene(Robot(urdf=ARM), attached=[thing])
 
 
+def test_an_attached_thing_may_touch_what_there_is_only():
+    thing = {"shape": "sphere", "radius": 0.1, "link": "tool", "may_touch": ["fore", "bse"]}
+    message = r"attached\[0\].may_touch: expected links of the URDF or mesh obstacles, found 'bse'; did you mean 'base'"
+    with pytest.raises(BadInput, match=message):
+        make_scene(Robot(urdf=ARM), attached=[TypeAdapter(Attached).validate_python(thing)])
+
+
 def test_the_base_moves_the_robot(tmp_path):
     base = {"position": [1.0, 2.0, 3.0], "quaternion": [0.0, 0.0, 1.0, 0.0]}
     there, here = scene_of(tmp_path, base=base).arm, scene_of(tmp_path).arm

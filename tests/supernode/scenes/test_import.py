@@ -231,6 +231,14 @@ def test_other_files_and_robots_are_refused(capsys, tmp_path):
     assert "expected a planning scene or a motion-plan request" in error(capsys, tmp_path / "list.yaml", *LEVER)
 
 
+def test_a_goal_of_some_joints_takes_the_others_from_the_start(capsys, tmp_path):
+    request = (DATA / "request.yaml").read_text().replace("      - {position: -1.75, joint_name: tilt}\n", "")
+    (tmp_path / "request.yaml").write_text(request)
+    fields, err = imported(capsys, tmp_path, DATA / "scene.yaml", tmp_path / "request.yaml", *LEVER)
+    assert fields["goal"] == [1.5, fields["start"][1]]
+    assert "note: goal: the scene has no value of tilt; the start's was taken\n" in err
+
+
 # JSON -----------------------------------------------------------------------------------------------------------------
 def test_a_problem_of_many(capsys, tmp_path):
     fields, err = imported(capsys, tmp_path, DATA / "problems.json", *LEVER, "--problem", "4")
