@@ -126,18 +126,12 @@ def draw_scene(axes: Any, problem: RobotModel, poses: Sequence[Pose], ways: Sequ
     parts = [faces for each in places for faces in each]
     box = _box(np.concatenate([np.concatenate(parts).reshape(-1, 3), *ways]), obstacles)
     spacing = float((box[1] - box[0]).max()) / _PARTS
-    robot, around = _paints_of_robot(poses, places, spacing), _paints_of_obstacles(obstacles, box, spacing)
-    # Edges are triangles without area, so that they are sorted by distance among those of the solids.
-    edges = [_Paint(_cut(obstacle.edges[:, [0, 1, 1]], box, spacing), (*paint.color[:3], 1.0))
-             for obstacle, paint in zip(obstacles, around, strict=True)]  # fmt: skip
+    robot = _paints_of_robot(poses, places, spacing)
+    around, edges = _paints_of_obstacles(obstacles, box, spacing)
     _paint(axes, [*robot, *around], edges)
-    surface = np.concatenate([each.faces.mean(axis=1) for each in (*robot, *around)])
-    seen = np.concatenate([*ways, *(each.faces.mean(axis=1) for each in robot if each.color != _STANDING)])
-    axes.view_init(*viewpoint([*ways, *_bones(arm, poses)], seen, surface, spacing))
+    _look(axes, robot, around, ways, _bones(arm, poses), spacing)
     _fit(axes, box)
-    shown = [
-        (obstacle.name, paint.color) for obstacle, paint in zip(obstacles, around, strict=True) if len(paint.faces)
-    ]
+    shown = [each.name if len(paint.faces) else "" for each, paint in zip(obstacles, around, strict=True)]
     _draw_legend(axes, poses, any(each.color == _STANDING for each in robot), shown)
 
 
@@ -153,11 +147,27 @@ def _paints_of_robot(poses: Sequence[Pose], places: Sequence[Sequence[Floats]], 
     ]
 
 
-def _paints_of_obstacles(obstacles: Sequence[Body], box: Floats, spacing: float) -> list[_Paint]:
-    return [
-        _Paint(_cut(each.vertices[each.triangles], box, spacing), color_of(number))
-        for number, each in enumerate(obstacles)
-    ]
+def _paints_of_obstacles(obstacles: Sequence[Body], box: Floats, spacing: float) -> tuple[list[_Paint], list[_Paint]]:
+    """Return obstacles, and their edges as triangles without area, which are sorted by distance like the others."""
+    solids, edges = [], []
+    for number, each in enumerate(obstacles):
+        solids.append(_Paint(_cut(each.vertices[each.triangles], box, spacing), color_of(number)))
+        edges.append(_Paint(_cut(each.edges[:, [0, 1, 1]], box, spacing), (*color_of(number)[:3], 1.0)))
+    return solids, edges
+
+
+def _look(
+    axes: Any,
+    robot: Sequence[_Paint],
+    around: Sequence[_Paint],
+    ways: Sequence[Floats],
+    bones: Sequence[Floats],
+    spacing: float,
+) -> None:
+    """Look across ways and bones from a side on which little hides the ways and what moves."""
+    surface = np.concatenate([each.faces.mean(axis=1) for each in (*robot, *around)])
+    seen = np.concatenate([*ways, *(each.faces.mean(axis=1) for each in robot if each.color != _STANDING)])
+    axes.view_init(*viewpoint([*ways, *bones], seen, surface, spacing))
 
 
 def color_of(obstacle: int) -> Color:
@@ -238,13 +248,13 @@ def _fit(axes: Any, box: Floats) -> None:
     axes.set_box_aspect(size, zoom=(_FILLED / filled).min())
 
 
-def _draw_legend(axes: Any, poses: Sequence[Pose], is_standing: bool, obstacles: Sequence[tuple[str, Color]]) -> None:
-    """Name poses, what stands, lines, and obstacles with their colors, below the axes."""
+def _draw_legend(axes: Any, poses: Sequence[Pose], is_standing: bool, obstacles: Sequence[str]) -> None:
+    """Name poses, what stands, lines, and those obstacles that have a name here, below the axes."""
     handles = [Patch(color=pose.color, alpha=max(pose.alpha, 0.25), label=pose.name) for pose in poses if pose.name]
     handles += [Patch(color=_STANDING, label="nearly the same in all")] if is_standing else []
     handles += axes.get_legend_handles_labels()[0]
-    named = len(obstacles) if len(obstacles) <= _MOST_NAMED else _MOST_NAMED - 1
-    handles += [Patch(color=color[:3], alpha=0.6, label=name) for name, color in obstacles[:named]]
-    if named < len(obstacles):
-        handles.append(Patch(color="none", label=f"and {len(obstacles) - named} more obstacles"))
-    axes.figure.legend(handles=handles, loc="outside lower center", ncols=4, frameon=False, fontsize="small")
+    named = [Patch(color=color_of(n)[:3], alpha=0.6, label=name) for n, name in enumerate(obstacles) if name]
+    if len(named) > _MOST_NAMED:
+        more = len(named) - _MOST_NAMED + 1
+        named[-more:] = [Patch(color="none", label=f"and {more} more obstacles")]
+    axes.figure.legend(handles=handles + named, loc="outside lower center", ncols=4, frameon=False, fontsize="small")
