@@ -9,15 +9,15 @@ from numpy.typing import NDArray
 
 from problems.problem import Populations, Solution
 from problems.robot_ik.model import RobotIkModel, pose_of
-from problems.robots.pictures import draw_robot, draw_solids, fit, shells_of
+from problems.robots.pictures import Pose, draw_line, draw_scene
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Floats = NDArray[np.float64]
 
-COLORS = ("#1f5fa8", "#d9731a", "#2a8c4a", "#8a4fbf", "#c45aa0", "#7a6a4f")
-TARGET = "#c8321e"
+COLORS = ("#1f5fa8", "#2a8c4a", "#c8321e", "#58b4e0", "#8fc31f", "#3a3a3a")  # no color of an obstacle
+TARGET = "#111111"
 _AXIS = 0.12  # m, the length of the axes of the pose
 _MOST_DRAWN = 6  # solutions
 _MOST_LINES = 60  # individuals of a population
@@ -35,14 +35,12 @@ def draw(problem: RobotIkModel, figure: Figure, solution: Solution | None, popul
 
 
 def _draw_scene(problem: RobotIkModel, axes: Any, several: Floats, solution: Solution | None) -> None:
-    arm, shells = problem.scene.arm, shells_of(problem.scene.arm)
-    solids, seen = draw_solids(axes, problem.scene), [_draw_pose(problem, axes)]
-    shown = several[:_MOST_DRAWN] if len(several) else arm.limits.mean(axis=1)[None]
-    for number, configuration in enumerate(shown):
-        color = COLORS[number % len(COLORS)] if len(several) else "0.6"
-        alpha = 0.6 if number == 0 and len(several) else 0.2
-        seen.append(draw_robot(axes, arm, shells, configuration, color, alpha))
-    fit(axes, np.concatenate(seen), solids)
+    arm = problem.scene.arm
+    poses = [
+        Pose(each, COLORS[number % len(COLORS)], 0.75 if number == 0 else 0.3, f"solution {number + 1}")
+        for number, each in enumerate(several[:_MOST_DRAWN])
+    ] or [Pose(arm.limits.mean(axis=1), "0.6", 0.3, "middle of all joints")]
+    draw_scene(axes, problem, poses, [_draw_pose(problem, axes)])
     if solution is None:
         axes.set_title("no configuration found")
     else:
@@ -53,11 +51,21 @@ def _draw_pose(problem: RobotIkModel, axes: Any) -> Floats:
     """Draw the axes of the pose, or a mark if any rotation will do; return its points, m."""
     frame = pose_of(problem.goal_pose).reshape(3, 4)
     place = frame[:, 3]
-    axes.plot(*place[:, None], marker="x", markersize=9, markeredgewidth=2.5, color=TARGET, zorder=9)
+    label = f"pose for {problem.goal_pose.link}"
+    axes.plot(
+        *place[:, None],
+        marker="x",
+        markersize=9,
+        markeredgewidth=2.5,
+        color=TARGET,
+        linestyle="",
+        label=label,
+        zorder=4,
+    )
     ends = place + _AXIS * frame[:, :3].T
     if problem.goal_pose.quaternion is not None:
         for end, color in zip(ends, ("#c8321e", "#2a8c4a", "#1f5fa8"), strict=True):
-            axes.plot(*np.array([place, end]).T, color=color, linewidth=2.5, zorder=9)
+            draw_line(axes, np.array([place, end]), color)
     points: Floats = np.concatenate([place[None], ends])
     return points
 
@@ -67,7 +75,7 @@ def _draw_joints(problem: RobotIkModel, axes: Any, several: Floats, populations:
     arm = problem.scene.arm
     count, (low, high) = len(arm.joints), arm.limits.T
     places = np.arange(count)
-    for generation, color in ((min(populations), "0.75"), (max(populations), "#8a4fbf")) if populations else ():
+    for generation, color in ((min(populations), "0.8"), (max(populations), "0.5")) if populations else ():
         shares = problem.coding.genes(populations[generation][:_MOST_LINES]).reshape(-1, count)
         axes.plot(places, shares.T, color=color, linewidth=0.5)
         axes.plot([], [], color=color, label=f"individuals of generation {generation}")

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from mpl_toolkits.mplot3d.art3d import Line3DCollection
 from numpy.typing import NDArray
 
 from problems.problem import Populations, Solution
-from problems.robots.pictures import draw_robot, draw_solids, fit, frames_of, shells_of
+from problems.robots.animating import places_of, tips_of, ways_of
+from problems.robots.pictures import Pose, draw_line, draw_scene
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -19,8 +20,11 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 START, GOAL, SWEPT = "#2a8c4a", "#c8321e", "#1f5fa8"
+WAYS = ("#0b2d5c", "#a0188c", "#b35900", "#00706b")
 COLORS = ("#1f5fa8", "#d9731a", "#2a8c4a", "#8a4fbf", "#c8321e", "#7a6a4f", "#c45aa0")
-_BETWEEN = 5  # configurations drawn between start and goal
+STYLES = ("-", "--", ":")  # of joints that share a color
+_STILL = 1e-3  # m, a tip that moves less has no way
+_BETWEEN = 4  # configurations drawn between start and goal
 _LINES = 60  # configurations whose last point is joined to a line
 _MOST_PATHS = 24  # of a population
 
@@ -36,20 +40,29 @@ def draw(problem: RobotPathModel, figure: Figure, solution: Solution | None, pop
 
 # The scene ------------------------------------------------------------------------------------------------------------
 def _draw_scene(problem: RobotPathModel, axes: Any, solution: Solution | None) -> None:
-    arm, shells = problem.scene.arm, shells_of(problem.scene.arm)
-    goal = np.array(problem.ends[0])
-    solids, seen = draw_solids(axes, problem.scene), []
+    path = np.array([problem.start, problem.ends[0]] if solution is None else solution["path"])
+    poses, ways = [], []
     if solution is not None:
-        path = np.array(solution["path"])
-        goal = path[-1]
-        for configuration in _along(path, _BETWEEN + 2)[1:-1]:
-            seen.append(draw_robot(axes, arm, shells, configuration, SWEPT, 0.10))
-        ends = np.array([frames_of(arm, each)[-1, :, 3] for each in _along(path, _LINES)])
-        axes.add_collection3d(Line3DCollection([ends], colors=SWEPT, linewidths=1.6))
-    seen.append(draw_robot(axes, arm, shells, np.array(problem.start), START, 0.55))
-    seen.append(draw_robot(axes, arm, shells, goal, GOAL, 0.55))
-    fit(axes, np.concatenate(seen), solids)
+        ways = _draw_ways(problem, axes, path)
+        poses += [Pose(each, SWEPT, 0.12) for each in _along(path, _BETWEEN + 2)[1:-1]]
+        poses[0] = replace(poses[0], name="on the way")
+    poses = [Pose(path[0], START, 0.65, "start"), Pose(path[-1], GOAL, 0.65, "goal"), *poses]
+    draw_scene(axes, problem, poses, ways)
     axes.set_title(_title(solution))
+
+
+def _draw_ways(problem: RobotPathModel, axes: Any, path: Floats) -> list[Floats]:
+    """Draw the ways of all tips that move, from a mark at the start to one at the goal; return their points, m."""
+    arm, link = problem.scene.arm, None if problem.goal_pose is None else problem.goal_pose.link
+    ways = ways_of(arm, places_of(arm, _along(path, _LINES)), link)
+    moving = [
+        (way, name) for way, name in zip(ways, tips_of(arm, link), strict=True) if np.ptp(way, axis=0).max() > _STILL
+    ]
+    for number, (way, name) in enumerate(moving):
+        draw_line(axes, way, WAYS[number % len(WAYS)], label=f"way of {name}")
+        for end, color in ((way[0], START), (way[-1], GOAL)):
+            axes.plot(*end[:, None], marker="o", markersize=6, color=color, markeredgecolor="white", zorder=4)
+    return [way for way, _ in moving]
 
 
 def _title(solution: Solution | None) -> str:
@@ -61,29 +74,28 @@ def _title(solution: Solution | None) -> str:
 
 def _along(path: Floats, count: int) -> Floats:
     """Return so many configurations, evenly spaced along the path."""
-    lengths = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
+    lengths = _lengths(path)
     return np.column_stack([np.interp(np.linspace(0.0, lengths[-1], count), lengths, column) for column in path.T])
 
 
 # The joints -----------------------------------------------------------------------------------------------------------
 def _draw_joints(problem: RobotPathModel, axes: Any, solution: Solution | None, populations: Populations) -> None:
-    """Draw each joint along the path, within its limits; behind them the paths of the first and last generation."""
-    arm = problem.scene.arm
-    if populations:
-        for generation, color in ((min(populations), "0.75"), (max(populations), "#8a4fbf")):
-            for genome in populations[generation][:_MOST_PATHS]:
-                _draw_lines(axes, np.array(problem.decode(genome)["path"]), [color] * len(arm.joints), 0.4)
-            axes.plot([], [], color=color, label=f"generation {generation}")
+    """Draw each joint along the path; behind them the paths of the first and last generation."""
+    for generation, color in ((min(populations), "0.8"), (max(populations), "0.5")) if populations else ():
+        for genome in populations[generation][:_MOST_PATHS]:
+            path = np.array(problem.decode(genome)["path"])
+            axes.plot(_lengths(path), path, color=color, linewidth=0.4)
+        axes.plot([], [], color=color, label=f"generation {generation}")
     if solution is not None:
-        _draw_lines(axes, np.array(solution["path"]), COLORS, 1.8)
-        for joint, name in enumerate(arm.joints):
-            axes.plot([], [], color=COLORS[joint % len(COLORS)], label=name)
+        path = np.array(solution["path"])
+        for joint, name in enumerate(problem.scene.arm.joints):
+            color, style = COLORS[joint % len(COLORS)], STYLES[joint // len(COLORS) % len(STYLES)]
+            axes.plot(_lengths(path), path[:, joint], color=color, linestyle=style, linewidth=1.8, label=name)
     axes.set(xlabel="along the path / rad", ylabel="joint / rad (m if prismatic)")
     if populations or solution is not None:
         axes.figure.legend(loc="outside lower center", ncols=3, frameon=False, fontsize="small")
 
 
-def _draw_lines(axes: Any, path: Floats, colors: Any, width: float) -> None:
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
-    for joint, values in enumerate(path.T):
-        axes.plot(along, values, color=colors[joint % len(colors)], linewidth=width)
+def _lengths(path: Floats) -> Floats:
+    """Return the length of the path up to each of its points."""
+    return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])

@@ -37,7 +37,7 @@ MOST_TRIANGLES = 900
 
 def bodies_of(robot: Robot, arm: Arm, obstacles: Sequence[Obstacle], attached: Sequence[Attached]) -> tuple[Body, ...]:
     """Return the robot's links, the attached things and the obstacles; the frames are those of `Arm`'s bodies."""
-    return (*_links(robot, arm), *_attached(robot, arm, attached), *_obstacles(robot, obstacles))
+    return (*_links(robot, arm), *_attached(robot, arm, attached), *obstacles_of(robot, obstacles))
 
 
 def _links(robot: Robot, arm: Arm) -> Iterator[Body]:
@@ -55,6 +55,11 @@ def _attached(robot: Robot, arm: Arm, attached: Sequence[Attached]) -> Iterator[
         at = arm.links.index(thing.link)
         soup = placed(chained(arm.link_placements[at], thing.placement), _shape(robot, thing))
         yield _body(name_of(thing, "attached", number), "attached", int(arm.link_body[at]), soup)
+
+
+def obstacles_of(robot: Robot, obstacles: Sequence[Obstacle]) -> tuple[Body, ...]:
+    """Return the obstacles in the order of the file; their frame is that of the world."""
+    return tuple(_obstacles(robot, obstacles))
 
 
 def _obstacles(robot: Robot, obstacles: Sequence[Obstacle]) -> Iterator[Body]:
@@ -115,18 +120,33 @@ def target_of(pose: GoalPose) -> Floats:
 
 
 def ways_of(arm: Arm, frames: Floats, link: str | None = None) -> tuple[Floats, ...]:
-    """Return the ways of a robot's tips, m, shape (N, 3) each: of the last link beyond the last joint of each branch.
+    """Return the ways of a robot's tips, m, shape (N, 3) each.
 
     Args:
         arm: the robot.
         frames: the placements of its bodies at each step, shape (N, B, 12).
-        link: a link whose way is the only one to return.
+        link: see `tips_of`.
     """
-    tips = set(range(1, len(arm.parents))) - set(arm.parents.tolist())
-    numbers = [int(np.flatnonzero(arm.link_body == tip)[-1]) for tip in sorted(tips)]
-    if link is not None:
-        numbers = [arm.links.index(link)]
+    numbers = [arm.links.index(tip) for tip in tips_of(arm, link)]
     return tuple(
         placed(frames[:, arm.link_body[each]], arm.link_placements[each].reshape(3, 4)[None, :, 3])[:, 0]
         for each in numbers
     )
+
+
+def tips_of(arm: Arm, link: str | None = None) -> tuple[str, ...]:
+    """Return the tips of a robot: the last link beyond the last joint of each branch.
+
+    Args:
+        arm: the robot.
+        link: a link that stands for the tips of the branches to which it belongs.
+    """
+    named = None if link is None else int(arm.link_body[arm.links.index(link)])
+    ends = sorted(set(range(1, len(arm.parents))) - set(arm.parents.tolist()))
+    tips = [arm.links[int(np.flatnonzero(arm.link_body == end)[-1])] for end in ends if named not in _line(arm, end)]
+    return tuple(tips) if link is None else (link, *tips)
+
+
+def _line(arm: Arm, body: int) -> list[int]:
+    """Return a body and those that carry it, without the world."""
+    return [] if body <= 0 else [body, *_line(arm, int(arm.parents[body]))]

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from problems.robots.arm import Arm
+from problems.robots.pictures import shaded
 from problems.robots.shapes import placed, sphere
 
 if TYPE_CHECKING:
@@ -45,7 +46,7 @@ def draw_spheres(figure: Figure, arm: Arm) -> str:
         ]
     ):
         axes = figure.add_subplot(1, 2, place + 1, projection="3d")
-        axes.add_collection3d(Poly3DCollection(polygons, facecolors=_shaded(polygons, colour)))
+        axes.add_collection3d(Poly3DCollection(polygons, facecolors=shaded(polygons, colour)))
         for name, lowest, highest in zip("xyz", low, high, strict=True):
             getattr(axes, f"set_{name}lim")(lowest, highest)
             getattr(axes, f"set_{name}label")(f"{name} (m)")
@@ -93,15 +94,3 @@ def _frames(arm: Arm) -> Floats:
 
     frames: Floats = frames_of(arm, np.clip(0.0, *arm.limits.T)[None])[0]
     return frames
-
-
-def _shaded(polygons: Floats, colour: str) -> Floats:
-    """Return a colour for each triangle, lighter where it faces the light."""
-    from matplotlib.colors import to_rgb
-
-    normals = np.cross(polygons[:, 1] - polygons[:, 0], polygons[:, 2] - polygons[:, 0])
-    length = np.linalg.norm(normals, axis=1)
-    light = np.array([0.4, -0.6, 0.7])
-    facing = np.abs(normals @ light) / np.maximum(length, 1e-12) / np.linalg.norm(light)
-    colours: Floats = (0.45 + 0.55 * facing)[:, None] * np.array(to_rgb(colour))
-    return colours

@@ -283,7 +283,7 @@ def test_the_picture_renders(problem, solution, tmp_path):
 
 
 def test_the_picture_has_the_robot_where_the_proof_has_it(problem):
-    from problems.robot_path.drawing import frames_of
+    from problems.robots.pictures import frames_of
 
     frames = frames_of(problem.scene.arm, np.array(problem.start))
     body, placement = problem.scene.arm.link("bar_3")

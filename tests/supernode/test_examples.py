@@ -14,6 +14,7 @@ import pytest
 import supernode
 from genetics import Keys
 from node import Plan, simulate
+from problems.robot_path.coding_kernels import Collisions
 from spy.past import best_known
 
 EXAMPLES = Path(__file__).parent.parent.parent / "examples"
@@ -57,6 +58,15 @@ def test_as_it_stands_it_is_solved_and_accepted_in_lockstep_and_async(cluster, n
             assert result.feasible
             assert (result.status == "solved") == (result.target is not None)
         assert result.status in ("solved", "stalled", "optimal"), result.message
+
+
+def test_the_ur5_hits_something_on_each_straight_line_to_a_goal():
+    problem = load(EXAMPLES / "ur5-bin.toml").problem()
+    collisions = Collisions(problem.scene)
+    assert collisions.gap(problem.start, 0.01) > problem.clearance
+    for goal in problem.ends:
+        assert collisions.gap(goal, 0.01) > problem.clearance
+        assert min(collisions.gap(each, 0.01) for each in np.linspace(problem.start, goal, 60)) == 0.0
 
 
 def test_the_office_is_crossed_in_19_of_20_seeds_and_check_accepts():
