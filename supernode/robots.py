@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from pydantic import BaseModel, ValidationError
 
-from problems.errors import first_line
+from problems.errors import BadInput, first_line
 from problems.problem import Problem
 from problems.registry import find_registered
 from problems.robots import fields as tables
@@ -35,6 +35,7 @@ def load_robot(
     group: str | None = None,
     joints: Sequence[str] | None = None,
     fixed: Mapping[str, float] | None = None,
+    acceleration: float | Sequence[float] | None = None,
     base: Mapping[str, Any] | None = None,
 ) -> Robot:
     """Read a robot with its meshes once, for any number of problems; nothing opens its files later.
@@ -50,11 +51,17 @@ def load_robot(
         group: a group of the SRDF, whose joints move.
         joints: the joints that move, in place of a group; by default all.
         fixed: where other joints stand, rad or m; by default 0, or the nearest limit.
+        acceleration: the limit of each joint, rad/s² or m/s², or one for all; used where motions get times.
         base: where the root of the robot stands: ``{"position": [x, y, z], "quaternion": [x, y, z, w]}``.
 
     Raises:
         BadInput: if a file cannot be read or a field is wrong; one line that names it and what was expected.
     """
+    if not isinstance(robot, str | Path):
+        raise BadInput(f"robot: expected a file or a name, found {type(robot).__name__}")
+    for field, names in (("joints", joints), ("packages", packages)):
+        if isinstance(names, str):
+            raise BadInput(f"{field}: expected a list, found the text {names!r}")
     name = str(robot)
     if not Path(name).is_file() and name in robots_of_extra():
         name = f"{EXTRA}:{name}"
@@ -65,6 +72,7 @@ def load_robot(
         "group": group,
         "joints": None if joints is None else list(joints),
         "fixed": None if fixed is None else dict(fixed),
+        "acceleration": acceleration,
         "base": base,
     }
     described = {field: _plain(value) for field, value in given.items() if value is not None}

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Self
 
-from problems.problem import Answer, Populations, Solution, Verdict
+from pydantic import ValidationInfo, model_validator
+
+from problems.problem import CHECKED, Answer, Populations, Solution, Verdict
 from problems.robot_ik import reach
 from problems.robot_ik.model import RobotIkModel
 
@@ -20,6 +22,14 @@ class RobotIk(RobotIkModel):
     Each individual codes a configuration, or several. Steps of damped least squares bring it towards the pose before it
     is judged.
     """
+
+    @model_validator(mode="after")
+    def _stands_clear(self, info: ValidationInfo) -> Self:
+        if info.context != CHECKED:  # else another process has checked these fields already; nodes cannot
+            from problems.robots.verifying import refuse_standing_contacts
+
+            refuse_standing_contacts(self)
+        return self
 
     @property
     def unreachable(self) -> str | None:

@@ -13,7 +13,7 @@ from problems.errors import BadInput, first_line
 from problems.problem import Clearance, Solution, Verdict
 from problems.robots import trajectory as timing
 from problems.robots.fields import GoalPose
-from problems.robots.verifying import missed_by, proof_of
+from problems.robots.verifying import missed_by, proof_of, refuse_standing_contacts
 from problems.tables import Table
 
 if TYPE_CHECKING:
@@ -66,6 +66,7 @@ def refuse_blocked_ends(problem: RobotPathModel) -> None:
     Raises:
         ValueError: names the pairs, and how deep they overlap.
     """
+    refuse_standing_contacts(problem)
     proof = proof_of(problem)
     if not problem.ends:
         raise ValueError(_why_out_of_reach(problem))
@@ -125,9 +126,10 @@ def _wrong_ends(problem: RobotPathModel, proof: Proof, path: Path) -> Iterator[s
     if problem.goal_pose is not None:
         yield from _off_the_pose(problem.goal_pose, proof, path[-1])
     else:
-        away = min(float(np.abs(np.subtract(path[-1], goal)).max()) for goal in problem.ends)
-        if away > TOLERANCE:
-            yield f"the path ends {away:.3g} from the nearest goal, in the joint that is farthest from it"
+        away = min((np.abs(np.subtract(path[-1], goal)) for goal in problem.ends), key=np.max)
+        if away.max() > TOLERANCE:
+            joint = proof.joints[int(np.argmax(away))]
+            yield f"the path ends {away.max():.3g} rad or m from the nearest goal in joint {joint}"
 
 
 def _off_the_pose(target: GoalPose, proof: Proof, configuration: Sequence[float]) -> Iterator[str]:

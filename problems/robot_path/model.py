@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
@@ -95,6 +96,8 @@ seed = 1
         """Check numbers and limits; `RobotPath` checks contacts."""
         given = [name for name in ("goal", "goals", "goal_pose") if getattr(self, name) is not None]
         if given not in (["goal"], ["goals"], ["goals", "goal_pose"], ["goal_pose"]):
+            if self.goal_pose is not None and self.goal is not None:
+                given = ["goal", "goal_pose"]  # goals were derived from the pose
             raise ValueError(f"goal: expected one of goal, goals and goal_pose, found {' and '.join(given) or 'none'}")
         arm = self.scene.arm
         if self.goal_pose is not None and self.goal_pose.link not in arm.links:
@@ -109,8 +112,20 @@ seed = 1
                 raise ValueError(f"{name}: expected {len(arm.joints)} values ({names}), found {len(values)}")
             for joint, value, (low, high) in zip(arm.joints, values, arm.limits, strict=True):
                 if not low - 1e-9 <= value <= high + 1e-9:
-                    raise ValueError(f"{name}: expected {joint} within [{low:.6g}, {high:.6g}], found {value:.6g}")
+                    raise ValueError(self._beyond(name, joint, value, (low, high)))
+        stated = self.robot.acceleration
+        if isinstance(stated, list) and len(stated) != len(arm.joints):
+            raise ValueError(
+                f"robot.acceleration: expected one value, or {len(arm.joints)} ({', '.join(arm.joints)}), "
+                f"found {len(stated)}"
+            )
         return self
+
+    def _beyond(self, name: str, joint: str, value: float, limits: tuple[float, float]) -> str:
+        """Return the complaint about a value beyond a joint's limits, in the unit of the file."""
+        unit, factor = ("deg", math.degrees(1.0)) if self.written_in == "deg" else ("rad or m", 1.0)
+        low, high, found = (factor * each for each in (*limits, value))
+        return f"{name}: expected {joint} within [{low:.6g}, {high:.6g}] {unit}, found {found:.6g}"
 
     @classmethod
     def derive_from_scene(cls, fields: dict[str, Any], scene: Scene) -> dict[str, Any]:

@@ -98,7 +98,7 @@ class Robot(Table):
         max_length=64,
     )  # fmt: skip
     fixed: dict[str, Factor] = quantity(
-        "", "where other joints stand, rad or m; by default 0, or the nearest limit", default_factory=dict
+        "", "where other joints stand, rad (or unit) or m; by default 0, or the nearest limit", default_factory=dict
     )
     acceleration: Positive | Annotated[list[Positive], Field(min_length=1, max_length=64)] | None = quantity(
         "rad/s²",

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
 
+from problems.angles import in_unit
 from problems.errors import BadInput, did_you_mean
 from problems.robots.meshes import UNSCALED, Scale, encode_mesh, read_mesh, scaled_name
 from problems.robots.urdf import Geometry, Urdf, completed, read_urdf
@@ -47,6 +48,22 @@ def gather_robot(fields: Fields, folder: Path) -> Fields:
         for number, table in enumerate(_tables(fields.get(name))):
             _gather_shape(table, folder, f"{name}[{number}].file", meshes)
     return {**fields, "robot": {**gathered, "meshes": meshes}}
+
+
+def is_read(robot: Any) -> bool:
+    """Return whether ``robot`` is a table ``[robot]`` whose URDF has been read."""
+    return isinstance(robot, dict) and "<" in str(robot.get("urdf"))
+
+
+def held_in_radians(robot: Fields) -> Fields:
+    """Return ``[robot]`` of a file in degrees, its URDF read, with ``fixed`` in radians but for joints that slide."""
+    fixed = robot.get("fixed")
+    if not isinstance(fixed, dict):
+        return robot
+    joints = read_urdf(robot["urdf"]).joints
+    slide = {name for name, joint in joints.items() if joint.kind == "prismatic"}
+    turned = {name: in_unit("rad", value, f"robot.fixed.{name}") for name, value in fixed.items() if name not in slide}
+    return {**robot, "fixed": {**fixed, **turned}}
 
 
 def gather_description(robot: Fields, folder: Path) -> Fields:

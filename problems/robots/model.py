@@ -37,9 +37,12 @@ class RobotModel(WithAngles):
     @classmethod
     def gather(cls, fields: dict[str, Any], folder: Path) -> dict[str, Any]:
         """Replace the names of URDF, SRDF and meshes by what these files hold."""
-        from problems.robots.loading import gather_robot
+        from problems.robots.loading import gather_robot, held_in_radians, is_read
 
-        return gather_robot(fields, folder)
+        gathered = gather_robot(fields, folder)
+        if fields.get("written_in") != "deg" or is_read(fields.get("robot")) or not is_read(gathered.get("robot")):
+            return gathered
+        return {**gathered, "robot": held_in_radians(gathered["robot"])}
 
     @classmethod
     def derive_fields(cls, fields: dict[str, Any]) -> dict[str, Any]:

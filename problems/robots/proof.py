@@ -115,6 +115,7 @@ class Proof:
             for number, table in enumerate(attached)
         ]
         self._pairs = Pairs(self.robot, solids, things, self_collision)
+        self._standing = Pairs(self.robot, solids, things, standing=True)
 
     @staticmethod
     def of(
@@ -172,7 +173,13 @@ class Proof:
 
         Of two links with several shapes each, the worst pair of shapes is returned.
         """
-        pairs = self._pairs
+        return self._nearer(self._pairs, configuration, clearance)
+
+    def standing_contacts(self, clearance: float = 0.0) -> list[Contact]:
+        """Return the contacts, as `contacts` does, of parts behind held joints with obstacles: no path changes them."""
+        return self._nearer(self._standing, np.zeros(len(self.joints)), clearance)
+
+    def _nearer(self, pairs: Pairs, configuration: Configuration, clearance: float) -> list[Contact]:
         pairs.place(configuration)
         found = []
         for pair in np.flatnonzero(pairs.bounds() <= clearance).tolist():

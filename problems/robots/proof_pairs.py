@@ -37,14 +37,22 @@ class Pairs:
         solids: the obstacles.
         things: the attached things with their tables.
         self_collision: whether the robot's links are tested against each other.
+        standing: True for the pairs that no joint of a configuration moves instead, see `_stands_by`.
     """
 
     def __init__(
-        self, robot: Robot, solids: Sequence[Shape], things: Sequence[tuple[Shape, Table]], self_collision: bool = True
+        self,
+        robot: Robot,
+        solids: Sequence[Shape],
+        things: Sequence[tuple[Shape, Table]],
+        self_collision: bool = True,
+        *,
+        standing: bool = False,
     ) -> None:
         self._robot, self._self_collision = robot, self_collision
         self._pieces = [*self._own(), *self._attached(things), *(_Piece(each, 0, each.placement) for each in solids)]
-        pairs = [pair for pair in combinations(range(len(self._pieces)), 2) if self._is_tested(*pair)]
+        is_wanted = self._stands_by if standing else self._is_tested
+        pairs = [pair for pair in combinations(range(len(self._pieces)), 2) if is_wanted(*pair)]
         self._pairs: NDArray[np.int64] = np.array(pairs, np.int64).reshape(-1, 2)
         shapes = [piece.shape for piece in self._pieces]
         radii = np.array([shape.radius for shape in shapes])
@@ -79,6 +87,16 @@ class Pairs:
             if thing.free_of is not None and may_be_exempt and else_.shape.name in thing.free_of:
                 return False
         return True
+
+    def _stands_by(self, one: int, other: int) -> bool:
+        """Return whether these are a part of the robot behind a joint that is held, and an obstacle.
+
+        Links that the URDF itself joins to the root by fixed joints only are exempt: a base stands on its floor.
+        """
+        first, second = self._pieces[one], self._pieces[other]  # obstacles come last
+        is_obstacle = second.link is None and second.free_of is None
+        is_held = first.joint != 0 and self._robot.body(first.joint) == 0
+        return is_obstacle and is_held and not (second.shape.is_mesh and second.shape.name in (first.free_of or ()))
 
     def names(self, pair: int) -> tuple[str, str]:
         """Return the names of the two shapes of a pair."""

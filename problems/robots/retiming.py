@@ -189,7 +189,8 @@ def _refuse_too_weak(positions: Floats, limits: Limits, dynamics: Dynamics) -> N
     if over[row, joint] >= 0.0:
         raise BadInput(
             "--retime: expected a path on which the joints can hold the robot, found one where "
-            f"{limits.joints[joint]!r} needs {torques[row, joint]:.4g} of its {limits.effort[joint]:.4g} N m at rest"
+            f"{limits.joints[joint]!r} needs {torques[row, joint]:.4g} N m at rest, more than its effort of "
+            f"{limits.effort[joint]:.4g} N m; mend mass or effort in the URDF, or plan a path closer to the body"
         )
 
 

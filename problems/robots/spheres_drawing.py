@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from problems.errors import BadInput
 from problems.robots.arm import Arm
 from problems.robots.pictures import shaded
 from problems.robots.shapes import placed, sphere
@@ -28,6 +29,10 @@ def draw_spheres(figure: Figure, arm: Arm) -> str:
     """
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
+    if not arm.pieces:
+        raise BadInput(
+            "--spheres: expected links with <collision> in the URDF, found none; copy <visual> to <collision>"
+        )
     frames = _frames(arm)
     ball = sphere(1.0)
     meshes, balls = [], []

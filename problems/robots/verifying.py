@@ -29,6 +29,20 @@ def proof_of(problem: RobotModel, self_collision: bool = True) -> Proof:
     return Proof.of(fields["robot"], fields["obstacles"], fields["attached"], self_collision)
 
 
+def refuse_standing_contacts(problem: RobotModel) -> None:
+    """Refuse a problem in which a part of the robot that stands still touches an obstacle.
+
+    Raises:
+        ValueError: names the pair, and how deep it overlaps.
+    """
+    contacts = proof_of(problem).standing_contacts(problem.clearance)
+    if contacts:
+        raise ValueError(
+            "robot.fixed: expected joints that hold their links clear of obstacles, found some where "
+            f"{contacts[0].in_words(problem.clearance)}; move the obstacle, or state where the joints stand"
+        )
+
+
 def missed_by(target: GoalPose, proof: Proof, configuration: Configuration) -> tuple[float, float]:
     """Return the distance, m, and the angle, rad, of the link from the pose; 0 rad if any rotation will do."""
     pose = proof.pose(configuration, target.link)

@@ -41,7 +41,13 @@ def run(options: argparse.Namespace) -> int:
             raise BadInput("ROBOT: expected a URDF file or a robot of example-robot-data, found none")
         return _list(options)
     if options.check:
+        if options.srdf or options.spheres:
+            raise BadInput(f"--check: expected no --{'srdf' if options.srdf else 'spheres'} beside it, found both")
         return _check(options)
+    if options.srdf is not None and Path(options.srdf).resolve() in _inputs(options):
+        raise BadInput(
+            f"--srdf: expected a file to write, found {options.srdf}, which is read; --semantics reads an SRDF"
+        )
     robot = _robot(options)
     if options.srdf is None and options.spheres is None:
         facts = _facts(robot)
@@ -51,6 +57,11 @@ def run(options: argparse.Namespace) -> int:
     if options.spheres is not None:
         _draw(robot, options.spheres)
     return exits.OK
+
+
+def _inputs(options: argparse.Namespace) -> set[Path]:
+    """Return the files that the command reads."""
+    return {Path(each).resolve() for each in (options.robot, options.semantics) if each is not None}
 
 
 def _list(options: argparse.Namespace) -> int:
@@ -198,7 +209,8 @@ def _write_srdf(robot: "Robot", name: str) -> None:
 
     text = make_srdf(robot)
     write_output(text.encode(), name)
-    print(f"wrote {name}: {len(read_srdf(text).disabled)} pairs of links that need no check")
+    origin = "; the SRDF names them, so none were added" if text == robot.srdf else ""
+    print(f"wrote {name}: {len(read_srdf(text).disabled)} pairs of links that need no check{origin}")
 
 
 def _draw(robot: "Robot", name: str) -> None:

@@ -197,7 +197,7 @@ def _free_port(host: str, port: int) -> int:
 
 
 def _in_use(host: str, port: int, reason: str) -> BadInput:
-    return BadInput(f"--port: cannot listen at {host}:{port}: {reason}; --port 0 takes any free port")
+    return BadInput(f"--host, --port: cannot listen at {host}:{port}: {reason}; --port 0 takes any free port")
 
 
 def _muted() -> contextlib.AbstractContextManager[Any]:

@@ -91,6 +91,8 @@ class _Writer:
         if start is None and any(name in self.values for name in self.variables):
             start = self._configuration(self.values, {}, "start")
         if self.wishes.kind == "robot-ik":
+            if self.wishes.start is not None or self.wishes.goal is not None:
+                raise BadInput("--kind: expected robot-path with --start or --goal, found robot-ik; its goal is a pose")
             return self._pose()
         ends = {"start": start}
         if start is None:
@@ -108,7 +110,9 @@ class _Writer:
         if pose is None:
             if self.wishes.kind == "robot-ik" and self.goals:
                 raise BadInput("--kind: expected robot-path for a goal that is a configuration, found robot-ik")
-            self._missing("goal = [..], or [goal_pose], or say --goal: the scene has no goal")
+            is_path = self.wishes.kind == "robot-path"
+            goal = "goal = [..], or [goal_pose], or say --goal" if is_path else "[goal_pose]"
+            self._missing(f"{goal}: the scene has no goal")
             return {}
         if pose.link not in self.links:
             raise BadInput(
@@ -161,7 +165,7 @@ class _Writer:
         if len(numbers) != len(self.variables):
             names = ", ".join(self.variables)
             raise BadInput(f"{option}: expected {len(self.variables)} numbers ({names}), found {len(numbers)}")
-        return numbers
+        return [self._clipped(name, value, option) for name, value in zip(self.variables, numbers, strict=True)]
 
     def _states(self) -> dict[str, dict[str, float]]:
         every = self.robot.srdf.states

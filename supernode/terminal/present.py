@@ -87,7 +87,11 @@ def _words(result: Result) -> str:
             f"{result.staleness['max']:,}; {result.staleness['again']:.0%} had been bred with before"
         )
     if result.solved_when is not None:
-        target = "no target" if result.target is None else f"solved at {result.target:.4g}"
+        target = (
+            "no target"
+            if result.target is None
+            else f"{'solved' if result.solved else 'would be solved'} at {result.target:.4g}"
+        )
         lines.append(f"  {target}: {result.solved_when}")
     lines += [f"  {line}" for line in result.advice]
     if result.clearance is not None:

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from node import Plan, simulate
 from problems import BadInput
 from problems.motion import Pace
-from problems.robot_path import checker, oracle
+from problems.robot_path import RobotPath, checker, oracle
 from problems.robots.proof import Proof
 
 SEEDS = st.integers(0, 2**32)
@@ -158,7 +158,12 @@ def outcome_of(file):
             r"start: expected a free configuration, found one where bar_\d touches wall, .* mm",
         ),
         ({"goal": [0.0, 0.0, 0.0]}, r"goal: expected a free configuration, found one where bar_\d touches wall"),
-        ({"goal": [0.9, 0.2, 3.5]}, r"goal: expected joint_3 within \[-3, 3\], found 3.5"),
+        ({"goal": [0.9, 0.2, 3.5]}, r"goal: expected joint_3 within \[-3, 3\] rad or m, found 3.5"),
+        (
+            {"goal_pose": {"link": "bar_3", "position": [0.424264, 0.424264, 0.34641]}},
+            "goal: expected one of goal, goals and goal_pose, found goal and goal_pose",
+        ),
+        ({"robot": {"urdf": chain(), "acceleration": [1.0]}}, "robot.acceleration: expected one value, or 3 "),
         ({"goal": [0.9, 0.2]}, r"goal: expected 3 values \(joint_1, joint_2, joint_3\), found 2"),
         ({"goal": None}, "goal: expected one of goal, goals and goal_pose, found none"),
         ({"clearance": 0.5}, "start: expected a free configuration, found one where .* less than the clearance 0.5 m"),
@@ -177,9 +182,25 @@ def test_what_cannot_be_planned_is_refused(fields, message):
 def test_degrees_are_read():
     degrees = [float(np.degrees(angle)) for angle in FIELDS["start"]]
     fields = FIELDS | {"unit": "deg", "start": degrees, "goal": [51.0, 11.0, 0.0]}
-    from problems.robot_path import RobotPath
-
     assert RobotPath.read_angles(fields)["start"] == pytest.approx(FIELDS["start"])
+
+
+def test_joints_of_a_file_in_degrees_are_held_in_degrees_and_complaints_are(tmp_path):
+    (tmp_path / "chain.urdf").write_text(chain())
+    robot = {"urdf": "chain.urdf", "joints": ["joint_1", "joint_2"], "fixed": {"joint_3": 90.0}}
+    own = FIELDS | {"unit": "deg", "start": [-50.0, 0.0], "goal": [50.0, 10.0], "robot": robot, "obstacles": []}
+    read = RobotPath.gather(RobotPath.read_angles(own), tmp_path)
+    assert read["robot"]["fixed"]["joint_3"] == pytest.approx(np.pi / 2)
+    beyond = RobotPath.gather(RobotPath.read_angles(own | {"goal": [50.0, 200.0]}), tmp_path)
+    with pytest.raises(ValueError, match=r"goal: expected joint_2 within \[-171.887, 171.887\] deg, found 200"):
+        RobotPath.model_validate(RobotPath.derive_fields(beyond))
+
+
+def test_a_link_behind_a_held_joint_must_be_clear_of_obstacles():
+    held = {"urdf": chain(), "joints": ["joint_3"], "fixed": {"joint_1": 0.0, "joint_2": 0.0}}
+    around_the_first_bar = {"id": "post", "shape": "box", "size": [0.1, 0.3, 0.1], "position": [0.2, 0.0, 0.0]}
+    with pytest.raises(BadInput, match=r"robot.fixed: expected joints that hold .* bar_1 touches post, .* mm deep"):
+        problem_of(start=[0.3], goal=[-0.3], robot=held, obstacles=[around_the_first_bar])
 
 
 # Poses ----------------------------------------------------------------------------------------------------------------

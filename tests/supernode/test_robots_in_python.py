@@ -40,6 +40,7 @@ def test_a_robot_of_the_extra_by_its_short_name():
     [
         ({"fixed": {"turn": "far"}}, "load_robot: fixed.turn: expected a valid number"),
         ({"joints": ["turn"]}, "load_robot: joints: expected either group or joints, found both"),
+        ({"packages": "."}, "packages: expected a list, found the text '.'"),
         ({"base": {"position": [0, 0]}}, "load_robot: base.position: expected 3 values, found 2"),
     ],
 )

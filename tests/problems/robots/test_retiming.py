@@ -152,7 +152,9 @@ def test_a_continuous_joint_turns_without_end():
 
 
 def test_a_robot_that_cannot_hold_itself_is_refused():
-    with pytest.raises(BadInput, match=r"found one where 'shoulder' needs 2\d\.\d+ of its 20 N m at rest"):
+    with pytest.raises(
+        BadInput, match=r"found one where 'shoulder' needs 2\d\.\d+ N m at rest, more than its effort of 20 N m"
+    ):
         timed(arm(effort=20.0), JOINTS, [[0.0, 1.5, 0.0], [0.0, 0.0, 0.0]])
 
 

@@ -41,6 +41,25 @@ def test_a_robot_is_shown_as_json(arm, tmp_path, capsys):
     assert facts["links"]["base"] == ["box 0.05 × 0.04 × 0.2 m"]
 
 
+def test_an_input_is_never_overwritten(arm, capsys):
+    assert main(["robots", str(arm), "--srdf", str(arm)]) == 2
+    assert "--srdf: expected a file to write, found " in capsys.readouterr().err
+    assert arm.read_text() == ARM
+
+
+def test_a_check_writes_no_files(arm, tmp_path, capsys):
+    assert main(["robots", str(arm), "--check", "--spheres", str(tmp_path / "a.png")]) == 2
+    assert "--check: expected no --spheres beside it, found both" in capsys.readouterr().err
+
+
+def test_spheres_need_collision_geometry_and_a_picture(tmp_path, arm, capsys):
+    (tmp_path / "bare.urdf").write_text(robot(link("a", "<visual/>"), link("b", "<visual/>"), joint("j", "a", "b")))
+    assert main(["robots", str(tmp_path / "bare.urdf"), "--spheres", str(tmp_path / "a.png")]) == 2
+    assert "--spheres: expected links with <collision>, found none" in capsys.readouterr().err
+    assert main(["robots", str(arm), "--spheres", str(tmp_path / "a.gif")]) == 2
+    assert "--spheres: expected a name that ends in .png" in capsys.readouterr().err
+
+
 def test_a_good_robot_passes_the_check(arm, capsys):
     assert main(["robots", "--check", str(arm)]) == 0
     said = capsys.readouterr().out

@@ -56,7 +56,7 @@ def test_a_port_in_use_is_refused_rather_than_replaced(animation):
         listener.listen()
         port = listener.getsockname()[1]
         with pytest.raises(
-            BadInput, match=f"--port: cannot listen at 127.0.0.1:{port}: Address already in use; --port"
+            BadInput, match=f"--host, --port: cannot listen at 127.0.0.1:{port}: Address already in use; --port"
         ):
             Viewer(animation, "chain", "127.0.0.1", port)
 

@@ -227,6 +227,9 @@ def test_other_files_and_robots_are_refused(capsys, tmp_path):
     assert "did you mean 'rest'?" in error(capsys, DATA / "old.scene", *LEVER, "--group", "crane", "--start", "rst")
     assert "expected a file with many problems" in error(capsys, DATA / "old.scene", *LEVER, "--problem", "2")
     assert "--kind: expected robot-path" in error(capsys, DATA / "request.yaml", *LEVER, "--kind", "robot-ik")
+    assert "--kind: expected robot-path with --start or --goal" in error(
+        capsys, DATA / "old.scene", *LEVER, "--group", "crane", "--kind", "robot-ik", "--goal", "rest"
+    )
     (tmp_path / "list.yaml").write_text("- 1\n")
     assert "expected a planning scene or a motion-plan request" in error(capsys, tmp_path / "list.yaml", *LEVER)
 
