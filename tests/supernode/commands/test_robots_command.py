@@ -55,7 +55,7 @@ def test_a_check_writes_no_files(arm, tmp_path, capsys):
 def test_spheres_need_collision_geometry_and_a_picture(tmp_path, arm, capsys):
     (tmp_path / "bare.urdf").write_text(robot(link("a", "<visual/>"), link("b", "<visual/>"), joint("j", "a", "b")))
     assert main(["robots", str(tmp_path / "bare.urdf"), "--spheres", str(tmp_path / "a.png")]) == 2
-    assert "--spheres: expected links with <collision>, found none" in capsys.readouterr().err
+    assert "--spheres: expected links with <collision> in the URDF, found none" in capsys.readouterr().err
     assert main(["robots", str(arm), "--spheres", str(tmp_path / "a.gif")]) == 2
     assert "--spheres: expected a name that ends in .png" in capsys.readouterr().err
 
