@@ -113,7 +113,9 @@ class Dispatcher:
         self._node_hosts = NodeHosts()
         self._wirings: dict[int, tuple[str, Wiring]] = {}  # by node, its latest links; none of a replaced node
         nodes = () if expected is not None else tuple(range(topologies.parse(topology).cells))
-        self._scheduler = Scheduler(expected or len(nodes), max_queue, joining=expected is not None)
+        self._scheduler = Scheduler(
+            expected or len(nodes), max_queue, joining=expected is not None, place_of=self._node_hosts.place_of
+        )
         if wired and nodes:
             self._scheduler.wired(nodes, topology)
             self._note(topology, Wiring(0, nodes))

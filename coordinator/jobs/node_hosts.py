@@ -11,9 +11,17 @@ PORTS = 4  # that a node uses in turn: the links of the old wiring are still ope
 
 @dataclass
 class _NodeHost:
-    """The host of one node, the endpoint of its first port ("" if it does not listen), and the turn of its ports."""
+    """The host of one node.
+
+    Attributes:
+        host: the host's id.
+        place: where the host is: its label, and its name.
+        endpoint: the endpoint of the node's first port; "" if it does not listen.
+        turn: the turn of the node's ports.
+    """
 
     host: str
+    place: str
     endpoint: str
     turn: int
 
@@ -26,8 +34,14 @@ class NodeHosts:
 
     def move_in(self, host: Host, turn: int = 0) -> None:
         """Note the nodes of a host; ``turn`` is the first of the ports that they use."""
+        where = "/".join(part for part in (host.label, host.name) if part)
         for place, node in enumerate(host.nodes):
-            self._node_hosts[node] = _NodeHost(host.id, _endpoint(host.endpoint, place), turn)
+            self._node_hosts[node] = _NodeHost(host.id, where, _endpoint(host.endpoint, place), turn)
+
+    def place_of(self, node: int) -> str:
+        """Return where a node's host is, such as ``block/rack/host``; "" if no host has joined with it."""
+        known = self._node_hosts.get(node)
+        return "" if known is None else known.place
 
     def leave(self, nodes: Iterable[int]) -> None:
         """Forget nodes that are gone."""

@@ -2,17 +2,21 @@
 
 A job starts when it is at the head of the queue and enough nodes are free. A job that does not fit yet holds back those
 behind it: otherwise small jobs could overtake a large one for ever. Free nodes that are wired for the same topology
-already are preferred, since they need no new links; otherwise those whose wiring has been out of use the longest.
+already are preferred, since they need no new links; otherwise those whose wiring has been out of use the longest. Nodes
+on several hosts are chosen on few of them, and each host gets a block of the topology.
 
 Not thread-safe: the dispatcher calls it while it holds its lock.
 """
 
 import bisect
 import itertools
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping
 from typing import NamedTuple
 
+import topologies
+from coordinator.jobs.blocks import fewest_hosts, host_of_cells
 from problems.errors import BadInput
+from topologies.topology import Topology
 
 
 class QueueFull(RuntimeError):  # noqa: N818
@@ -57,9 +61,18 @@ class Scheduler:
         nodes: the number of nodes, numbered from 0; or, if they are still to `join`, the least number expected.
         max_queue: how many jobs may wait for nodes; None for any number.
         joining: whether the nodes are still to join.
+        place_of: where a node's host is, such as ``block/rack/host``; see `coordinator.jobs.blocks`.
     """
 
-    def __init__(self, nodes: int, max_queue: int | None = None, *, joining: bool = False) -> None:
+    def __init__(
+        self,
+        nodes: int,
+        max_queue: int | None = None,
+        *,
+        joining: bool = False,
+        place_of: Callable[[int], str] = lambda _: "",
+    ) -> None:
+        self._place_of = place_of
         self._expected = nodes
         self._here = set() if joining else set(range(nodes))
         self.max_queue = max_queue
@@ -200,11 +213,24 @@ class Scheduler:
             self._wired |= dict.fromkeys(nodes, wiring)
 
     def _choose(self, cells: int, topology: str) -> tuple[int, ...]:
-        """Return free nodes for a job: those wired for its topology last, else those of the oldest wirings, sorted."""
+        """Return free nodes for a job: those wired for its topology last, else those of the oldest wirings."""
         wired = {wiring for node, wiring in self._wired.items() if wiring.topology == topology and node in self._free}
         for wiring in sorted(wired, reverse=True):
             # A wiring is intact only if it is still the latest of each of its nodes.
             if all(node in self._free and self._wired.get(node) is wiring for node in wiring.nodes):
                 return wiring.nodes
         oldest = sorted(self._free, key=lambda node: (self._wired.get(node, _UNWIRED).age, node))
-        return tuple(sorted(oldest[:cells]))
+        by_host: dict[str, list[int]] = {}
+        for node in oldest:
+            by_host.setdefault(self._place_of(node), []).append(node)
+        if len(by_host) == 1:
+            return tuple(sorted(oldest[:cells]))
+        return _in_blocks(by_host, cells, topologies.parse(topology))
+
+
+def _in_blocks(by_host: Mapping[str, list[int]], cells: int, topology: Topology) -> tuple[int, ...]:
+    """Return nodes in the order of the cells, so that each host has a block of cells; see `coordinator.jobs.blocks`."""
+    places = sorted(by_host)
+    shares = fewest_hosts([len(by_host[place]) for place in places], cells)
+    nodes = [iter(sorted(by_host[place][:share])) for place, share in zip(places, shares, strict=True)]
+    return tuple(next(nodes[host]) for host in host_of_cells(topology, shares, places).tolist())

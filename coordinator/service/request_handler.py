@@ -264,6 +264,7 @@ class RequestHandler:
             "seconds": time.time() - self._began,
             "spy": self._dispatcher.spy(),
             "nodes": self._dispatcher.nodes(),
+            "placements": self._dispatcher.placements(),
             "jobs": self._store.counts(),
         }
 

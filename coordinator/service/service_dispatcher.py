@@ -1,11 +1,14 @@
 """The dispatcher of a cluster that stays up: processes that die are replaced, and jobs outlive the coordinator."""
 
 import time
+from collections import Counter
 from collections.abc import Iterable
 from typing import Any
 
 import zenoh
 
+import topologies
+from coordinator.jobs.blocks import edges_between
 from coordinator.jobs.dispatcher import Dispatcher
 from coordinator.jobs.hooks import Hooks
 from coordinator.service.roster import Roster
@@ -64,6 +67,19 @@ class ServiceDispatcher(Dispatcher):
         with self._lock:
             here = self._scheduler.here
         return self._roster.nodes(here, self.job_on)
+
+    def placements(self) -> list[dict[str, Any]]:
+        """Return for each job on several hosts its cells by host, and how many of its edges cross hosts."""
+        found = []
+        with self._lock:
+            for number, job in self.jobs.items():
+                nodes = self._scheduler.nodes_of(number) or ()
+                hosts = [self._node_hosts.place_of(node) for node in nodes]
+                if len(set(hosts)) > 1 and (known := self._wirings.get(nodes[0])) is not None:
+                    crossing, edges = edges_between(topologies.parse(known[0]), hosts)
+                    spread = {"hosts": dict(Counter(hosts)), "crossing": crossing, "edges": edges}
+                    found.append({"job": job.spec.job} | spread)
+        return found
 
     def spy(self) -> int | None:
         """Return the id of the spy's process; None if there is none."""

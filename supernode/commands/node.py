@@ -25,8 +25,20 @@ EXAMPLE = "supernode node --connect tcp/192.168.1.7:7447 --nodes 4"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the cluster, how many nodes to join, and where they can be reached."""
     add_membership(parser)
-    add_option(parser, "nodes", "how many nodes to join", metavar="N")
-    add_option(parser, "host", "this host's name, by which it gets its nodes back (the machine's, and a process id)")
+    add_option(parser, "nodes", "how many nodes to join (one for each processor that it may use)", metavar="N")
+    add_option(
+        parser,
+        "host",
+        "this host's name, by which it gets its nodes back (what Slurm, Kubernetes or MPI call it; else the machine's"
+        " name and a process id)",
+    )
+    add_option(
+        parser,
+        "label",
+        "where this host is, from the largest unit to the smallest, such as hall2/rack7: hosts whose labels begin alike"
+        " get neighbouring cells (the switches that Slurm names)",
+        metavar="LABEL",
+    )
     add_option(
         parser,
         "listen",
@@ -44,7 +56,10 @@ def run(options: argparse.Namespace) -> int:
     import secrets
     import socket
 
-    router, cluster, nodes = endpoint_of(options), cluster_of(options), number_of(options, "nodes")
+    from supernode.deploy.surroundings import surroundings
+
+    router, cluster, around = endpoint_of(options), cluster_of(options), surroundings(os.environ)
+    nodes = around.nodes if options.nodes is None else number_of(options, "nodes")
     listen = own_endpoint(endpoint(options.listen, "listen"), router) if options.listen else ""
     secret = secret_of(options)
     # Before anything that imports numpy: it reads its number of threads only once.
@@ -52,8 +67,8 @@ def run(options: argparse.Namespace) -> int:
     from coordinator.launch.host import HostZygote
     from wire.hosts import Host
 
-    name = options.host or f"{socket.gethostname()}-{os.getpid()}"
-    host = Host(secrets.token_hex(4), name, nodes, listen)
+    name = options.host or around.name or f"{socket.gethostname()}-{os.getpid()}"
+    host = Host(secrets.token_hex(4), name, nodes, listen, label=options.label or around.label)
     HostZygote(cluster, router, secret, modules_of(options), host, force=options.force).run()
     return exits.OK
 

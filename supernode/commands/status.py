@@ -58,11 +58,16 @@ def _words(status: Mapping[str, Any]) -> str:
     nodes = status["nodes"]
     counts = ", ".join(f"{count} {state}" for state, count in status["jobs"].items() if count) or "none"
     head = f"cluster {status['cluster']}, supernode {status['version']}: {len(nodes)} nodes; jobs: {counts}"
-    return "\n".join([head, table(_COLUMNS, [_row(node) for node in nodes])])
+    columns = (*_COLUMNS, "host") if any("host" in node for node in nodes) else _COLUMNS
+    rows = [[_shown(column, node) for column in columns] for node in nodes]
+    return "\n".join([head, *map(_spread, status["placements"]), table(columns, rows)])
 
 
-def _row(node: Mapping[str, Any]) -> list[object]:
-    return [_shown(column, node) for column in _COLUMNS]
+def _spread(placement: Mapping[str, Any]) -> str:
+    """Return how the cells of a job are spread over hosts."""
+    hosts = ", ".join(f"{host} {cells}" for host, cells in placement["hosts"].items())
+    crossing, edges = placement["crossing"], placement["edges"]
+    return f"job {placement['job']}: cells by host: {hosts}; {crossing} of {edges} edges cross ({crossing / edges:.0%})"
 
 
 def _shown(column: str, node: Mapping[str, Any]) -> object:

@@ -95,7 +95,7 @@ class FakeService:
 
     def value(self, request):
         if isinstance(request, jobs.Status):
-            return {"cluster": self.keys.cluster, "version": "0", "nodes": [], "jobs": {}}
+            return {"cluster": self.keys.cluster, "version": "0", "nodes": [], "placements": [], "jobs": {}}
         if isinstance(request, jobs.ListJobs):
             return [self.brief(job) for job in self.jobs]
         if isinstance(request, jobs.Submit):

@@ -5,6 +5,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
+import topologies
+from coordinator.jobs.blocks import edges_between
 from coordinator.jobs.scheduler import Placed, QueueFull, Scheduler, TooLarge
 from problems import BadInput
 
@@ -30,6 +32,21 @@ def test_small_jobs_share_the_nodes():
     assert run(scheduler, 4, "ring 1") == []
     scheduler.free(2)
     assert scheduler.start() == [Placed(4, (8,))]
+
+
+def test_each_host_gets_a_block_of_the_cells_on_as_few_hosts_as_possible():
+    scheduler = Scheduler(64, place_of=lambda node: f"host{node % 4}")
+    scheduler.add(1, 64, "torus 8x8")
+    (placed,) = scheduler.start()
+    assert sorted(placed.nodes) == list(range(64))
+    assert edges_between(topologies.parse("torus 8x8"), [node % 4 for node in placed.nodes]) == (64, 256)
+    scheduler.free(1)
+    scheduler.add(2, 64, "torus 8x8")
+    assert scheduler.start() == [Placed(2, placed.nodes)], "its links are there already"
+    scheduler.free(2)
+    scheduler.add(3, 16, "torus 4x4")
+    (small,) = scheduler.start()
+    assert len({node % 4 for node in small.nodes}) == 1
 
 
 def test_a_large_job_is_not_overtaken_by_a_small_one():

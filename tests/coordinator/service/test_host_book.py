@@ -179,6 +179,13 @@ def until_let_in(room, id, name, wants):
     raise AssertionError(answer)
 
 
+def test_a_node_is_where_its_host_is():
+    node_hosts = NodeHosts()
+    node_hosts.move_in(Host("x1", "a", 2, nodes=(0, 1), label="hall2/rack7"))
+    node_hosts.move_in(Host("x2", "b", 1, nodes=(2,)))
+    assert [node_hosts.place_of(node) for node in (0, 1, 2, 3)] == ["hall2/rack7/a", "hall2/rack7/a", "b", ""]
+
+
 def test_a_wiring_says_where_nodes_live_and_listen():
     node_hosts = NodeHosts()
     assert node_hosts.wiring(7, (0, 1)) == Wiring(7, (0, 1))

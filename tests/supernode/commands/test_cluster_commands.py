@@ -184,7 +184,8 @@ def test_status_is_a_table_of_nodes(supernode, service):
     node = {"node": 0, "process": 4711, "job": "a", "cell": [0, 1], "epoch": 2, "generation": 37, "seconds": 12.3,
             "reported": 1.6, "memory": 7_000_000, "sent": 40, "received": 160}  # fmt: skip
     idle = node | {"node": 1, "job": None, "cell": None, "epoch": None, "generation": None, "reported": None}
-    service.value = lambda _: {"cluster": "fake", "version": "0", "nodes": [node, idle], "jobs": {"running": 1}}
+    status = {"cluster": "fake", "version": "0", "nodes": [node, idle], "placements": [], "jobs": {"running": 1}}
+    service.value = lambda _: status
     code, out, _ = supernode("status")
     head, titles, first, second = out.splitlines()
     assert code == 0
@@ -193,6 +194,16 @@ def test_status_is_a_table_of_nodes(supernode, service):
     assert first.split() == ["0", "4711", "a", "(0,", "1)", "2", "37", "12", "2", "7.0", "MB", "40", "160"]
     assert second.split() == ["1", "4711", "-", "-", "-", "-", "12", "-", "7.0", "MB", "40", "160"]
     assert json.loads(supernode("status", "--json")[1])["nodes"] == [node, idle]
+
+
+def test_status_shows_how_jobs_are_spread_over_hosts(supernode, service):
+    nodes = [{"node": 0, "job": "a", "host": "left"}, {"node": 1, "job": "a", "host": "right"}]
+    spread = {"job": "a", "hosts": {"left": 1, "right": 1}, "crossing": 4, "edges": 8}
+    service.value = lambda _: {"cluster": "c", "version": "0", "nodes": nodes, "placements": [spread], "jobs": {}}
+    _, placement, titles, first, _ = supernode("status")[1].splitlines()
+    assert placement == "job a: cells by host: left 1, right 1; 4 of 8 edges cross (50%)"
+    assert titles.endswith("  host")
+    assert first.endswith("  left")
 
 
 @pytest.mark.parametrize(
