@@ -141,6 +141,9 @@ class Problem(Table):
     bound. Set it to False where the oracle is only a reference: a value of the literature, or of fewer solutions.
     """
 
+    oracle_may_rule_out: ClassVar[bool] = True
+    """Whether `oracle` may find that there is no solution. If False, it is asked only once a run has stalled."""
+
     kind: str = Field(description="the kind of problem")
 
     @classmethod

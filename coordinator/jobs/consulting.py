@@ -54,13 +54,14 @@ class Consulting:
 
         Another attempt changes how solutions are coded, not whether there are any, so it is the same problem here. A
         user's own kind of problem is asked only when the run has stalled (see `ask`), since it is not known here
-        whether it has an oracle. A job that is kept alive does not ask: an update may make its problem solvable.
+        whether it has an oracle; so is one whose oracle rules nothing out. A job that is kept alive does not ask: an
+        update may make its problem solvable.
         """
         if self._file is not None and self._file.sha256 == file.sha256:
             return
         self.close()
         self._file, self.bounds = file, None
-        if self._is_wanted and registry.is_built_in(file.kind) and _knows(file):
+        if self._is_wanted and registry.is_built_in(file.kind) and _may_be_ruled_out(file):
             self.look_at = time.monotonic() + BEGINS_AFTER
 
     @property
@@ -131,8 +132,9 @@ class Consulting:
             self._process = None
 
 
-def _knows(file: ProblemFile) -> bool:
+def _may_be_ruled_out(file: ProblemFile) -> bool:
     try:
-        return has_oracle(file.find_model())
+        model = file.find_model()
+        return has_oracle(model) and model.oracle_may_rule_out
     except BadInput:
         return False

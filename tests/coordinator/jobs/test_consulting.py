@@ -9,6 +9,7 @@ import time
 from pathlib import Path
 
 import pytest
+from jointed_robots import chain
 
 import supernode
 from coordinator.jobs.consulting import Consulting
@@ -239,6 +240,19 @@ def test_it_is_asked_only_after_half_a_second_of_search(closed):
     assert consulting.look_at >= before + 0.5
     assert consulting.look() is None
     assert consulting.process is None
+
+
+def test_an_oracle_that_rules_nothing_out_waits_for_a_stall(tmp_path):
+    (tmp_path / "chain.urdf").write_text(chain())
+    path = tmp_path / "chain.toml"
+    path.write_text(
+        'kind = "robot-path"\nstart = [0.0, 0.0, 0.3]\ngoal = [0.5, 0.2, 0.0]\n[robot]\nurdf = "chain.urdf"\n'
+    )
+    consulting = Consulting()
+    consulting.turn_to(load(path))
+    assert consulting.look_at is None
+    consulting.ask()
+    assert wait_for(consulting).is_optimum
 
 
 def test_another_problem_is_asked_about_anew_and_another_attempt_is_not(closed):
