@@ -1,4 +1,4 @@
-"""Network namespaces, each a host with an address of its own, on a bridge in one more; for benchmarks. Linux, as root."""
+"""Network namespaces as hosts for benchmarks: each has an address on a bridge, which is in one more. Linux, as root."""
 
 from __future__ import annotations
 

@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     from supernode.client.async_client import AsyncClient, connect_async
     from supernode.client.async_job import AsyncClientJob
     from supernode.client.client import Client, ClientJob, connect
+    from supernode.deploy.ray_cluster import RayCluster
     from supernode.robots import Box, Cylinder, Mesh, RobotIk, RobotPath, Sphere, load_robot
     from supernode.runs.simulation import Generation, simulate
     from supernode.runs.solving import solve

@@ -1,0 +1,74 @@
+"""A cluster on Ray: four of Ray's nodes on this machine, one of which goes while a job runs."""
+
+import os
+from pathlib import Path
+
+import pytest
+from places import ROOT, until
+
+import supernode
+
+ray = pytest.importorskip("ray", reason="an extra")
+pytestmark = pytest.mark.timeout(400)
+ENDLESS = 'kind = "function"\nname = "onemax"\ndimension = 32\n[run]\ntarget = -1.0\n'
+
+
+def supernodes():
+    """The ids of all processes that run a command of supernode."""
+    found = set()
+    for folder in Path("/proc").glob("[0-9]*"):
+        try:
+            words = (folder / "cmdline").read_bytes().split(b"\0")
+        except OSError:
+            continue
+        if b"supernode" in words and b"-m" in words:
+            found.add(int(folder.name))
+    return found
+
+
+@pytest.fixture(scope="module")
+def machines():
+    from ray.cluster_utils import Cluster
+
+    os.environ["RAY_DEDUP_LOGS"] = "0"
+    cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 1})
+    others = [cluster.add_node(num_cpus=1) for _ in range(3)]
+    ray.init(address=cluster.address, log_to_driver=False)
+    yield cluster, others
+    ray.shutdown()
+    cluster.shutdown()
+
+
+def test_a_machine_goes_and_the_job_goes_on(machines, tmp_path):
+    cluster, others = machines
+    before = supernodes()
+    path = tmp_path / "endless.toml"
+    path.write_text(ENDLESS)
+    with supernode.RayCluster(nodes=16) as on_ray:
+        example = supernode.load(str(ROOT / "examples" / "arm-ik.toml")).with_run(topology="torus 4x4", seed=1)
+        result = on_ray.submit(example).result(60)
+        assert result.history_sha256 == supernode.simulate(example).history_sha256
+        (placement,) = _placements(on_ray, path)
+        assert placement["crossing"] / placement["edges"] <= 0.5  # blocks of 2 x 2
+        job = on_ray.submit(path, topology="torus 4x4", seconds=60)
+        until(lambda: job.state() == "running")
+        cluster.remove_node(others[-1])
+        until(lambda: job.show()["epoch"] > 0, 60)
+        until(lambda: all(node["process"] for node in on_ray.status()["nodes"]), 60)
+        job.cancel()
+        assert job.result(60).status == "cancelled"
+    until(lambda: supernodes() <= before, 30)
+
+
+def _placements(on_ray, path):
+    job = on_ray.submit(path, topology="torus 4x4")
+    until(lambda: job.state() == "running")
+    found = on_ray.status()["placements"]
+    job.cancel()
+    job.result(30)
+    return found
+
+
+def test_ray_says_what_is_wrong():
+    with pytest.raises(supernode.BadInput, match="nodes: expected at least one for each of 4 hosts, found 2"):
+        supernode.RayCluster(nodes=2, hosts=4)
