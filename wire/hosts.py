@@ -28,6 +28,7 @@ class Host:
         endpoint: where the host's first node listens for nodes of other hosts, such as tcp/10.0.0.3:7450; "" if it does
             not.
         nodes: the numbers of its nodes; empty until the host has joined.
+        leaving: whether it is about to end, and asks which of its nodes jobs still need.
         label: where the host is, from the largest unit to the smallest, such as ``block/rack``; "" if that is not
             known.
     """
@@ -38,6 +39,7 @@ class Host:
     endpoint: str = ""
     nodes: tuple[int, ...] = ()
     label: str = ""
+    leaving: bool = False
 
     def with_nodes(self, nodes: tuple[int, ...]) -> Self:
         """Return the host with its nodes' numbers, that is, joined."""
@@ -45,7 +47,7 @@ class Host:
 
     def encode(self) -> bytes:
         """Return the host as msgpack."""
-        return pack([VERSION, self.id, self.name, self.wants, self.endpoint, self.nodes, self.label])
+        return pack([VERSION, self.id, self.name, self.wants, self.endpoint, self.nodes, self.label, self.leaving])
 
     @staticmethod
     def decode(payload: bytes) -> "Host":
@@ -54,11 +56,11 @@ class Host:
         Raises:
             Rejected: if the payload is not a valid host, or has another number of nodes than the host wants.
         """
-        version, name, *values = fields(unpack(payload, _MOST_BYTES), 7)
+        version, name, *values = fields(unpack(payload, _MOST_BYTES), 8)
         if type(version) is not int or version != VERSION:
             raise Rejected("other version")
-        shown, wants, endpoint, nodes, label = values
+        shown, wants, endpoint, nodes, label, leaving = values
         numbers = tuple(count(node) for node in of(list, nodes))
         if len(numbers) not in (0, count(wants, MOST_NODES + 1)):
             raise Rejected("wrong shape")
-        return Host(of(str, name), of(str, shown), wants, of(str, endpoint), numbers, of(str, label))
+        return Host(of(str, name), of(str, shown), wants, of(str, endpoint), numbers, of(str, label), of(bool, leaving))

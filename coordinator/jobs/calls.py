@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import zenoh
 
 from coordinator.errors import ClusterFailed
-from coordinator.jobs.job import Failure, Replaced, StopRequest
+from coordinator.jobs.job import Failure, Moved, Replaced, StopRequest
 from problems import BadInput
 from wire import control
 from wire.callbacks import direct
@@ -74,6 +74,18 @@ class ReplacedError(Exception):
     def __init__(self, replaced: Replaced) -> None:
         super().__init__(replaced.node)
         self.node = replaced.node
+
+
+class MovedError(Exception):
+    """Cells are to go on on other nodes.
+
+    Attributes:
+        nodes: the new node for each old one.
+    """
+
+    def __init__(self, moved: Moved) -> None:
+        super().__init__(moved.nodes)
+        self.nodes = moved.nodes
 
 
 class Calls:

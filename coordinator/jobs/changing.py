@@ -5,7 +5,7 @@ from coordinator.errors import ClusterFailed
 from coordinator.jobs.calls import GivenUpError, ReplacedError
 from coordinator.jobs.conducted_job import ConductedJob
 from coordinator.jobs.epochs import Epoch
-from coordinator.jobs.job import BegunAnew, Change, Replaced, StopRequest
+from coordinator.jobs.job import BegunAnew, Change, Moved, Replaced, StopRequest
 from coordinator.jobs.preparing import Preparing
 from coordinator.jobs.replacing import Replacing
 from node.plan import retry
@@ -117,6 +117,8 @@ class Changing:
                     return False
                 if isinstance(message, Change):
                     self.change(message)
+                elif isinstance(message, Moved):
+                    self._replacing.move(message.nodes)
                 elif isinstance(message, Replaced):
                     raise ReplacedError(message)
             except ReplacedError as replaced:

@@ -17,7 +17,7 @@ from collections.abc import Callable
 
 import zenoh
 
-from coordinator.jobs.calls import Calls, GivenUpError, ReplacedError
+from coordinator.jobs.calls import Calls, GivenUpError, MovedError, ReplacedError
 from coordinator.jobs.changing import Changing
 from coordinator.jobs.conducted_job import ConductedJob, ConductorServices
 from coordinator.jobs.ending import Ending
@@ -173,3 +173,5 @@ class Conductor:
                 return self._ending.judge(error)
             except ReplacedError as replaced:
                 self._replacing.replace(replaced.node)
+            except MovedError as moved:
+                self._replacing.move(moved.nodes)

@@ -74,6 +74,10 @@ class JobRunner(Protocol):
         """Return each node as the command `status` shows it."""
         ...
 
+    def placements(self) -> list[dict[str, Any]]:
+        """Return how the jobs on several hosts are spread over them."""
+        ...
+
     def spy(self) -> int | None:
         """Return the id of the spy's process; None if there is none."""
         ...

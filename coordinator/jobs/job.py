@@ -46,6 +46,13 @@ class Replaced:
 
 
 @dataclass(frozen=True)
+class Moved:
+    """Cells shall go on, with their demes, on other nodes: ``nodes`` has the new node for each old one."""
+
+    nodes: Mapping[int, int]
+
+
+@dataclass(frozen=True)
 class Change:
     """A client wants the job to continue in another epoch.
 

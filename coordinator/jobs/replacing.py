@@ -1,8 +1,9 @@
-"""Continue a job whose processes have died, or that a dead coordinator has left running."""
+"""Continue a job whose processes have died, that a dead coordinator has left running, or whose nodes leave."""
 
 import contextlib
 import json
 import time
+from collections.abc import Mapping
 
 import topologies
 from coordinator.errors import ClusterFailed
@@ -11,7 +12,7 @@ from coordinator.jobs.conducted_job import ConductedJob
 from coordinator.jobs.epochs import Epoch
 from coordinator.jobs.job import Placement, Replaced
 from coordinator.jobs.preparing import Preparing
-from wire.control import Done, Halt, Look, Wiring
+from wire.control import Done, Drop, Halt, Look, Wiring
 
 _FOUND_WITHIN = 1.0  # seconds; a running node finds a restarted router in a fifth of that
 _HALTED_WITHIN = 60.0  # seconds
@@ -65,6 +66,16 @@ class Replacing:
         self._mark_dead(node)
         self._replace_the_dead()
 
+    def move(self, nodes: Mapping[int, int]) -> None:
+        """Let cells go on, with their demes, on other nodes: ``nodes`` has the new node for each old one."""
+        job = self._job
+        job.nodes = tuple(nodes.get(node, node) for node in job.nodes)
+        self._replace_the_dead()
+
+    @property
+    def _is_moving(self) -> bool:
+        return self._job.nodes != self._job.epoch.wiring.nodes
+
     def _mark_dead(self, node: int | None) -> None:
         """Note that a node of this job (None: the spy) was replaced by a new process, which knows nothing of the job.
 
@@ -73,14 +84,14 @@ class Replacing:
         job = self._job
         if node is None:
             self._spy_is_new = True
-        elif node in job.nodes and (job.epoch.file.run.keep_alive or not job.epoch.stopped):
-            job.epoch.dead.add(job.nodes.index(node))
+        elif node in job.epoch.wiring.nodes and (job.epoch.file.run.keep_alive or not job.epoch.stopped):
+            job.epoch.dead.add(job.epoch.wiring.nodes.index(node))
 
     def _replace_the_dead(self) -> None:
         """Bring the new processes into the job; repeat if another one dies meanwhile."""
-        while self._spy_is_new or self._job.epoch.dead:
+        while self._spy_is_new or self._job.epoch.dead or self._is_moving:
             try:
-                if self._job.epoch.dead:  # this begins a new epoch, which is shown to a new spy too
+                if self._job.epoch.dead or self._is_moving:  # this begins a new epoch, which is shown to a new spy too
                     self._go_on_without_the_dead()
                 else:
                     self._preparing.show_to_the_spy(self._job.epoch)
@@ -91,8 +102,9 @@ class Replacing:
     def _go_on_without_the_dead(self) -> None:
         """Halt the other cells and begin an epoch in which each new node starts with the deme of a neighbour.
 
-        The others continue with their own demes. In lockstep a cell advances only with its neighbours' messages, so the
-        halted cells differ by at most as many generations as there are links between them and a dead cell.
+        The others continue with their own demes, also those that move to other nodes. In lockstep a cell advances only
+        with its neighbours' messages, so the halted cells differ by at most as many generations as there are links
+        between them and a dead cell.
         """
         before = self._job.epoch
         others = set(range(before.cells)) - before.dead
@@ -143,7 +155,7 @@ class Replacing:
             self._job.calls.ask_for_reports(self._job.keys.every_control, Halt(self._job.number, epoch.number))
 
     def _begin_with_new_nodes(self, before: Epoch) -> None:
-        """Begin the epoch after a death; its directive says everything that a replay needs to repeat it."""
+        """Begin the epoch after a death or a move; its directive says everything that a replay needs to repeat it."""
         job = self._job
         topology = topologies.parse(before.file.run.topology)
         donors = {cell: _deme_donor(topology.neighbours(cell), before) for cell in sorted(before.dead)}
@@ -156,9 +168,12 @@ class Replacing:
         wiring = job.dispatch.wire(job.nodes, topology.spec, fresh=True)
         since = job.generations(before, halted=True)
         epoch = Epoch(before.number + 1, before.file, wiring, since, why=why)
-        self._preparing.prepare(epoch, {cell: before.reports[donor].deme for cell, donor in donors.items()})
+        moved = {cell: cell for cell, node in enumerate(job.nodes) if node != before.wiring.nodes[cell]}
+        self._preparing.prepare(epoch, {cell: before.reports[donor].deme for cell, donor in (moved | donors).items()})
         self._preparing.show_to_the_spy(epoch)
         self._preparing.begin(epoch)
+        for cell in moved:
+            job.calls.tell(job.keys.control(before.wiring.nodes[cell]), Drop(job.number))
         job.unsent_stop = job.stop_request  # a stop in the halted epoch does not hold in this one
 
     def _start_over(self) -> None:

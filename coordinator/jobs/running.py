@@ -2,10 +2,10 @@
 
 import time
 
-from coordinator.jobs.calls import ASK_AGAIN, ReplacedError, Reported
+from coordinator.jobs.calls import ASK_AGAIN, MovedError, ReplacedError, Reported
 from coordinator.jobs.changing import Changing
 from coordinator.jobs.conducted_job import ConductedJob
-from coordinator.jobs.job import Change, Replaced, StopRequest
+from coordinator.jobs.job import Change, Moved, Replaced, StopRequest
 
 
 class Running:
@@ -26,6 +26,7 @@ class Running:
 
         Raises:
             ReplacedError: if a process died and was replaced meanwhile.
+            MovedError: if cells are to go on on other nodes.
             ClusterFailed: if the job cannot continue.
         """
         job = self._job
@@ -83,12 +84,15 @@ class Running:
 
         Raises:
             ReplacedError: if the message is that a process was replaced.
+            MovedError: if it is that nodes leave.
         """
         if isinstance(message, StopRequest):
             self._job.stop_request = self._job.stop_request or message
             self._job.unsent_stop = message
         elif isinstance(message, Replaced):
             raise ReplacedError(message)
+        elif isinstance(message, Moved):
+            raise MovedError(message)
         elif isinstance(message, Change):
             self._job.changes.append(message)
 

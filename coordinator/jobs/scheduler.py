@@ -79,6 +79,7 @@ class Scheduler:
         self._queue: list[_Waiting] = []  # sorted
         self._busy: dict[int, tuple[int, ...]] = {}  # job to nodes, also to nodes that have left
         self._free = set(self._here)  # the nodes that are here and busy with no job
+        self._leaving: set[int] = set()  # nodes that no further job gets
         self._wired: dict[int, _Wiring] = {}  # node to its latest wiring
         self._ages = itertools.count()
 
@@ -154,12 +155,13 @@ class Scheduler:
 
     def free(self, number: int) -> None:
         """Free the nodes of a job that has ended; they stay wired as they are. Harmless if the job has none."""
-        self._free.update(self._here.intersection(self._busy.pop(number, ())))
+        self._free.update(self._here.intersection(self._busy.pop(number, ())) - self._leaving)
 
     def join(self, nodes: Iterable[int]) -> None:
         """Add nodes, new ones or some that had left; they have no links. Harmless for nodes that are here."""
         new = set(nodes) - self._here
         self._here |= new
+        self._leaving -= new
         # A node may come back before the job has ended that it had: then `free` makes it free.
         self._free |= new - {node for busy in self._busy.values() for node in busy}
 
@@ -168,9 +170,36 @@ class Scheduler:
         gone = set(nodes)
         self._here -= gone
         self._free -= gone
+        self._leaving -= gone
         for node in gone:
             self._wired.pop(node, None)
         return {number for number, nodes in self._busy.items() if gone.intersection(nodes)}
+
+    def drain(self, nodes: Iterable[int]) -> dict[int, dict[int, int]]:
+        """Give no further job to these nodes, and give their cells to free nodes where there are enough for a job.
+
+        Returns:
+            for each job whose cells move, the new node of each old one. A job that is not among them keeps its nodes;
+            a later call may find free ones.
+        """
+        self._leaving.update(self._here.intersection(nodes))
+        self._free -= self._leaving
+        moved = {}
+        for number, own in self._busy.items():
+            old = [node for node in own if node in self._leaving]
+            if not old or len(old) > len(self._free):
+                continue
+            moved[number] = dict(zip(old, self._nearest(own, len(old)), strict=True))
+            self._free.difference_update(moved[number].values())
+            self._busy[number] = tuple(moved[number].get(node, node) for node in own)
+        return moved
+
+    def _nearest(self, nodes: tuple[int, ...], count: int) -> list[int]:
+        """Return free nodes, those first whose hosts have nodes of a job already."""
+        places = {self._place_of(node) for node in nodes if node not in self._leaving}
+        return sorted(self._free, key=lambda node: (self._place_of(node) not in places, self._place_of(node), node))[
+            :count
+        ]
 
     def occupy(self, number: int, nodes: Iterable[int], topology_spec: str | None = None) -> None:
         """Note a job that was found running on these nodes.

@@ -3,15 +3,19 @@
 The host's zygote first forks an agent, since the zygote itself must not open a Zenoh session (a fork after that hangs).
 The agent asks the coordinator for the nodes' numbers, writes them to a pipe and signals the zygote, which then forks
 the nodes. The agent runs as long as the host does: its liveliness token says that the host is present, and a
-coordinator that takes over asks it which nodes run here. A node that dies is replaced under the same number. When the
-zygote ends, however it ends, all its children do.
+coordinator that takes over asks it which nodes run here. A node that dies is replaced under the same number. After
+SIGTERM the agent has the jobs moved to other hosts, and then the host ends. When the zygote ends, however it ends, all
+its children do.
 """
 
+import contextlib
 import json
 import os
 import signal
 import threading
+import time
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 
 import zenoh
@@ -31,7 +35,10 @@ from wire.strict import Rejected
 
 _ENDING = {signal.SIGTERM, signal.SIGINT, signal.SIGHUP}
 _JOINED = signal.SIGUSR1  # from the agent: the nodes' numbers are in the pipe
+_LEAVE = signal.SIGUSR2  # to the agent: have the jobs moved away, and end
 _REFUSED = 101  # exit status of an agent whose host the coordinator has refused
+_DRAINED = 102  # exit status of an agent whose host no job needs any more
+_DRAINED_WITHIN = 25.0  # seconds; Kubernetes and Slurm kill 30 s after SIGTERM
 _ANSWER_WITHIN = 5.0  # seconds
 _AGAIN = 0.1  # seconds
 _AGENT = "agent"
@@ -63,9 +70,11 @@ class HostZygote(Zygote):
         self._host = host
         self.name = f"host {host.name}"
         self._numbers, self._tell_numbers = os.pipe()
+        self._until: float | None = None  # when the host ends even if a job still needs it, once it is about to end
+        self._is_drained = False
 
     def run(self) -> None:
-        """Join the cluster and run until SIGTERM, SIGINT or SIGHUP comes.
+        """Join the cluster and run until SIGTERM, SIGINT or SIGHUP comes; after SIGTERM jobs may move away first.
 
         Raises:
             ClusterFailed: if the coordinator refuses the host, or its processes die too often.
@@ -75,15 +84,35 @@ class HostZygote(Zygote):
         try:
             self._warm_up(self._host.wants)
             self._fork(_AGENT, self._be_the_agent)
-            while (woken := signal.sigwait(awaited)) not in _ENDING:
+            while (woken := self._next_signal(awaited)) is not None:
                 if woken == _JOINED:
                     self._fork_nodes()
                 elif self._one_died():
+                    if self._is_drained:
+                        return
                     raise ClusterFailed(
                         "this host's processes died too often, or the cluster refused it; see the log above"
                     )
         finally:
             self._kill_all()
+
+    def _next_signal(self, awaited: set[signal.Signals]) -> int | None:
+        """Return the next signal to act on; None if the host is to end.
+
+        SIGTERM has the jobs moved away first, for a limited time; another signal then ends the host at once.
+        """
+        while True:
+            left = None if self._until is None else max(0.0, self._until - time.monotonic())
+            found = signal.sigwaitinfo(awaited) if left is None else signal.sigtimedwait(awaited, left)
+            if found is None:
+                return None
+            if found.si_signo not in _ENDING:
+                return found.si_signo
+            agent = next((process for process, name in self.children.items() if name == _AGENT), None)
+            if found.si_signo != signal.SIGTERM or self._until is not None or agent is None or not self._host.nodes:
+                return None
+            self._until = time.monotonic() + _DRAINED_WITHIN
+            os.kill(agent, _LEAVE)
 
     def _fork_nodes(self) -> None:
         if self._host.nodes:  # forked already
@@ -95,8 +124,9 @@ class HostZygote(Zygote):
         self._log("info", f"{len(self._host.nodes)} nodes: {numbers}", self.name)
 
     def _is_the_end(self, name: str, status: int) -> bool:
-        refused = name == _AGENT and os.WIFEXITED(status) and os.WEXITSTATUS(status) == _REFUSED
-        return refused or self._dies_too_often()
+        code = os.WEXITSTATUS(status) if name == _AGENT and os.WIFEXITED(status) else None
+        self._is_drained = code == _DRAINED
+        return code in (_REFUSED, _DRAINED) or self._dies_too_often()
 
     def _fork_again(self, name: str) -> None:
         if name == _AGENT:
@@ -150,6 +180,8 @@ def attend(host: Host, keys: Keys, router: str, seal: Seal, tell: Callable[[tupl
     Raises:
         ClusterFailed: if the coordinator refuses the host.
     """
+    leave = threading.Event()
+    signal.signal(_LEAVE, lambda *_: leave.set())
     sessions.use_runtime(sessions.NODE_RUNTIME)
     session = sessions.client(router)
     here = [host]  # as it is now; Zenoh's thread reads it
@@ -165,8 +197,24 @@ def attend(host: Host, keys: Keys, router: str, seal: Seal, tell: Callable[[tupl
     if not host.nodes:
         here[0] = host.with_nodes(_numbers(session, keys, seal, host))
         tell(here[0].nodes)
-    while declared:
-        signal.pause()
+    leave.wait()
+    assert declared, "they are there as long as this process waits"
+    _drain(session, keys, seal, here[0])
+    os._exit(_DRAINED)
+
+
+def _drain(session: zenoh.Session, keys: Keys, seal: Seal, host: Host) -> None:
+    """Ask that the jobs be moved away from this host, until no job needs it or nobody answers."""
+    request = seal.close(keys.nodes, replace(host, leaving=True).encode())
+    while True:
+        needed = None
+        for reply in session.get(keys.nodes, payload=request, timeout=_ANSWER_WITHIN):
+            if reply.ok is not None:
+                with contextlib.suppress(ClusterFailed):
+                    needed = _read(reply.ok.payload.to_bytes())
+        if not needed:
+            return
+        threading.Event().wait(_AGAIN)
 
 
 def _numbers(session: zenoh.Session, keys: Keys, seal: Seal, host: Host) -> tuple[int, ...]:

@@ -2,7 +2,8 @@
 
 A host's liveliness token drops when the host ends, but also when the router does. So a host counts as gone only after
 it has stayed away for `LEFT_AFTER`. A host that returns under the same name before that gets the same node numbers, and
-the jobs on these nodes continue. A coordinator that takes over asks all hosts who they are.
+the jobs on these nodes continue. A host that is about to end may ask first that its jobs move to other nodes; it counts
+as gone as soon as its token drops. A coordinator that takes over asks all hosts who they are.
 """
 
 import contextlib
@@ -48,18 +49,27 @@ class HostBook:
         seal: opens what hosts say; only hosts with the cluster's secret may join.
         came: called with a host that has got its numbers, before the host knows them.
         left: called with a host that has stayed away, or with one that gives up a part of its nodes.
+        drain: called with a host that is about to end; returns those of its nodes that jobs still need.
     """
 
     def __init__(
-        self, session: zenoh.Session, keys: Keys, seal: Seal, came: Callable[[Host], None], left: Callable[[Host], None]
+        self,
+        session: zenoh.Session,
+        keys: Keys,
+        seal: Seal,
+        came: Callable[[Host], None],
+        left: Callable[[Host], None],
+        drain: Callable[[Host], list[int]],
     ) -> None:
         self._session = session
         self._keys = keys
         self._seal = seal
         self._came = came
         self._left = left
+        self._drain = drain
         self._hosts: dict[str, Host] = {}  # by id; their nodes are disjoint
         self._present: set[str] = set()  # ids of hosts whose token exists
+        self._drained: set[str] = set()  # ids of hosts that no job needs and that are about to end
         self._away: dict[str, float] = {}  # ids of the other hosts, with the time (monotonic) when they count as gone
         self._mail: queue.SimpleQueue[zenoh.Query | _Seen] = queue.SimpleQueue()
         self._ask_all()  # before any host can ask for numbers: those that are in use must not be given again
@@ -130,13 +140,15 @@ class HostBook:
         else:
             self._present.discard(seen.id)
             if seen.id in self._hosts:
-                self._away[seen.id] = time.monotonic() + LEFT_AFTER
+                stay = 0.0 if seen.id in self._drained else LEFT_AFTER
+                self._away[seen.id] = time.monotonic() + stay
 
     def _give_up_those_away(self) -> None:
         now = time.monotonic()
         for host in [host for host, due in self._away.items() if due <= now]:
             if self._session.info.routers_zid():
                 del self._away[host]
+                self._drained.discard(host)
                 self._left(self._hosts.pop(host))
             else:  # this process is cut off from the router, so nothing is known of the host
                 self._away[host] = now + LEFT_AFTER
@@ -149,12 +161,21 @@ class HostBook:
                 return Refused("this host has another secret than the cluster: give both the same --secret-file")
             return Refused(f"the request to join cannot be read: {error.reason}")
         known = self._hosts.get(asking.id)
+        if asking.leaving:
+            return Done([] if known is None else self._needed_of(known))
         if known is not None:  # it did not get the first answer
             return Done(list(known.nodes))
         before = next((host for host in self._hosts.values() if host.name == asking.name), None)
         if before is not None and before.id not in self._away:
             return Refused(f"a host named {asking.name} has joined already: give this one another name (--host)")
         return Done(list(self._let_in(asking, before)))
+
+    def _needed_of(self, host: Host) -> list[int]:
+        """Return the nodes that jobs still need of a host that is about to end."""
+        needed = self._drain(host)
+        if not needed:
+            self._drained.add(host.id)
+        return needed
 
     def _let_in(self, asking: Host, before: Host | None) -> tuple[int, ...]:
         """Give a host its numbers: those that it had ``before`` under that name, then the lowest free ones."""

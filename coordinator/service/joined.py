@@ -32,7 +32,7 @@ class JoinedDispatcher(ServiceDispatcher):
     ) -> None:
         super().__init__(session, keys, seal, hooks, max_queue=max_queue, expected=nodes)
         self._first_port = self.began % PORTS  # probably not the port that the previous coordinator used last
-        self._book = HostBook(session, keys, seal, self._came, self._leave)
+        self._book = HostBook(session, keys, seal, self._came, self._leave, self._drain)
         # After the book: when a node is reported, its host must be known already, or a wiring would lack its address.
         self._roster = Roster(session, keys, self.replaced, self.joined)
         self._roster.look()
@@ -44,6 +44,12 @@ class JoinedDispatcher(ServiceDispatcher):
     def _came(self, host: Host) -> None:
         with self._lock:
             self._node_hosts.move_in(host, self._first_port)
+
+    def _drain(self, host: Host) -> list[int]:
+        needed = self.drain(host.nodes)
+        if not needed:
+            self._log("info", f"host {host.name} leaves; no job needs its nodes {', '.join(map(str, host.nodes))}")
+        return needed
 
     def _leave(self, host: Host) -> None:
         numbers = ", ".join(map(str, host.nodes))

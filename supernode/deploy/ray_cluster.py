@@ -70,7 +70,7 @@ def _filled(text: str, values: dict[str, str]) -> str:
 def _address() -> str:
     import ray
 
-    return str(ray.util.get_node_ip_address())
+    return str(ray.util.get_node_ip_address())  # type: ignore[no-untyped-call]
 
 
 class RayCluster:

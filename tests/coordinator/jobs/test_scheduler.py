@@ -49,6 +49,25 @@ def test_each_host_gets_a_block_of_the_cells_on_as_few_hosts_as_possible():
     assert len({node % 4 for node in small.nodes}) == 1
 
 
+def test_cells_of_nodes_that_leave_move_to_free_nodes_if_there_are_enough():
+    scheduler = Scheduler(6, place_of=lambda node: f"host{node // 2}")
+    run(scheduler, 1, "torus 2x2")
+    nodes = scheduler.nodes_of(1)
+    (used, other), (spare,) = sorted({node // 2 for node in nodes}), {0, 1, 2} - {node // 2 for node in nodes}
+    leaving = [2 * used, 2 * used + 1]
+    moved = scheduler.drain(leaving)
+    assert moved[1].keys() == set(leaving)
+    assert set(moved[1].values()) == {2 * spare, 2 * spare + 1}
+    assert scheduler.nodes_of(1) == tuple(moved[1].get(node, node) for node in nodes)
+    assert scheduler.drain(leaving) == {}
+    assert scheduler.drain([2 * other]) == {}, "no node is free"
+    scheduler.free(1)
+    assert scheduler.free_nodes == 3
+    scheduler.leave(leaving)
+    scheduler.join(leaving)
+    assert scheduler.free_nodes == 5
+
+
 def test_a_large_job_is_not_overtaken_by_a_small_one():
     scheduler = Scheduler(16)
     run(scheduler, 1, "torus 2x2")

@@ -34,11 +34,12 @@ class Room:
         self.tokens = {}  # a token that nobody holds is gone
         self.left = queue.SimpleQueue()
         self.came = []
+        self.needed = []  # nodes that jobs need of a host that is about to end
         self.book = self.open_book()
 
     def open_book(self):
         session = self.sessions["book"] = sessions.client(self.endpoint)
-        return HostBook(session, KEYS, Seal(SECRET), self.came.append, self.left.put)
+        return HostBook(session, KEYS, Seal(SECRET), self.came.append, self.left.put, lambda host: list(self.needed))
 
     def arrive(self, host):
         """A host's session, with its token and its answer to a new coordinator."""
@@ -135,6 +136,24 @@ def test_a_coordinator_that_takes_over_asks_who_is_there(room):
     room.open_book()
     assert [host.nodes for host in room.came] == [(0, 1)]
     assert room.ask(Host("b1", "b", 2)) == Done([2, 3])
+
+
+def test_a_host_that_says_that_it_leaves_is_gone_with_its_token(room):
+    room.join("a1", "a", 2)
+    leaving = Host("a1", "a", 2, nodes=(0, 1), leaving=True)
+    room.needed = [1]
+    assert room.ask(leaving) == Done([1])
+    room.needed = []
+    assert room.ask(leaving) == Done([])
+    assert room.left.empty()
+    room.go("a1")
+    assert room.left.get(timeout=host_book.LEFT_AFTER / 3).nodes == (0, 1)
+    assert room.join("b1", "b", 2) == (0, 1)
+
+
+def test_a_stranger_that_leaves_is_missed_by_nobody(room):
+    room.arrive(Host("a1", "a", 2))
+    assert room.ask(Host("a1", "a", 2, leaving=True)) == Done([])
 
 
 @pytest.mark.parametrize("payload", [b"", b"\xc1", pack([99, "a", "b", 1, "", []]), pack([1, "a", "b", 2, "", [1]])])

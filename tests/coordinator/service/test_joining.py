@@ -6,11 +6,13 @@ import os
 import signal
 from pathlib import Path
 
+import epochs
 import pytest
 from places import PATIENCE, ROOT, free_port, places, until
 
 import supernode
 from node import Plan, simulate
+from node.replay import replay
 from supernode.__main__ import main
 from wire import sessions
 from wire.keys import Keys
@@ -112,6 +114,45 @@ def test_nodes_and_hosts_come_and_go():
             check(client.submit(problem("ring 5")).result(60), problem("ring 5"))
         for name in ("one", "three", "coordinator"):
             assert cluster.kill(name, signal.SIGTERM) == 0
+
+
+@pytest.mark.parametrize("mode", ["lockstep", "async"])
+def test_a_host_that_is_told_to_end_gives_its_cells_to_another_one_first(mode):
+    file = problem("torus 2x4", generations=None, seconds=60.0, mode=mode)
+    with places(8) as cluster:
+        for name in ("one", "two"):
+            cluster.host(name, 4)
+        with cluster.client() as client:
+            job = client.submit(file)
+            until(lambda: job.state() == "running")
+            cluster.host("three", 4)
+            until(lambda: len(nodes(client)) == 12)
+            assert cluster.kill("two", signal.SIGTERM) == 0
+            until(lambda: len(nodes(client)) == 8)
+            shown = job.show()
+            assert shown["status"] == "running"
+            assert shown["epoch"] == 1
+            job.cancel()
+            result = job.result(60)
+    (directive, *_) = result.directives
+    assert (directive["do"], directive["demes_of"]) == ("replace", {})
+    assert len(directive["generations"]) == 8
+    if mode == "lockstep":
+        assert epochs.history(replay(file, result.directives)) == result.history_sha256
+
+
+def test_a_host_whose_cells_have_nowhere_to_go_ends_all_the_same():
+    with places(4) as cluster:
+        cluster.host("one", 2)
+        cluster.host("two", 2)
+        with cluster.client() as client:
+            until(lambda: len(nodes(client)) == 4)
+            job = client.submit(problem("ring 4", generations=None, seconds=60.0))
+            until(lambda: job.state() == "running")
+            cluster.processes["two"].send_signal(signal.SIGTERM)
+            cluster.processes["two"].send_signal(signal.SIGINT)  # at once
+            assert cluster.processes["two"].wait(PATIENCE) == 0
+            job.cancel()
 
 
 def test_down_ends_the_coordinator_and_says_that_the_others_live_on(capsys):

@@ -53,11 +53,11 @@ def test_a_machine_goes_and_the_job_goes_on(machines, tmp_path):
         job = on_ray.submit(path, topology="torus 4x4", seconds=60)
         until(lambda: job.state() == "running")
         cluster.remove_node(others[-1])
-        until(lambda: job.show()["epoch"] > 0, 60)
-        until(lambda: all(node["process"] for node in on_ray.status()["nodes"]), 60)
+        until(lambda: job.show()["epoch"] > 0)
+        until(lambda: all(node["process"] for node in on_ray.status()["nodes"]))
         job.cancel()
         assert job.result(60).status == "cancelled"
-    until(lambda: supernodes() <= before, 30)
+    until(lambda: supernodes() <= before)
 
 
 def _placements(on_ray, path):
