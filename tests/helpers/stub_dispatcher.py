@@ -70,6 +70,9 @@ class StubDispatcher:
         self.placings[number] = placement
         self.hooks.placed(number, placement)
 
+    def placements(self):
+        return []
+
     def nodes(self):
         return [{"node": node} for node in range(self.scheduler.nodes)]
 
