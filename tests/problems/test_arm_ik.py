@@ -414,7 +414,7 @@ BAD_FILES = [
     (HEAD + "[arm]\nlinks = [1]\nlimits = [[1, 0]]", "arm.limits: expected lowest < highest for joint 1, found [1"),
     (HEAD + "[arm]\nlinks = [1]\nlimits = [[0, nan]]", "arm.limits[0][1]: expected a finite number, found NaN"),
     (HEAD + "[arm]\nlinks = [1]\nlength = 3", "arm.length: unknown field"),
-    (HEAD + "speed = 3\n[arm]\nlinks = [1]", "speed: unknown field, expected one of kind, unit, written_in, code"),
+    (HEAD + "speed = 3\n[arm]\nlinks = [1]", "speed: unknown field, expected one of kind, unit, code"),
     (HEAD + "bits = 0\n[arm]\nlinks = [1]", "bits: expected greater than or equal to 1, found 0"),
     (HEAD + "bits = 63\n[arm]\nlinks = [1]", "bits: expected less than or equal to 62, found 63"),
     (HEAD + "bits = 8.5\n[arm]\nlinks = [1]", "bits: expected a valid integer, found 8.5"),

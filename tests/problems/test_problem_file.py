@@ -201,7 +201,7 @@ def test_a_wrong_field_of_a_built_in_kind_is_refused_when_it_is_loaded(tmp_path)
     path = tmp_path / "arm.toml"
     path.write_text("targett = 1\n" + ARM)
     line = refused_file(path)
-    assert line.startswith("targett: unknown field, expected one of kind, unit, written_in, code, bits, ")
+    assert line.startswith("targett: unknown field, expected one of kind, unit, code, bits, ")
     assert line.endswith("; did you mean 'target'?")
 
 
