@@ -45,7 +45,7 @@ def test_hosts_of_one_rack_are_beside_each_other():
     assert between_racks // 2 <= 1.1 * 64  # four racks of 8 x 8
 
 
-SPECS = ["torus 6x4", "grid 3x8", "ring 24", "complete 24", "small-world 24 4 0.2 1", "moore 4x6"]
+SPECS = ["torus 6x4", "grid 3x8", "ring 24", "complete 24", "small-world 24 4 0.2 seed 1", "moore 4x6"]
 
 
 @settings(deadline=None)

@@ -199,8 +199,10 @@ def test_status_is_a_table_of_nodes(supernode, service):
 def test_status_shows_how_jobs_are_spread_over_hosts(supernode, service):
     nodes = [{"node": 0, "job": "a", "host": "left"}, {"node": 1, "job": "a", "host": "right"}]
     spread = {"job": "a", "hosts": {"left": 1, "right": 1}, "crossing": 4, "edges": 8}
-    service.value = lambda _: {"cluster": "c", "version": "0", "nodes": nodes, "placements": [spread], "jobs": {}}
-    _, placement, titles, first, _ = supernode("status")[1].splitlines()
+    service.value = lambda _: {"cluster": "fake", "version": "0", "nodes": nodes, "placements": [spread], "jobs": {}}
+    code, out, err = supernode("status")
+    assert (code, err) == (0, "")
+    _, placement, titles, first, _ = out.splitlines()
     assert placement == "job a: cells by host: left 1, right 1; 4 of 8 edges cross (50%)"
     assert titles.endswith("  host")
     assert first.endswith("  left")
