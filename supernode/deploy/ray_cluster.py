@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import secrets
+import shutil
 import socket
 import subprocess
 import sys
@@ -26,6 +27,7 @@ from supernode.client.cluster_info import Place
 from wire.seal import SECRET_BYTES
 
 _READY_WITHIN = 300.0  # seconds; an actor on a new machine may compile kernels first
+_ENDED_WITHIN = 20.0  # seconds; an actor whose machine is gone does not answer
 _LOOK_AGAIN = 0.2  # seconds
 _PORTS = 4  # of each node, see docs/deploy.md
 _SIGNAL = "TERM"  # what a process gets when its actor dies, however that dies
@@ -36,25 +38,36 @@ class Role:
 
     Args:
         command: the arguments of `supernode`; ``<ADDRESS>``, ``<SECRET>`` and ``<FOLDER>`` stand for this machine, the
-            secret's file and a folder that lives as long as the actor.
+            secret's file, and a folder that an actor finds again when it is started anew on the same machine.
         secret: the cluster's secret.
+        name: the actor's name, unique among all clusters.
     """
 
-    def __init__(self, command: Sequence[str], secret: str) -> None:
-        self._folder = tempfile.TemporaryDirectory(prefix="supernode-")
-        file = Path(self._folder.name) / "secret"
+    def __init__(self, command: Sequence[str], secret: str, name: str) -> None:
+        self._folder = Path(tempfile.gettempdir()) / f"supernode-{name}"
+        self._folder.mkdir(mode=0o700, exist_ok=True)
+        file = self._folder / "secret"
         file.touch(mode=0o600)
         file.write_text(secret, encoding="ascii")
-        values = {"<ADDRESS>": _address(), "<SECRET>": str(file), "<FOLDER>": self._folder.name}
+        values = {"<ADDRESS>": _address(), "<SECRET>": str(file), "<FOLDER>": str(self._folder)}
         arguments = [_filled(each, values) for each in command]
         # util-linux' setpriv, since a signal by preexec_fn is not safe beside Ray's threads.
         lifeline = ["setpriv", "--pdeathsig", _SIGNAL]
         self._process = subprocess.Popen([*lifeline, sys.executable, "-m", "supernode", *arguments])
+        self._is_ending = False
         threading.Thread(target=self._end_with_it, daemon=True).start()
 
     def _end_with_it(self) -> None:
         self._process.wait()
-        os._exit(1)  # Ray starts the actor again, and with it the process
+        if not self._is_ending:
+            os._exit(1)  # Ray starts the actor again, and with it the process
+
+    def end(self) -> None:
+        """End the process, and remove what it has left on this machine."""
+        self._is_ending = True
+        self._process.kill()
+        self._process.wait()
+        shutil.rmtree(self._folder, ignore_errors=True)
 
     def address(self) -> str:
         """Return the address of this machine, once the process has been started."""
@@ -89,8 +102,7 @@ class RayCluster:
         address: the Ray cluster, such as ``ray://head:10001``; None: the one that this process is connected with, or
             that runs on this machine.
         hosts: the number of agents; by default one for each machine that Ray has.
-        state: the folder that keeps the jobs, on the first machine or shared; by default they are kept as long as the
-            coordinator's process lives.
+        state: the folder that keeps the jobs, on the first machine or shared; by default they are kept until the end.
 
     Raises:
         BadInput: if Ray is not installed, or a number makes no sense.
@@ -106,6 +118,7 @@ class RayCluster:
             raise BadInput(f"nodes: expected at least one for each of {self._hosts} hosts, found {nodes}")
         self._shares = [nodes // self._hosts + (host < nodes % self._hosts) for host in range(self._hosts)]
         self._secret = secrets.token_hex(SECRET_BYTES)
+        self._name = secrets.token_hex(4)
         self._actors: list[Any] = []
         self._client: Client | None = None
         self._group = self._ray.util.placement_group([{"CPU": 1.0}] * self._hosts, strategy="SPREAD")
@@ -137,7 +150,8 @@ class RayCluster:
         )
         share = 0.4 if command[0] == "node" else 0.2  # of the place's processor; four actors share the first one
         options = {"num_cpus": share, "max_restarts": -1, "scheduling_strategy": strategy}
-        actor = self._ray.remote(Role).options(**options).remote(command, self._secret)
+        name = f"{self._name}-{len(self._actors)}"
+        actor = self._ray.remote(Role).options(**options).remote(command, self._secret, name)
         self._actors.append(actor)
         return actor
 
@@ -190,7 +204,9 @@ class RayCluster:
         if self._client is not None:
             self._client.close()
             self._client = None
-        for actor in reversed(self._actors):
+        ending = [actor.end.remote() for actor in reversed(self._actors)]
+        self._ray.wait(ending, num_returns=len(ending), timeout=_ENDED_WITHIN)
+        for actor in self._actors:
             self._ray.kill(actor)
         self._actors.clear()
         self._ray.util.remove_placement_group(self._group)

@@ -1,6 +1,7 @@
 """A cluster on Ray: four of Ray's nodes on this machine, one of which goes while a job runs."""
 
 import os
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -31,8 +32,8 @@ def machines():
     from ray.cluster_utils import Cluster
 
     os.environ["RAY_DEDUP_LOGS"] = "0"
-    cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 1})
-    others = [cluster.add_node(num_cpus=1) for _ in range(3)]
+    cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 2})
+    others = [cluster.add_node(num_cpus=2) for _ in range(3)]
     ray.init(address=cluster.address, log_to_driver=False)
     yield cluster, others
     ray.shutdown()
@@ -52,12 +53,14 @@ def test_a_machine_goes_and_the_job_goes_on(machines, tmp_path):
         assert placement["crossing"] / placement["edges"] <= 0.5  # blocks of 2 x 2
         job = on_ray.submit(path, topology="torus 4x4", seconds=60)
         until(lambda: job.state() == "running")
-        cluster.remove_node(others[-1])
+        first = ray.util.placement_group_table(on_ray._group)["bundles_to_node_id"][0]
+        cluster.remove_node(next(each for each in others if each.node_id != first))
         until(lambda: job.show()["epoch"] > 0)
         until(lambda: all(node["process"] for node in on_ray.status()["nodes"]))
         job.cancel()
         assert job.result(60).status == "cancelled"
     until(lambda: supernodes() <= before)
+    assert list(Path(tempfile.gettempdir()).glob(f"supernode-{on_ray._name}-*")) == []
 
 
 def _placements(on_ray, path):
