@@ -11,6 +11,8 @@ from supernode.commands.run_options import whole
 EXAMPLE = "supernode deploy slurm --hosts 8 --nodes 32 -o cluster.sbatch"
 
 _ENGINES = {"slurm": "slurm.sbatch", "kubernetes": "kubernetes.yaml"}
+_PORTS = 4  # of each node, see docs/deploy.md
+_MOST_PORTS = 12000  # from 20000 on: Linux gives those above 32767 to whoever asks for any port
 _MEGABYTES = 200, 12  # of memory, for an agent and for each of its nodes
 
 
@@ -60,11 +62,14 @@ def _values(options: argparse.Namespace) -> dict[str, object]:
     cells = options.hosts * options.nodes
     rows = max(each for each in range(1, math.isqrt(cells) + 1) if cells % each == 0)
     base, each = _MEGABYTES
+    ports = 1 + _PORTS * options.nodes  # on one machine: the router's, and the nodes'
     return {
         "hosts": options.hosts,
         "nodes": options.nodes,
         "cells": cells,
         "torus": f"{rows}x{cells // rows}",
+        "ports": ports,
+        "slots": max(1, _MOST_PORTS // ports),
         "time": options.time or "1:00:00",
         "image": options.image or "supernode",
         "memory": base + each * options.nodes,
