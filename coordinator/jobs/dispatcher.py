@@ -19,7 +19,7 @@ from coordinator.errors import ClusterFailed
 from coordinator.jobs.alarms import Alarms
 from coordinator.jobs.conductor import Conductor
 from coordinator.jobs.hooks import Hooks
-from coordinator.jobs.job import Failure, JobEntry, JobSpec, Moved, Placement, Replaced, StopRequest
+from coordinator.jobs.job import Failure, JobEntry, JobSpec, Placement, Replaced, StopRequest
 from coordinator.jobs.listener import Listener
 from coordinator.jobs.node_hosts import NodeHosts
 from coordinator.jobs.scheduler import Placed, Scheduler
@@ -119,7 +119,6 @@ class Dispatcher:
         if wired and nodes:
             self._scheduler.wired(nodes, topology)
             self._note(topology, Wiring(0, nodes))
-        self._moving: dict[int, int] = {}  # nodes that leave, each with the job whose cells are on their way from it
         self._numbers = itertools.count(first_wiring)
         self._threads: dict[int, threading.Thread] = {}
         self._conductors: dict[int, Conductor] = {}
@@ -255,19 +254,6 @@ class Dispatcher:
             self._scheduler.join([node])
         self._start()
 
-    def drain(self, nodes: Iterable[int]) -> list[int]:
-        """Move jobs away from nodes that are about to leave; return those nodes that some job still needs.
-
-        Call it again until it returns none: jobs move only where enough nodes are free, and that takes a moment.
-        """
-        wanted = set(nodes)
-        with self._lock:
-            for number, moved in self._scheduler.drain(wanted).items():
-                self._moving |= dict.fromkeys(moved, number)
-                self.jobs[number].queue.put(Moved(moved))
-            busy = {node for number in self.jobs for node in self._scheduler.nodes_of(number) or ()}
-            return sorted(wanted & (busy | self._moving.keys()))
-
     def left(self, nodes: Iterable[int], why: str) -> None:
         """Remove nodes that are gone for good; the jobs that have one of them fail with the message ``why``."""
         with self._lock:
@@ -314,7 +300,6 @@ class Dispatcher:
         """Pass on that the job is about to begin an epoch, and note how its nodes are linked from now on."""
         if placement.epoch > 0:
             with self._lock:
-                self._forget_moves(job.spec.number, kept=placement.nodes)
                 self._scheduler.rewired(job.spec.number, placement.file.run.topology)
         self.hooks.placed(job.spec.number, placement)
 
@@ -325,10 +310,6 @@ class Dispatcher:
     def lived(self, job: JobEntry, epoch: int, records: Sequence[ImprovementRecord]) -> None:
         """Pass on the improvements of an epoch that has ended."""
         self.hooks.lived(job.spec.number, epoch, records)
-
-    def _forget_moves(self, number: int, kept: tuple[int, ...] = ()) -> None:
-        """Note that a job needs none of the nodes any more from which it was to move, but for those ``kept``."""
-        self._moving = {node: job for node, job in self._moving.items() if job != number or node in kept}
 
     # Conductors and their threads -------------------------------------------------------------------------------------
     def _start(self) -> None:
@@ -362,7 +343,6 @@ class Dispatcher:
         self._deadlines.forget(number)
         with self._lock:
             self._scheduler.free(number)
-            self._forget_moves(number)
             self.jobs.pop(number, None)
             self._conductors.pop(number, None)
         self.hooks.ended(number, outcome)

@@ -1,5 +1,6 @@
 """The coordinator of a cluster on several machines or containers: it launches no nodes, hosts of nodes join it."""
 
+from collections.abc import Iterable
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -7,6 +8,7 @@ from typing import Any
 import zenoh
 
 from coordinator.jobs.hooks import Hooks
+from coordinator.jobs.job import JobEntry, Moved, Placement
 from coordinator.jobs.node_hosts import PORTS
 from coordinator.service.host_book import LEFT_AFTER, HostBook
 from coordinator.service.process import Options, run
@@ -31,6 +33,7 @@ class JoinedDispatcher(ServiceDispatcher):
         self, session: zenoh.Session, keys: Keys, nodes: int, hooks: Hooks, *, seal: Seal, max_queue: int | None
     ) -> None:
         super().__init__(session, keys, seal, hooks, max_queue=max_queue, expected=nodes)
+        self._moving: dict[int, int] = {}  # nodes that leave, each with the job whose cells are on their way from it
         self._first_port = self.began % PORTS  # probably not the port that the previous coordinator used last
         self._book = HostBook(session, keys, seal, self._came, self._leave, self._drain)
         # After the book: when a node is reported, its host must be known already, or a wiring would lack its address.
@@ -44,6 +47,26 @@ class JoinedDispatcher(ServiceDispatcher):
     def _came(self, host: Host) -> None:
         with self._lock:
             self._node_hosts.move_in(host, self._first_port)
+
+    def placed(self, job: JobEntry, placement: Placement) -> None:
+        """Note also which nodes the job has left."""
+        with self._lock:
+            number, kept = job.spec.number, placement.nodes
+            self._moving = {node: mover for node, mover in self._moving.items() if mover != number or node in kept}
+        super().placed(job, placement)
+
+    def drain(self, nodes: Iterable[int]) -> list[int]:
+        """Move jobs away from nodes that are about to leave; return those nodes that some job still needs.
+
+        Call it again until it returns none: jobs move only where enough nodes are free, and that takes a moment.
+        """
+        with self._lock:
+            for number, moved in self._scheduler.drain(nodes).items():
+                self._moving |= dict.fromkeys(moved, number)
+                self.jobs[number].queue.put(Moved(moved))
+            needed = {node for number in self.jobs for node in self._scheduler.nodes_of(number) or ()}
+            needed |= {node for node, number in self._moving.items() if number in self.jobs}
+            return sorted(needed.intersection(nodes))
 
     def _drain(self, host: Host) -> list[int]:
         needed = self.drain(host.nodes)
