@@ -4,8 +4,9 @@ Usage: python -m benchmarks.hosts [--torus 8x8] [--nodes 24,24,16] [--generation
                                   [--delay MS] [--loss PERCENT]
 
 Each host is an agent (`supernode node`) in a network namespace of its own, with an address on a bridge between them.
-Router, coordinator and spy are on the first host. --delay and --loss hold for what each host sends to others, by netem:
-a delay of 50 ms makes a round trip of 100 ms. It needs root, and the programs ip and tc (Debian: iproute2).
+Router, coordinator and spy are on the first host. With --delay and --loss, which hold for what each host sends to
+others, a relay (`benchmarks.relay`) takes the bridge's place; a line without delay and loss then shows what the relay
+itself costs. A delay of 50 ms makes a round trip of 100 ms. It needs root, and the program ip (Debian: iproute2).
 """
 
 from __future__ import annotations
@@ -102,11 +103,13 @@ def _below(process: int) -> list[int]:
     return [process, *(each for child in children for each in _below(int(child)))]
 
 
-def measured(options: argparse.Namespace, nodes: list[int], file: Path) -> dict[str, Any]:
+def measured(
+    options: argparse.Namespace, nodes: list[int], file: Path, relay: tuple[float, float] | None
+) -> dict[str, Any]:
     """Return the result of a run on hosts, with ``cpu``, seconds of CPU of the agents, and its ``placements``."""
     with (
         tempfile.TemporaryDirectory() as folder,
-        Namespaces(len(nodes), options.delay, options.loss) as namespaces,
+        Namespaces(len(nodes), relay) as namespaces,
     ):
         hosts = Hosts(namespaces, nodes, Path(folder))
         with hosts.up():
@@ -137,10 +140,14 @@ def main() -> None:
         file = Path(folder) / "problem.toml"
         file.write_text(_PROBLEM, encoding="utf-8")
         print("| hosts | generations/s | CPU, µs per cell and generation | lost messages | history_sha256 |")
-        print("|---:|---:|---:|---:|---|")
-        for each in ([sum(nodes)], nodes):
-            result = measured(options, each, file)
-            _show(len(each), result)
+        print("|---|---:|---:|---:|---|")
+        _show("1", measured(options, [sum(nodes)], file, None))
+        _show(f"{len(nodes)}", measured(options, nodes, file, None))
+        if options.delay or options.loss:
+            _show(f"{len(nodes)}, relay", measured(options, nodes, file, (0.0, 0.0)))
+            relay = options.delay / 1e3, options.loss / 1e2
+            words = f"{len(nodes)}, {options.delay:g} ms, {options.loss:g} %"
+            _show(words, measured(options, nodes, file, relay))
         if options.mode == "lockstep":
             plan = supernode.load(str(file)).with_run(
                 topology=f"torus {options.torus}", generations=options.generations, seed=2
@@ -148,7 +155,7 @@ def main() -> None:
             print(f"| simulated | | | | {supernode.simulate(plan).history_sha256[:16]} |")
 
 
-def _show(hosts: int, result: dict[str, Any]) -> None:
+def _show(hosts: str, result: dict[str, Any]) -> None:
     generations, cells = result["generations"], result["nodes"]
     cost = 1e6 * result["cpu"] / (generations * cells)
     digest = (result.get("history_sha256") or "")[:16]

@@ -6,6 +6,7 @@ if need be on another machine. What a process writes goes to the actor's log, wh
 
 from __future__ import annotations
 
+import contextlib
 import os
 import secrets
 import shutil
@@ -83,7 +84,7 @@ def _filled(text: str, values: dict[str, str]) -> str:
 def _address() -> str:
     import ray
 
-    return str(ray.util.get_node_ip_address())  # type: ignore[no-untyped-call]
+    return str(ray.util.get_node_ip_address())
 
 
 class RayCluster:
@@ -113,69 +114,101 @@ class RayCluster:
         self, nodes: int = 16, *, address: str | None = None, hosts: int | None = None, state: str | None = None
     ) -> None:
         self._ray = _connected(address)
-        self._hosts = len(_machines(self._ray)) if hosts is None else hosts
-        if not 1 <= self._hosts <= nodes:
-            raise BadInput(f"nodes: expected at least one for each of {self._hosts} hosts, found {nodes}")
-        self._shares = [nodes // self._hosts + (host < nodes % self._hosts) for host in range(self._hosts)]
-        self._secret = secrets.token_hex(SECRET_BYTES)
-        self._name = secrets.token_hex(4)
+        count = len(_machines(self._ray)) if hosts is None else hosts
+        if not 1 <= count <= nodes:
+            raise BadInput(f"nodes: expected at least one for each of {count} hosts, found {nodes}")
+        self._secret, self._name = secrets.token_hex(SECRET_BYTES), secrets.token_hex(4)
         self._actors: list[Any] = []
+        self._groups: list[Any] = []
+        self._nodes = self._agents = 0
         self._client: Client | None = None
-        self._group = self._ray.util.placement_group([{"CPU": 1.0}] * self._hosts, strategy="SPREAD")
         try:
-            self._start(nodes, state or "<FOLDER>")
+            group = self._spread(count)
+            self._start(group, nodes, state or "<FOLDER>")
+            self._add_agents(group, [nodes // count + (host < nodes % count) for host in range(count)])
+            self._client = self._reached()
+            self._wait_for_nodes(self._client)
         except BaseException:
             self.close()
             raise
 
-    def _start(self, nodes: int, state: str) -> None:
-        self._ray.get(self._group.ready(), timeout=_READY_WITHIN)
-        self._port = self._on(0, _free_ports, 1 + _PORTS * nodes)
-        router = self._actor(0, "router", "--listen", f"tcp/0.0.0.0:{self._port}")
-        self.connect = f"tcp/{self._ray.get(router.address.remote())}:{self._port}"
-        member = ("--connect", self.connect, "--secret-file", "<SECRET>")
-        self._actor(0, "coordinator", *member, "--nodes", str(nodes), "--state", state)
-        self._actor(0, "spy", *member)
-        port = self._port + 1  # agents may share a machine
-        for host, share in enumerate(self._shares):
-            where = ("--host", f"agent-{host}", "--listen", f"tcp/<ADDRESS>:{port}")
-            self._actor(host, "node", *member, "--nodes", str(share), *where)
-            port += _PORTS * share
-        self._client = self._reached(nodes)
+    def grow(self, nodes: int) -> None:
+        """Add an agent with so many nodes, on a machine that has room, and wait until they have joined.
 
-    def _actor(self, bundle: int, *command: str) -> Any:
-        """Start an actor at a place of the group, and return it."""
-        strategy = self._ray.util.scheduling_strategies.PlacementGroupSchedulingStrategy(
-            self._group, placement_group_bundle_index=bundle
-        )
+        Raises:
+            BadInput: if the number is less than 1.
+            ClusterFailed: if they have not joined in time.
+        """
+        if nodes < 1:
+            raise BadInput(f"nodes: expected at least 1, found {nodes}")
+        self._add_agents(self._spread(1), [nodes])
+        self._wait_for_nodes(self.client)
+
+    def _spread(self, places: int) -> Any:
+        """Return a new placement group with so many places, once Ray has them."""
+        group = self._ray.util.placement_group([{"CPU": 1.0}] * places, strategy="SPREAD")
+        self._groups.append(group)
+        try:
+            self._ray.get(group.ready(), timeout=_READY_WITHIN)
+        except self._ray.exceptions.GetTimeoutError:
+            raise ClusterFailed(f"Ray has not found {places} free processors within {_READY_WITHIN:.0f} s") from None
+        return group
+
+    def _start(self, group: Any, nodes: int, state: str) -> None:
+        """Start router, coordinator and spy at the first place of the group."""
+        port = self._at(group, _free_port)
+        router = self._actor(group, 0, "router", "--listen", f"tcp/0.0.0.0:{port}")
+        self.connect = f"tcp/{self._ray.get(router.address.remote())}:{port}"
+        self._port = port + 1  # agents may share a machine, so each gets ports of its own
+        self._actor(group, 0, "coordinator", *self._member(), "--nodes", str(nodes), "--state", state)
+        self._actor(group, 0, "spy", *self._member())
+
+    def _add_agents(self, group: Any, shares: Sequence[int]) -> None:
+        """Start an agent with its share of nodes at each place of a group."""
+        for place, share in enumerate(shares):
+            where = ("--host", f"agent-{self._agents}", "--listen", f"tcp/<ADDRESS>:{self._port}")
+            self._actor(group, place, "node", *self._member(), "--nodes", str(share), *where)
+            self._port += _PORTS * share
+            self._nodes += share
+            self._agents += 1
+
+    def _member(self) -> tuple[str, ...]:
+        return "--connect", self.connect, "--secret-file", "<SECRET>"
+
+    def _actor(self, group: Any, place: int, *command: str) -> Any:
+        """Start an actor at a place of a group, and return it."""
         share = 0.4 if command[0] == "node" else 0.2  # of the place's processor; four actors share the first one
-        options = {"num_cpus": share, "max_restarts": -1, "scheduling_strategy": strategy}
+        options = {"num_cpus": share, "max_restarts": -1, "scheduling_strategy": self._strategy(group, place)}
         name = f"{self._name}-{len(self._actors)}"
         actor = self._ray.remote(Role).options(**options).remote(command, self._secret, name)
         self._actors.append(actor)
         return actor
 
-    def _on(self, bundle: int, function: Any, *arguments: Any) -> Any:
-        """Call a function at a place of the group, and return what it returns."""
-        strategy = self._ray.util.scheduling_strategies.PlacementGroupSchedulingStrategy(
-            self._group, placement_group_bundle_index=bundle
-        )
-        task = self._ray.remote(function).options(num_cpus=0.1, scheduling_strategy=strategy)
-        return self._ray.get(task.remote(*arguments))
+    def _at(self, group: Any, function: Any) -> Any:
+        """Call a function at the first place of a group, and return what it returns."""
+        task = self._ray.remote(function).options(num_cpus=0.1, scheduling_strategy=self._strategy(group, 0))
+        return self._ray.get(task.remote())
 
-    def _reached(self, nodes: int) -> Client:
-        """Return a client once so many nodes have joined."""
+    def _strategy(self, group: Any, place: int) -> Any:
+        strategies = self._ray.util.scheduling_strategies
+        return strategies.PlacementGroupSchedulingStrategy(group, placement_group_bundle_index=place)
+
+    def _reached(self) -> Client:
+        """Return a client once the coordinator answers."""
         until = time.monotonic() + _READY_WITHIN
-        while time.monotonic() < until:
+        while True:
             try:
-                client = Client(Place.at(self.connect))
+                return Client(Place.at(self.connect))
             except ClusterFailed:
-                continue
-            while time.monotonic() < until:
-                if len(client.status()["nodes"]) >= nodes:
-                    return client
-                time.sleep(_LOOK_AGAIN)
-        raise ClusterFailed(f"{nodes} nodes have not joined within {_READY_WITHIN:.0f} s; Ray's logs say more")
+                if time.monotonic() >= until:
+                    raise
+
+    def _wait_for_nodes(self, client: Client) -> None:
+        until = time.monotonic() + _READY_WITHIN
+        while len(client.status()["nodes"]) < self._nodes:
+            if time.monotonic() >= until:
+                raise ClusterFailed(f"{self._nodes} nodes have not joined within {_READY_WITHIN:.0f} s; see Ray's logs")
+            time.sleep(_LOOK_AGAIN)
 
     def __enter__(self) -> Self:
         return self
@@ -209,7 +242,8 @@ class RayCluster:
         for actor in self._actors:
             self._ray.kill(actor)
         self._actors.clear()
-        self._ray.util.remove_placement_group(self._group)
+        for group in self._groups:
+            self._ray.util.remove_placement_group(group)
 
 
 def _connected(address: str | None) -> Any:
@@ -235,14 +269,10 @@ def _machines(ray: Any) -> list[Any]:
     return [each for each in ray.nodes() if each["Alive"] and each["Resources"].get("CPU", 0) >= 1]
 
 
-def _free_ports(count: int) -> int:
-    """Return the first of a row of ports of which nobody uses the first now, below those that the kernel gives."""
-    for first in range(20000, 32000, 100):
-        with socket.socket() as probe:
-            try:
-                probe.bind(("", first))
-            except OSError:
-                continue
-            if first + count < 32768:
-                return first
+def _free_port() -> int:
+    """Return a port that nobody uses now, below those that the kernel gives to whoever asks for any."""
+    for port in range(20000, 32000, 500):
+        with socket.socket() as probe, contextlib.suppress(OSError):
+            probe.bind(("", port))
+            return port
     raise ClusterFailed("expected a free port from 20000 on, found none")

@@ -86,6 +86,7 @@ class View:
         cluster: its name.
         jobs: the newest jobs, newest last.
         counts: how many jobs are in each state.
+        placements: how jobs are spread over hosts, as `status` has it.
         statistics: the latest statistics of each job that is followed, by the job's number.
     """
 
@@ -95,6 +96,7 @@ class View:
         self.cluster: str | None = None
         self.jobs: Sequence[Mapping[str, Any]] = ()
         self.counts: Mapping[str, int] = {}
+        self.placements: Sequence[Mapping[str, Any]] = []
         self.statistics: dict[int, Statistics] = {}
         self._best: dict[int, Heard] = {}
         self._improved = 0  # improvements received
@@ -166,6 +168,7 @@ class View:
     def hear_status(self, status: Mapping[str, Any]) -> None:
         """Take the answer to `status`: which nodes there are; one that has just come may not be among them yet."""
         self.cluster, self.counts = status["cluster"], status["jobs"]
+        self.placements = status.get("placements", [])
         listed = {each["node"]: each for each in status["nodes"]}
         for number in self._nodes.keys() - listed.keys():
             if self._nodes[number].process is None:
@@ -225,6 +228,7 @@ class View:
             "columns": columns,
             "jobs": list(self.jobs),
             "counts": dict(self.counts),
+            "placements": list(self.placements),
             "statistics": {number: each._asdict() for number, each in self.statistics.items()},
             "lines": list(self._lines),
         }

@@ -25,6 +25,7 @@ class FakeService:
         self.endpoint = sessions.unix_socket(self.folder, "router")
         self.jobs = {}
         self.asked = []
+        self.placements = []  # of jobs on several hosts, as `status` has them
         self.ends = "cluster"  # by `down`
         self.quiet = False  # publish nothing: only `show` tells
         self.router = self.session = None
@@ -95,7 +96,13 @@ class FakeService:
 
     def value(self, request):
         if isinstance(request, jobs.Status):
-            return {"cluster": self.keys.cluster, "version": "0", "nodes": [], "placements": [], "jobs": {}}
+            return {
+                "cluster": self.keys.cluster,
+                "version": "0",
+                "nodes": [],
+                "placements": self.placements,
+                "jobs": {},
+            }
         if isinstance(request, jobs.ListJobs):
             return [self.brief(job) for job in self.jobs]
         if isinstance(request, jobs.Submit):

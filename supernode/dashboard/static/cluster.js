@@ -30,12 +30,18 @@ function show(snapshot) {
   showFacts(byId("facts"), {
     nodes: nodes.node.length - states("absent"), alive: states("alive"), dead: states("dead"), joining: states("joining"),
     ...Object.fromEntries(Object.entries(snapshot.counts).map(([status, count]) => [`jobs ${status}`, count])),
+    ...Object.fromEntries(snapshot.placements.map((spread) => [`cells of ${spread.job} by host`, spreadOf(spread)])),
   });
   // Only when nodes were sent: redrawing a thousand squares costs the browser time.
   if (snapshot.stirred) showTorus();
   if (snapshot.stirred && byId("all").open) showTable();
   showLines(snapshot.lines);
   if (chosen !== null) showNode();
+}
+
+function spreadOf({ hosts, crossing, edges }) {
+  const cells = Object.entries(hosts).map(([host, count]) => `${host} ${count}`).join(", ");
+  return `${cells}; ${Math.round(100 * crossing / edges)} % of edges cross`;
 }
 
 function showTorus() {

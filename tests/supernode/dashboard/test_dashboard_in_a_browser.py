@@ -211,6 +211,16 @@ def test_an_improvement_is_on_the_page_before_the_store_has_it(service, show, pa
     until(lambda: page.evaluate(CURVES)["verified"][1][-1] == 0.25)
 
 
+def test_the_page_of_the_cluster_shows_how_jobs_are_spread_over_hosts(service, show, page_of):
+    spread = {"job": "mine", "hosts": {"rack1/a": 24, "rack1/b": 40}, "crossing": 32, "edges": 256}
+    service.placements.append(spread)
+    home = f"http://127.0.0.1:{show().port}/"
+    page = page_of(home)
+    page.goto(home)
+    see(page, "#facts div:has(dt:text-is('cells of mine by host'))")
+    see(page, "#facts dd:text-is('rack1/a 24, rack1/b 40; 13 % of edges cross')")
+
+
 def test_a_dead_cell_is_seen_on_the_page_of_its_job(page, home, cluster, endless):
     page.goto(home + f"jobs/{endless.id}")
     page.wait_for_selector("#legend >> text=lower is better")

@@ -53,12 +53,15 @@ def test_a_machine_goes_and_the_job_goes_on(machines, tmp_path):
         assert placement["crossing"] / placement["edges"] <= 0.5  # blocks of 2 x 2
         job = on_ray.submit(path, topology="torus 4x4", seconds=60)
         until(lambda: job.state() == "running")
-        first = ray.util.placement_group_table(on_ray._group)["bundles_to_node_id"][0]
+        first = ray.util.placement_group_table(on_ray._groups[0])["bundles_to_node_id"][0]
         cluster.remove_node(next(each for each in others if each.node_id != first))
         until(lambda: job.show()["epoch"] > 0)
         until(lambda: all(node["process"] for node in on_ray.status()["nodes"]))
         job.cancel()
         assert job.result(60).status == "cancelled"
+        on_ray.grow(4)
+        larger = example.with_run(topology="torus 4x5")
+        assert on_ray.submit(larger).result(60).history_sha256 == supernode.simulate(larger).history_sha256
     until(lambda: supernodes() <= before)
     assert list(Path(tempfile.gettempdir()).glob(f"supernode-{on_ray._name}-*")) == []
 
