@@ -78,10 +78,10 @@ def frames_of(arm: Arm, configuration: Floats) -> Floats:
 def shells_of(arm: Arm) -> Shells:
     """Return the body and the hull's triangles, shape (n, 3, 3), of each piece: few enough to be drawn many times."""
     pieces = zip(arm.piece_body, arm.piece_root, strict=True)
-    return [(int(body), _hull(arm.triangles[_under(arm, root)])) for body, root in pieces]
+    return [(int(body), _hull(arm.triangles[triangles_under(arm, root)])) for body, root in pieces]
 
 
-def _under(arm: Arm, root: int) -> list[int]:
+def triangles_under(arm: Arm, root: int) -> list[int]:
     """Return the triangles under a sphere of a tree."""
     found: list[int] = []
     left = [int(root)]

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from problems.errors import BadInput
 from problems.robots.arm import Arm
-from problems.robots.pictures import shaded
+from problems.robots.pictures import shaded, triangles_under
 from problems.robots.shapes import placed, sphere
 
 if TYPE_CHECKING:
@@ -82,14 +82,7 @@ def spheres_at(arm: Arm, piece: int, excess: float) -> Floats:
 
 
 def _triangles(arm: Arm, piece: int) -> Floats:
-    found, left = [], [int(arm.piece_root[piece])]
-    while left:
-        first, count = (int(each) for each in arm.children[left.pop()])
-        if first < 0:
-            found.append(arm.triangles[-first - 1 : -first - 1 + count])
-        else:
-            left += range(first, first + count)
-    triangles: Floats = np.concatenate(found).reshape(-1, 3, 3)
+    triangles: Floats = arm.triangles[triangles_under(arm, int(arm.piece_root[piece]))].reshape(-1, 3, 3)
     return triangles
 
 
