@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections import OrderedDict, deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
@@ -114,8 +115,8 @@ class Proof:
             (shape_of_table(str(table.get("id") or f"attached[{number}]"), table, meshes), table)
             for number, table in enumerate(attached)
         ]
+        self._solids, self._things = solids, things
         self._pairs = Pairs(self.robot, solids, things, self_collision)
-        self._standing = Pairs(self.robot, solids, things, standing=True)
 
     @staticmethod
     def of(
@@ -178,6 +179,11 @@ class Proof:
     def standing_contacts(self, clearance: float = 0.0) -> list[Contact]:
         """Return the contacts, as `contacts` does, of parts behind held joints with obstacles: no path changes them."""
         return self._nearer(self._standing, np.zeros(len(self.joints)), clearance)
+
+    @cached_property
+    def _standing(self) -> Pairs:
+        """The pairs that no path changes; needed where a problem is read, and not where its paths are proven."""
+        return Pairs(self.robot, self._solids, self._things, standing=True)
 
     def _nearer(self, pairs: Pairs, configuration: Configuration, clearance: float) -> list[Contact]:
         pairs.place(configuration)
