@@ -68,7 +68,7 @@ def held_in_radians(robot: Fields) -> Fields:
 
 def gather_description(robot: Fields, folder: Path) -> Fields:
     """Return the fields of ``[robot]`` with URDF, SRDF and meshes read; see `gather_robot`."""
-    if "<" in robot["urdf"]:
+    if is_read(robot):
         return robot
     path = path_of(robot["urdf"], folder, "robot.urdf")
     text = read_text(path, "robot.urdf")
