@@ -38,7 +38,7 @@ class Epoch:
         why: the directive that led to the epoch; empty for the first.
         left_at: the generation after which each cell leaves the epoch; None for the last epoch.
         last: the generation after which the epoch is stopped from outside; None if it ends by itself.
-        donors: for each cell whose node died at the epoch's end, the cell whose deme the new node gets.
+        donors: for each cell that gets a new node at the epoch's end, the cell whose deme that gets.
     """
 
     number: int
@@ -133,10 +133,12 @@ def epochs_of(file: ProblemFile, directives: Sequence[Mapping[str, Any]] = ()) -
     since, why = 0, dict[str, Any]()
     for number, change in enumerate(changes):
         cells = topologies.parse(file.run.topology).cells
-        left_at, donors = _left_at(change, cells), _donors(change, cells)
+        after = _after(change, file, cells)
+        then = topologies.parse(after.run.topology).cells
+        left_at, donors = _left_at(change, cells, then), _donors(change, cells, then)
         last = max(left_at.values())  # the others' demes are kept on the way, see `_Leaving`
         epochs.append(Epoch(number, file, since, why, left_at, last, donors))
-        file = _after(change, file, cells)
+        file = after
         since, why = since + last, dict(change)
     return [*epochs, Epoch(len(epochs), file, since, why, last=stop)]
 
@@ -216,39 +218,42 @@ def _after(change: Mapping[str, Any], file: ProblemFile, cells: int) -> ProblemF
         return file.changed(dict(_table(change, "fields")), {})
     if change["do"] == "retry":
         return file.next_attempt(dict(_table(change, "fields")))
-    if change["do"] == "replace":
-        return file
-    topology = change.get("topology")
+    grows = change["do"] == "replace"
+    topology = change.get("topology", file.run.topology if grows else None)
     if not isinstance(topology, str):
         raise BadInput(f"directives: topology: expected a text, found {shorten(topology)}")
     after = file.changed({}, {"topology": topology})
-    if topologies.parse(after.run.topology).cells != cells:
+    found = topologies.parse(after.run.topology).cells
+    if found < cells or (found > cells and not grows):
         raise BadInput(f"directives: topology: expected one of {cells} cells, found {shorten(topology)}")
     return after
 
 
-def _left_at(change: Mapping[str, Any], cells: int) -> dict[int, int]:
+def _left_at(change: Mapping[str, Any], cells: int, then: int) -> dict[int, int]:
     """Return the generation after which each cell left the epoch, without cells whose node died.
 
-    All cells leave after the same generation unless a node died; then they were halted a few generations apart.
+    All cells leave after the same generation unless a node died or the torus grew, to ``then`` cells: then they were
+    halted a few generations apart.
     """
     if change["do"] != "replace":
         return dict.fromkeys(range(cells), _count(change, "generation"))
     left_at = dict(_by_cell(change, "generations", cells))
-    missing = set(range(cells)) - left_at.keys() - dict(_by_cell(change, "demes_of", cells)).keys()
+    missing = set(range(cells)) - left_at.keys() - dict(_by_cell(change, "demes_of", then)).keys()
     if missing or not left_at:
         raise BadInput(f"directives: generations: expected one for each cell, found none for {sorted(missing)}")
     return left_at
 
 
-def _donors(change: Mapping[str, Any], cells: int) -> dict[int, int]:
-    """Return, for each cell whose node died, the cell whose deme the new node got."""
+def _donors(change: Mapping[str, Any], cells: int, then: int) -> dict[int, int]:
+    """Return, for each cell that has a new node, the cell whose deme that got: a dead cell, or one of a further row."""
     if change["do"] != "replace":
         return {}
-    donors = dict(_by_cell(change, "demes_of", cells))
+    donors = dict(_by_cell(change, "demes_of", then))
     living = dict(_by_cell(change, "generations", cells)).keys()
     if not living >= set(donors.values()) or living & donors.keys():
         raise BadInput(f"directives: demes_of: expected dead cells, each with a living one, found {shorten(donors)}")
+    if missing := set(range(cells, then)) - donors.keys():
+        raise BadInput(f"directives: demes_of: expected one for each further cell, found none for {sorted(missing)}")
     return donors
 
 

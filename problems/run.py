@@ -67,6 +67,7 @@ class Run(Table):
     seconds: Annotated[float, Field(gt=0)] | None = Field(None, description="deadline, s")
     target: float | None = Field(None, description="fitness that ends the run, instead of the problem's own")
     keep_alive: bool = Field(False, description="stay after the end, for the next update of the world")
+    grow: bool = Field(False, description="take further rows of the torus when a running cluster has nodes free")
     stall: Annotated[int, Field(ge=1, lt=MOST_GENERATIONS)] | None = Field(
         None, description="end, or restart, after this many generations without a better champion"
     )
@@ -82,6 +83,12 @@ class Run(Table):
     def _emigrants_live_in_the_deme(self) -> "Run":
         if self.emigrants > self.deme:
             raise ValueError(f"emigrants: expected at most the deme, {self.deme}, found {self.emigrants}")
+        return self
+
+    @model_validator(mode="after")
+    def _only_a_torus_grows(self) -> "Run":
+        if self.grow and not isinstance(topologies.parse(self.topology), topologies.Torus):
+            raise ValueError(f"grow: expected a torus, which takes further rows, found {self.topology!r}")
         return self
 
     @property

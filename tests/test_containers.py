@@ -3,6 +3,7 @@
 import os
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 import tomllib
@@ -18,10 +19,18 @@ from supernode.__main__ import main
 
 COMPOSE = yaml.safe_load((ROOT / "docker-compose.yml").read_text())
 SERVICES = COMPOSE["services"]
+OWN = {name: described for name, described in SERVICES.items() if described["image"] == "supernode"}
 DOCKERFILE = (ROOT / "Dockerfile").read_text()
 
 
-@pytest.mark.parametrize("service", SERVICES)
+@pytest.mark.skipif(shutil.which("docker-compose") is None, reason="needs docker-compose")
+def test_docker_compose_accepts_the_file():
+    command = ["docker-compose", "--profile", "postgres", "config", "--services"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
+    assert set(done.stdout.split()) == SERVICES.keys()
+
+
+@pytest.mark.parametrize("service", OWN)
 def test_each_service_runs_a_command_that_knows_its_settings(service, capsys):
     with pytest.raises(SystemExit) as ended:
         main([*SERVICES[service]["command"], "--help"])
@@ -48,7 +57,7 @@ def test_what_a_service_depends_on_is_there():
 def test_coordinator_spy_and_nodes_share_the_secret_and_nobody_else_has_it():
     shared = "secret:/var/lib/supernode-secret"
     having = {name for name, described in SERVICES.items() if shared in described.get("volumes", ())}
-    told = {name for name, described in SERVICES.items() if "SUPERNODE_SECRET_FILE" in described["environment"]}
+    told = {name for name, described in OWN.items() if "SUPERNODE_SECRET_FILE" in described["environment"]}
     assert having == told == {"coordinator", "spy", "node"}
     folder = shared.partition(":")[2]
     assert re.search(rf"install --directory --owner=supernode .*{folder}( |$)", DOCKERFILE, re.MULTILINE)
@@ -80,9 +89,10 @@ def test_the_services_as_plain_processes_solve_a_job():
             "/var/lib/supernode": str(cluster.folder),
             "/var/lib/supernode-secret/secret": str(cluster.folder / "secret"),
             "0.0.0.0:8080": page,
+            "${SUPERNODE_DATABASE:-}": "",
         }
         started = []
-        for name, described in SERVICES.items():
+        for name, described in OWN.items():
             for copy in range(described.get("scale", 1)):
                 told = {"tcp/0.0.0.0:7450": f"tcp/127.0.0.{copy + 2}:{free_port()}"} | replaced
                 variables = {key: told.get(value, value) for key, value in described["environment"].items()}
@@ -111,7 +121,7 @@ def test_spy_and_nodes_are_not_healthy_before_the_cluster_has_them():
         until(lambda: client.status()["spy"] is None)
         variables = {"SUPERNODE_CONNECT": cluster.endpoint}
         nowhere = f"127.0.0.1:{free_port()}"
-        healthy = [name for name in SERVICES if is_healthy(SERVICES[name], variables, cluster.endpoint, nowhere)]
+        healthy = [name for name in OWN if is_healthy(SERVICES[name], variables, cluster.endpoint, nowhere)]
         assert healthy == ["router", "coordinator"]
         cluster.start("spy")
         cluster.host("lower", 1)

@@ -80,7 +80,7 @@ class MovedError(Exception):
     """Cells are to go on on other nodes.
 
     Attributes:
-        nodes: the new node for each old one.
+        nodes: see `Moved`.
     """
 
     def __init__(self, moved: Moved) -> None:

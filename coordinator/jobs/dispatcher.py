@@ -18,6 +18,7 @@ import topologies
 from coordinator.errors import ClusterFailed
 from coordinator.jobs.alarms import Alarms
 from coordinator.jobs.conductor import Conductor
+from coordinator.jobs.growing import Growing
 from coordinator.jobs.hooks import Hooks
 from coordinator.jobs.job import Failure, JobEntry, JobSpec, Placement, Replaced, StopRequest
 from coordinator.jobs.listener import Listener
@@ -123,6 +124,7 @@ class Dispatcher:
         self._threads: dict[int, threading.Thread] = {}
         self._conductors: dict[int, Conductor] = {}
         self._deadlines = Alarms(self._end_at_deadline)
+        self._growing = Growing(self._lock, self._scheduler, self.jobs)
         self._listener = Listener(session, keys, self.jobs, self._conductors, self.hooks)
 
     # Orders -----------------------------------------------------------------------------------------------------------
@@ -318,6 +320,7 @@ class Dispatcher:
             placed: list[Placed] = self._scheduler.start()
         for number, nodes in placed:
             self._conduct(self.jobs[number], nodes)
+        self._growing.look_soon()
 
     def _conduct(self, job: JobEntry, nodes: tuple[int, ...], adopted: Placement | None = None) -> None:
         """Conduct a job on a thread of its own; one without nodes ends at once, as the message in its queue says."""

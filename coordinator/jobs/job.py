@@ -47,9 +47,13 @@ class Replaced:
 
 @dataclass(frozen=True)
 class Moved:
-    """Cells shall go on, with their demes, on other nodes: ``nodes`` has the new node for each old one."""
+    """The cells shall go on, with their demes, on these nodes.
 
-    nodes: Mapping[int, int]
+    Attributes:
+        nodes: the nodes in the order of the cells. If there are more of them than cells, the torus takes further rows.
+    """
+
+    nodes: tuple[int, ...]
 
 
 @dataclass(frozen=True)

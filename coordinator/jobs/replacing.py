@@ -3,7 +3,6 @@
 import contextlib
 import json
 import time
-from collections.abc import Mapping
 
 import topologies
 from coordinator.errors import ClusterFailed
@@ -12,6 +11,8 @@ from coordinator.jobs.conducted_job import ConductedJob
 from coordinator.jobs.epochs import Epoch
 from coordinator.jobs.job import Placement, Replaced
 from coordinator.jobs.preparing import Preparing
+from problems import ProblemFile
+from topologies import Topology, Torus
 from wire.control import Done, Drop, Halt, Look, Wiring
 
 _FOUND_WITHIN = 1.0  # seconds; a running node finds a restarted router in a fifth of that
@@ -66,10 +67,11 @@ class Replacing:
         self._mark_dead(node)
         self._replace_the_dead()
 
-    def move(self, nodes: Mapping[int, int]) -> None:
-        """Let cells go on, with their demes, on other nodes: ``nodes`` has the new node for each old one."""
+    def move(self, nodes: tuple[int, ...]) -> None:
+        """Let the cells go on, with their demes, on these nodes; more of them are further rows of the torus."""
         job = self._job
-        job.nodes = tuple(nodes.get(node, node) for node in job.nodes)
+        grows = _taller(job.epoch.topology, len(nodes)) is not None  # else it was rewired before it could grow
+        job.nodes = nodes if grows else nodes[: job.epoch.cells]
         self._replace_the_dead()
 
     @property
@@ -157,18 +159,22 @@ class Replacing:
     def _begin_with_new_nodes(self, before: Epoch) -> None:
         """Begin the epoch after a death or a move; its directive says everything that a replay needs to repeat it."""
         job = self._job
-        topology = topologies.parse(before.file.run.topology)
-        donors = {cell: _deme_donor(topology.neighbours(cell), before) for cell in sorted(before.dead)}
+        file = self._next_file()
+        topology = topologies.parse(file.run.topology)
+        donors = {cell: _deme_donor(before.topology.neighbours(cell), before) for cell in sorted(before.dead)}
+        donors |= {cell: _deme_donor((cell % before.cells,), before) for cell in range(before.cells, topology.cells)}
         reached = {str(cell): report.generation for cell, report in sorted(before.reports.items())}
         why = {
             "do": "replace",
             "demes_of": {str(cell): donor for cell, donor in donors.items()},
             "generations": reached,
+            "topology": topology.spec,
         }
         wiring = job.dispatch.wire(job.nodes, topology.spec, fresh=True)
         since = job.generations(before, halted=True)
-        epoch = Epoch(before.number + 1, before.file, wiring, since, why=why)
-        moved = {cell: cell for cell, node in enumerate(job.nodes) if node != before.wiring.nodes[cell]}
+        epoch = Epoch(before.number + 1, file, wiring, since, why=why)
+        nodes = enumerate(zip(job.nodes, before.wiring.nodes, strict=False))
+        moved = {cell: cell for cell, (node, old) in nodes if node != old}
         self._preparing.prepare(epoch, {cell: before.reports[donor].deme for cell, donor in (moved | donors).items()})
         self._preparing.show_to_the_spy(epoch)
         self._preparing.begin(epoch)
@@ -180,10 +186,24 @@ class Replacing:
         """Begin the job again with new individuals, in the latest problem: no node is left that has its demes."""
         job = self._job
         job.dispatch.changed(job.entry, "queued")
-        self._preparing.set_out(job.epoch.number + 1, job.epoch.file)
+        self._preparing.set_out(job.epoch.number + 1, self._next_file())
         job.unsent_stop = job.stop_request  # what was sent of it is lost with the nodes
+
+    def _next_file(self) -> ProblemFile:
+        """Return the problem file of the next epoch: the latest, with as many rows of the torus as there are nodes."""
+        epoch = self._job.epoch
+        if len(self._job.nodes) == epoch.cells:
+            return epoch.file
+        return epoch.file.changed({}, {"topology": _taller(epoch.topology, len(self._job.nodes))})
+
+
+def _taller(topology: Topology, cells: int) -> str | None:
+    """Return the topology of so many cells: this one, or the torus with other rows; None if there is none."""
+    if not isinstance(topology, Torus) or cells % topology.columns:
+        return topology.spec if topology.cells == cells else None
+    return f"{topology.name} {cells // topology.columns}x{topology.columns}"
 
 
 def _deme_donor(slots: tuple[int, ...], epoch: Epoch) -> int:
-    """Return the first neighbour that has reported; if none has, the first cell that has."""
+    """Return the first of these cells that has reported; if none has, the first cell of all that has."""
     return next(cell for cell in (*slots, *sorted(epoch.reports)) if cell in epoch.reports)

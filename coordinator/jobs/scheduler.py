@@ -194,6 +194,22 @@ class Scheduler:
             self._busy[number] = tuple(moved[number].get(node, node) for node in own)
         return moved
 
+    def extend(self, number: int) -> tuple[int, ...] | None:
+        """Give a running job free nodes for as many further rows of its torus as possible; return all its nodes.
+
+        Returns:
+            None if it gets none: jobs that wait come first.
+        """
+        own = self._busy.get(number, ())
+        wiring = self._wired.get(own[0]) if own else None
+        topology = None if wiring is None else topologies.parse(wiring.topology)
+        if self._queue or not isinstance(topology, topologies.Torus) or len(self._free) < topology.columns:
+            return None
+        new = self._nearest(own, len(self._free) // topology.columns * topology.columns)
+        self._free.difference_update(new)
+        self._busy[number] = own + tuple(new)
+        return self._busy[number]
+
     def _nearest(self, nodes: tuple[int, ...], count: int) -> list[int]:
         """Return free nodes, those first whose hosts have nodes of a job already."""
         places = {self._place_of(node) for node in nodes if node not in self._leaving}

@@ -63,7 +63,7 @@ class JoinedDispatcher(ServiceDispatcher):
         with self._lock:
             for number, moved in self._scheduler.drain(nodes).items():
                 self._moving |= dict.fromkeys(moved, number)
-                self.jobs[number].queue.put(Moved(moved))
+                self.jobs[number].queue.put(Moved(self._scheduler.nodes_of(number) or ()))
             needed = {node for number in self.jobs for node in self._scheduler.nodes_of(number) or ()}
             needed |= {node for node, number in self._moving.items() if number in self.jobs}
             return sorted(needed.intersection(nodes))

@@ -76,7 +76,8 @@ class ServiceDispatcher(Dispatcher):
                 nodes = self._scheduler.nodes_of(number) or ()
                 hosts = [self._node_hosts.place_of(node) for node in nodes]
                 if len(set(hosts)) > 1 and (known := self._wirings.get(nodes[0])) is not None:
-                    crossing, edges = edges_between(topologies.parse(known[0]), hosts)
+                    topology = topologies.parse(known[0])
+                    crossing, edges = edges_between(topology, hosts[: topology.cells])  # a job may be about to grow
                     spread = {"hosts": dict(Counter(hosts)), "crossing": crossing, "edges": edges}
                     found.append({"job": job.spec.job} | spread)
         return found

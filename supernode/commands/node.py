@@ -17,8 +17,6 @@ from supernode.commands.role_options import (
     secret_of,
 )
 
-_FAR_AWAY, _ANY_PORT = "198.51.100.1", 9  # an address reserved for documentation (RFC 5737): nothing answers there
-
 EXAMPLE = "supernode node --connect tcp/192.168.1.7:7447 --nodes 4"
 
 
@@ -47,6 +45,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="ENDPOINT",
     )
     add_trust(parser)
+    parser.add_argument(
+        "--lifeline",
+        action="store_true",
+        help="read the cluster's secret from standard input, and end when that ends (for `up --on ssh://HOST`)",
+    )
     add_force(parser)
 
 
@@ -56,14 +59,18 @@ def run(options: argparse.Namespace) -> int:
     import secrets
     import socket
 
+    from supernode.deploy.addresses import own_endpoint
+    from supernode.deploy.lifeline import end_with_stdin, read_secret
     from supernode.deploy.surroundings import surroundings
 
     router, cluster, around = endpoint_of(options), cluster_of(options), surroundings(os.environ)
     nodes = around.nodes if options.nodes is None else number_of(options, "nodes")
     listen = own_endpoint(endpoint(options.listen, "listen"), router) if options.listen else ""
-    secret = secret_of(options)
+    secret = read_secret() if options.lifeline else secret_of(options)
     # Before anything that imports numpy: it reads its number of threads only once.
     prepare_process()
+    if options.lifeline:
+        end_with_stdin()
     from coordinator.launch.host import HostZygote
     from wire.hosts import Host
 
@@ -71,45 +78,3 @@ def run(options: argparse.Namespace) -> int:
     host = Host(secrets.token_hex(4), name, nodes, listen, label=options.label or around.label)
     HostZygote(cluster, router, secret, modules_of(options), host, force=options.force).run()
     return exits.OK
-
-
-def own_endpoint(listen: str, router: str) -> str:
-    """Return the endpoint of this host that others can connect to.
-
-    Args:
-        listen: the endpoint asked for. 0.0.0.0 stands for this host's own address, which a container does not know when
-            it is configured.
-        router: the endpoint of the router, which the other hosts reach too.
-
-    Raises:
-        BadInput: if ``listen`` has no address and port.
-    """
-    import re
-
-    from problems.errors import BadInput
-
-    found = re.fullmatch(r"tcp/(.+):([1-9]\d{0,4})", listen)
-    if found is None:
-        raise BadInput(f"--listen: expected tcp/ADDRESS:PORT, found {listen}")
-    address, port = found.groups()
-    return f"tcp/{own_address(router) if address == '0.0.0.0' else address}:{port}"
-
-
-def own_address(router: str) -> str:
-    """Return the address from which this machine reaches the router; if that is a loopback address, a far-away one.
-
-    The machine's name would not do: on many machines it resolves to a loopback address. Connecting a UDP socket only
-    chooses a route; nothing is sent.
-    """
-    import contextlib
-    import re
-    import socket
-
-    found = re.fullmatch(r"\w+/(.+):\d+", router)
-    for host in ([] if found is None else [found[1]]) + [_FAR_AWAY]:
-        with contextlib.suppress(OSError), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-            probe.connect((host, _ANY_PORT))
-            address = str(probe.getsockname()[0])
-            if not address.startswith("127."):
-                return address
-    return "127.0.0.1"  # this machine has no network

@@ -21,6 +21,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--keep-alive", action="store_true", help="search until it has an answer, then wait for the next `update`"
     )
+    parser.add_argument(
+        "--grow", action="store_true", help="take further rows of the torus while the cluster has nodes free"
+    )
     add_cluster_options(parser, "the job's id and state")
 
 
@@ -36,7 +39,7 @@ def run(options: argparse.Namespace) -> int:
 def _file(options: argparse.Namespace) -> "ProblemFile":
     from problems import load
 
-    alive = {"keep_alive": True} if options.keep_alive else {}
-    file = load(options.problem).with_run(**settings(options), **alive)
+    wanted = {name: True for name in ("keep_alive", "grow") if getattr(options, name)}
+    file = load(options.problem).with_run(**settings(options), **wanted)
     file.refuse_unreachable()
     return file

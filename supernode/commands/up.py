@@ -25,6 +25,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     shape.add_argument("--nodes", metavar="N", type=whole, help="N nodes, on the most square torus")
     shape.add_argument("--topology", metavar="SPEC", help='such as "torus 4x4" or "ring 16"')
     parser.add_argument(
+        "--on",
+        metavar="ENGINE",
+        help="where the processes run: ray, ray://HEAD:10001 or ssh://HOST,HOST (this machine)",
+    )
+    parser.add_argument(
         "--listen",
         metavar="ENDPOINT",
         action="append",

@@ -6,31 +6,25 @@ if need be on another machine. What a process writes goes to the actor's log, wh
 
 from __future__ import annotations
 
-import contextlib
 import os
 import secrets
 import shutil
-import socket
 import subprocess
 import sys
 import tempfile
 import threading
-import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 from coordinator.errors import ClusterFailed
 from problems.errors import BadInput
-from supernode.client.client import Client, ClientJob
-from supernode.client.cluster_info import Place
+from supernode.deploy.addresses import free_port
+from supernode.deploy.engine_cluster import PORTS, EngineCluster, shares, trust
 from wire.seal import SECRET_BYTES
 
 _READY_WITHIN = 300.0  # seconds; an actor on a new machine may compile kernels first
 _ENDED_WITHIN = 20.0  # seconds; an actor whose machine is gone does not answer
-_LOOK_AGAIN = 0.2  # seconds
-_PORTS = 4  # of each node, see docs/deploy.md
 _SIGNAL = "TERM"  # what a process gets when its actor dies, however that dies
 
 
@@ -55,13 +49,17 @@ class Role:
         # util-linux' setpriv, since a signal by preexec_fn is not safe beside Ray's threads.
         lifeline = ["setpriv", "--pdeathsig", _SIGNAL]
         self._process = subprocess.Popen([*lifeline, sys.executable, "-m", "supernode", *arguments])
-        self._is_ending = False
+        self._is_ending = self._is_over = False
         threading.Thread(target=self._end_with_it, daemon=True).start()
 
     def _end_with_it(self) -> None:
-        self._process.wait()
-        if not self._is_ending:
+        self._is_over = self._process.wait() == 0
+        if not self._is_ending and not self._is_over:
             os._exit(1)  # Ray starts the actor again, and with it the process
+
+    def is_over(self) -> bool:
+        """Return whether the process has ended because it was asked to, so that it is not started again."""
+        return self._is_over
 
     def end(self) -> None:
         """End the process, and remove what it has left on this machine."""
@@ -87,7 +85,7 @@ def _address() -> str:
     return str(ray.util.get_node_ip_address())
 
 
-class RayCluster:
+class RayCluster(EngineCluster):
     """A cluster on the machines of a Ray cluster; a context manager with the interface of `LocalCluster`.
 
     The actors are spread over the machines (placement group ``SPREAD``), so that an agent whose machine goes comes
@@ -103,7 +101,10 @@ class RayCluster:
         address: the Ray cluster, such as ``ray://head:10001``; None: the one that this process is connected with, or
             that runs on this machine.
         hosts: the number of agents; by default one for each machine that Ray has.
-        state: the folder that keeps the jobs, on the first machine or shared; by default they are kept until the end.
+        options: further options of `supernode coordinator`, such as ``("--state", FOLDER)``, on the first machine or
+            shared; by default jobs are kept until the end.
+        modules: users' modules whose problems may be run.
+        given_up: whether nobody wants the cluster any more; asked while it starts.
 
     Raises:
         BadInput: if Ray is not installed, or a number makes no sense.
@@ -111,23 +112,27 @@ class RayCluster:
     """
 
     def __init__(
-        self, nodes: int = 16, *, address: str | None = None, hosts: int | None = None, state: str | None = None
+        self,
+        nodes: int = 16,
+        *,
+        address: str | None = None,
+        hosts: int | None = None,
+        options: Sequence[str] = (),
+        modules: Sequence[str] = (),
+        given_up: Callable[[], bool] = lambda: False,
     ) -> None:
+        super().__init__(given_up)
         self._ray = _connected(address)
-        count = len(_machines(self._ray)) if hosts is None else hosts
-        if not 1 <= count <= nodes:
-            raise BadInput(f"nodes: expected at least one for each of {count} hosts, found {nodes}")
+        given = shares(nodes, len(_machines(self._ray)) if hosts is None else hosts)
         self._secret, self._name = secrets.token_hex(SECRET_BYTES), secrets.token_hex(4)
         self._actors: list[Any] = []
         self._groups: list[Any] = []
-        self._nodes = self._agents = 0
-        self._client: Client | None = None
+        self._agents, self._trust = 0, trust(modules)
         try:
-            group = self._spread(count)
-            self._start(group, nodes, state or "<FOLDER>")
-            self._add_agents(group, [nodes // count + (host < nodes % count) for host in range(count)])
-            self._client = self._reached()
-            self._wait_for_nodes(self._client)
+            group = self._spread(len(given))
+            self._start(group, nodes, ("--state", "<FOLDER>", *options))
+            self._add_agents(group, given)
+            self.wait_until_ready()
         except BaseException:
             self.close()
             raise
@@ -142,7 +147,7 @@ class RayCluster:
         if nodes < 1:
             raise BadInput(f"nodes: expected at least 1, found {nodes}")
         self._add_agents(self._spread(1), [nodes])
-        self._wait_for_nodes(self.client)
+        self.wait_until_ready()
 
     def _spread(self, places: int) -> Any:
         """Return a new placement group with so many places, once Ray has them."""
@@ -154,13 +159,13 @@ class RayCluster:
             raise ClusterFailed(f"Ray has not found {places} free processors within {_READY_WITHIN:.0f} s") from None
         return group
 
-    def _start(self, group: Any, nodes: int, state: str) -> None:
+    def _start(self, group: Any, nodes: int, options: Sequence[str]) -> None:
         """Start router, coordinator and spy at the first place of the group."""
-        port = self._at(group, _free_port)
+        port = self._at(group, free_port)
         router = self._actor(group, 0, "router", "--listen", f"tcp/0.0.0.0:{port}")
         self.connect = f"tcp/{self._ray.get(router.address.remote())}:{port}"
         self._port = port + 1  # agents may share a machine, so each gets ports of its own
-        self._actor(group, 0, "coordinator", *self._member(), "--nodes", str(nodes), "--state", state)
+        self._coordinator = self._actor(group, 0, "coordinator", *self._member(), "--nodes", str(nodes), *options)
         self._actor(group, 0, "spy", *self._member())
 
     def _add_agents(self, group: Any, shares: Sequence[int]) -> None:
@@ -168,12 +173,12 @@ class RayCluster:
         for place, share in enumerate(shares):
             where = ("--host", f"agent-{self._agents}", "--listen", f"tcp/<ADDRESS>:{self._port}")
             self._actor(group, place, "node", *self._member(), "--nodes", str(share), *where)
-            self._port += _PORTS * share
-            self._nodes += share
+            self._port += PORTS * share
+            self.nodes += share
             self._agents += 1
 
     def _member(self) -> tuple[str, ...]:
-        return "--connect", self.connect, "--secret-file", "<SECRET>"
+        return "--connect", self.connect, "--secret-file", "<SECRET>", *self._trust
 
     def _actor(self, group: Any, place: int, *command: str) -> Any:
         """Start an actor at a place of a group, and return it."""
@@ -193,50 +198,16 @@ class RayCluster:
         strategies = self._ray.util.scheduling_strategies
         return strategies.PlacementGroupSchedulingStrategy(group, placement_group_bundle_index=place)
 
-    def _reached(self) -> Client:
-        """Return a client once the coordinator answers."""
-        until = time.monotonic() + _READY_WITHIN
-        while True:
-            try:
-                return Client(Place.at(self.connect))
-            except ClusterFailed:
-                if time.monotonic() >= until:
-                    raise
-
-    def _wait_for_nodes(self, client: Client) -> None:
-        until = time.monotonic() + _READY_WITHIN
-        while len(client.status()["nodes"]) < self._nodes:
-            if time.monotonic() >= until:
-                raise ClusterFailed(f"{self._nodes} nodes have not joined within {_READY_WITHIN:.0f} s; see Ray's logs")
-            time.sleep(_LOOK_AGAIN)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
-
-    @property
-    def client(self) -> Client:
-        """A client of the cluster."""
-        assert self._client is not None, "made at the start"
-        return self._client
-
-    def submit(self, file: Any, **run: Any) -> ClientJob:
-        """Submit a job; see `Client.submit`."""
-        return self.client.submit(file, **run)
-
-    def status(self) -> dict[str, Any]:
-        """Return the state of the cluster; see `Client.status`."""
-        return self.client.status()
+    def is_over(self) -> bool:
+        """Return whether a client has ended the coordinator; not while its machine does not answer."""
+        try:
+            return bool(self._ray.get(self._coordinator.is_over.remote(), timeout=_ENDED_WITHIN))
+        except (self._ray.exceptions.RayActorError, self._ray.exceptions.GetTimeoutError):
+            return False
 
     def close(self) -> None:
         """End all processes, and give the machines back to Ray."""
-        if self._client is not None:
-            self._client.close()
-            self._client = None
+        self._close_client()
         ending = [actor.end.remote() for actor in reversed(self._actors)]
         self._ray.wait(ending, num_returns=len(ending), timeout=_ENDED_WITHIN)
         for actor in self._actors:
@@ -267,12 +238,3 @@ def _connected(address: str | None) -> Any:
 
 def _machines(ray: Any) -> list[Any]:
     return [each for each in ray.nodes() if each["Alive"] and each["Resources"].get("CPU", 0) >= 1]
-
-
-def _free_port() -> int:
-    """Return a port that nobody uses now, below those that the kernel gives to whoever asks for any."""
-    for port in range(20000, 32000, 500):
-        with socket.socket() as probe, contextlib.suppress(OSError):
-            probe.bind(("", port))
-            return port
-    raise ClusterFailed("expected a free port from 20000 on, found none")

@@ -8,6 +8,7 @@ import importlib.util
 import os
 import queue
 import secrets
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -16,12 +17,15 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
+import topologies
 from coordinator.errors import ClusterFailed
 from coordinator.launch.compilation import compile_missing
 from coordinator.launch.launcher import Launcher, ServiceOptions
 from problems.errors import BadInput
 from supernode.client.client import Client
 from supernode.client.cluster_info import ClusterInfo, Place, occupy, remove_info, write_info
+from supernode.deploy.engine_cluster import ENGINE_CLUSTER, EngineCluster
+from supernode.launch.engines import start_on
 from supernode.signals import on_ending_signals
 from wire import sessions
 
@@ -29,6 +33,7 @@ if TYPE_CHECKING:
     from supernode.dashboard.keeper import Keeper
     from supernode.dashboard.listen_address import ListenAddress
 
+_LOOK_AGAIN = 0.2  # seconds
 _READY_WITHIN = 120.0  # seconds to start the processes, and as long for the coordinator to answer; 1024 nodes take ten
 
 
@@ -41,12 +46,14 @@ class LaunchRequest:
         service: the options of a cluster that stays up.
         dashboard: where its dashboard listens; None for none.
         force: start it even if this machine cannot hold so many nodes.
+        engine: where its processes run, if not on this machine; see `supernode.launch.engines`.
     """
 
     topology: str
     service: ServiceOptions
     dashboard: "ListenAddress | None" = None
     force: bool = False
+    engine: str | None = None
 
 
 @dataclass(frozen=True)
@@ -88,7 +95,7 @@ def launch_request_of(options: argparse.Namespace, folder: Path) -> LaunchReques
         keep_records=keep_records,
         allow_modules=tuple(options.allow_module),
     )
-    return LaunchRequest(_topology(options), service, wanted_address(options), options.force)
+    return LaunchRequest(_topology(options), service, wanted_address(options), options.force, options.on)
 
 
 def check_library(command: str) -> None:
@@ -190,24 +197,64 @@ class Supervisor:
         """Start the cluster, yield it once it answers, and end it.
 
         Raises:
-            BadInput: if the dashboard cannot listen at its address, or this machine cannot hold so many nodes.
+            BadInput: if the dashboard cannot listen at its address, this machine cannot hold so many nodes, or there is
+                no such engine.
             ClusterFailed: if the cluster does not come up.
         """
+        start = self._on_this_machine if self._request.engine is None else self._on_an_engine
+        with self._dashboard() as dashboard, start() as (cluster, endpoint, nodes):
+            if dashboard is not None:
+                dashboard.start(endpoint)
+            yield Up(cluster, endpoint, nodes, None if dashboard is None else dashboard.address)
+
+    @contextmanager
+    def _on_this_machine(self) -> Iterator[tuple[str, str, int]]:
+        """Start the cluster on this machine; yield its name, its router's endpoint, and how many nodes it has."""
         cluster = secrets.token_hex(4)
-        with self._dashboard() as dashboard:
-            request = self._request
-            compile_missing()
-            launcher = Launcher(cluster, request.topology, self._ends.put, service=request.service, force=request.force)
-            try:
-                if not launcher.started.wait(_READY_WITHIN):
-                    raise ClusterFailed(f"not ready within {_READY_WITHIN:.0f} s")
-                endpoint = sessions.unix_socket(launcher.folder, "router")
-                nodes = self._wait_until_ready(endpoint)
-                if dashboard is not None:
-                    dashboard.start(endpoint)
-                yield Up(cluster, endpoint, nodes, None if dashboard is None else dashboard.address)
-            finally:
-                launcher.close()
+        request = self._request
+        compile_missing()
+        launcher = Launcher(cluster, request.topology, self._ends.put, service=request.service, force=request.force)
+        try:
+            if not launcher.started.wait(_READY_WITHIN):
+                raise ClusterFailed(f"not ready within {_READY_WITHIN:.0f} s")
+            endpoint = sessions.unix_socket(launcher.folder, "router")
+            yield cluster, endpoint, self._wait_until_ready(endpoint)
+        finally:
+            launcher.close()
+
+    @contextmanager
+    def _on_an_engine(self) -> Iterator[tuple[str, str, int]]:
+        """Start the cluster on an engine; yield its name, its router's endpoint, and how many nodes it has."""
+        request = self._request
+        assert request.engine is not None, "that is why this is called"
+        nodes = topologies.parse(request.topology).cells
+        try:
+            cluster = start_on(request.engine, nodes, request.service, lambda: not self._ends.empty())
+        except ClusterFailed:
+            if not self._ends.empty():  # it was asked to end while it started
+                self._wait_for_the_end()
+            raise
+        with cluster, self._looking_for_the_end_of(cluster):
+            yield ENGINE_CLUSTER, cluster.connect, cluster.nodes
+
+    @contextmanager
+    def _looking_for_the_end_of(self, cluster: EngineCluster) -> Iterator[None]:
+        """Look, on another thread, whether a client has ended the cluster."""
+        done = threading.Event()
+
+        def look() -> None:
+            while not done.wait(_LOOK_AGAIN):
+                if cluster.is_over():
+                    self._ends.put(None)
+                    return
+
+        thread = threading.Thread(target=look, name="end of the engine's cluster")
+        thread.start()
+        try:
+            yield
+        finally:
+            done.set()
+            thread.join()
 
     @contextmanager
     def _dashboard(self) -> "Iterator[Keeper | None]":
@@ -226,7 +273,8 @@ class Supervisor:
     def _line(self, folder: Path, up: Up) -> str:
         listens = "".join(f", {each}" for each in self._request.service.listen)
         dashboard = "" if up.dashboard is None else f", dashboard {up.dashboard}"
-        return f"up: {up.nodes} nodes ({self._request.topology}) in {folder}{listens}{dashboard}"
+        engine = "" if self._request.engine is None else f" on {self._request.engine}, {up.endpoint},"
+        return f"up: {up.nodes} nodes ({self._request.topology}){engine} in {folder}{listens}{dashboard}"
 
     def _try_the_database(self, folder: Path) -> None:
         """Open the database once before anything is launched: a wrong URL fails here.

@@ -219,6 +219,11 @@ def without(directive, name):
             REPLACE | {"generations": REPLACE["generations"] | {"0": -1}},
             "0: expected a whole number from 0 on, found -1",
         ),
+        (
+            REPLACE | {"topology": "torus 3x3"},
+            "demes_of: expected one for each further cell, found none for [6, 7, 8]",
+        ),
+        (REPLACE | {"topology": "torus 1x3"}, 'topology: expected one of 6 cells, found "torus 1x3"'),
         (REPLACE | {"demes_of": {"4": 6}}, "demes_of: expected dead cells, each with a living one"),
         (REPLACE | {"demes_of": {"4": 4}}, "demes_of: expected dead cells, each with a living one"),
         (REPLACE | {"demes_of": {"4": 3, "0": 1}}, "demes_of: expected dead cells, each with a living one"),
@@ -229,6 +234,16 @@ def test_wrong_directives_are_refused_before_anything_runs(file, directive, said
         epochs_of(file, [UPDATE, directive])
     assert str(caught.value).startswith("directives: ")
     assert said in str(caught.value)
+
+
+def test_a_torus_that_grows_gives_the_further_cells_the_demes_of_others(file):
+    donors = {"6": 0, "7": 1, "8": 2}
+    grown = REPLACE | {"demes_of": donors, "generations": dict.fromkeys("012345", 5), "topology": "torus 3x3"}
+    lived = replay(file.with_run(topology="torus 2x3"), [grown | {"epoch": 1}])
+    one = simulate(plan_of(file.with_run(topology="torus 2x3"), generations=5))
+    demes = demes_of(one)[[*range(6), *donors.values()]]
+    two = simulate(plan_of(file.with_run(topology="torus 3x3"), 1, 5), demes=demes)
+    assert [digests(each.reports) for each in lived] == [digests(one), digests(two)]
 
 
 def test_an_update_to_an_impossible_world_is_refused_as_it_is_in_a_run(file):

@@ -68,6 +68,24 @@ def test_cells_of_nodes_that_leave_move_to_free_nodes_if_there_are_enough():
     assert scheduler.free_nodes == 5
 
 
+def test_a_job_that_grows_gets_whole_rows_of_free_nodes_unless_a_job_waits():
+    scheduler = Scheduler(19)
+    scheduler.add(1, 8, "torus 2x4")
+    scheduler.start()
+    assert scheduler.extend(1) == (*range(8), *range(8, 16))
+    assert (scheduler.nodes_of(1), scheduler.free_nodes) == (tuple(range(16)), 3)
+    assert scheduler.extend(1) is None, "three nodes are no row"
+    assert scheduler.extend(2) is None, "there is no such job"
+    scheduler.free(1)
+    scheduler.add(2, 2, "ring 2")
+    scheduler.start()
+    assert scheduler.extend(2) is None, "a ring has no rows"
+    scheduler.add(3, 4, "torus 2x2")
+    scheduler.add(4, 16, "torus 4x4")
+    scheduler.start()
+    assert scheduler.extend(3) is None, "another job waits"
+
+
 def test_a_large_job_is_not_overtaken_by_a_small_one():
     scheduler = Scheduler(16)
     run(scheduler, 1, "torus 2x2")

@@ -143,6 +143,26 @@ def test_a_host_that_is_told_to_end_gives_its_cells_to_another_one_first(mode):
         assert epochs.history(replay(file, result.directives)) == result.history_sha256
 
 
+@pytest.mark.parametrize("mode", ["lockstep", "async"])
+def test_a_job_that_grows_takes_the_nodes_of_a_host_that_comes(mode):
+    file = problem("torus 2x4", generations=None, seconds=60.0, mode=mode, grow=True)
+    with places(8) as cluster:
+        cluster.host("one", 8)
+        with cluster.client() as client:
+            job = client.submit(file)
+            until(lambda: job.state() == "running")
+            cluster.host("two", 10)
+            until(lambda: client.status()["placements"])
+            until(lambda: client.status()["placements"][0]["hosts"] == {"one": 8, "two": 8})
+            until(lambda: job.show()["epoch"] > 0)
+            job.cancel()
+            result = job.result(60)
+    assert result.topology == "torus 4x4"
+    assert [each["topology"] for each in result.directives if each["do"] == "replace"] == ["torus 4x4"]
+    if mode == "lockstep":
+        assert epochs.history(replay(file, result.directives)) == result.history_sha256
+
+
 def test_a_host_whose_cells_have_nowhere_to_go_ends_all_the_same():
     with places(4) as cluster:
         cluster.host("one", 2)

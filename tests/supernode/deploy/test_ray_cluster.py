@@ -1,6 +1,8 @@
 """A cluster on Ray: four of Ray's nodes on this machine, one of which goes while a job runs."""
 
 import os
+import subprocess
+import sys
 import tempfile
 from pathlib import Path
 
@@ -8,6 +10,7 @@ import pytest
 from places import ROOT, until
 
 import supernode
+from supernode.__main__ import main
 
 ray = pytest.importorskip("ray", reason="an extra")
 pytestmark = pytest.mark.timeout(400)
@@ -15,15 +18,15 @@ ENDLESS = 'kind = "function"\nname = "onemax"\ndimension = 32\n[run]\ntarget = -
 
 
 def supernodes():
-    """The ids of all processes that run a command of supernode."""
-    found = set()
+    """The words of all processes that run a command of supernode, by id."""
+    found = {}
     for folder in Path("/proc").glob("[0-9]*"):
         try:
             words = (folder / "cmdline").read_bytes().split(b"\0")
         except OSError:
             continue
         if b"supernode" in words and b"-m" in words:
-            found.add(int(folder.name))
+            found[int(folder.name)] = words
     return found
 
 
@@ -62,8 +65,24 @@ def test_a_machine_goes_and_the_job_goes_on(machines, tmp_path):
         on_ray.grow(4)
         larger = example.with_run(topology="torus 4x5")
         assert on_ray.submit(larger).result(60).history_sha256 == supernode.simulate(larger).history_sha256
-    until(lambda: supernodes() <= before)
+    until(lambda: supernodes().keys() <= before.keys())
     assert list(Path(tempfile.gettempdir()).glob(f"supernode-{on_ray._name}-*")) == []
+
+
+def test_up_and_down(machines, tmp_path):
+    cluster, _ = machines
+    before = supernodes()
+    command = ["up", "--on", "ray", "--nodes", "8", "--state", str(tmp_path), "--detach"]
+    told = {"RAY_ADDRESS": cluster.address, "PYTHONPATH": str(ROOT)}
+    done = subprocess.run(
+        [sys.executable, "-m", "supernode", *command], env=os.environ | told, capture_output=True, text=True, check=True
+    )
+    assert done.stdout.startswith("up: 8 nodes (torus 2x4) on ray, tcp/"), done.stdout
+    with supernode.connect(tmp_path) as client:
+        example = supernode.load(str(ROOT / "examples" / "arm-ik.toml")).with_run(topology="torus 2x4", seed=1)
+        assert client.submit(example).result(60).history_sha256 == supernode.simulate(example).history_sha256
+    assert main(["down", "--state", str(tmp_path)]) == 0
+    until(lambda: supernodes().keys() <= before.keys())
 
 
 def _placements(on_ray, path):

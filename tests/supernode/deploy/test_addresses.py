@@ -8,12 +8,12 @@ import pytest
 from places import ROOT
 
 from problems import BadInput
-from supernode.commands.node import own_endpoint
+from supernode.deploy.addresses import own_endpoint
 
 ALONE = ["unshare", "--map-root-user", "--net"]
 SCRIPT = """
 import sys
-from supernode.commands.node import own_endpoint
+from supernode.deploy.addresses import own_endpoint
 print(own_endpoint("tcp/0.0.0.0:7450", sys.argv[1]))
 """
 
