@@ -10,7 +10,7 @@ BOTH_WAYS := tests/node/engine tests/node/test_driver.py tests/node/test_replay.
 FAST := tests/test_house.py tests/topologies tests/genetics tests/wire tests/spy tests/node/test_assignment.py \
   tests/node/test_cell.py tests/node/test_champions.py tests/node/test_stopping.py tests/coordinator/jobs/test_scheduler.py
 
-.PHONY: help run test test-fast lint kernels bench planners peers clean
+.PHONY: help run test test-fast lint kernels bench planners peers image clean
 
 help:  ## this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' Makefile | expand -t 12
@@ -44,6 +44,9 @@ planners: $(VENV)/test  ## how good each planner is, against its exact answer: a
 
 peers: $(VENV)/core  ## beside pygmo, DEAP, propulate and pycellga: a quarter of an hour; writes docs/peers.md
 	$(BIN)/python -m benchmarks.peers
+
+image: $(VENV)/core  ## the steps of the Dockerfile in a bare Debian, and an example in it: minutes, as root
+	$(BIN)/python tests/image_in_chroot.py
 
 clean:
 	rm -rf $(VENV) .peers build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis office.png

@@ -42,8 +42,8 @@ class Host:
     leaving: bool = False
 
     def with_nodes(self, nodes: tuple[int, ...]) -> Self:
-        """Return the host with its nodes' numbers, that is, joined."""
-        return replace(self, nodes=nodes)
+        """Return the host with its nodes' numbers, that is, joined; they may be fewer than it wanted."""
+        return replace(self, nodes=nodes, wants=len(nodes))
 
     def encode(self) -> bytes:
         """Return the host as msgpack."""

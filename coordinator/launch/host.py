@@ -41,6 +41,7 @@ _DRAINED = 102  # exit status of an agent whose host no job needs any more
 _DRAINED_WITHIN = 25.0  # seconds; Kubernetes and Slurm kill 30 s after SIGTERM
 _ANSWER_WITHIN = 5.0  # seconds
 _AGAIN = 0.1  # seconds
+_NO_ROOM_AGAIN = 1.0  # seconds
 _AGENT = "agent"
 
 
@@ -218,7 +219,7 @@ def _drain(session: zenoh.Session, keys: Keys, seal: Seal, host: Host) -> None:
 
 
 def _numbers(session: zenoh.Session, keys: Keys, seal: Seal, host: Host) -> tuple[int, ...]:
-    """Ask for the nodes' numbers until a coordinator answers.
+    """Ask for the nodes' numbers until a coordinator gives some; it gives none while the cluster has no room.
 
     Raises:
         ClusterFailed: if the coordinator refuses the host.
@@ -231,12 +232,15 @@ def _numbers(session: zenoh.Session, keys: Keys, seal: Seal, host: Host) -> tupl
     watcher = session.liveliness().declare_subscriber(keys.coordinator, direct(see), history=True)
     while True:
         there.wait()
+        pause = _AGAIN  # the coordinator's queryable may not be known yet, or it has just died
         request = seal.close(keys.nodes, host.encode())
         for reply in session.get(keys.nodes, payload=request, timeout=_ANSWER_WITHIN):
             if reply.ok is not None:
-                watcher.undeclare()  # type: ignore[no-untyped-call]
-                return _read(reply.ok.payload.to_bytes())
-        threading.Event().wait(_AGAIN)  # the coordinator's queryable is not known yet, or it has just died
+                if numbers := _read(reply.ok.payload.to_bytes()):
+                    watcher.undeclare()  # type: ignore[no-untyped-call]
+                    return numbers
+                pause = _NO_ROOM_AGAIN
+        threading.Event().wait(pause)
 
 
 def _read(payload: bytes) -> tuple[int, ...]:

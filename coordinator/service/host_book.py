@@ -50,6 +50,8 @@ class HostBook:
         came: called with a host that has got its numbers, before the host knows them.
         left: called with a host that has stayed away, or with one that gives up a part of its nodes.
         drain: called with a host that is about to end; returns those of its nodes that jobs still need.
+        most_nodes: how many nodes may join; None for any number. A host that finds no room gets no numbers, and asks
+            again.
     """
 
     def __init__(
@@ -60,7 +62,9 @@ class HostBook:
         came: Callable[[Host], None],
         left: Callable[[Host], None],
         drain: Callable[[Host], list[int]],
+        most_nodes: int | None = None,
     ) -> None:
+        self._most_nodes = most_nodes
         self._session = session
         self._keys = keys
         self._seal = seal
@@ -178,7 +182,10 @@ class HostBook:
         return needed
 
     def _let_in(self, asking: Host, before: Host | None) -> tuple[int, ...]:
-        """Give a host its numbers: those that it had ``before`` under that name, then the lowest free ones."""
+        """Give a host its numbers: those that it had ``before`` under that name, then the lowest free ones.
+
+        They are fewer than it wants, or none, if the cluster would have too many nodes.
+        """
         old: tuple[int, ...] = ()
         if before is not None:
             del self._hosts[before.id], self._away[before.id]
@@ -187,6 +194,9 @@ class HostBook:
                 self._left(before.with_nodes(before.nodes[asking.wants :]))
         taken = {node for host in self._hosts.values() for node in host.nodes}.union(old)
         new = (node for node in itertools.count() if node not in taken)
-        nodes = (*old, *itertools.islice(new, asking.wants - len(old)))
+        wants = asking.wants - len(old)
+        if self._most_nodes is not None:
+            wants = max(0, min(wants, self._most_nodes - len(taken)))
+        nodes = (*old, *itertools.islice(new, wants))
         self._note(asking.with_nodes(nodes))
         return nodes

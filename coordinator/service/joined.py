@@ -22,7 +22,9 @@ from wire.seal import Seal
 
 def preside(config: NodeConfig, options: Options, max_queue: int | None) -> None:
     """Run the coordinator until a client or SIGTERM ends it; at least ``options.nodes`` nodes are expected."""
-    make_dispatcher = partial(JoinedDispatcher, seal=Seal(config.secret), max_queue=max_queue)
+    make_dispatcher = partial(
+        JoinedDispatcher, seal=Seal(config.secret), max_queue=max_queue, most_nodes=options.most_nodes
+    )
     run(config, replace(options, joined=True), make_dispatcher)
 
 
@@ -30,12 +32,20 @@ class JoinedDispatcher(ServiceDispatcher):
     """A dispatcher whose nodes come and go host by host. A host itself replaces those of its nodes that die."""
 
     def __init__(
-        self, session: zenoh.Session, keys: Keys, nodes: int, hooks: Hooks, *, seal: Seal, max_queue: int | None
+        self,
+        session: zenoh.Session,
+        keys: Keys,
+        nodes: int,
+        hooks: Hooks,
+        *,
+        seal: Seal,
+        max_queue: int | None,
+        most_nodes: int | None = None,
     ) -> None:
         super().__init__(session, keys, seal, hooks, max_queue=max_queue, expected=nodes)
         self._moving: dict[int, int] = {}  # nodes that leave, each with the job whose cells are on their way from it
         self._first_port = self.began % PORTS  # probably not the port that the previous coordinator used last
-        self._book = HostBook(session, keys, seal, self._came, self._leave, self._drain)
+        self._book = HostBook(session, keys, seal, self._came, self._leave, self._drain, most_nodes)
         # After the book: when a node is reported, its host must be known already, or a wiring would lack its address.
         self._roster = Roster(session, keys, self.replaced, self.joined)
         self._roster.look()

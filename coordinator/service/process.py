@@ -53,6 +53,7 @@ class Options:
         store: the URL of the database.
         keep: how many records and ended jobs are kept there.
         log_json: whether the log is written as JSON; if None, it is if stderr is not a terminal.
+        most_nodes: how many nodes may join; None for any number.
         joined: whether router, spy and nodes were started separately, so that they stay when the coordinator ends.
     """
 
@@ -60,6 +61,7 @@ class Options:
     store: str
     keep: Keep
     log_json: bool | None = None
+    most_nodes: int | None = None
     joined: bool = False
 
 

@@ -23,6 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the cluster, its least size, and where its jobs are kept."""
     add_membership(parser)
     add_option(parser, "nodes", "how many nodes will join at least; jobs that need more are refused", metavar="N")
+    add_option(parser, "max-nodes", "let no more nodes join; further hosts wait for room (no limit)", metavar="N")
     add_option(parser, "state", "the folder that keeps the jobs (the user's default one)", metavar="DIR")
     add_option(parser, "database", "keep the jobs in this database, not in a file in the state folder", metavar="URL")
     add_option(parser, "max-queue", "refuse jobs when this many wait (no limit)", metavar="N")
@@ -35,7 +36,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Coordinate until a signal arrives or a client ends the coordinator."""
     router, cluster, nodes = endpoint_of(options), cluster_of(options), number_of(options, "nodes")
+    from problems.errors import BadInput
+
     max_queue = None if options.max_queue is None else number_of(options, "max_queue")
+    most_nodes = None if options.max_nodes is None else number_of(options, "max_nodes")
+    if most_nodes is not None and most_nodes < nodes:
+        raise BadInput(f"--max-nodes: expected at least --nodes, {nodes}, found {most_nodes}")
     database = options.database or _file(options.state)
     keep_days, keep_records = number_of(options, "keep_days"), number_of(options, "keep_records")
     secret = secret_of(options)
@@ -50,7 +56,7 @@ def run(options: argparse.Namespace) -> int:
     from node.node_config import NodeConfig
 
     import_all()
-    how = Options(nodes, database, Keep(keep_days, keep_records), options.log_json)
+    how = Options(nodes, database, Keep(keep_days, keep_records), options.log_json, most_nodes)
     preside(NodeConfig(cluster, 0, "", Path(), router, secret, modules_of(options)), how, max_queue)
     return exits.OK
 

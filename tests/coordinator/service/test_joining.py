@@ -163,6 +163,23 @@ def test_a_job_that_grows_takes_the_nodes_of_a_host_that_comes(mode):
         assert epochs.history(replay(file, result.directives)) == result.history_sha256
 
 
+def test_a_host_that_finds_no_room_waits_for_it():
+    with places(None) as cluster:
+        cluster.start("router", LISTEN=cluster.endpoint)
+        cluster.start("coordinator", NODES=2, MAX_NODES=5, STATE=cluster.folder)
+        cluster.start("spy")
+        cluster.host("one", 3)
+        with cluster.client() as client:
+            until(lambda: nodes(client).keys() == {0, 1, 2})
+            cluster.host("two", 3)
+            until(lambda: nodes(client).keys() == {0, 1, 2, 3, 4})
+            cluster.host("three", 1)
+            check(client.submit(problem("ring 5")).result(60), problem("ring 5"))
+            assert cluster.kill("one", signal.SIGTERM) == 0
+            until(lambda: "three" in {node["host"] for node in client.status()["nodes"]})
+            assert len(nodes(client)) == 3
+
+
 def test_a_host_whose_cells_have_nowhere_to_go_ends_all_the_same():
     with places(4) as cluster:
         cluster.host("one", 2)

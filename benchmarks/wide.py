@@ -1,0 +1,182 @@
+"""Watch an async job on hosts far apart: how soon the spy has a champion, and what a partition does.
+
+Usage: python -m benchmarks.wide [--torus 4x6] [--nodes 8,8,8] [--delay 50] [--loss 1] [--seconds 60]
+                                 [--partitions 20] [--cut 60]
+
+Each host is an agent in a network namespace of its own; `benchmarks.relay` delays and loses what passes between them. A
+delay of 50 ms makes a round trip of 100 ms.
+
+First a job runs for --seconds. A champion's birth is dated by the counters that its node sends: they say at which
+generation the node was when. Then hosts are cut off in turns, each for --cut seconds. After each healing the table says
+how long it takes until every node knows a champion as good as the best on either side, and how many messages per second
+the nodes send then, beside before. It needs root, and the program ip (Debian: iproute2).
+"""
+
+from __future__ import annotations
+
+import argparse
+import bisect
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections import defaultdict
+from pathlib import Path
+
+import supernode
+from benchmarks.hosts import Hosts
+from benchmarks.namespaces import Namespaces
+from wire import sessions
+from wire.callbacks import direct
+from wire.keys import Keys
+from wire.news import Counters
+
+_PROBLEM = 'kind = "function"\nname = "rastrigin"\ndimension = 300\n[run]\ntarget = -1.0\nmode = "async"\n'
+_WINDOW = 10.0  # seconds over which messages are counted
+_SETTLE = 15.0  # seconds until a job is at its usual pace
+_JOINED_WITHIN = 300.0  # seconds after a healing
+_LOOK_AGAIN = 0.1  # seconds
+_JOB_SECONDS = 100_000.0
+
+
+class Watcher:
+    """What the nodes of one job tell, by node, since it began."""
+
+    def __init__(self, endpoint: str, delay: float) -> None:
+        self._delay = delay
+        self._lock = threading.Lock()
+        self._told: dict[int, list[tuple[float, Counters]]] = defaultdict(list)
+        self._session = sessions.client(endpoint)
+        self._subscriber = self._session.declare_subscriber(Keys("main").any_stats, direct(self._hear))
+
+    def _hear(self, sample: object) -> None:
+        counters = Counters.decode(sample.payload.to_bytes())  # type: ignore[attr-defined]
+        with self._lock:
+            self._told[counters.cell].append((time.monotonic() - self._delay, counters))
+
+    def born(self, cell: int, generation: int) -> float | None:
+        """Return when a cell was in a generation, on the monotonic clock; None if that is not known."""
+        with self._lock:
+            told = list(self._told[cell])
+        at = bisect.bisect_left(told, generation, key=lambda each: each[1].generation)
+        if not 0 < at < len(told):
+            return None
+        (before, first), (after, second) = told[at - 1], told[at]
+        share = (generation - first.generation) / max(1, second.generation - first.generation)
+        return before + share * (after - before)
+
+    def champions(self) -> dict[int, float]:
+        """Return the fitness of the champion that each cell knew of last."""
+        with self._lock:
+            return {cell: told[-1][1].champion for cell, told in self._told.items()}
+
+    def messages_per_second(self, until: float) -> float:
+        """Return the messages per second that all nodes sent within the window before a time."""
+        rate = 0.0
+        with self._lock:
+            for told in self._told.values():
+                within = [each for each in told if until - _WINDOW <= each[0] <= until]
+                if len(within) > 1:
+                    (began, first), (ended, last) = within[0], within[-1]
+                    rate += (last.sent - first.sent) / (ended - began)
+        return rate
+
+
+def watch(options: argparse.Namespace) -> None:
+    """Submit the jobs and measure, on the first host; lines that begin with ``cut`` or ``heal`` are for the relay."""
+    with supernode.connect(options.watch) as client:
+        job = client.submit(options.problem, topology=f"torus {options.torus}", seconds=options.seconds)
+        watcher, late = Watcher(options.watch, options.delay / 1e3), []
+        for best in job.improvements():
+            late.append((time.monotonic(), best.cell, best.generation))
+        dated = [(heard, watcher.born(cell, generation)) for heard, cell, generation in late]
+        ways = sorted(heard - born for heard, born in dated if born is not None)
+        print(f"| champions at the client | {len(ways)} |")
+        print(
+            f"| median, 95 %, longest way, s | {_at(ways, 0.5):.2f}, {_at(ways, 0.95):.2f}, {ways[-1]:.2f} |",
+            flush=True,
+        )
+        if options.partitions:
+            print(
+                "\n| host cut off | one champion after, s | messages/s before | after |\n|---|---:|---:|---:|",
+                flush=True,
+            )
+            job = client.submit(options.problem, topology=f"torus {options.torus}", seconds=_JOB_SECONDS)
+            _cut_in_turns(options, Watcher(options.watch, options.delay / 1e3))
+            print(f"| the job is {job.state()}, epoch {job.show()['epoch']} | | | |", flush=True)
+            job.cancel()
+
+
+def _at(values: list[float], share: float) -> float:
+    return values[int(share * (len(values) - 1))]
+
+
+def _cut_in_turns(options: argparse.Namespace, watcher: Watcher) -> None:
+    hosts, ratios = len(options.nodes.split(",")), []
+    for number in range(options.partitions):
+        time.sleep(_SETTLE)
+        host, before = 1 + number % (hosts - 1), watcher.messages_per_second(time.monotonic())
+        print(f"cut {host}", flush=True)
+        time.sleep(options.cut)
+        print("heal", flush=True)
+        healed = time.monotonic()
+        # Counters of the host that was cut off come again with the healing: only they say how good its side is by now.
+        best, joined = None, False
+        while not joined and time.monotonic() < healed + _JOINED_WITHIN:
+            time.sleep(_LOOK_AGAIN)
+            known = watcher.champions()
+            if best is None and time.monotonic() - healed > 1.0:
+                best = min(known.values())
+            joined = best is not None and max(known.values()) <= best
+        took = time.monotonic() - healed
+        time.sleep(_WINDOW)
+        after = watcher.messages_per_second(time.monotonic())
+        ratios.append(after / before)
+        print(f"| {host} | {took if joined else float('inf'):.1f} | {before:.0f} | {after:.0f} |", flush=True)
+    print(f"| messages/s after ÷ before, median and most | {statistics.median(ratios):.2f}, {max(ratios):.2f} | | |")
+
+
+def main() -> None:
+    """Start the hosts, and measure."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--torus", default="4x6", help="its size")
+    parser.add_argument("--nodes", default="8,8,8", help="of each host")
+    parser.add_argument("--delay", type=float, default=50.0, help="ms, of what a host sends to others")
+    parser.add_argument("--loss", type=float, default=1.0, help="per cent of packets")
+    parser.add_argument("--seconds", type=float, default=60.0, help="of the first job")
+    parser.add_argument("--partitions", type=int, default=20)
+    parser.add_argument("--cut", type=float, default=60.0, help="seconds of each partition")
+    parser.add_argument("--watch", help=argparse.SUPPRESS)  # the endpoint, in the process on the first host
+    parser.add_argument("--problem", help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.watch:
+        watch(options)
+        return
+    if os.geteuid() != 0:
+        parser.error("expected root, as network namespaces need it")
+    nodes = [int(each) for each in options.nodes.split(",")]
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        Namespaces(len(nodes), (options.delay / 1e3, options.loss / 1e2)) as namespaces,
+    ):
+        problem = Path(folder) / "problem.toml"
+        problem.write_text(_PROBLEM, encoding="utf-8")
+        hosts = Hosts(namespaces, nodes, Path(folder))
+        with hosts.up():
+            words = [*sys.argv[1:], "--watch", hosts.connect, "--problem", str(problem)]
+            command = namespaces.command(0, [sys.executable, "-m", "benchmarks.wide", *words])
+            with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as watching:
+                assert watching.stdout is not None
+                for line in watching.stdout:
+                    first, _, rest = line.partition(" ")
+                    if first.strip() in ("cut", "heal"):
+                        namespaces.cut(int(rest) if rest else None)
+                    else:
+                        print(line, end="", flush=True)
+
+
+if __name__ == "__main__":
+    main()
