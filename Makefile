@@ -46,7 +46,7 @@ peers: $(VENV)/core  ## beside pygmo, DEAP, propulate and pycellga: a quarter of
 	$(BIN)/python -m benchmarks.peers
 
 image: $(VENV)/core  ## the steps of the Dockerfile in a bare Debian, and an example in it: minutes, as root
-	$(BIN)/python tests/image_in_chroot.py
+	$(BIN)/python -m benchmarks.image_in_chroot
 
 clean:
 	rm -rf $(VENV) .peers build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis office.png

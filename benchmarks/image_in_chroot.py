@@ -13,6 +13,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -21,7 +22,7 @@ RELEASE = "bookworm"  # its Python is 3.11
 EXAMPLE = "examples/arm-ik.toml"
 
 
-def steps_of(dockerfile):
+def steps_of(dockerfile: str) -> Iterator[tuple[str, str]]:
     """Yield each instruction of a Dockerfile with its text; lines that a backslash joins are one."""
     text = re.sub(r"^#.*\n", "", dockerfile, flags=re.MULTILINE)
     for line in re.sub(r"\\\n\s*", "", text).splitlines():
@@ -33,31 +34,32 @@ def steps_of(dockerfile):
 class Stage:
     """A root in which instructions are carried out."""
 
-    def __init__(self, base, folder):
+    def __init__(self, base: Path, folder: Path) -> None:
         self.folder, self.user = folder, "root"
         self.variables = {"PATH": "/usr/local/bin:/usr/bin:/bin", "HOME": "/root", "LANG": "C.UTF-8"}
         subprocess.run(["cp", "--archive", base, folder], check=True)
         for name in ("proc", "dev"):
             subprocess.run(["mount", "--rbind", f"/{name}", folder / name], check=True)
 
-    def run(self, command, cwd="/"):
-        """In the root, as its user."""
-        words = ["chroot", f"--userspec={self.user}", self.folder, "sh", "-ec", f"cd {cwd}; {command}"]
+    def run(self, command: str, cwd: str = "/") -> None:
+        """Run a command in the root, as its user."""
+        words = ["chroot", f"--userspec={self.user}", str(self.folder), "sh", "-ec", f"cd {cwd}; {command}"]
         subprocess.run(words, env=self.variables, check=True)
 
-    def set(self, text):
-        """ENV."""
+    def set(self, text: str) -> None:
+        """Carry out an ENV."""
         for word in shlex.split(text):
             name, _, value = word.partition("=")
             self.variables[name] = value.replace("$PATH", self.variables["PATH"])
 
-    def copy(self, text, stages):
-        """COPY, from the repository or another stage."""
-        options, (*sources, target) = [], shlex.split(text)
+    def copy(self, text: str, folders: dict[str, Path]) -> None:
+        """Carry out a COPY, from the repository or another stage."""
+        options: list[str] = []
+        *sources, target = shlex.split(text)
         while sources[0].startswith("--"):
             options.append(sources.pop(0))
         values = dict(option.removeprefix("--").split("=") for option in options)
-        origin = stages[values["from"]].folder if "from" in values else stages["repository"]
+        origin = folders[values.get("from", "repository")]
         to = self.folder / target.lstrip("/")
         to.mkdir(parents=True, exist_ok=True)
         for source in sources:
@@ -67,14 +69,14 @@ class Stage:
         if "chown" in values:
             self.run(f"chown --recursive {values['chown']}: {target}")
 
-    def close(self):
+    def close(self) -> None:
         """Give back what was mounted."""
         for name in ("proc", "dev"):
             subprocess.run(["umount", "--recursive", "--lazy", self.folder / name], check=False)
 
 
-def bare(folder):
-    """A bare Debian with Python, and this machine's way to the network."""
+def bare(folder: Path) -> None:
+    """Make a bare Debian with Python, and this machine's way to the network."""
     subprocess.run(["debootstrap", "--variant=minbase", f"--include={BASE}", RELEASE, folder], check=True)
     (folder / "usr/local/bin/python").symlink_to("/usr/bin/python3")
     for name in ("etc/resolv.conf", "etc/pip.conf", "etc/ssl/certs/ca-certificates.crt"):
@@ -82,45 +84,44 @@ def bare(folder):
             shutil.copy(Path("/", name), folder / name)
 
 
-def built(folder, stages):
-    """Carry out the steps; the last stage is the image."""
-    image = None
+def build(folder: Path, stages: list[Stage]) -> Stage:
+    """Carry out the steps; add each stage to ``stages``, and return the last one, the image."""
+    folders = {"repository": folder / "repository"}
     for word, text in steps_of((ROOT / "Dockerfile").read_text()):
         print(f"{word} {text}"[:150], flush=True)
         if word == "FROM":
             name = text.partition(" AS ")[2] or "image"
-            image = stages[name] = Stage(folder / "base", folder / name)
+            folders[name] = folder / name
+            stages.append(image := Stage(folder / "base", folder / name))
             image.set(" ".join(f"{key}={value}" for key, value in os.environ.items() if key.startswith("PIP_")))
         elif word == "RUN":
             image.run(text)
         elif word == "ENV":
             image.set(text)
         elif word == "COPY":
-            image.copy(text, stages)
+            image.copy(text, folders)
         elif word == "USER":
             image.user = text
-    return image
+    return stages[-1]
 
 
-def main():
+def main() -> None:
     """Build the image in a folder of its own, and solve the example in it."""
     if os.geteuid() != 0 or shutil.which("debootstrap") is None:
         sys.exit("expected root and debootstrap: apt-get install debootstrap")
     with tempfile.TemporaryDirectory(prefix="image-") as name:
-        folder, stages = Path(name), {}
-        stages["repository"] = folder / "repository"
+        folder, stages = Path(name), list[Stage]()
         subprocess.run(["git", "clone", "--quiet", "--depth=1", f"file://{ROOT}", folder / "repository"], check=True)
         bare(folder / "base")
         try:
-            image = built(folder, stages)
+            image = build(folder, stages)
             home = image.folder / "home/supernode"
             shutil.copy(ROOT / EXAMPLE, home)
             image.variables["HOME"] = "/home/supernode"
             image.run("supernode solve arm-ik.toml --seed 1", "/home/supernode")
         finally:
-            for stage in stages.values():
-                if isinstance(stage, Stage):
-                    stage.close()
+            for stage in stages:
+                stage.close()
     print("the image solves the example")
 
 
