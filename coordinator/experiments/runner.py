@@ -102,12 +102,12 @@ class Runner:
         """Make the launches beyond the one that is needed, if a sample of launch times is wanted."""
         done = sum(record["nodes"] == nodes for record in self.journal.of_type("launch"))
         for _ in range(done, self.parameters.launches - 1):
-            with LocalCluster(topology=torus_of(nodes), force=self._force) as cluster:
+            with self._cluster(nodes) as cluster:
                 self._keep_launch(cluster, nodes)
 
     def _serve(self, nodes: int, waiting: "deque[Case]") -> str | None:
         """Launch a cluster and make runs on it until all are made or one fails; return why that one failed."""
-        with LocalCluster(topology=torus_of(nodes), force=self._force) as cluster:
+        with self._cluster(nodes) as cluster:
             self._keep_launch(cluster, nodes)
             preparation = self._preparation(cluster, waiting[0])
             while waiting:
@@ -120,6 +120,10 @@ class Runner:
                 self._failures = 0
                 self._keep_memory(cluster, nodes)
         return None
+
+    def _cluster(self, nodes: int) -> LocalCluster:
+        """Return a new cluster. A run in which a node died would be no measurement, so it is made anew on another."""
+        return LocalCluster(topology=torus_of(nodes), force=self._force, on_node_death="fail")
 
     def _preparation(self, cluster: LocalCluster, case: Case) -> dict[str, float]:
         """Return the CPU seconds that each warm process uses for a job without a generation."""

@@ -47,6 +47,7 @@ class Conductor:
             the conductor only reads its queue for the reason.
         dispatch: the dispatcher that runs this conductor.
         replaces: whether the cluster replaces dead processes.
+        checked: whether the problem was checked before, so that the spy need not check it before the nodes read it.
         adopted: the state of the job, if it was running when the previous coordinator died.
 
     Attributes:
@@ -63,14 +64,14 @@ class Conductor:
         dispatch: ConductorServices,
         *,
         replaces: bool = False,
+        checked: bool = False,
         adopted: Placement | None = None,
     ) -> None:
         calls = Calls(session, seal, entry.queue, replaces)
         self.job = ConductedJob(entry, calls, keys, nodes, dispatch, adopted)
         self._adopted = adopted
         self._seconds = 0.0
-        # In a cluster that stays up the request handler has checked the problem already.
-        self._preparing = Preparing(self.job, checked=replaces)
+        self._preparing = Preparing(self.job, checked)
         self._replacing = Replacing(self.job, self._preparing)
         self._changing = Changing(self.job, self._preparing, self._replacing)
         self._running = Running(self.job, self._changing)

@@ -75,6 +75,7 @@ class Dispatcher:
         cpu_seconds: returns the CPU time that each process has used so far, by name.
         seconds_to_ready: how long the cluster took to start, for results.
         replaces: whether dead processes are replaced.
+        checked: whether problems are checked before they are submitted.
         max_queue: how many jobs may wait; None for any number.
         first_wiring: a wiring number that these nodes have not had yet.
         expected: for a cluster whose nodes `join`, the least number of nodes expected; ``topology`` is unused then.
@@ -95,6 +96,7 @@ class Dispatcher:
         cpu_seconds: Callable[[], dict[str, float]] = dict,
         seconds_to_ready: float = 0.0,
         replaces: bool = False,
+        checked: bool = False,
         max_queue: int | None = None,
         first_wiring: int = 1,
         expected: int | None = None,
@@ -107,6 +109,7 @@ class Dispatcher:
         self.cpu_seconds = cpu_seconds
         self.seconds_to_ready = seconds_to_ready
         self.replaces = replaces
+        self._checked = checked
         self.topology = topology
         self.jobs: dict[int, JobEntry] = {}
         self._lock = threading.RLock()
@@ -336,7 +339,15 @@ class Dispatcher:
         outcome: Result | Exception
         try:
             conductor = Conductor(
-                job, self.session, self._seal, self.keys, nodes, self, replaces=self.replaces, adopted=adopted
+                job,
+                self.session,
+                self._seal,
+                self.keys,
+                nodes,
+                self,
+                replaces=self.replaces,
+                checked=self._checked,
+                adopted=adopted,
             )
             self._conductors[job.spec.number] = conductor
             outcome = conductor.conduct(self.seconds_to_ready, self.cpu_seconds)

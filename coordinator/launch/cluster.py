@@ -4,7 +4,7 @@ import secrets
 import threading
 import time
 from collections.abc import Collection
-from typing import Any, Self
+from typing import Any, Literal, Self
 
 import zenoh
 
@@ -15,6 +15,8 @@ from coordinator.jobs.job import Job, JobSpec
 from coordinator.launch import capacity
 from coordinator.launch.compilation import compile_missing
 from coordinator.launch.launcher import Launcher
+from coordinator.launch.stopped import NODE_TIMEOUT
+from coordinator.service.roster import Roster
 from problems import BadInput, Problem, ProblemFile, registry
 from problems.in_memory import file_of
 from problems.run import with_topology
@@ -30,8 +32,9 @@ _READY_WITHIN = 120.0  # seconds; a thousand nodes on two cores usually take les
 class LocalCluster:
     """A router, a spy and one node process for each cell of a topology; a context manager.
 
-    When the calling process ends, however it ends, all of them do. A job may ask for any topology of at most as many
-    cells. Jobs run at the same time while there are enough free nodes; the others wait in the order of submission::
+    A process that dies is replaced. When the calling process ends, however it ends, all of them do. A job may ask for
+    any topology of at most as many cells. Jobs run at the same time while there are enough free nodes; the others wait
+    in the order of submission::
 
         with supernode.LocalCluster(torus=(4, 4)) as cluster:
             result = cluster.submit(supernode.load("examples/arm-ik.toml"), seed=1).result()
@@ -42,6 +45,9 @@ class LocalCluster:
         kinds: the built-in kinds of problem that jobs may have; the processes load the kernels of no others. By
             default, all kinds.
         force: start it even if this machine cannot hold so many nodes.
+        on_node_death: "replace" to have another process take the place of one that dies once the cluster is ready, so
+            that jobs go on; "fail" to fail the cluster and its jobs.
+        node_timeout: after how many seconds a process that is stopped (SIGSTOP, say) counts as dead.
 
     Raises:
         ValueError: if there is no such topology; the message begins with ``torus`` if that is wrong.
@@ -61,7 +67,11 @@ class LocalCluster:
         topology: str | None = None,
         kinds: Collection[str] | None = None,
         force: bool = False,
+        on_node_death: Literal["replace", "fail"] = "replace",
+        node_timeout: float = NODE_TIMEOUT,
     ) -> None:
+        if on_node_death not in ("replace", "fail"):
+            raise ValueError(f"on_node_death: expected replace or fail, found {on_node_death!r}")
         self.topology = topologies.parse(topology or with_topology({"torus": torus})["topology"])
         capacity.check(self.topology.cells, force=force)  # before anything is compiled
         compile_missing(kinds)  # here, since the zygote would compile on one core
@@ -73,7 +83,16 @@ class LocalCluster:
         self._submitted = 0
         self._closed = False
         self._dispatcher: Dispatcher | None = None
-        self._launcher = Launcher(self.keys.cluster, self.topology.spec, self._on_death, kinds=kinds, force=force)
+        replaces = on_node_death == "replace"
+        self._launcher = Launcher(
+            self.keys.cluster,
+            self.topology.spec,
+            self._on_death,
+            kinds=kinds,
+            force=force,
+            on_replacement=self._on_replacement if replaces else None,
+            node_timeout=node_timeout,
+        )
         self._session: zenoh.Session | None = None
         try:
             session = self._connect()
@@ -89,7 +108,11 @@ class LocalCluster:
             self.topology.spec,
             cpu_seconds=self.cpu_seconds_by_process,
             seconds_to_ready=self.seconds_to_ready,
+            replaces=replaces,
         )
+        if replaces:
+            self._roster = Roster(session, self.keys, dispatcher.replaced)
+            self._roster.look()  # from now on it sees that a process is another one
         with self._changed:
             self._dispatcher = dispatcher
         self._pass_on_failure()  # a process may have died before there was a dispatcher
@@ -120,7 +143,7 @@ class LocalCluster:
         Raises:
             BadInput: if a setting is unknown or wrong, the log cannot be written, or the cluster was started for other
                 kinds of problem.
-            ClusterFailed: if the cluster is closed, or a process of it has died.
+            ClusterFailed: if the cluster is closed, or has failed.
         """
         self._raise_failure()
         file = file_of(file)
@@ -204,8 +227,15 @@ class LocalCluster:
         if self._failure is not None:
             raise ClusterFailed(self._failure)
 
+    def _on_replacement(self, text: str) -> None:
+        """Fail the cluster if it is not ready yet: others wait for the links of the dead. On the launcher's thread."""
+        with self._changed:
+            is_ready = self._dispatcher is not None
+        if not is_ready:
+            self._on_death(text)
+
     def _on_death(self, text: str | None) -> None:
-        """Fail the cluster, since no process may die while it is open. Called on the launcher's thread."""
+        """Fail the cluster. Called on the launcher's thread."""
         with self._changed:
             self._failure = self._failure or self._naming_the_cell(text or "")
             self._changed.notify_all()

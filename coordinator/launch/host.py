@@ -23,6 +23,7 @@ import zenoh
 from coordinator.errors import ClusterFailed
 from coordinator.launch import capacity
 from coordinator.launch.folders import make_folder, new_folder
+from coordinator.launch.stopped import NODE_TIMEOUT
 from coordinator.launch.zygote import Zygote
 from node.node_config import NodeConfig
 from problems.modules import Modules
@@ -55,18 +56,27 @@ class HostZygote(Zygote):
         modules: users' modules that the nodes may import.
         host: this host, which has no node numbers yet.
         force: start the nodes even if this machine cannot hold so many.
+        node_timeout: after how many seconds a process that is stopped counts as dead.
 
     Raises:
         BadInput: if this machine cannot hold so many nodes; the message says how many it can hold.
     """
 
     def __init__(
-        self, cluster: str, router: str, secret: bytes, modules: Modules, host: Host, *, force: bool = False
+        self,
+        cluster: str,
+        router: str,
+        secret: bytes,
+        modules: Modules,
+        host: Host,
+        *,
+        force: bool = False,
+        node_timeout: float = NODE_TIMEOUT,
     ) -> None:
         capacity.check(host.wants, force=force, has_router=False)
         folder = new_folder()
         self._lock = make_folder(folder)
-        super().__init__(cluster, "", folder, secret, modules)
+        super().__init__(cluster, "", folder, secret, modules, node_timeout=node_timeout)
         self._router = router
         self._host = host
         self.name = f"host {host.name}"
@@ -103,10 +113,11 @@ class HostZygote(Zygote):
         SIGTERM has the jobs moved away first, for a limited time; another signal then ends the host at once.
         """
         while True:
-            left = None if self._until is None else max(0.0, self._until - time.monotonic())
-            found = signal.sigwaitinfo(awaited) if left is None else signal.sigtimedwait(awaited, left)
+            ends_in = None if self._until is None else max(0.0, self._until - time.monotonic())
+            lefts = [each for each in (ends_in, self._stopped.seconds_left()) if each is not None]
+            found = signal.sigtimedwait(awaited, min(lefts)) if lefts else signal.sigwaitinfo(awaited)
             if found is None:
-                return None
+                return None if ends_in is not None and ends_in <= min(lefts) else signal.SIGCHLD
             if found.si_signo not in _ENDING:
                 return found.si_signo
             agent = next((process for process, name in self.children.items() if name == _AGENT), None)
@@ -123,6 +134,9 @@ class HostZygote(Zygote):
             self._fork_again(f"node {node}")
         numbers = ", ".join(map(str, self._host.nodes))
         self._log("info", f"{len(self._host.nodes)} nodes: {numbers}", self.name)
+
+    def _tell_processes(self, died: str | None = None) -> None:
+        """Tell nobody: a host has no caller who reads it."""
 
     def _is_the_end(self, name: str, status: int) -> bool:
         code = os.WEXITSTATUS(status) if name == _AGENT and os.WIFEXITED(status) else None

@@ -18,6 +18,7 @@ from coordinator.cpu_time import cpu_seconds_of
 from coordinator.errors import ClusterFailed
 from coordinator.launch import capacity
 from coordinator.launch.folders import new_folder
+from coordinator.launch.stopped import NODE_TIMEOUT
 from coordinator.threads import ONE_THREAD
 from wire.seal import SECRET_BYTES
 
@@ -44,6 +45,7 @@ class ServiceOptions:
         keep_days, keep_records: see `coordinator.store.record_book.Keep`.
         allow_modules: users' modules whose problems may be run.
         modules: the folder of these modules; if None, the folder that the cluster was started in.
+        node_timeout: after how many seconds a process that is stopped counts as dead.
     """
 
     state: Path | None = None
@@ -55,6 +57,11 @@ class ServiceOptions:
     keep_records: int = 1_000_000
     allow_modules: tuple[str, ...] = ()
     modules: Path | None = None
+    node_timeout: float = NODE_TIMEOUT
+
+
+def _ignore(_: str) -> None:
+    """Do nothing about a replacement."""
 
 
 class Launcher:
@@ -65,9 +72,12 @@ class Launcher:
         topology: how the nodes are linked until a job asks for other links.
         on_death: called, on a thread of this object, with the reason why the cluster has failed; with None if a client
             has ended it.
-        service: options of a cluster that stays up; None for one that ends with the first death.
+        service: options of a cluster that stays up; None for one that ends with its caller.
         kinds: the built-in kinds of problem whose kernels the processes load; None for all.
         force: start it even if this machine cannot hold so many nodes.
+        on_replacement: called, likewise, with who has died and how, after another process has taken its place; None if
+            the first death is to end the cluster.
+        node_timeout: see `ServiceOptions`, for a cluster without them.
 
     Raises:
         BadInput: if this machine cannot hold so many nodes; the message says how many it can hold.
@@ -88,6 +98,8 @@ class Launcher:
         *,
         kinds: Collection[str] | None = None,
         force: bool = False,
+        on_replacement: Callable[[str], None] | None = _ignore,
+        node_timeout: float = NODE_TIMEOUT,
     ) -> None:
         nodes = topologies.parse(topology).cells
         capacity.check(nodes, force=force)
@@ -96,6 +108,7 @@ class Launcher:
         self.processes: dict[str, int] = {}
         self.started = threading.Event()
         self._on_death = on_death
+        self._on_replacement = on_replacement
         self._closing = False
         told = None if service is None else asdict(service) | {"state": (service.state or self.folder).absolute()}
         config = {
@@ -105,6 +118,8 @@ class Launcher:
             "folder": self.folder,
             "service": told,
             "kinds": None if kinds is None else sorted(kinds),
+            "replaces": on_replacement is not None,
+            "node_timeout": node_timeout if service is None else service.node_timeout,
         }
         crowded = nodes >= _CROWD
         self._zygote = subprocess.Popen(
@@ -130,6 +145,8 @@ class Launcher:
             if "processes" in event:
                 self.processes = event["processes"]
                 self.started.set()
+                if event["died"] is not None and self._on_replacement is not None:
+                    self._on_replacement(event["died"])
             elif not self._closing:
                 self._on_death(None if "down" in event else event["failed"])
                 self._closing = True  # the end of the output follows, and is no further death

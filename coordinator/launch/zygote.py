@@ -3,20 +3,19 @@
 It imports everything and loads all compiled kernels once, then forks; children share its memory and import nothing. It
 never opens a Zenoh session, since a fork after that hangs.
 
-In a cluster that stays up it is the supervisor too: it forks the coordinator, and replaces every process that dies.
-Otherwise the first death ends the cluster.
+It is the supervisor too: it replaces every process that dies, unless the first death is to end the cluster. In a
+cluster that stays up it forks the coordinator as well.
 
 Lifelines: the zygote runs exactly as long as the calling process holds the other end of its standard input. When the
 caller ends, however it ends, the zygote kills its children, removes the folder of their sockets and exits. If the
 zygote itself is killed, the kernel kills its children (parent-death signal), and the caller, which then reads the end
-of the zygote's standard output, removes the folder. On standard output the zygote writes one JSON object a line: first
-the ids of the processes, at the end why the cluster ended.
+of the zygote's standard output, removes the folder. On standard output the zygote writes one JSON object a line: the
+ids of the processes, again after each replacement, and at the end why the cluster ended.
 
 The zygote has one thread. SIGCHLD and SIGIO are blocked once it forks, and `sigwait` takes them in one place.
 """
 
 import contextlib
-import fcntl
 import gc
 import json
 import os
@@ -31,6 +30,8 @@ from typing import TYPE_CHECKING, Any
 
 from coordinator.errors import ClusterFailed
 from coordinator.launch.folders import make_folder
+from coordinator.launch.lifeline import at_end, comes_first, end_with_the_caller, first_line
+from coordinator.launch.stopped import NODE_TIMEOUT, StoppedChildren
 from lowlevel import capabilities, linux
 
 if TYPE_CHECKING:
@@ -47,9 +48,9 @@ _MOVED_FROM = 256  # nodes: with fewer, moving memory to files takes longer than
 
 def main() -> None:
     """Run as ``python -m coordinator.launch.zygote`` by the launcher, which writes a line to standard input first."""
-    config = json.loads(_first_line(sys.stdin.fileno()))
+    config = json.loads(first_line(sys.stdin.fileno()))
     folder = Path(config["folder"])
-    _end_with_the_caller(folder)
+    end_with_the_caller(folder)
     signal.signal(signal.SIGTTOU, signal.SIG_IGN)  # else a terminal may stop a background process that writes the log
     try:
         lock = make_folder(folder)  # inherited by every process of the cluster: without any the folder is stale
@@ -64,20 +65,11 @@ def main() -> None:
         _modules(service),
         service,
         config["kinds"],
+        replaces=config["replaces"],
+        node_timeout=config["node_timeout"],
     )
     zygote.run()
     return os.close(lock)
-
-
-def _first_line(descriptor: int) -> bytes:
-    """Read the configuration, the only thing ever written to standard input; exit if the caller is gone already."""
-    line = b""
-    while not line.endswith(b"\n"):
-        piece = os.read(descriptor, 1 << 16)
-        if not piece:
-            os._exit(0)
-        line += piece
-    return line
 
 
 def _modules(service: dict[str, Any] | None) -> "Modules":
@@ -86,40 +78,6 @@ def _modules(service: dict[str, Any] | None) -> "Modules":
     if service is None:
         return AnyModules()  # only the calling process can submit jobs: nobody else reaches the router's socket
     return Modules(service["allow_modules"], service["modules"] and Path(service["modules"]))
-
-
-def _end_with_the_caller(folder: Path) -> None:
-    """Make the end of standard input interrupt the zygote (SIGIO) while it still imports, which takes long."""
-
-    def end(*_: object) -> None:
-        shutil.rmtree(folder, ignore_errors=True)
-        os._exit(0)
-
-    signal.signal(signal.SIGIO, end)
-    descriptor = sys.stdin.fileno()
-    fcntl.fcntl(descriptor, fcntl.F_SETOWN, os.getpid())
-    fcntl.fcntl(descriptor, fcntl.F_SETFL, fcntl.fcntl(descriptor, fcntl.F_GETFL) | os.O_ASYNC)
-    if _at_end(descriptor):  # it may have ended before the signal was switched on
-        end()
-
-
-def _at_end(descriptor: int) -> bool:
-    """Return whether the other end of the pipe is closed, as nothing more is ever written to it."""
-    import select
-
-    poll = select.poll()
-    poll.register(descriptor, select.POLLIN)
-    return bool(poll.poll(0))
-
-
-def _comes_first(awaited: int, lifeline: int) -> bool:
-    """Wait until one of two pipes can be read or is closed; return False if that is ``lifeline``."""
-    import select
-
-    poll = select.poll()
-    for descriptor in (awaited, lifeline):
-        poll.register(descriptor, select.POLLIN)
-    return lifeline not in dict(poll.poll())
 
 
 class Zygote:
@@ -136,7 +94,12 @@ class Zygote:
         modules: "Modules",
         service: dict[str, Any] | None = None,
         kinds: Collection[str] | None = None,
+        *,
+        replaces: bool = True,
+        node_timeout: float = NODE_TIMEOUT,
     ) -> None:
+        self._stopped = StoppedChildren(node_timeout)
+        self._replaces = replaces  # processes that die; if not, the first death ends the cluster
         self.cluster = cluster
         self.secret = secret
         self.modules = modules
@@ -161,12 +124,20 @@ class Zygote:
         try:
             self._fork_all(topology.cells)
             # A signal that comes between the look and `sigwait` stays pending, so nothing is missed.
-            while not (_at_end(sys.stdin.fileno()) or self._one_died()):
-                signal.sigwait(_WAKING)
+            while not (at_end(sys.stdin.fileno()) or self._one_died()):
+                self._wait_for_a_signal()
         except ClusterFailed as error:
             _tell({"failed": str(error)})
         finally:
             self._kill_all()
+
+    def _wait_for_a_signal(self) -> None:
+        """Wait for a signal that wakes this process, or until a stopped child counts as dead."""
+        left = self._stopped.seconds_left()
+        if left is None:
+            signal.sigwait(_WAKING)
+        else:
+            signal.sigtimedwait(_WAKING, left)
 
     def _fork_all(self, nodes: int) -> None:
         """Fork every process and report their ids; stop when the caller ends meanwhile.
@@ -179,13 +150,17 @@ class Zygote:
             raise ClusterFailed(f"router {complaint}")
         self._fork("spy", partial(self._spy, self.topology))
         for node in range(nodes):
-            if _at_end(sys.stdin.fileno()):  # the look takes 3 µs, a fork 1 to 3 ms
+            if at_end(sys.stdin.fileno()):  # the look takes 3 µs, a fork 1 to 3 ms
                 return
             self._fork(f"node {node}", partial(self._node, node, self.topology))
         if self.service is not None:
             self._fork("coordinator", partial(self._coordinate, first=True))
             self._report_ordinary_paths()
-        _tell({"processes": {name: process for process, name in self.children.items()}})
+        self._tell_processes()
+
+    def _tell_processes(self, died: str | None = None) -> None:
+        """Tell the caller the ids of all processes, and which one ``died`` and was replaced."""
+        _tell({"processes": {name: process for process, name in self.children.items()}, "died": died})
 
     def _warm_up(self, nodes: int) -> None:
         """Import everything that a child needs, and arrange memory so that children write to few shared pages."""
@@ -234,7 +209,7 @@ class Zygote:
         self._fork("router", route)
         os.close(tell)
         with os.fdopen(ready, "rb") as pipe:
-            if not _comes_first(ready, sys.stdin.fileno()):
+            if not comes_first(ready, sys.stdin.fileno()):
                 return "was given up: the caller has ended"
             said = pipe.read(1)
             if said == b"!":
@@ -290,16 +265,22 @@ class Zygote:
 
         One signal may stand for several deaths, so this asks until there is no further one.
         """
+        for process in self._stopped.dead():
+            self._log("warning", f"{self.children[process]} has been stopped for too long", self.name)
+            os.kill(process, signal.SIGKILL)
         while True:
-            process, status = os.waitpid(-1, os.WNOHANG) if self.children else (0, 0)
+            process, status = os.waitpid(-1, os.WNOHANG | StoppedChildren.FLAGS) if self.children else (0, 0)
             if process == 0:
                 return False
+            if self._stopped.note(process, status):
+                continue
             name = self.children.pop(process, None)  # None: an orphan, if this is process 1 of a container
             if name is not None and self._is_the_end(name, status):
                 return True
             if name is not None:
                 self._log("warning", f"{name} {_how(status)}: another one takes its place", self.name, name)
                 self._fork_again(name)
+                self._tell_processes(f"{name} {_how(status)}")
 
     def _log(self, level: str, text: str, process: str, about: str = "") -> None:
         """Write a line to the log; what writes it is imported only now, since this is rare."""
@@ -316,7 +297,7 @@ class Zygote:
         if self.service is not None and os.WIFEXITED(status) and os.WEXITSTATUS(status) == _DOWN:
             _tell({"down": name})
             return True
-        if self.service is None or self._dies_too_often():
+        if not self._replaces or self._dies_too_often():
             _tell({"failed": f"{name} {_how(status)}"})
             return True
         return False

@@ -55,6 +55,7 @@ class ServiceDispatcher(Dispatcher):
             hooks=hooks,
             cpu_seconds=self._cpu_seconds,
             replaces=True,
+            checked=True,  # by the request handler
             max_queue=max_queue,
             # Milliseconds since 1970: higher than all numbers of the coordinator before, which did not make a wiring
             # each millisecond. A number given twice would let nodes keep links that they should replace.

@@ -27,6 +27,27 @@ def add_force(parser: "argparse._ActionsContainer") -> None:
     parser.add_argument("--force", action="store_true", help="start the nodes even if this machine cannot hold so many")
 
 
+def add_node_timeout(parser: "argparse._ActionsContainer") -> None:
+    """Add the option that says when a process that is stopped counts as dead."""
+    parser.add_argument(
+        "--node-timeout",
+        metavar="S",
+        type=_positive,
+        default=15.0,
+        help="replace a process that has been stopped (SIGSTOP, say) for so many seconds (15)",
+    )
+
+
+def _positive(text: str) -> float:
+    try:
+        seconds = float(text)
+    except ValueError:
+        seconds = 0.0
+    if not seconds > 0:  # so that NaN is refused too
+        raise argparse.ArgumentTypeError(f"expected a number greater than 0, found {text!r}")
+    return seconds
+
+
 def add_job(parser: argparse.ArgumentParser, **more: Any) -> None:
     """Add the argument that names a job."""
     parser.add_argument("job", metavar="JOB", help="the job's id, as `submit` printed it", **more)

@@ -3,7 +3,7 @@
 import argparse
 
 from supernode import exits
-from supernode.commands.cluster_options import add_force
+from supernode.commands.cluster_options import add_force, add_node_timeout
 from supernode.commands.role_options import (
     add_membership,
     add_option,
@@ -51,6 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="read the cluster's secret from standard input, and end when that ends (for `up --on ssh://HOST`)",
     )
     add_force(parser)
+    add_node_timeout(parser)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -76,5 +77,7 @@ def run(options: argparse.Namespace) -> int:
 
     name = options.host or around.name or f"{socket.gethostname()}-{os.getpid()}"
     host = Host(secrets.token_hex(4), name, nodes, listen, label=options.label or around.label)
-    HostZygote(cluster, router, secret, modules_of(options), host, force=options.force).run()
+    HostZygote(
+        cluster, router, secret, modules_of(options), host, force=options.force, node_timeout=options.node_timeout
+    ).run()
     return exits.OK

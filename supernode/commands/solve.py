@@ -9,7 +9,7 @@ import resource
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from supernode.commands.cluster_options import add_force, add_place, connected
+from supernode.commands.cluster_options import add_force, add_node_timeout, add_place, connected
 from supernode.commands.dashboard_options import add_dashboard
 from supernode.commands.run_options import add_run_options, chosen_file
 
@@ -32,6 +32,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     where = parser.add_argument_group("where (by default on a cluster of its own)")
     add_place(where)
     add_force(where)
+    where.add_argument(
+        "--on-node-death",
+        choices=("replace", "fail"),
+        default="replace",
+        help="whether another process takes the place of one that dies, or the job fails (replace)",
+    )
+    add_node_timeout(where)
     add_dashboard(parser)
 
 
@@ -69,7 +76,9 @@ def _on_a_shown_one(file: "ProblemFile", options: argparse.Namespace, listen_add
 
     check_library("solve --dashboard")
     module, own, _ = file.kind.partition(":")
-    service = ServiceOptions(max_queue=0, allow_modules=(module,) if own else (), modules=file.folder)
+    service = ServiceOptions(
+        max_queue=0, allow_modules=(module,) if own else (), modules=file.folder, node_timeout=options.node_timeout
+    )
     # `max_queue=0`: nobody else's job may wait for this cluster, which ends with its one job.
     request = LaunchRequest(file.run.topology, service, listen_address, options.force)
     with Supervisor(request).up() as up, Client(Place.at(up.endpoint)) as client:
@@ -111,7 +120,13 @@ def _on_its_own(file: "ProblemFile", options: argparse.Namespace) -> int:
     with Terminal(topology, options.quiet, least=least) as terminal:
         compile_missing(kinds, terminal.say)
         terminal.say(f"starting nodes: {topology.cells} ({topology.spec})")
-        with LocalCluster(topology=topology.spec, kinds=kinds, force=options.force) as cluster:
+        with LocalCluster(
+            topology=topology.spec,
+            kinds=kinds,
+            force=options.force,
+            on_node_death=options.on_node_death,
+            node_timeout=options.node_timeout,
+        ) as cluster:
             terminal.say(f"ready after {cluster.seconds_to_ready:.2f} s")
             result, interrupted = _follow(cluster, cluster.submit(file, log=log, least_improvement=least), terminal)
     tried = file.tried(result.directives)

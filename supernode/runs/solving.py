@@ -1,7 +1,7 @@
 """Solve a problem from Python on a cluster of its own, in one call."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from problems import Problem, ProblemFile
 from problems.in_memory import file_of
@@ -10,7 +10,13 @@ if TYPE_CHECKING:
     from spy.result import Result
 
 
-def solve(problem: ProblemFile | Problem | str | Path, *, force: bool = False, **run: Any) -> "Result":
+def solve(
+    problem: ProblemFile | Problem | str | Path,
+    *,
+    force: bool = False,
+    on_node_death: Literal["replace", "fail"] = "replace",
+    **run: Any,
+) -> "Result":
     """Solve a problem on processes that are started for it, and return its result.
 
     ::
@@ -25,6 +31,7 @@ def solve(problem: ProblemFile | Problem | str | Path, *, force: bool = False, *
         problem: a problem file from `load`, the path of one, or a problem made in Python. The class of a user's own
             problem must be in a module that other processes can import.
         force: start it even if this machine cannot hold so many nodes.
+        on_node_death: "replace" to have another process take the place of one that dies, "fail" to fail the job.
         run: settings that replace those of the file's ``[run]`` table, such as ``seed=1`` or ``seconds=5``.
 
     Returns:
@@ -38,5 +45,5 @@ def solve(problem: ProblemFile | Problem | str | Path, *, force: bool = False, *
 
     file = file_of(problem).with_run(**run)
     file.refuse_unreachable()
-    with LocalCluster(topology=file.run.topology, force=force) as cluster:
+    with LocalCluster(topology=file.run.topology, force=force, on_node_death=on_node_death) as cluster:
         return cluster.submit(file).result()

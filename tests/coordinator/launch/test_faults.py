@@ -1,4 +1,4 @@
-"""Processes are killed for real; whatever dies, all end within 5 s and leave no file behind."""
+"""Processes are killed for real where none is replaced; whatever dies, all end within 5 s and leave no file behind."""
 
 import json
 import os
@@ -17,7 +17,7 @@ ENDS_WITHIN = 5.0
 HOLDER = """
 import json, sys
 import supernode
-with supernode.LocalCluster(torus=(2, 3)) as cluster:
+with supernode.LocalCluster(torus=(2, 3), on_node_death="fail") as cluster:
     folder = str(cluster._launcher.folder)
     print(json.dumps({"processes": cluster.processes, "folder": folder}), flush=True)
     if sys.argv[1] == "idle":
