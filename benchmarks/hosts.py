@@ -106,7 +106,7 @@ def _below(process: int) -> list[int]:
 def measured(
     options: argparse.Namespace, nodes: list[int], file: Path, relay: tuple[float, float] | None
 ) -> dict[str, Any]:
-    """Return the result of a run on hosts, with ``cpu``, seconds of CPU of the agents, and its ``placements``."""
+    """Return the result of a run on hosts, with ``cpu``, seconds of CPU of the agents."""
     with (
         tempfile.TemporaryDirectory() as folder,
         Namespaces(len(nodes), relay) as namespaces,

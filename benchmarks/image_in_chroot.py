@@ -38,8 +38,12 @@ class Stage:
         self.folder, self.user = folder, "root"
         self.variables = {"PATH": "/usr/local/bin:/usr/bin:/bin", "HOME": "/root", "LANG": "C.UTF-8"}
         subprocess.run(["cp", "--archive", base, folder], check=True)
+
+    def mount(self) -> None:
+        """Mount what processes need; `close` gives it back, also if this was interrupted."""
         for name in ("proc", "dev"):
-            subprocess.run(["mount", "--rbind", f"/{name}", folder / name], check=True)
+            # A slave: what is unmounted here stays mounted on this machine.
+            subprocess.run(["mount", "--rbind", "--make-rslave", f"/{name}", self.folder / name], check=True)
 
     def run(self, command: str, cwd: str = "/") -> None:
         """Run a command in the root, as its user."""
@@ -72,7 +76,8 @@ class Stage:
     def close(self) -> None:
         """Give back what was mounted."""
         for name in ("proc", "dev"):
-            subprocess.run(["umount", "--recursive", "--lazy", self.folder / name], check=False)
+            if os.path.ismount(self.folder / name):
+                subprocess.run(["umount", "--recursive", "--lazy", self.folder / name], check=True)
 
 
 def bare(folder: Path) -> None:
@@ -93,6 +98,7 @@ def build(folder: Path, stages: list[Stage]) -> Stage:
             name = text.partition(" AS ")[2] or "image"
             folders[name] = folder / name
             stages.append(image := Stage(folder / "base", folder / name))
+            image.mount()
             image.set(" ".join(f"{key}={value}" for key, value in os.environ.items() if key.startswith("PIP_")))
         elif word == "RUN":
             image.run(text)

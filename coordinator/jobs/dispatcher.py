@@ -10,6 +10,7 @@ import itertools
 import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from typing import Any
 
 import zenoh
@@ -108,8 +109,7 @@ class Dispatcher:
         self._told = hooks is None  # else nobody would empty the jobs' event queues
         self.cpu_seconds = cpu_seconds
         self.seconds_to_ready = seconds_to_ready
-        self.replaces = replaces
-        self._checked = checked
+        self._make_conductor = partial(Conductor, replaces=replaces, checked=checked)
         self.topology = topology
         self.jobs: dict[int, JobEntry] = {}
         self._lock = threading.RLock()
@@ -338,17 +338,7 @@ class Dispatcher:
         """Conduct a job to its end, on the conductor's thread; this returns normally whatever happens."""
         outcome: Result | Exception
         try:
-            conductor = Conductor(
-                job,
-                self.session,
-                self._seal,
-                self.keys,
-                nodes,
-                self,
-                replaces=self.replaces,
-                checked=self._checked,
-                adopted=adopted,
-            )
+            conductor = self._make_conductor(job, self.session, self._seal, self.keys, nodes, self, adopted=adopted)
             self._conductors[job.spec.number] = conductor
             outcome = conductor.conduct(self.seconds_to_ready, self.cpu_seconds)
         except Exception as error:  # a mistake in the problem or here; clients that wait must get it as the outcome

@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import math
 import time
 
 import topologies
@@ -124,7 +125,9 @@ class Replacing:
             ReplacedError: if another process dies meanwhile.
             ClusterFailed: if a cell fails, or they take too long.
         """
-        until, again = time.monotonic() + _HALTED_WITHIN, 0.0  # `again`: when to send the command (0.0: now)
+        # Cells that only move, or get others beside them, halt after a generation, however long that takes.
+        until = time.monotonic() + (_HALTED_WITHIN if epoch.dead else math.inf)
+        again = 0.0  # when to send the command (0.0: now)
         aside = []
         try:
             while not others <= epoch.reports.keys():

@@ -175,6 +175,12 @@ class Scheduler:
             self._wired.pop(node, None)
         return {number for number, nodes in self._busy.items() if gone.intersection(nodes)}
 
+    def stay(self, nodes: Iterable[int]) -> None:
+        """Give jobs to these nodes again: their host was about to end, but has come back."""
+        back = self._leaving.intersection(nodes)
+        self._leaving -= back
+        self._free |= self._here.intersection(back) - {node for busy in self._busy.values() for node in busy}
+
     def drain(self, nodes: Iterable[int]) -> dict[int, dict[int, int]]:
         """Give no further job to these nodes, and give their cells to free nodes where there are enough for a job.
 
@@ -191,6 +197,8 @@ class Scheduler:
                 continue
             moved[number] = dict(zip(old, self._nearest(own, len(old)), strict=True))
             self._free.difference_update(moved[number].values())
+            for node in moved[number].values():  # its links are those of another job
+                self._wired.pop(node, None)
             self._busy[number] = tuple(moved[number].get(node, node) for node in own)
         return moved
 
@@ -238,8 +246,11 @@ class Scheduler:
         self._wire(tuple(nodes), topology_spec)
 
     def rewired(self, number: int, topology_spec: str) -> None:
-        """Note that a running job's nodes are now linked, in their order, as another topology."""
-        self._wire(self._busy[number], topology_spec)
+        """Note that a running job's nodes are now linked, in their order, as another topology.
+
+        The job may have been given further nodes that it has not taken yet: these are not linked.
+        """
+        self._wire(self._busy[number][: topologies.parse(topology_spec).cells], topology_spec)
 
     def replaced(self, node: int) -> None:
         """Note that a node has a new process, which has no links yet."""
@@ -259,18 +270,28 @@ class Scheduler:
 
     def _choose(self, cells: int, topology: str) -> tuple[int, ...]:
         """Return free nodes for a job: those wired for its topology last, else those of the oldest wirings."""
-        wired = {wiring for node, wiring in self._wired.items() if wiring.topology == topology and node in self._free}
-        for wiring in sorted(wired, reverse=True):
-            # A wiring is intact only if it is still the latest of each of its nodes.
-            if all(node in self._free and self._wired.get(node) is wiring for node in wiring.nodes):
-                return wiring.nodes
+        intact = self._intact(topology)
         oldest = sorted(self._free, key=lambda node: (self._wired.get(node, _UNWIRED).age, node))
         by_host: dict[str, list[int]] = {}
         for node in oldest:
             by_host.setdefault(self._place_of(node), []).append(node)
         if len(by_host) == 1:
-            return tuple(sorted(oldest[:cells]))
-        return _in_blocks(by_host, cells, topologies.parse(topology))
+            return intact or tuple(sorted(oldest[:cells]))
+        chosen = _in_blocks(by_host, cells, topologies.parse(topology))
+        return intact if intact and self._hosts_of(intact) <= self._hosts_of(chosen) else chosen
+
+    def _intact(self, topology: str) -> tuple[int, ...]:
+        """Return free nodes that are wired for a topology; () if there are none."""
+        wired = {wiring for node, wiring in self._wired.items() if wiring.topology == topology and node in self._free}
+        for wiring in sorted(wired, reverse=True):
+            # A wiring is intact only if it is still the latest of each of its nodes.
+            if all(node in self._free and self._wired.get(node) is wiring for node in wiring.nodes):
+                return wiring.nodes
+        return ()
+
+    def _hosts_of(self, nodes: tuple[int, ...]) -> int:
+        """Return on how many hosts nodes are."""
+        return len({self._place_of(node) for node in nodes})
 
 
 def _in_blocks(by_host: Mapping[str, list[int]], cells: int, topology: Topology) -> tuple[int, ...]:

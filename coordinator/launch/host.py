@@ -42,6 +42,7 @@ _DRAINED = 102  # exit status of an agent whose host no job needs any more
 _DRAINED_WITHIN = 25.0  # seconds; Kubernetes and Slurm kill 30 s after SIGTERM
 _ANSWER_WITHIN = 5.0  # seconds
 _AGAIN = 0.1  # seconds
+_NOBODY_FOR = 5.0  # seconds without a coordinator; one that has died is back sooner
 _NO_ROOM_AGAIN = 1.0  # seconds
 _AGENT = "agent"
 
@@ -165,7 +166,8 @@ class HostZygote(Zygote):
 
     def _be_the_agent(self) -> None:
         try:
-            _as_usual(lambda: attend(self._host, Keys(self.cluster), self._router, Seal(self.secret), self._tell))
+            keys, seal, leaves = Keys(self.cluster), Seal(self.secret), self._until is not None
+            _as_usual(lambda: attend(self._host, keys, self._router, seal, self._tell, leaves=leaves))
         except ClusterFailed as error:
             self._log("error", str(error), self.name)
             os._exit(_REFUSED)
@@ -176,13 +178,16 @@ class HostZygote(Zygote):
 
 
 def _as_usual(live: Callable[[], None]) -> None:
-    """Call ``live`` in a child, with the signals unblocked that the zygote blocks; only the zygote reacts to Ctrl-C."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    """Call ``live`` in a child, with the signals unblocked that the zygote blocks; it alone reacts to ending ones."""
+    for kind in _ENDING:  # Slurm and systemd send SIGTERM to all processes; these end with the zygote
+        signal.signal(kind, signal.SIG_IGN)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, _ENDING | {_JOINED})
     live()
 
 
-def attend(host: Host, keys: Keys, router: str, seal: Seal, tell: Callable[[tuple[int, ...]], None]) -> None:
+def attend(
+    host: Host, keys: Keys, router: str, seal: Seal, tell: Callable[[tuple[int, ...]], None], *, leaves: bool = False
+) -> None:
     """Run as the agent of a host until the process is killed.
 
     Args:
@@ -191,11 +196,14 @@ def attend(host: Host, keys: Keys, router: str, seal: Seal, tell: Callable[[tupl
         router: the endpoint of the cluster's router.
         seal: seals what the agent sends.
         tell: called once with the nodes' numbers, if they were asked for.
+        leaves: whether the host is about to end already.
 
     Raises:
         ClusterFailed: if the coordinator refuses the host.
     """
     leave = threading.Event()
+    if leaves:
+        leave.set()
     signal.signal(_LEAVE, lambda *_: leave.set())
     sessions.use_runtime(sessions.NODE_RUNTIME)
     session = sessions.client(router)
@@ -219,15 +227,18 @@ def attend(host: Host, keys: Keys, router: str, seal: Seal, tell: Callable[[tupl
 
 
 def _drain(session: zenoh.Session, keys: Keys, seal: Seal, host: Host) -> None:
-    """Ask that the jobs be moved away from this host, until no job needs it or nobody answers."""
+    """Ask that the jobs be moved away from this host, until no job needs it or nobody has answered for a while."""
     request = seal.close(keys.nodes, replace(host, leaving=True).encode())
+    heard = time.monotonic()
     while True:
         needed = None
         for reply in session.get(keys.nodes, payload=request, timeout=_ANSWER_WITHIN):
             if reply.ok is not None:
                 with contextlib.suppress(ClusterFailed):
                     needed = _read(reply.ok.payload.to_bytes())
-        if not needed:
+        if needed is not None:
+            heard = time.monotonic()
+        if needed == () or time.monotonic() > heard + _NOBODY_FOR:
             return
         threading.Event().wait(_AGAIN)
 

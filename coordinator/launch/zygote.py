@@ -265,13 +265,10 @@ class Zygote:
 
         One signal may stand for several deaths, so this asks until there is no further one.
         """
-        for process in self._stopped.dead():
-            self._log("warning", f"{self.children[process]} has been stopped for too long", self.name)
-            os.kill(process, signal.SIGKILL)
         while True:
             process, status = os.waitpid(-1, os.WNOHANG | StoppedChildren.FLAGS) if self.children else (0, 0)
             if process == 0:
-                return False
+                break
             if self._stopped.note(process, status):
                 continue
             name = self.children.pop(process, None)  # None: an orphan, if this is process 1 of a container
@@ -281,6 +278,10 @@ class Zygote:
                 self._log("warning", f"{name} {_how(status)}: another one takes its place", self.name, name)
                 self._fork_again(name)
                 self._tell_processes(f"{name} {_how(status)}")
+        for process in self._stopped.dead():
+            self._log("warning", f"{self.children[process]} has been stopped for too long", self.name)
+            os.kill(process, signal.SIGKILL)
+        return False
 
     def _log(self, level: str, text: str, process: str, about: str = "") -> None:
         """Write a line to the log; what writes it is imported only now, since this is rare."""

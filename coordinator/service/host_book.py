@@ -2,8 +2,10 @@
 
 A host's liveliness token drops when the host ends, but also when the router does. So a host counts as gone only after
 it has stayed away for `LEFT_AFTER`. A host that returns under the same name before that gets the same node numbers, and
-the jobs on these nodes continue. A host that is about to end may ask first that its jobs move to other nodes; it counts
-as gone as soon as its token drops. A coordinator that takes over asks all hosts who they are.
+the jobs on these nodes continue. One that stays away for longer may only be cut off: it gets its numbers when it comes
+back, and no other host does, but jobs that needed them have failed. A host that is about to end may ask first that its
+jobs move to other nodes; it counts as gone as soon as its token drops. A coordinator that takes over asks all hosts who
+they are.
 """
 
 import contextlib
@@ -50,6 +52,7 @@ class HostBook:
         came: called with a host that has got its numbers, before the host knows them.
         left: called with a host that has stayed away, or with one that gives up a part of its nodes.
         drain: called with a host that is about to end; returns those of its nodes that jobs still need.
+        complain: called with an error that is nobody's fault but this program's.
         most_nodes: how many nodes may join; None for any number. A host that finds no room gets no numbers, and asks
             again.
     """
@@ -62,8 +65,10 @@ class HostBook:
         came: Callable[[Host], None],
         left: Callable[[Host], None],
         drain: Callable[[Host], list[int]],
+        complain: Callable[[str], None],
         most_nodes: int | None = None,
     ) -> None:
+        self._complain = complain
         self._most_nodes = most_nodes
         self._session = session
         self._keys = keys
@@ -74,6 +79,7 @@ class HostBook:
         self._hosts: dict[str, Host] = {}  # by id; their nodes are disjoint
         self._present: set[str] = set()  # ids of hosts whose token exists
         self._drained: set[str] = set()  # ids of hosts that no job needs and that are about to end
+        self._lost: dict[str, Host] = {}  # by id, hosts that were given up, but may only have been cut off
         self._away: dict[str, float] = {}  # ids of the other hosts, with the time (monotonic) when they count as gone
         self._mail: queue.SimpleQueue[zenoh.Query | _Seen] = queue.SimpleQueue()
         self._ask_all()  # before any host can ask for numbers: those that are in use must not be given again
@@ -123,12 +129,18 @@ class HostBook:
         """Handle one message after another, for ever."""
         while True:
             message = self._next()
-            if isinstance(message, zenoh.Query):
-                with message:
-                    message.reply(self._keys.nodes, jobs.encode_answer(self._answer(message)))
-            elif isinstance(message, _Seen):
-                self._notice(message)
-            self._give_up_those_away()
+            try:
+                self._handle(message)
+            except Exception as error:  # else no host could join or leave any more
+                self._complain(f"{type(error).__name__}: {error}")
+
+    def _handle(self, message: zenoh.Query | _Seen | None) -> None:
+        if isinstance(message, zenoh.Query):
+            with message:
+                message.reply(self._keys.nodes, jobs.encode_answer(self._answer(message)))
+        elif isinstance(message, _Seen):
+            self._notice(message)
+        self._give_up_those_away()
 
     def _next(self) -> zenoh.Query | _Seen | None:
         due = min(self._away.values(), default=None)
@@ -141,6 +153,8 @@ class HostBook:
         if seen.here:
             self._present.add(seen.id)
             self._away.pop(seen.id, None)
+            if seen.id in self._lost:
+                self._note(self._lost.pop(seen.id))
         else:
             self._present.discard(seen.id)
             if seen.id in self._hosts:
@@ -152,8 +166,11 @@ class HostBook:
         for host in [host for host, due in self._away.items() if due <= now]:
             if self._session.info.routers_zid():
                 del self._away[host]
+                gone = self._hosts.pop(host)
+                if host not in self._drained:
+                    self._lost[host] = gone
                 self._drained.discard(host)
-                self._left(self._hosts.pop(host))
+                self._left(gone)
             else:  # this process is cut off from the router, so nothing is known of the host
                 self._away[host] = now + LEFT_AFTER
 
@@ -169,8 +186,9 @@ class HostBook:
             return Done([] if known is None else self._needed_of(known))
         if known is not None:  # it did not get the first answer
             return Done(list(known.nodes))
-        before = next((host for host in self._hosts.values() if host.name == asking.name), None)
-        if before is not None and before.id not in self._away:
+        known_ones = (*self._hosts.values(), *self._lost.values())
+        before = next((host for host in known_ones if host.name == asking.name), None)
+        if before is not None and before.id in self._hosts and before.id not in self._away:
             return Refused(f"a host named {asking.name} has joined already: give this one another name (--host)")
         return Done(list(self._let_in(asking, before)))
 
@@ -188,15 +206,18 @@ class HostBook:
         """
         old: tuple[int, ...] = ()
         if before is not None:
-            del self._hosts[before.id], self._away[before.id]
+            self._hosts.pop(before.id, None)
+            self._lost.pop(before.id, None)
+            self._away.pop(before.id, None)
             old = before.nodes[: asking.wants]
             if len(before.nodes) > asking.wants:
                 self._left(before.with_nodes(before.nodes[asking.wants :]))
-        taken = {node for host in self._hosts.values() for node in host.nodes}.union(old)
+        here = {node for host in self._hosts.values() for node in host.nodes}.union(old)
+        taken = here.union(*(host.nodes for host in self._lost.values()))
         new = (node for node in itertools.count() if node not in taken)
         wants = asking.wants - len(old)
         if self._most_nodes is not None:
-            wants = max(0, min(wants, self._most_nodes - len(taken)))
+            wants = max(0, min(wants, self._most_nodes - len(here)))
         nodes = (*old, *itertools.islice(new, wants))
         self._note(asking.with_nodes(nodes))
         return nodes

@@ -45,7 +45,7 @@ class JoinedDispatcher(ServiceDispatcher):
         super().__init__(session, keys, seal, hooks, max_queue=max_queue, expected=nodes)
         self._moving: dict[int, int] = {}  # nodes that leave, each with the job whose cells are on their way from it
         self._first_port = self.began % PORTS  # probably not the port that the previous coordinator used last
-        self._book = HostBook(session, keys, seal, self._came, self._leave, self._drain, most_nodes)
+        self._book = HostBook(session, keys, seal, self._came, self._leave, self._drain, self._complain, most_nodes)
         # After the book: when a node is reported, its host must be known already, or a wiring would lack its address.
         self._roster = Roster(session, keys, self.replaced, self.joined)
         self._roster.look()
@@ -57,6 +57,10 @@ class JoinedDispatcher(ServiceDispatcher):
     def _came(self, host: Host) -> None:
         with self._lock:
             self._node_hosts.move_in(host, self._first_port)
+            self._scheduler.stay(host.nodes)  # it may have been about to end before
+
+    def _complain(self, error: str) -> None:
+        self._log("error", f"the record of hosts: {error}")
 
     def placed(self, job: JobEntry, placement: Placement) -> None:
         """Note also which nodes the job has left."""
@@ -86,5 +90,6 @@ class JoinedDispatcher(ServiceDispatcher):
 
     def _leave(self, host: Host) -> None:
         numbers = ", ".join(map(str, host.nodes))
-        self.left(host.nodes, f"host {host.name} has been away for {LEFT_AFTER:.0f} s, with its nodes {numbers}")
+        why = f"host {host.name} has been away for {LEFT_AFTER:.0f} s, or has come back without its nodes {numbers}"
+        self.left(host.nodes, why)
         self._roster.forget(host.nodes)

@@ -38,7 +38,7 @@ def run(options: argparse.Namespace) -> int:
     router, cluster, nodes = endpoint_of(options), cluster_of(options), number_of(options, "nodes")
     from problems.errors import BadInput
 
-    max_queue = None if options.max_queue is None else number_of(options, "max_queue")
+    max_queue = None if options.max_queue is None else number_of(options, "max_queue", 0)
     most_nodes = None if options.max_nodes is None else number_of(options, "max_nodes")
     if most_nodes is not None and most_nodes < nodes:
         raise BadInput(f"--max-nodes: expected at least --nodes, {nodes}, found {most_nodes}")

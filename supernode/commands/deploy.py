@@ -11,7 +11,6 @@ from supernode.commands.run_options import whole
 EXAMPLE = "supernode deploy slurm --hosts 8 --nodes 32 -o cluster.sbatch"
 
 _ENGINES = {"slurm": "slurm.sbatch", "kubernetes": "kubernetes.yaml"}
-_PORTS = 4  # of each node, see docs/deploy.md
 _MOST_PORTS = 12000  # from 20000 on: Linux gives those above 32767 to whoever asks for any port
 _MEGABYTES = 200, 12  # of memory, for an agent and for each of its nodes
 
@@ -50,19 +49,31 @@ def _values(options: argparse.Namespace) -> dict[str, object]:
         BadInput: if a number is 0, or an option is another engine's.
     """
     import math
+    import re
 
+    from coordinator.jobs.node_hosts import PORTS
     from problems.errors import BadInput
 
     for name in ("hosts", "nodes"):
         if getattr(options, name) < 1:
             raise BadInput(f"--{name}: expected a whole number, at least 1, found {getattr(options, name)}")
+    most = _MOST_PORTS // PORTS - 1
+    if options.nodes > most:
+        raise BadInput(f"--nodes: expected at most {most} on a machine, {PORTS} ports each, found {options.nodes}")
     for name, engine in (("time", "slurm"), ("image", "kubernetes")):
         if getattr(options, name) is not None and options.engine != engine:
             raise BadInput(f"--{name}: expected it with {engine} only, found it with {options.engine}")
+    for name, form, example in (
+        ("time", r"[\d:-]+", "1-12:00:00"),
+        ("image", r"[\w./:@-]+", "example.org/supernode:1"),
+    ):
+        value = getattr(options, name)
+        if value is not None and not re.fullmatch(form, value):
+            raise BadInput(f"--{name}: expected one such as {example}, found {value!r}")
     cells = options.hosts * options.nodes
     rows = max(each for each in range(1, math.isqrt(cells) + 1) if cells % each == 0)
     base, each = _MEGABYTES
-    ports = 1 + _PORTS * options.nodes  # on one machine: the router's, and the nodes'
+    ports = 1 + PORTS * options.nodes  # on one machine: the router's, and the nodes'
     return {
         "hosts": options.hosts,
         "nodes": options.nodes,

@@ -34,7 +34,7 @@ def run(options: argparse.Namespace) -> int:
     elif ends is not None or is_occupied(Path(place.folder or "")):
         _wait_for_exit(info.process, ends is not None, place)
     alone = ends == "coordinator" and info is None  # of an engine's cluster the lifeline ends all
-    rest = "; router, spy and nodes end where they were started" if alone else ""
+    rest = "; router, spy and nodes end where they were started, or with `up --on`" if alone else ""
     tell(options, {"down": str(place), "ended": ends or "cluster"}, f"down: {place}{rest}")
     return exits.OK
 

@@ -94,8 +94,8 @@ def endpoint(text: str, name: str) -> str:
     return found
 
 
-def number_of(options: argparse.Namespace, name: str) -> int:
-    """Return the whole number, at least 1, that an option must give.
+def number_of(options: argparse.Namespace, name: str, least: int = 1) -> int:
+    """Return the whole number, at least ``least``, that an option must give.
 
     Raises:
         BadInput: if the option is not given, or not such a number.
@@ -103,8 +103,8 @@ def number_of(options: argparse.Namespace, name: str) -> int:
     from problems.errors import BadInput
 
     text = _needed(options, name)
-    if not text.isascii() or not text.isdigit() or int(text) < 1:
-        raise BadInput(f"--{name.replace('_', '-')}: expected a whole number, at least 1, found {text}")
+    if not text.isascii() or not text.isdigit() or int(text) < least:
+        raise BadInput(f"--{name.replace('_', '-')}: expected a whole number, at least {least}, found {text}")
     return int(text)
 
 

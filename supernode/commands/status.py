@@ -41,12 +41,13 @@ def _check(status: Mapping[str, Any], expected: str | None) -> None:
         ClusterFailed: if it is not.
     """
     from coordinator.errors import ClusterFailed
+    from supernode.deploy.surroundings import surroundings
 
     if expected == "spy" and status["spy"] is None:
         raise ClusterFailed("the cluster has no spy")
     if expected == "host":
-        name, machine = os.environ.get("SUPERNODE_HOST"), socket.gethostname()
-        # Without SUPERNODE_HOST, `node` names its host after the machine and a process id.
+        name, machine = os.environ.get("SUPERNODE_HOST") or surroundings(os.environ).name, socket.gethostname()
+        # Without a name, `node` names its host after the machine and a process id.
         mine = re.compile(re.escape(name) if name else rf"{re.escape(machine)}-\d+")
         if not any(mine.fullmatch(node.get("host") or "") for node in status["nodes"]):
             raise ClusterFailed(f"the cluster has no nodes of host {name or machine}")

@@ -34,7 +34,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="ENDPOINT",
         action="append",
         default=[],
-        help="let clients connect here too, such as tcp/0.0.0.0:7447 (by default only by a private Unix socket)",
+        help="let clients connect here too, such as tcp/0.0.0.0:7447 (by default only by a private Unix socket; with"
+        " --on ssh at a free port)",
     )
     parser.add_argument("--state", metavar="DIR", help="the state folder (the user's default one)")
     parser.add_argument("--database", metavar="URL", help="keep the jobs in this database, not in the state folder")

@@ -1,13 +1,15 @@
 """The address of this machine by which others reach it."""
 
 import contextlib
+import random
 import re
 import socket
 
 from problems.errors import BadInput
 
 _FAR_AWAY, _ANY_PORT = "198.51.100.1", 9  # an address reserved for documentation (RFC 5737): nothing answers there
-_PORTS = range(20000, 32000, 500)  # below those that the kernel gives to whoever asks for any
+_PORTS = range(20000, 31000, 100)  # below those that the kernel gives to whoever asks for any
+_TRIES = 100
 
 
 def own_endpoint(listen: str, router: str) -> str:
@@ -45,12 +47,13 @@ def own_address(router: str) -> str:
 
 
 def free_port() -> int:
-    """Return a port that nobody uses now, with some hundred above it that are probably free too.
+    """Return a port that nobody uses now. It is drawn, so that those above it are probably free too.
 
     Raises:
         BadInput: if there is none.
     """
-    for port in _PORTS:
+    for _ in range(_TRIES):
+        port = random.choice(_PORTS)
         with socket.socket() as probe, contextlib.suppress(OSError):
             probe.bind(("", port))
             return port

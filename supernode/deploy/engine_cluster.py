@@ -16,7 +16,6 @@ from supernode.client.cluster_info import Place
 _READY_WITHIN = 300.0  # seconds; a new machine may compile kernels first
 _LOOK_AGAIN = 0.2  # seconds
 ENGINE_CLUSTER = "main"  # the cluster's name: it is the only one of its router
-PORTS = 4  # of each node, see docs/deploy.md
 
 
 class EngineCluster(ABC):
@@ -60,11 +59,15 @@ class EngineCluster(ABC):
         while not self._is_ready():
             if (why := self.complaint()) is not None:
                 raise ClusterFailed(why)
-            if self._given_up():
-                raise ClusterFailed("the cluster was asked to end before its nodes had joined")
+            self.refuse_given_up()
             if time.monotonic() >= until:
                 raise ClusterFailed(f"{self.nodes} nodes have not joined within {_READY_WITHIN:.0f} s; see the logs")
             time.sleep(_LOOK_AGAIN)
+
+    def refuse_given_up(self) -> None:
+        """Raise `ClusterFailed` if nobody wants the cluster any more."""
+        if self._given_up():
+            raise ClusterFailed("the cluster was asked to end before its nodes had joined")
 
     def _is_ready(self) -> bool:
         try:

@@ -9,22 +9,28 @@ from __future__ import annotations
 import os
 import secrets
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
 import threading
+import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 from coordinator.errors import ClusterFailed
+from coordinator.jobs.node_hosts import PORTS
 from problems.errors import BadInput
 from supernode.deploy.addresses import free_port
-from supernode.deploy.engine_cluster import PORTS, EngineCluster, shares, trust
+from supernode.deploy.engine_cluster import EngineCluster, shares, trust
 from wire.seal import SECRET_BYTES
 
 _READY_WITHIN = 300.0  # seconds; an actor on a new machine may compile kernels first
 _ENDED_WITHIN = 20.0  # seconds; an actor whose machine is gone does not answer
+_LOOK_AGAIN = 0.5  # seconds
+_FIRST_PORT, _MOST_PORTS = 20000, 12000  # Linux gives those above to whoever asks for any port
+_PATIENCE = 5.0  # seconds until a process that does not end is killed
 _SIGNAL = "TERM"  # what a process gets when its actor dies, however that dies
 
 
@@ -39,7 +45,9 @@ class Role:
     """
 
     def __init__(self, command: Sequence[str], secret: str, name: str) -> None:
-        self._folder = Path(tempfile.gettempdir()) / f"supernode-{name}"
+        self._ends = command[0] == "coordinator"  # with status 0 only because a client has ended it
+        # Not "supernode-", which is for folders that a lock keeps from being removed.
+        self._folder = Path(tempfile.gettempdir()) / f"sn-ray-{name}"
         self._folder.mkdir(mode=0o700, exist_ok=True)
         file = self._folder / "secret"
         file.touch(mode=0o600)
@@ -53,7 +61,7 @@ class Role:
         threading.Thread(target=self._end_with_it, daemon=True).start()
 
     def _end_with_it(self) -> None:
-        self._is_over = self._process.wait() == 0
+        self._is_over = self._process.wait() == 0 and self._ends
         if not self._is_ending and not self._is_over:
             os._exit(1)  # Ray starts the actor again, and with it the process
 
@@ -64,8 +72,12 @@ class Role:
     def end(self) -> None:
         """End the process, and remove what it has left on this machine."""
         self._is_ending = True
-        self._process.kill()
-        self._process.wait()
+        self._process.send_signal(signal.SIGHUP)  # which an agent does not take for a notice to drain
+        try:
+            self._process.wait(_PATIENCE)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
         shutil.rmtree(self._folder, ignore_errors=True)
 
     def address(self) -> str:
@@ -100,10 +112,11 @@ class RayCluster(EngineCluster):
         nodes: how many nodes there shall be on all machines.
         address: the Ray cluster, such as ``ray://head:10001``; None: the one that this process is connected with, or
             that runs on this machine.
-        hosts: the number of agents; by default one for each machine that Ray has.
+        hosts: the number of agents; by default one for each machine that Ray has, and no more than nodes.
         options: further options of `supernode coordinator`, such as ``("--state", FOLDER)``, on the first machine or
             shared; by default jobs are kept until the end.
         modules: users' modules whose problems may be run.
+        agent_options: further options of `supernode node`.
         given_up: whether nobody wants the cluster any more; asked while it starts.
 
     Raises:
@@ -119,11 +132,16 @@ class RayCluster(EngineCluster):
         hosts: int | None = None,
         options: Sequence[str] = (),
         modules: Sequence[str] = (),
+        agent_options: Sequence[str] = (),
         given_up: Callable[[], bool] = lambda: False,
     ) -> None:
         super().__init__(given_up)
-        self._ray = _connected(address)
-        given = shares(nodes, len(_machines(self._ray)) if hosts is None else hosts)
+        self._ray, self._is_ours = _connected(address)
+        machines = len(_machines(self._ray))
+        if not machines:
+            raise BadInput("ray: expected a machine with a processor, found none")
+        given = shares(nodes, min(nodes, machines) if hosts is None else hosts)
+        self._agent_options = agent_options
         self._secret, self._name = secrets.token_hex(SECRET_BYTES), secrets.token_hex(4)
         self._actors: list[Any] = []
         self._groups: list[Any] = []
@@ -153,10 +171,11 @@ class RayCluster(EngineCluster):
         """Return a new placement group with so many places, once Ray has them."""
         group = self._ray.util.placement_group([{"CPU": 1.0}] * places, strategy="SPREAD")
         self._groups.append(group)
-        try:
-            self._ray.get(group.ready(), timeout=_READY_WITHIN)
-        except self._ray.exceptions.GetTimeoutError:
-            raise ClusterFailed(f"Ray has not found {places} free processors within {_READY_WITHIN:.0f} s") from None
+        until = time.monotonic() + _READY_WITHIN
+        while not self._ray.wait([group.ready()], timeout=_LOOK_AGAIN)[0]:
+            self.refuse_given_up()
+            if time.monotonic() >= until:
+                raise ClusterFailed(f"Ray has not found {places} free processors within {_READY_WITHIN:.0f} s")
         return group
 
     def _start(self, group: Any, nodes: int, options: Sequence[str]) -> None:
@@ -172,8 +191,10 @@ class RayCluster(EngineCluster):
         """Start an agent with its share of nodes at each place of a group."""
         for place, share in enumerate(shares):
             where = ("--host", f"agent-{self._agents}", "--listen", f"tcp/<ADDRESS>:{self._port}")
-            self._actor(group, place, "node", *self._member(), "--nodes", str(share), *where)
-            self._port += PORTS * share
+            options = (*where, *self._agent_options)
+            self._actor(group, place, "node", *self._member(), "--nodes", str(share), *options)
+            # Modulo: so many agents are not on one machine.
+            self._port = _FIRST_PORT + (self._port - _FIRST_PORT + PORTS * share) % _MOST_PORTS
             self.nodes += share
             self._agents += 1
 
@@ -215,25 +236,30 @@ class RayCluster(EngineCluster):
         self._actors.clear()
         for group in self._groups:
             self._ray.util.remove_placement_group(group)
+        if self._is_ours:
+            self._ray.shutdown()
 
 
-def _connected(address: str | None) -> Any:
-    """Return the module ray, connected with a cluster.
+def _connected(address: str | None) -> tuple[Any, bool]:
+    """Return the module ray, connected with a cluster, and whether it was not before.
 
     Raises:
-        BadInput: if it is not installed, or there is no cluster at the address.
+        BadInput: if it is not installed, there is no cluster at the address, or it is connected with one already.
     """
     try:
         import ray
         import ray.util.scheduling_strategies
     except ImportError:
         raise BadInput("ray: expected this package, found none; pip install 'supernode[ray]'") from None
-    if not ray.is_initialized():
+    was_connected = ray.is_initialized()
+    if was_connected and address is not None:
+        raise BadInput(f"address: expected none, as this process has a connection with Ray already, found {address}")
+    if not was_connected:
         try:
             ray.init(address=address or "auto", log_to_driver=False)
         except ConnectionError as error:
             raise BadInput(f"ray: expected a Ray cluster at {address or 'this machine'}, found none: {error}") from None
-    return ray
+    return ray, not was_connected
 
 
 def _machines(ray: Any) -> list[Any]:

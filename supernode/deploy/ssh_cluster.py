@@ -10,17 +10,20 @@ import contextlib
 import re
 import secrets
 import shlex
+import shutil
 import subprocess
 import sys
 import tempfile
 import threading
 import time
+from collections import defaultdict
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from coordinator.jobs.node_hosts import PORTS
 from problems.errors import BadInput
-from supernode.deploy.addresses import free_port, own_address
-from supernode.deploy.engine_cluster import PORTS, EngineCluster, shares, trust
+from supernode.deploy.addresses import free_port, own_address, own_endpoint
+from supernode.deploy.engine_cluster import EngineCluster, shares, trust
 from wire.seal import SECRET_BYTES
 
 _AGAIN, _LONGEST_PAUSE = 1.0, 30.0  # seconds until a process that has died is started again; doubled while it dies soon
@@ -32,14 +35,20 @@ _LIFELINE = ("setpriv", "--pdeathsig", "TERM")  # of util-linux: the process end
 
 
 class _KeptAlive:
-    """A process that is started again when it dies; one that ends with status 0 was asked to.
+    """A process that is started again when it ends.
 
     Args:
         command: the command.
         secret: what to write to its standard input, which stays open; None for no input.
+        ends: whether it is not started again after status 0, since a client has ended it.
+
+    Attributes:
+        died_with: the status that it ended with last; None if it has not.
+        is_over: whether it is not started again.
     """
 
-    def __init__(self, command: Sequence[str], secret: str | None = None) -> None:
+    def __init__(self, command: Sequence[str], secret: str | None = None, *, ends: bool = False) -> None:
+        self._ends = ends
         self._command = [*_LIFELINE, *command]
         self._secret = secret
         self._ending = threading.Event()
@@ -62,7 +71,7 @@ class _KeptAlive:
                     process.stdin.write(f"{self._secret}\n".encode())
                     process.stdin.flush()
             self.died_with = process.wait()
-            if self.died_with == 0:
+            if self._ends and self.died_with == 0:
                 self.is_over = True
                 return
             pause = _AGAIN if time.monotonic() - began > _LONGEST_PAUSE else min(2 * pause, _LONGEST_PAUSE)
@@ -98,6 +107,7 @@ class SshCluster(EngineCluster):
             which this machine reaches the first host.
         options: further options of `supernode coordinator`, such as ``("--state", FOLDER)``.
         modules: users' modules whose problems may be run.
+        agent_options: further options of `supernode node`.
         given_up: whether nobody wants the cluster any more; asked while it starts.
 
     Raises:
@@ -113,28 +123,35 @@ class SshCluster(EngineCluster):
         listen: Sequence[str] = (),
         options: Sequence[str] = (),
         modules: Sequence[str] = (),
+        agent_options: Sequence[str] = (),
         given_up: Callable[[], bool] = lambda: False,
     ) -> None:
         super().__init__(given_up)
+        for program, package in (("ssh", "openssh-client"), ("setpriv", "util-linux")):
+            if shutil.which(program) is None:
+                raise BadInput(f"--on: expected the program {program}, found none; install {package}")
         for host in hosts:
             if not _HOST.fullmatch(host):
                 raise BadInput(f"--on: expected hosts such as user@host:22, found {host!r}")
         given = shares(nodes, len(hosts))
-        port = free_port()
-        self._listen = listen or [f"tcp/{own_address(f'tcp/{_name_of(hosts[0])}:22')}:{port}"]
-        self.connect = self._listen[0]
-        self._folder = tempfile.TemporaryDirectory(prefix="supernode-")  # private, as mkdtemp makes it
+        port, first = free_port(), f"tcp/{_name_of(hosts[0])}:22"
+        self._listen = listen or [f"tcp/{own_address(first)}:{port}"]
+        self.connect = own_endpoint(self._listen[0], first)
+        # Private, as mkdtemp makes it; not "supernode-", which is for folders that a lock keeps from being removed.
+        self._folder = tempfile.TemporaryDirectory(prefix="sn-up-")
         self.nodes, self._hosts, self._trust = nodes, hosts, trust(modules)
         self._here: list[_KeptAlive] = []
         self._agents: list[_KeptAlive] = []
         try:
-            self._start(given, port + 1, options)
+            self._start(given, port + 1, options, agent_options)
             self.wait_until_ready()
         except BaseException:
             self.close()
             raise
 
-    def _start(self, given: Sequence[int], port: int, options: Sequence[str]) -> None:
+    def _start(
+        self, given: Sequence[int], first_port: int, options: Sequence[str], agent_options: Sequence[str]
+    ) -> None:
         secret = secrets.token_hex(SECRET_BYTES)
         file = Path(self._folder.name) / "secret"
         file.touch(mode=0o600)
@@ -146,13 +163,15 @@ class SshCluster(EngineCluster):
             ("coordinator", *member, *known, "--nodes", str(self.nodes), *options),
             ("spy", *member, *known),
         ):
-            self._here.append(_KeptAlive([sys.executable, "-m", "supernode", *command]))
+            ends = command[0] == "coordinator"
+            self._here.append(_KeptAlive([sys.executable, "-m", "supernode", *command], ends=ends))
+        ports: dict[str, int] = defaultdict(lambda: first_port)  # by machine
         for number, (host, share) in enumerate(zip(self._hosts, given, strict=True)):
-            where = ("--host", f"{_name_of(host)}-{number}", "--listen", f"tcp/0.0.0.0:{port}")
-            agent = ("node", *member, "--nodes", str(share), *where, "--lifeline")
+            where = ("--host", f"{_name_of(host)}-{number}", "--listen", f"tcp/0.0.0.0:{ports[_name_of(host)]}")
+            agent = ("node", *member, "--nodes", str(share), *where, "--lifeline", *agent_options)
             remote = shlex.join([sys.executable, "-m", "supernode", *agent])
             self._agents.append(_KeptAlive([*_SSH, f"ssh://{host}", f"exec {remote}"], secret))
-            port += PORTS * share
+            ports[_name_of(host)] += PORTS * share
 
     def is_over(self) -> bool:
         """Return whether a client has ended the coordinator."""
@@ -160,7 +179,10 @@ class SshCluster(EngineCluster):
         return coordinator.is_over
 
     def complaint(self) -> str | None:
-        """Return which host's agent has ended before its nodes joined."""
+        """Return which process has ended before the nodes joined."""
+        for name, process in zip(("router", "coordinator", "spy"), self._here, strict=True):
+            if process.died_with is not None:
+                return f"the {name} has ended with status {process.died_with}; what it wrote is above"
         for host, agent in zip(self._hosts, self._agents, strict=True):
             if agent.died_with is not None:
                 return f"{host}: ssh or the agent there ended with status {agent.died_with}; what it wrote is above"

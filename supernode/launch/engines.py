@@ -1,6 +1,5 @@
 """Choose the engine that `supernode up --on` names, and start a cluster on it."""
 
-import math
 from collections.abc import Callable
 
 from coordinator.launch.launcher import ServiceOptions
@@ -9,7 +8,9 @@ from problems.errors import BadInput
 from supernode.deploy.engine_cluster import EngineCluster
 
 
-def start_on(engine: str, nodes: int, service: ServiceOptions, given_up: Callable[[], bool]) -> EngineCluster:
+def start_on(
+    engine: str, nodes: int, service: ServiceOptions, given_up: Callable[[], bool], *, force: bool = False
+) -> EngineCluster:
     """Start a cluster on an engine, and return it once its nodes have joined.
 
     Args:
@@ -17,12 +18,14 @@ def start_on(engine: str, nodes: int, service: ServiceOptions, given_up: Callabl
         nodes: how many nodes there shall be.
         service: the options of the cluster.
         given_up: whether nobody wants the cluster any more; asked while it starts.
+        force: start the nodes even if a machine cannot hold so many.
 
     Raises:
         BadInput: if there is no such engine, or an option does not suit it.
         ClusterFailed: if the cluster does not come up, or is given up.
     """
     modules = service.allow_modules
+    agent_options = ["--node-timeout", f"{service.node_timeout:g}", *(["--force"] if force else [])]
     scheme, _, place = engine.partition("://")
     if scheme == "ray" and bool(place) == ("://" in engine):
         from supernode.deploy.ray_cluster import RayCluster
@@ -31,21 +34,35 @@ def start_on(engine: str, nodes: int, service: ServiceOptions, given_up: Callabl
             raise BadInput(f"--listen: expected none with --on ray, which chooses the machine, found {service.listen}")
         options = [*_options(service), *(("--database", service.database) if service.database else ())]
         address = engine if place else None
-        return RayCluster(nodes, address=address, options=options, modules=modules, given_up=given_up)
+        return RayCluster(
+            nodes,
+            address=address,
+            options=options,
+            modules=modules,
+            agent_options=agent_options,
+            given_up=given_up,
+        )
     if scheme == "ssh" and place:
         from supernode.deploy.ssh_cluster import SshCluster
 
         assert service.state is not None, "`up` has one"
         options = [*_options(service), "--database", service.database or url_in(service.state)]
         return SshCluster(
-            place.split(","), nodes, listen=service.listen, options=options, modules=modules, given_up=given_up
+            place.split(","),
+            nodes,
+            listen=service.listen,
+            options=options,
+            modules=modules,
+            agent_options=agent_options,
+            given_up=given_up,
         )
     raise BadInput(f"--on: expected ray, ray://HEAD:10001 or ssh://HOST,HOST, found {engine!r}")
 
 
 def _options(service: ServiceOptions) -> list[str]:
     """Return the options of `supernode coordinator` that any engine's cluster is given."""
-    days = max(1, math.ceil(service.keep_days))
-    keep = ["--keep-days", str(days), "--keep-records", str(service.keep_records)]
+    if service.keep_days != int(service.keep_days):
+        raise BadInput(f"--keep-days: expected whole days with --on, found {service.keep_days:g}")
+    keep = ["--keep-days", str(int(service.keep_days)), "--keep-records", str(service.keep_records)]
     queue = [] if service.max_queue is None else ["--max-queue", str(service.max_queue)]
     return [*keep, *queue, *(["--log-json"] if service.log_json else [])]

@@ -230,23 +230,29 @@ class Supervisor:
         assert request.engine is not None, "that is why this is called"
         nodes = topologies.parse(request.topology).cells
         try:
-            cluster = start_on(request.engine, nodes, request.service, lambda: not self._ends.empty())
+            cluster = start_on(
+                request.engine, nodes, request.service, lambda: not self._ends.empty(), force=request.force
+            )
         except ClusterFailed:
             if not self._ends.empty():  # it was asked to end while it started
                 self._wait_for_the_end()
             raise
-        with cluster, self._looking_for_the_end_of(cluster):
+        with cluster, self._looking_for_the_end_of(cluster, request.engine):
             yield ENGINE_CLUSTER, cluster.connect, cluster.nodes
 
     @contextmanager
-    def _looking_for_the_end_of(self, cluster: EngineCluster) -> Iterator[None]:
+    def _looking_for_the_end_of(self, cluster: EngineCluster, engine: str) -> Iterator[None]:
         """Look, on another thread, whether a client has ended the cluster."""
         done = threading.Event()
 
         def look() -> None:
             while not done.wait(_LOOK_AGAIN):
-                if cluster.is_over():
-                    self._ends.put(None)
+                try:
+                    is_over, why = cluster.is_over(), None
+                except Exception as error:  # of the engine, which has any kind
+                    is_over, why = True, f"{engine}: {type(error).__name__}: {error}"
+                if is_over:
+                    self._ends.put(why)
                     return
 
         thread = threading.Thread(target=look, name="end of the engine's cluster")

@@ -254,7 +254,10 @@ def test_down_waits_until_the_lifeline_has_ended(supernode, service, tmp_path):
 def test_down_from_afar_waits_until_the_coordinator_has_ended_and_says_what_lives_on(supernode, service):
     service.ends = "coordinator"
     code, out, _ = supernode("down")
-    assert (code, out) == (0, f"down: {service.endpoint}; router, spy and nodes end where they were started\n")
+    assert (code, out) == (
+        0,
+        f"down: {service.endpoint}; router, spy and nodes end where they were started, or with `up --on`\n",
+    )
     assert service.session is None
 
 

@@ -1,3 +1,4 @@
+import re
 import shutil
 import subprocess
 
@@ -43,7 +44,8 @@ def test_each_process_of_the_manifests_knows_its_settings(capsys):
     manifests = yaml.safe_load_all(written(capsys, "kubernetes"))
     pods = [each["spec"]["template"]["spec"] for each in manifests if "template" in each["spec"]]
     for container in (container for pod in pods for container in pod["containers"]):
-        command = container.get("args") or container["command"][2].rpartition("exec supernode ")[2].split()
+        shell = container["command"][2] if "command" in container else ""
+        command = container.get("args") or [re.search(r"/tmp/secret;\s+(?:exec )?supernode (\w+)", shell)[1]]
         with pytest.raises(SystemExit) as ended:
             main([command[0], "--help"])
         assert ended.value.code == 0
@@ -57,6 +59,9 @@ def test_each_process_of_the_manifests_knows_its_settings(capsys):
         (["slurm", "--hosts", "0"], "--hosts: expected a whole number, at least 1, found 0"),
         (["slurm", "--image", "x"], "--image: expected it with kubernetes only, found it with slurm"),
         (["kubernetes", "--time", "1:00"], "--time: expected it with slurm only, found it with kubernetes"),
+        (["slurm", "--nodes", "3000"], "--nodes: expected at most 2999 on a machine, 4 ports each, found 3000"),
+        (["slurm", "--time", "soon"], "--time: expected one such as 1-12:00:00, found 'soon'"),
+        (["kubernetes", "--image", "a: b"], "--image: expected one such as example.org/supernode:1, found 'a: b'"),
         (["slurm", "-o", "/nowhere/x"], "-o: expected a file that can be written"),
     ],
 )

@@ -66,7 +66,7 @@ def test_a_machine_goes_and_the_job_goes_on(machines, tmp_path):
         larger = example.with_run(topology="torus 4x5")
         assert on_ray.submit(larger).result(60).history_sha256 == supernode.simulate(larger).history_sha256
     until(lambda: supernodes().keys() <= before.keys())
-    assert list(Path(tempfile.gettempdir()).glob(f"supernode-{on_ray._name}-*")) == []
+    assert list(Path(tempfile.gettempdir()).glob(f"sn-ray-{on_ray._name}-*")) == []
 
 
 def test_up_and_down(machines, tmp_path):
