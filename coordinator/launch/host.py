@@ -228,10 +228,10 @@ def attend(
 
 def _drain(session: zenoh.Session, keys: Keys, seal: Seal, host: Host) -> None:
     """Ask that the jobs be moved away from this host, until no job needs it or nobody has answered for a while."""
-    request = seal.close(keys.nodes, replace(host, leaving=True).encode())
     heard = time.monotonic()
     while True:
         needed = None
+        request = seal.close(keys.nodes, replace(host, leaving=True).encode())  # anew: a repeated one is refused
         for reply in session.get(keys.nodes, payload=request, timeout=_ANSWER_WITHIN):
             if reply.ok is not None:
                 with contextlib.suppress(ClusterFailed):

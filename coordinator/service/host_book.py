@@ -29,6 +29,7 @@ from wire.strict import Rejected
 LEFT_AFTER = 30.0  # seconds; a container that is restarted is back within a few
 
 _ANSWER_WITHIN = 5.0
+_MOST_LOST = 4096  # nodes whose numbers are kept for hosts that may only be cut off
 
 
 @dataclass(frozen=True)
@@ -169,6 +170,8 @@ class HostBook:
                 gone = self._hosts.pop(host)
                 if host not in self._drained:
                     self._lost[host] = gone
+                    while sum(len(each.nodes) for each in self._lost.values()) > _MOST_LOST:
+                        del self._lost[next(iter(self._lost))]  # the one that has been away for the longest time
                 self._drained.discard(host)
                 self._left(gone)
             else:  # this process is cut off from the router, so nothing is known of the host

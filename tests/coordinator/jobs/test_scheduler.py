@@ -16,7 +16,7 @@ CELLS = {"torus 2x2": 4, "torus 1x4": 4, "ring 3": 3, "torus 4x4": 16, "complete
 
 def run(scheduler, number, topology, priority=0):
     """Add a job, and start what may start."""
-    scheduler.add(number, CELLS[topology], topology, priority)
+    scheduler.add(number, topologies.parse(topology).cells, topology, priority)
     return scheduler.start()
 
 
@@ -66,6 +66,38 @@ def test_cells_of_nodes_that_leave_move_to_free_nodes_if_there_are_enough():
     scheduler.leave(leaving)
     scheduler.join(leaving)
     assert scheduler.free_nodes == 5
+
+
+def test_nodes_whose_host_comes_back_before_it_has_ended_get_jobs_again():
+    scheduler = Scheduler(4)
+    run(scheduler, 1, "torus 1x2")
+    assert scheduler.drain([0, 2]) == {1: {0: 3}}
+    scheduler.stay([0, 2])
+    assert scheduler.free_nodes == 2
+    scheduler.free(1)
+    assert scheduler.free_nodes == 4
+
+
+def test_further_nodes_that_a_job_has_not_taken_are_not_linked():
+    scheduler = Scheduler(16)
+    run(scheduler, 1, "torus 2x4")
+    assert len(scheduler.extend(1)) == 16
+    scheduler.rewired(1, "ring 8")
+    scheduler.free(1)
+    scheduler.add(2, 8, "ring 8")
+    (placed,) = scheduler.start()
+    assert placed.nodes == tuple(range(8))
+
+
+def test_few_hosts_come_before_links_that_are_there_already():
+    scheduler = Scheduler(4, joining=True, place_of=lambda node: f"host{node // 4}")
+    scheduler.join([0, 1, 4, 5])
+    run(scheduler, 1, "torus 2x2")
+    scheduler.free(1)
+    scheduler.join([2, 3])
+    scheduler.add(2, 4, "torus 2x2")
+    (placed,) = scheduler.start()
+    assert placed.nodes == (0, 1, 2, 3)
 
 
 def test_a_job_that_grows_gets_whole_rows_of_free_nodes_unless_a_job_waits():

@@ -7,6 +7,7 @@ import time
 from pathlib import Path
 
 import pytest
+from places import until
 
 from coordinator.jobs.node_hosts import PORTS, NodeHosts
 from coordinator.service import host_book
@@ -37,9 +38,11 @@ class Room:
         self.needed = []  # nodes that jobs need of a host that is about to end
         self.book = self.open_book()
 
-    def open_book(self):
+    def open_book(self, most_nodes=None):
         session = self.sessions["book"] = sessions.client(self.endpoint)
-        return HostBook(session, KEYS, Seal(SECRET), self.came.append, self.left.put, lambda host: list(self.needed))
+        self.complaints = []
+        hooks = self.came.append, self.left.put, lambda host: list(self.needed), self.complaints.append
+        return HostBook(session, KEYS, Seal(SECRET), *hooks, most_nodes)
 
     def arrive(self, host):
         """A host's session, with its token and its answer to a new coordinator."""
@@ -124,8 +127,43 @@ def test_one_that_stays_away_has_left(room, monkeypatch):
     room.join("b1", "b", 1)
     room.go("a1")
     assert room.left.get(timeout=10).nodes == (0, 1)
-    assert room.join("c1", "c", 3) == (0, 1, 3)
+    assert room.join("c1", "c", 3) == (3, 4, 5), "it may only be cut off: nobody else gets its numbers"
+    assert room.join("a2", "a", 3) == (0, 1, 6)
     assert room.left.empty()
+
+
+def test_one_that_was_cut_off_for_long_gets_its_numbers_back(room, monkeypatch):
+    monkeypatch.setattr(host_book, "LEFT_AFTER", 0.2)
+    room.join("a1", "a", 2)
+    token = room.tokens.pop("a1")
+    token.undeclare()
+    assert room.left.get(timeout=10).nodes == (0, 1)
+    assert room.book.host_of(1) is None
+    room.came.clear()
+    room.tokens["a1"] = room.sessions["a1"].liveliness().declare_token(KEYS.host("a1"))
+    until(lambda: room.book.host_of(1) == "a")
+    assert [host.nodes for host in room.came] == [(0, 1)]
+
+
+def test_a_host_gets_fewer_numbers_or_none_where_there_is_no_room(room):
+    room.go("book")
+    room.open_book(most_nodes=3)
+    assert room.join("a1", "a", 2) == (0, 1)
+    assert room.join("b1", "b", 2) == (2,)
+    assert room.join("c1", "c", 1) == ()
+    room.go("a1")
+    assert until_let_in(room, "a2", "a", 1) == (0,)
+
+
+def test_a_mistake_in_handling_one_message_does_not_end_the_book(room, monkeypatch):
+    def fail(host):
+        monkeypatch.undo()
+        raise ValueError("a mistake")
+
+    monkeypatch.setattr(room.book, "_came", fail)
+    assert isinstance(room.join("a1", "a", 2), Refused), "the same message again"
+    assert room.ask(Host("a1", "a", 2)) == Done([0, 1])
+    assert room.complaints == ["ValueError: a mistake"]
 
 
 def test_a_coordinator_that_takes_over_asks_who_is_there(room):
