@@ -24,6 +24,7 @@ class NodeConfig:
         secret: the cluster's secret: commands are obeyed if they are sealed with it, see `wire.seal`.
         modules: users' modules that problems may name.
         host: identifies this start of the processes that share ``folder``, in a cluster of several hosts; else empty.
+        crash: the signal by which the process before this one crashed, such as "SIGSEGV"; "" if it did not.
         core_tokens: the tokens of cores that nodes share, by core. Without one a node breeds whenever it is scheduled.
     """
 
@@ -36,6 +37,7 @@ class NodeConfig:
     modules: Modules
     host: str = ""
     core_tokens: CoreTokens = field(default_factory=dict)
+    crash: str = ""
 
     @property
     def keys(self) -> Keys:
@@ -45,7 +47,8 @@ class NodeConfig:
     @property
     def process(self) -> str:
         """This process's name in its liveliness token: process ids alone repeat on other hosts and in later starts."""
-        return f"{os.getpid()}-{self.host}" if self.host else str(os.getpid())
+        name = f"{os.getpid()}+{self.crash}" if self.crash else str(os.getpid())
+        return f"{name}-{self.host}" if self.host else name
 
     def data_endpoint(self, node: int, wiring: int) -> str:
         """Return the endpoint of a node's data session on this host, for the wiring of that number."""

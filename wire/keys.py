@@ -28,7 +28,8 @@ class Keys:
     def life(self, node: int, process: int | str) -> str:
         """Return the key of the liveliness token of the process that runs a node. A replacement has another token.
 
-        ``process`` is the process id; of a node on a host that has joined, "PID-HOST" (see `host_of_life`).
+        ``process`` is the process id; of a node on a host that has joined, "PID-HOST" (see `host_of_life`). Where the
+        process before it crashed, the id is followed by "+" and the signal (see `crash_of_life`).
         """
         return f"{self.node(node)}/life/{process}"
 
@@ -50,7 +51,12 @@ class Keys:
     def life_of(key: str) -> tuple[int | None, int]:
         """Return the node (None: the spy) and the process id that a key of `life` or `spy_life` names."""
         *_, whose, _, life = key.split("/")
-        return (None if whose == "spy" else int(whose)), int(life.partition("-")[0])
+        return (None if whose == "spy" else int(whose)), int(life.partition("-")[0].partition("+")[0])
+
+    @staticmethod
+    def crash_of_life(key: str) -> str:
+        """Return the signal by which the process before the one that such a key names crashed; "" if it did not."""
+        return key.rpartition("/")[2].partition("-")[0].partition("+")[2]
 
     @staticmethod
     def host_of_life(key: str) -> str:

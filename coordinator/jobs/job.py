@@ -19,6 +19,8 @@ from topologies import Topology
 from wire.news import Improvement, Statistics
 
 _LOOK_AGAIN = 0.2  # seconds
+MOST_CRASHES = 3  # of processes of one job; another one ends the job
+CRASHES = "the problem's code has crashed the processes of several nodes"
 _MOST_RECORDS = 1 << 16  # improvements kept of one job, which may be kept alive for days
 
 
@@ -241,6 +243,7 @@ class JobEntry(Job):
             request.
 
     Attributes:
+        crashes: how many of its nodes' processes have crashed.
         log: its run log, which writes nothing if none was asked for.
 
     Raises:
@@ -249,6 +252,7 @@ class JobEntry(Job):
 
     def __init__(self, spec: JobSpec, keeps_events: bool = True, cancel: Callable[[int], None] | None = None) -> None:
         super().__init__(spec)
+        self.crashes = 0
         self.log = RunLog(spec.log, spec.least_improvement)
         self._keeps_events = keeps_events
         self._cancel = cancel

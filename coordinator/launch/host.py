@@ -162,6 +162,7 @@ class HostZygote(Zygote):
             self.modules,
             self._host.id,
             self._core_tokens,
+            self._crashes.get(f"node {node}", ""),
         )
 
     def _be_the_agent(self) -> None:

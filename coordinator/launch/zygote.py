@@ -42,6 +42,8 @@ if TYPE_CHECKING:
 _DOWN = 100  # exit status of a coordinator that a client told to end the cluster
 _LATELY = 60.0  # seconds in which deaths are counted
 _MOST_DEATHS = 20  # allowed besides one for each process; beyond that something is wrong that no new process mends
+_LONG_LIFE = 2.0  # seconds; a crash after that is the fault of a job, which its conductor counts
+_CRASHES = {signal.SIGSEGV, signal.SIGBUS, signal.SIGILL, signal.SIGFPE, signal.SIGABRT}
 _WAKING = {signal.SIGCHLD, signal.SIGIO}  # a child has died; standard input has ended
 _MOVED_FROM = 256  # nodes: with fewer, moving memory to files takes longer than the forks that it makes quicker
 
@@ -110,6 +112,8 @@ class Zygote:
         self.children: dict[int, str] = {}  # running children, process id to name
         self._core_tokens: CoreTokens = {}
         self._nothing = os.open(os.devnull, os.O_RDWR)
+        self._born: dict[int, float] = {}  # by process, when it was forked, on the monotonic clock
+        self._crashes: dict[str, str] = {}  # by name, the signal by which its process crashed last
         self._deaths: list[float] = []  # times of recent deaths, on the monotonic clock
 
     def run(self) -> None:
@@ -235,7 +239,15 @@ class Zygote:
 
         router = sessions.unix_socket(self.folder, "router")
         return NodeConfig(
-            self.cluster, node, topology, self.folder, router, self.secret, self.modules, core_tokens=self._core_tokens
+            self.cluster,
+            node,
+            topology,
+            self.folder,
+            router,
+            self.secret,
+            self.modules,
+            core_tokens=self._core_tokens,
+            crash=self._crashes.get(f"node {node}", ""),
         )
 
     def _fork(self, name: str, live: Callable[[], None]) -> None:
@@ -251,6 +263,7 @@ class Zygote:
             raise ClusterFailed(f"{name} could not be forked: {error.strerror}") from error
         if process != 0:
             self.children[process] = name
+            self._born[process] = time.monotonic()
             return
         try:
             _be_a_child(parent, name, self._nothing)
@@ -272,9 +285,10 @@ class Zygote:
             if self._stopped.note(process, status):
                 continue
             name = self.children.pop(process, None)  # None: an orphan, if this is process 1 of a container
-            if name is not None and self._is_the_end(name, status):
-                return True
             if name is not None:
+                self._note_death(process, name, status)
+                if self._is_the_end(name, status):
+                    return True
                 self._log("warning", f"{name} {_how(status)}: another one takes its place", self.name, name)
                 self._fork_again(name)
                 self._tell_processes(f"{name} {_how(status)}")
@@ -303,9 +317,16 @@ class Zygote:
             return True
         return False
 
+    def _note_death(self, process: int, name: str, status: int) -> None:
+        """Note whether a process has crashed, and its death, unless a job's code is the cause."""
+        now, born = time.monotonic(), self._born.pop(process)
+        crash = os.WTERMSIG(status) if os.WIFSIGNALED(status) and os.WTERMSIG(status) in _CRASHES else None
+        self._crashes[name] = "" if crash is None else signal.Signals(crash).name
+        self._deaths = [each for each in self._deaths if now - each < _LATELY]
+        if crash is None or not name.startswith("node ") or now - born < _LONG_LIFE:
+            self._deaths.append(now)
+
     def _dies_too_often(self) -> bool:
-        now = time.monotonic()
-        self._deaths = [each for each in self._deaths if now - each < _LATELY] + [now]
         return len(self._deaths) > len(self.children) + _MOST_DEATHS
 
     def _fork_again(self, name: str) -> None:

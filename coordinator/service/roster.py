@@ -28,8 +28,8 @@ class Roster:
     Args:
         session: a Zenoh session through the router.
         keys: the key expressions of the cluster.
-        replaced: called with the number of a node that has a new process, or with None for the spy. Usually called on
-            Zenoh's thread.
+        replaced: called with the number of a node that has a new process, or with None for the spy; and with the signal
+            by which the process before it crashed, or "". Usually called on Zenoh's thread.
         arrived: called with the number of a node that is seen for the first time, likewise.
     """
 
@@ -37,7 +37,7 @@ class Roster:
         self,
         session: zenoh.Session,
         keys: Keys,
-        replaced: Callable[[int | None], None],
+        replaced: Callable[[int | None, str], None],
         arrived: Callable[[int], None] = lambda _: None,
     ) -> None:
         self._keys = keys
@@ -132,7 +132,7 @@ class Roster:
         if before is None and node is not None:
             self._arrived(node)
         elif before not in (None, (process, host)):
-            self._replaced(node)
+            self._replaced(node, self._keys.crash_of_life(key))
 
     def _hear(self, sample: zenoh.Sample) -> None:
         try:

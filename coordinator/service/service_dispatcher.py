@@ -87,12 +87,12 @@ class ServiceDispatcher(Dispatcher):
         """Return the id of the spy's process; None if there is none."""
         return self._roster.spy
 
-    def replaced(self, node: int | None) -> None:
+    def replaced(self, node: int | None, crash: str = "") -> None:
         """Note and log that a new process has replaced that of a node (None: of the spy)."""
         whose = "as the spy" if node is None else f"on node {node}"
         # The log first: the death may end the job, and then the line could not name it any more.
         self._log("warning", f"a process has died: another one lives {whose}", node)
-        super().replaced(node)
+        super().replaced(node, crash)
 
     def left(self, nodes: Iterable[int], why: str) -> None:
         """Remove nodes that are gone for good; log why."""
