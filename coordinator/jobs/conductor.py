@@ -24,7 +24,7 @@ from coordinator.jobs.ending import Ending
 from coordinator.jobs.job import JobEntry, Placement, StopRequest
 from coordinator.jobs.preparing import Preparing
 from coordinator.jobs.replacing import Replacing
-from coordinator.jobs.running import Running
+from coordinator.jobs.running import EVAL_TIMEOUT, Running
 from problems import BadInput
 from spy.past import Lived
 from spy.result import Clocks, Result, result_of
@@ -48,6 +48,7 @@ class Conductor:
         dispatch: the dispatcher that runs this conductor.
         replaces: whether the cluster replaces dead processes.
         checked: whether the problem was checked before, so that the spy need not check it before the nodes read it.
+        eval_timeout: see `Running`.
         adopted: the state of the job, if it was running when the previous coordinator died.
 
     Attributes:
@@ -65,6 +66,7 @@ class Conductor:
         *,
         replaces: bool = False,
         checked: bool = False,
+        eval_timeout: float = EVAL_TIMEOUT,
         adopted: Placement | None = None,
     ) -> None:
         calls = Calls(session, seal, entry.queue, replaces)
@@ -74,7 +76,7 @@ class Conductor:
         self._preparing = Preparing(self.job, checked)
         self._replacing = Replacing(self.job, self._preparing)
         self._changing = Changing(self.job, self._preparing, self._replacing)
-        self._running = Running(self.job, self._changing)
+        self._running = Running(self.job, self._changing, eval_timeout)
         self._ending = Ending(self.job)
 
     def conduct(self, seconds_to_ready: float, cpu_seconds: Callable[[], dict[str, float]]) -> Result:

@@ -24,6 +24,7 @@ from coordinator.jobs.hooks import Hooks
 from coordinator.jobs.job import CRASHES, MOST_CRASHES, Failure, JobEntry, JobSpec, Placement, Replaced, StopRequest
 from coordinator.jobs.listener import Listener
 from coordinator.jobs.node_hosts import NodeHosts
+from coordinator.jobs.running import EVAL_TIMEOUT
 from coordinator.jobs.scheduler import Placed, Scheduler
 from spy.improvement_records import ImprovementRecord
 from spy.result import Result
@@ -77,6 +78,7 @@ class Dispatcher:
         seconds_to_ready: how long the cluster took to start, for results.
         replaces: whether dead processes are replaced.
         checked: whether problems are checked before they are submitted.
+        eval_timeout: how many seconds an evaluation may go on once its job is stopped.
         max_queue: how many jobs may wait; None for any number.
         first_wiring: a wiring number that these nodes have not had yet.
         expected: for a cluster whose nodes `join`, the least number of nodes expected; ``topology`` is unused then.
@@ -98,6 +100,7 @@ class Dispatcher:
         seconds_to_ready: float = 0.0,
         replaces: bool = False,
         checked: bool = False,
+        eval_timeout: float = EVAL_TIMEOUT,
         max_queue: int | None = None,
         first_wiring: int = 1,
         expected: int | None = None,
@@ -109,7 +112,7 @@ class Dispatcher:
         self._told = hooks is None  # else nobody would empty the jobs' event queues
         self.cpu_seconds = cpu_seconds
         self.seconds_to_ready = seconds_to_ready
-        self._make_conductor = partial(Conductor, replaces=replaces, checked=checked)
+        self._make_conductor = partial(Conductor, replaces=replaces, checked=checked, eval_timeout=eval_timeout)
         self.topology = topology
         self.jobs: dict[int, JobEntry] = {}
         self._lock = threading.RLock()
@@ -300,6 +303,9 @@ class Dispatcher:
 
     def _note(self, topology: str, wiring: Wiring) -> None:
         self._wirings |= dict.fromkeys(wiring.nodes, (topology, wiring))
+
+    def end_silent(self, nodes: Sequence[int], seconds: float) -> None:
+        """Do nothing: whoever runs this cluster ends it when its job has ended."""
 
     def changed(self, job: JobEntry, status: str) -> None:
         """Pass on that the job has entered another state."""

@@ -2,10 +2,12 @@
 
 import time
 
-from coordinator.jobs.calls import ASK_AGAIN, MovedError, ReplacedError, Reported
+from coordinator.jobs.calls import ASK_AGAIN, GivenUpError, MovedError, ReplacedError, Reported
 from coordinator.jobs.changing import Changing
 from coordinator.jobs.conducted_job import ConductedJob
 from coordinator.jobs.job import Change, Moved, Replaced, StopRequest
+
+EVAL_TIMEOUT = 60.0  # seconds
 
 
 class Running:
@@ -14,11 +16,14 @@ class Running:
     Args:
         job: the job.
         changing: begins the epochs that are requested meanwhile.
+        eval_timeout: how many seconds an evaluation may go on once the job is stopped.
     """
 
-    def __init__(self, job: ConductedJob, changing: Changing) -> None:
+    def __init__(self, job: ConductedJob, changing: Changing, eval_timeout: float) -> None:
         self._job = job
         self._changing = changing
+        self._eval_timeout = eval_timeout
+        self._give_up_at: float | None = None  # when cells that have not stopped never will; on the monotonic clock
         self._ask_at: float | None = None  # when to ask for reports again; on the monotonic clock
 
     def gather(self) -> str | None:
@@ -28,12 +33,13 @@ class Running:
             ReplacedError: if a process died and was replaced meanwhile.
             MovedError: if cells are to go on on other nodes.
             ClusterFailed: if the job cannot continue.
+            GivenUpError: if it was stopped, but cells go on: their evaluation does not end.
         """
         job = self._job
         while job.epochs.unsettled:
             if job.epochs.settled:  # all cells are in the latest epoch, so stops and changes can be sent now
                 self._send_what_was_put_off()
-            message = job.calls.next(_sooner(self._ask_at, job.oracle.look_at))
+            message = job.calls.next(_sooner(self._ask_at, job.oracle.look_at, self._give_up_at))
             if message is None:
                 self._look_at_the_clock()
             elif isinstance(message, Reported):
@@ -54,6 +60,9 @@ class Running:
         if self._ask_at is not None and time.monotonic() >= self._ask_at:
             self._ask_at = None
             self._ask_again()
+        if self._give_up_at is not None and time.monotonic() >= self._give_up_at and job.stop_request is not None:
+            job.dispatch.end_silent(job.nodes, self._eval_timeout)
+            raise GivenUpError(job.stop_request)
         job.oracle.look()
         if job.oracle.is_hopeless and job.stop_request is None:
             self._attend_to(StopRequest("infeasible"))
@@ -89,6 +98,7 @@ class Running:
         if isinstance(message, StopRequest):
             self._job.stop_request = self._job.stop_request or message
             self._job.unsent_stop = message
+            self._give_up_at = self._give_up_at or time.monotonic() + self._eval_timeout
         elif isinstance(message, Replaced):
             raise ReplacedError(message)
         elif isinstance(message, Moved):

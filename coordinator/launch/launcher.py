@@ -16,6 +16,7 @@ from pathlib import Path
 import topologies
 from coordinator.cpu_time import cpu_seconds_of
 from coordinator.errors import ClusterFailed
+from coordinator.jobs.running import EVAL_TIMEOUT
 from coordinator.launch import capacity
 from coordinator.launch.folders import new_folder
 from coordinator.launch.stopped import NODE_TIMEOUT
@@ -46,6 +47,7 @@ class ServiceOptions:
         allow_modules: users' modules whose problems may be run.
         modules: the folder of these modules; if None, the folder that the cluster was started in.
         node_timeout: after how many seconds a process that is stopped counts as dead.
+        eval_timeout: how many seconds an evaluation may go on once its job is stopped.
     """
 
     state: Path | None = None
@@ -58,6 +60,7 @@ class ServiceOptions:
     allow_modules: tuple[str, ...] = ()
     modules: Path | None = None
     node_timeout: float = NODE_TIMEOUT
+    eval_timeout: float = EVAL_TIMEOUT
 
 
 def _ignore(_: str) -> None:

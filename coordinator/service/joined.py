@@ -10,6 +10,7 @@ import zenoh
 from coordinator.jobs.hooks import Hooks
 from coordinator.jobs.job import JobEntry, Moved, Placement
 from coordinator.jobs.node_hosts import PORTS
+from coordinator.jobs.running import EVAL_TIMEOUT
 from coordinator.service.host_book import LEFT_AFTER, HostBook
 from coordinator.service.process import Options, run
 from coordinator.service.roster import Roster
@@ -23,7 +24,11 @@ from wire.seal import Seal
 def preside(config: NodeConfig, options: Options, max_queue: int | None) -> None:
     """Run the coordinator until a client or SIGTERM ends it; at least ``options.nodes`` nodes are expected."""
     make_dispatcher = partial(
-        JoinedDispatcher, seal=Seal(config.secret), max_queue=max_queue, most_nodes=options.most_nodes
+        JoinedDispatcher,
+        seal=Seal(config.secret),
+        max_queue=max_queue,
+        most_nodes=options.most_nodes,
+        eval_timeout=options.eval_timeout,
     )
     run(config, replace(options, joined=True), make_dispatcher)
 
@@ -41,8 +46,9 @@ class JoinedDispatcher(ServiceDispatcher):
         seal: Seal,
         max_queue: int | None,
         most_nodes: int | None = None,
+        eval_timeout: float = EVAL_TIMEOUT,
     ) -> None:
-        super().__init__(session, keys, seal, hooks, max_queue=max_queue, expected=nodes)
+        super().__init__(session, keys, seal, hooks, max_queue=max_queue, expected=nodes, eval_timeout=eval_timeout)
         self._moving: dict[int, int] = {}  # nodes that leave, each with the job whose cells are on their way from it
         self._first_port = self.began % PORTS  # probably not the port that the previous coordinator used last
         self._book = HostBook(session, keys, seal, self._came, self._leave, self._drain, self._complain, most_nodes)

@@ -31,7 +31,12 @@ def coordinate(config: NodeConfig, options: Mapping[str, Any], first: bool) -> N
     cells = topologies.parse(config.topology).cells
     seal = Seal(config.secret)
     make_dispatcher = partial(
-        LaunchedDispatcher, seal=seal, topology=config.topology, wired=first, max_queue=options["max_queue"]
+        LaunchedDispatcher,
+        seal=seal,
+        topology=config.topology,
+        wired=first,
+        max_queue=options["max_queue"],
+        eval_timeout=options["eval_timeout"],
     )
     keep = Keep(options["keep_days"], options["keep_records"])
     run(config, Options(cells, url, keep, options["log_json"]), make_dispatcher)
@@ -51,9 +56,12 @@ class LaunchedDispatcher(ServiceDispatcher):
         topology: str,
         wired: bool,
         max_queue: int | None,
+        eval_timeout: float,
     ) -> None:
         assert nodes == topologies.parse(topology).cells
-        super().__init__(session, keys, seal, hooks, topology=topology, wired=wired, max_queue=max_queue)
+        super().__init__(
+            session, keys, seal, hooks, topology=topology, wired=wired, max_queue=max_queue, eval_timeout=eval_timeout
+        )
         self._roster = Roster(session, keys, self.replaced)
         if not wired:
             self._log("warning", "the coordinator has died: another one goes on in its place")

@@ -19,6 +19,7 @@ from functools import partial
 import zenoh
 
 from coordinator.jobs.hooks import MakeJobRunner
+from coordinator.jobs.running import EVAL_TIMEOUT
 from coordinator.log_lines import LogLines
 from coordinator.service.checking import Checker
 from coordinator.service.lanes import Lanes
@@ -54,6 +55,7 @@ class Options:
         keep: how many records and ended jobs are kept there.
         log_json: whether the log is written as JSON; if None, it is if stderr is not a terminal.
         most_nodes: how many nodes may join; None for any number.
+        eval_timeout: how many seconds an evaluation may go on once its job is stopped, if nodes join.
         joined: whether router, spy and nodes were started separately, so that they stay when the coordinator ends.
     """
 
@@ -62,6 +64,7 @@ class Options:
     keep: Keep
     log_json: bool | None = None
     most_nodes: int | None = None
+    eval_timeout: float = EVAL_TIMEOUT
     joined: bool = False
 
 

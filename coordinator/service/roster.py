@@ -76,6 +76,14 @@ class Roster:
             processes = {name: process for name, (process, host) in self._processes.items() if not host}
         return cpu_seconds_of(processes) | {"coordinator": time.process_time()}
 
+    def silent(self, nodes: Iterable[int], seconds: float) -> dict[int, int]:
+        """Return the process of each of these nodes that runs on this machine and has sent no counters for so long."""
+        now = time.monotonic()
+        with self._lock:
+            lately = {node for node, (_, came) in self._counters.items() if now - came < seconds}
+            here = {node: self._here(node) for node in set(nodes) - lately}
+        return {node: process for node, process in here.items() if process is not None}
+
     @property
     def spy(self) -> int | None:
         """The id of the spy's process; None if there is none."""

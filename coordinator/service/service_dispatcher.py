@@ -1,8 +1,11 @@
 """The dispatcher of a cluster that stays up: processes that die are replaced, and jobs outlive the coordinator."""
 
+import contextlib
+import os
+import signal
 import time
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import zenoh
@@ -11,6 +14,7 @@ import topologies
 from coordinator.jobs.blocks import edges_between
 from coordinator.jobs.dispatcher import Dispatcher
 from coordinator.jobs.hooks import Hooks
+from coordinator.jobs.running import EVAL_TIMEOUT
 from coordinator.service.roster import Roster
 from wire.keys import Keys
 from wire.news import LogRecord
@@ -29,6 +33,7 @@ class ServiceDispatcher(Dispatcher):
         wired: whether the nodes have the links of that topology.
         max_queue: how many jobs may wait; None for any number.
         expected: for a cluster whose nodes join, the least number of nodes expected.
+        eval_timeout: how many seconds an evaluation may go on once its job is stopped.
     """
 
     _roster: Roster  # subclasses make it, since only some of them handle nodes that join
@@ -44,6 +49,7 @@ class ServiceDispatcher(Dispatcher):
         wired: bool = False,
         max_queue: int | None,
         expected: int | None = None,
+        eval_timeout: float = EVAL_TIMEOUT,
     ) -> None:
         self.began = time.time_ns() // 1_000_000
         super().__init__(
@@ -61,6 +67,7 @@ class ServiceDispatcher(Dispatcher):
             # each millisecond. A number given twice would let nodes keep links that they should replace.
             first_wiring=self.began,
             expected=expected,
+            eval_timeout=eval_timeout,
         )
 
     def nodes(self) -> list[dict[str, Any]]:
@@ -93,6 +100,15 @@ class ServiceDispatcher(Dispatcher):
         # The log first: the death may end the job, and then the line could not name it any more.
         self._log("warning", f"a process has died: another one lives {whose}", node)
         super().replaced(node, crash)
+
+    def end_silent(self, nodes: Sequence[int], seconds: float) -> None:
+        """End the processes of those nodes that have told nothing for so long, if they run on this machine."""
+        for node, process in self._roster.silent(nodes, seconds).items():
+            self._log(
+                "warning", f"an evaluation has not ended {seconds:g} s after its job: its process is killed", node
+            )
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(process, signal.SIGKILL)
 
     def left(self, nodes: Iterable[int], why: str) -> None:
         """Remove nodes that are gone for good; log why."""

@@ -38,6 +38,17 @@ def add_node_timeout(parser: "argparse._ActionsContainer") -> None:
     )
 
 
+def add_eval_timeout(parser: "argparse._ActionsContainer") -> None:
+    """Add the option that says when an evaluation counts as endless."""
+    parser.add_argument(
+        "--eval-timeout",
+        metavar="S",
+        type=_positive,
+        default=60.0,
+        help="replace a process whose evaluation goes on for so many seconds after its job was stopped (60)",
+    )
+
+
 def _positive(text: str) -> float:
     try:
         seconds = float(text)

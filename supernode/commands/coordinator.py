@@ -3,6 +3,7 @@
 import argparse
 
 from supernode import exits
+from supernode.commands.cluster_options import add_eval_timeout
 from supernode.commands.role_options import (
     add_log_json,
     add_membership,
@@ -31,6 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_option(parser, "keep-days", "delete ended jobs and records that are older (30)", metavar="D", default="30")
     add_option(parser, "keep-records", "keep only the newest N of each kind (1000000)", metavar="N", default="1000000")
     add_trust(parser)
+    add_eval_timeout(parser)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -56,7 +58,7 @@ def run(options: argparse.Namespace) -> int:
     from node.node_config import NodeConfig
 
     import_all()
-    how = Options(nodes, database, Keep(keep_days, keep_records), options.log_json, most_nodes)
+    how = Options(nodes, database, Keep(keep_days, keep_records), options.log_json, most_nodes, options.eval_timeout)
     preside(NodeConfig(cluster, 0, "", Path(), router, secret, modules_of(options)), how, max_queue)
     return exits.OK
 

@@ -48,3 +48,32 @@ def test_the_job_fails_and_says_why_and_another_goes_on(service, tmp_path):
         other.cancel()
         assert other.result(60).status == "cancelled"
     assert service.info().process == before
+
+
+ENDLESS = """
+import supernode
+
+
+class Endless(supernode.Problem):
+    @property
+    def coding(self):
+        return supernode.BitString(16, 1)
+
+    def evaluate(self, genomes):
+        while (genomes[:, 0] < 64).any():
+            pass
+        return genomes[:, 0].astype(float) + 1.0
+"""
+
+
+@pytest.mark.parametrize("mode", ["lockstep", "async"])
+def test_an_evaluation_without_end_keeps_neither_job_nor_nodes(tmp_path, monkeypatch, mode):
+    (tmp_path / "endless_module.py").write_text(ENDLESS)
+    (tmp_path / "endless.toml").write_text('kind = "endless_module:Endless"\n[run]\ntarget = 0.0\n')
+    (tmp_path / "good.toml").write_text('kind = "function"\nname = "onemax"\ndimension = 8\n')
+    monkeypatch.chdir(tmp_path)
+    options = ("--allow-module", "endless_module", "--eval-timeout", "2")
+    with live(tmp_path / "state", "torus 2x2", *options) as service, service.connect() as client:
+        job = client.submit(tmp_path / "endless.toml", topology="torus 2x2", seconds=1, mode=mode)
+        assert job.result(60).status == "deadline"
+        assert client.submit(tmp_path / "good.toml", topology="torus 2x2").result(60).status == "solved"
