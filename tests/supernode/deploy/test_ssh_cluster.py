@@ -15,6 +15,7 @@ import supernode
 from supernode.__main__ import main
 from supernode.deploy.ssh_cluster import SshCluster
 
+needs_ssh = pytest.mark.skipif(shutil.which("ssh") is None, reason="needs ssh")
 SSHD = shutil.which("sshd", path="/usr/sbin:/usr/bin")
 EXAMPLE = supernode.load(str(ROOT / "examples" / "arm-ik.toml")).with_run(topology="torus 2x4", seed=1)
 
@@ -100,14 +101,22 @@ def test_nothing_is_left_when_the_lifeline_is_killed(host, tmp_path):
     until(lambda: not agents())
 
 
+@needs_ssh
 def test_a_host_that_cannot_be_reached_is_named(tmp_path):
     with pytest.raises(supernode.ClusterFailed, match=r"127\.0\.0\.1:1: ssh or the agent there ended with status 255"):
         SshCluster(["127.0.0.1:1"], 2, options=["--state", str(tmp_path)])
 
 
+@needs_ssh
 def test_what_is_no_host_is_refused():
     with pytest.raises(supernode.BadInput, match="--on: expected hosts such as user@host:22, found '-oProxyCommand=x'"):
         SshCluster(["-oProxyCommand=x"], 2)
+
+
+def test_a_machine_without_ssh_is_told_what_to_install(monkeypatch):
+    monkeypatch.setenv("PATH", "/nowhere")
+    with pytest.raises(supernode.BadInput, match="--on: expected the program ssh, found none; install openssh-client"):
+        SshCluster(["host"], 2)
 
 
 @pytest.mark.parametrize("engine", ["moon", "ssh://", "ray://"])
