@@ -21,7 +21,7 @@ from coordinator.jobs.alarms import Alarms
 from coordinator.jobs.conductor import Conductor
 from coordinator.jobs.growing import Growing
 from coordinator.jobs.hooks import Hooks
-from coordinator.jobs.job import CRASHES, MOST_CRASHES, Failure, JobEntry, JobSpec, Placement, Replaced, StopRequest
+from coordinator.jobs.job import Failure, JobEntry, JobSpec, Placement, StopRequest
 from coordinator.jobs.listener import Listener
 from coordinator.jobs.node_hosts import NodeHosts
 from coordinator.jobs.running import EVAL_TIMEOUT
@@ -246,10 +246,7 @@ class Dispatcher:
             self._conduct(job, ())
 
     def replaced(self, node: int | None, crash: str = "") -> None:
-        """Note that a new process has replaced that of a node (None: of the spy), and inform the jobs concerned.
-
-        A job whose problem makes processes ``crash`` (the signal) fails, or it would end the cluster for all others.
-        """
+        """Tell jobs that a process has replaced that of a node (None: of the spy); see `JobEntry.replaced`."""
         with self._lock:
             if node is not None:  # the new process has no links
                 self._scheduler.replaced(node)
@@ -257,9 +254,7 @@ class Dispatcher:
             for job in self.jobs.values():
                 nodes = self._scheduler.nodes_of(job.spec.number)
                 if nodes is not None and (node is None or node in nodes):
-                    job.crashes += bool(crash)
-                    too_many = job.crashes > MOST_CRASHES
-                    job.queue.put(Failure(f"{CRASHES}, the last one by {crash}") if too_many else Replaced(node))
+                    job.replaced(node, crash)
 
     def joined(self, node: int) -> None:
         """Add a node to the cluster. Harmless if it is there already."""

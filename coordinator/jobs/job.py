@@ -19,8 +19,7 @@ from topologies import Topology
 from wire.news import Improvement, Statistics
 
 _LOOK_AGAIN = 0.2  # seconds
-MOST_CRASHES = 3  # of processes of one job; another one ends the job
-CRASHES = "the problem's code has crashed the processes of several nodes"
+_MOST_CRASHES = 3  # of processes of one job
 _MOST_RECORDS = 1 << 16  # improvements kept of one job, which may be kept alive for days
 
 
@@ -243,7 +242,6 @@ class JobEntry(Job):
             request.
 
     Attributes:
-        crashes: how many of its nodes' processes have crashed.
         log: its run log, which writes nothing if none was asked for.
 
     Raises:
@@ -252,7 +250,7 @@ class JobEntry(Job):
 
     def __init__(self, spec: JobSpec, keeps_events: bool = True, cancel: Callable[[int], None] | None = None) -> None:
         super().__init__(spec)
-        self.crashes = 0
+        self._crashes = 0  # of its nodes' processes
         self.log = RunLog(spec.log, spec.least_improvement)
         self._keeps_events = keeps_events
         self._cancel = cancel
@@ -263,6 +261,18 @@ class JobEntry(Job):
             super().cancel()
         else:
             self._cancel(self.spec.number)
+
+    def replaced(self, node: int | None, crash: str) -> None:
+        """Tell the conductor that a process has been replaced; see `Replaced`.
+
+        A job whose problem makes processes ``crash`` (the signal, or "") fails, or it would harm the cluster's others.
+        """
+        self._crashes += bool(crash)
+        if self._crashes > _MOST_CRASHES:
+            why = f"the problem's code has crashed the processes of several nodes, the last one by {crash}"
+            self.queue.put(Failure(why))
+        else:
+            self.queue.put(Replaced(node))
 
     def note(self, topology: Topology, records: Sequence[ImprovementRecord]) -> None:
         """Keep and log the improvements of an epoch that has ended."""

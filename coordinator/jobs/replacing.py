@@ -136,7 +136,7 @@ class Replacing:
                     raise ClusterFailed("the cells did not halt after a node had died")
                 if now >= again:
                     self._halt()
-                    again = until
+                    again = now + _HALTED_WITHIN
                 message = self._job.calls.next(again)
                 if isinstance(message, Replaced):
                     raise ReplacedError(message)

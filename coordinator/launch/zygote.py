@@ -238,17 +238,9 @@ class Zygote:
         from wire import sessions
 
         router = sessions.unix_socket(self.folder, "router")
-        return NodeConfig(
-            self.cluster,
-            node,
-            topology,
-            self.folder,
-            router,
-            self.secret,
-            self.modules,
-            core_tokens=self._core_tokens,
-            crash=self._crashes.get(f"node {node}", ""),
-        )
+        common = (self.folder, router, self.secret, self.modules)
+        crash = self._crashes.get(f"node {node}", "")
+        return NodeConfig(self.cluster, node, topology, *common, core_tokens=self._core_tokens, crash=crash)
 
     def _fork(self, name: str, live: Callable[[], None]) -> None:
         """Fork a child that calls ``live``.

@@ -17,7 +17,7 @@ def all_keys(cluster="c1", nodes=(0, 1, 12)):
     keys = Keys(cluster)
     found = {}
     for name in dir(Keys):
-        if name.startswith(("_", "any_", "every_")) or name in ("cluster", "life_of", "host_of_life"):
+        if name.startswith(("_", "any_", "every_")) or name in ("cluster", "life_of", "host_of_life", "crash_of_life"):
             continue
         value = getattr(keys, name)
         if callable(value):

@@ -86,13 +86,13 @@ def test_it_says_why_there_cannot_be_so_many_processes() -> None:
 
 @pytest.mark.parametrize(("closes", "first"), [("lifeline", False), ("awaited", True)])
 def test_it_waits_for_its_router_no_longer_than_for_its_caller(closes: str, first: bool) -> None:
-    from coordinator.launch.zygote import _comes_first
+    from coordinator.launch.lifeline import comes_first
 
     awaited, tell = os.pipe()
     lifeline, held = os.pipe()
     try:
         os.close(held if closes == "lifeline" else tell)
-        assert _comes_first(awaited, lifeline) is first
+        assert comes_first(awaited, lifeline) is first
     finally:
         for descriptor in (awaited, lifeline, tell if closes == "lifeline" else held):
             os.close(descriptor)

@@ -132,7 +132,7 @@ def test_a_host_that_is_told_to_end_gives_its_cells_to_another_one_first(mode):
             assert cluster.kill("two", signal.SIGTERM) == 0
             until(lambda: len(nodes(client)) == 8)
             shown = job.show()
-            assert shown["status"] == "running"
+            assert shown["status"] == "running", job.result(1).message
             assert shown["epoch"] == 1
             job.cancel()
             result = job.result(60)

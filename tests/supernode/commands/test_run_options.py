@@ -17,7 +17,7 @@ def parsed(*options):
 
 
 def test_the_command_line_names_every_setting_of_a_run():
-    every = {name: "2" for name in Run.model_fields if name not in ("keep_alive", "oracle", "topology")}
+    every = {name: "2" for name in Run.model_fields if name not in ("grow", "keep_alive", "oracle", "topology")}
     every |= {"mode": "async", "recipe": "paper", "replacement": "elitist", "spy": "root", "topology": "ring 4"}
     options = [text for name, value in every.items() for text in (f"--{name}", value)]
     assert settings(parsed(*options)).keys() == every.keys()
@@ -25,6 +25,7 @@ def test_the_command_line_names_every_setting_of_a_run():
     parser = argparse.ArgumentParser()
     submit.add_arguments(parser)
     assert parser.parse_args(["problem.toml", "--keep-alive"]).keep_alive
+    assert parser.parse_args(["problem.toml", "--grow"]).grow
 
 
 @pytest.mark.parametrize(

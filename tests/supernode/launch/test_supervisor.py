@@ -80,6 +80,8 @@ def test_it_is_up_until_ctrl_c_and_leaves_no_card(tmp_path):
         "keep_records": 1000,
         "allow_modules": ("mine",),
         "modules": None,
+        "node_timeout": 15.0,
+        "eval_timeout": 60.0,
     }
     assert FakeLauncher.latest.closed
     assert not (tmp_path / "cluster.json").exists()
