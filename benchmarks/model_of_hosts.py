@@ -8,7 +8,7 @@ Two tables, made side by side in one run:
 1. Lockstep on hosts that are x ms apart (one way). The model says T = max(T0, r + x): T0 is a generation where nothing
    is late, and r a generation of two cells that wait for each other (c + w of `benchmarks.model`). Both are measured
    without delay, T0 on the hosts and r on two nodes of this machine. Each delay is then predicted and measured.
-2. What starting costs: seconds until nodes are ready, seconds until a job has begun, and the router's memory, measured
+2. What starting costs: seconds until nodes are ready, seconds until a job has begun, and the router's own memory, measured
    at some sizes, fitted by a straight line, and said for 100, 1,000 and 10,000 hosts of 100 cores; with the first
    limit that each of them meets.
 
@@ -87,8 +87,9 @@ def start_of(nodes: int) -> Start:
             began = time.monotonic()
             cluster.submit(_problem().with_run(topology=torus_of(nodes), generations=1)).result()
             jobs.append(time.monotonic() - began)
-        pages = int(Path(f"/proc/{cluster.processes['router']}/statm").read_text(encoding="ascii").split()[1])
-    return Start(nodes, ready, min(jobs), float(pages * os.sysconf("SC_PAGE_SIZE")))
+        rollup = Path(f"/proc/{cluster.processes['router']}/smaps_rollup").read_text(encoding="ascii")
+    (own,) = (line.split()[1] for line in rollup.splitlines() if line.startswith("Private_Dirty:"))
+    return Start(nodes, ready, min(jobs), 1024.0 * int(own))
 
 
 def _problem() -> supernode.ProblemFile:
