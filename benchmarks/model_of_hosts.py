@@ -8,9 +8,9 @@ Two tables, made side by side in one run:
 1. Lockstep on hosts that are x ms apart (one way). The model says T = max(T0, r + x): T0 is a generation where nothing
    is late, and r a generation of two cells that wait for each other (c + w of `benchmarks.model`). Both are measured
    without delay, T0 on the hosts and r on two nodes of this machine. Each delay is then predicted and measured.
-2. What starting costs: seconds until nodes are ready, seconds until a job has begun, and the router's own memory, measured
-   at some sizes, fitted by a straight line, and said for 100, 1,000 and 10,000 hosts of 100 cores; with the first
-   limit that each of them meets.
+2. What starting costs: seconds until nodes are ready, seconds until a job has begun, and the router's own memory; all
+   measured at some sizes, fitted by a straight line, and said for 100, 1,000 and 10,000 hosts of 100 cores; with the
+   first limit that each of them meets.
 
 It needs root, and the program ip (Debian: iproute2).
 """
