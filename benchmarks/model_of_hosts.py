@@ -42,7 +42,7 @@ _MACHINE_CORES = 100
 
 
 class Start(NamedTuple):
-    """What starting cost: nodes, seconds until they were ready, seconds of an empty job, bytes of the router."""
+    """The cost of a start: nodes, seconds until they were ready, seconds of an empty job, bytes of the router."""
 
     nodes: int
     ready: float

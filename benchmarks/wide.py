@@ -45,7 +45,7 @@ _JOB_SECONDS = 100_000.0
 
 
 class Watcher:
-    """What the nodes of one job tell, by node, since it began."""
+    """Keeps what the nodes of one job tell, by cell, since it began."""
 
     def __init__(self, endpoint: str, delay: float) -> None:
         self._delay = delay

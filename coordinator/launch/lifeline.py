@@ -28,11 +28,19 @@ def end_with_the_caller(folder: Path) -> None:
         os._exit(0)
 
     signal.signal(signal.SIGIO, end)
-    descriptor = sys.stdin.fileno()
-    fcntl.fcntl(descriptor, fcntl.F_SETOWN, os.getpid())
-    fcntl.fcntl(descriptor, fcntl.F_SETFL, fcntl.fcntl(descriptor, fcntl.F_GETFL) | os.O_ASYNC)
-    if at_end(descriptor):  # it may have ended before the signal was switched on
+    if signal_the_end(sys.stdin.fileno(), signal.SIGIO):
         end()
+
+
+def signal_the_end(descriptor: int, kind: signal.Signals) -> bool:
+    """Have the kernel send a signal to this process when a pipe ends; return whether it had ended before.
+
+    A thread that waits for it was not taken, since a process with threads must not fork.
+    """
+    fcntl.fcntl(descriptor, fcntl.F_SETOWN, os.getpid())
+    fcntl.fcntl(descriptor, fcntl.F_SETSIG, kind)
+    fcntl.fcntl(descriptor, fcntl.F_SETFL, fcntl.fcntl(descriptor, fcntl.F_GETFL) | os.O_ASYNC)
+    return at_end(descriptor)
 
 
 def at_end(descriptor: int) -> bool:

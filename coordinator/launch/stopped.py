@@ -17,7 +17,7 @@ class StoppedChildren:
     """
 
     FLAGS = os.WUNTRACED | os.WCONTINUED
-    """What `os.waitpid` must be asked for besides."""
+    """Flags for `os.waitpid`, so that it tells of these children too."""
 
     def __init__(self, patience: float) -> None:
         self._patience = patience

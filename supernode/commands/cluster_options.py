@@ -4,6 +4,8 @@ import argparse
 import json
 from typing import TYPE_CHECKING, Any
 
+from supernode.commands.run_options import positive
+
 if TYPE_CHECKING:
     from supernode.client.client import Client
     from supernode.client.cluster_info import Place
@@ -29,34 +31,14 @@ def add_force(parser: "argparse._ActionsContainer") -> None:
 
 def add_node_timeout(parser: "argparse._ActionsContainer") -> None:
     """Add the option that says when a process that is stopped counts as dead."""
-    parser.add_argument(
-        "--node-timeout",
-        metavar="S",
-        type=_positive,
-        default=15.0,
-        help="replace a process that has been stopped (SIGSTOP, say) for so many seconds (15)",
-    )
+    words = "replace a process that has been stopped (SIGSTOP, say) for so many seconds (15)"
+    parser.add_argument("--node-timeout", metavar="S", type=positive, default=15.0, help=words)
 
 
 def add_eval_timeout(parser: "argparse._ActionsContainer") -> None:
     """Add the option that says when an evaluation counts as endless."""
-    parser.add_argument(
-        "--eval-timeout",
-        metavar="S",
-        type=_positive,
-        default=60.0,
-        help="replace a process whose evaluation goes on for so many seconds after its job was stopped (60)",
-    )
-
-
-def _positive(text: str) -> float:
-    try:
-        seconds = float(text)
-    except ValueError:
-        seconds = 0.0
-    if not seconds > 0:  # so that NaN is refused too
-        raise argparse.ArgumentTypeError(f"expected a number greater than 0, found {text!r}")
-    return seconds
+    words = "replace a process whose evaluation goes on for so many seconds after its job was stopped (60)"
+    parser.add_argument("--eval-timeout", metavar="S", type=positive, default=60.0, help=words)
 
 
 def add_job(parser: argparse.ArgumentParser, **more: Any) -> None:

@@ -11,7 +11,6 @@ from supernode.commands.run_options import whole
 EXAMPLE = "supernode deploy slurm --hosts 8 --nodes 32 -o cluster.sbatch"
 
 _ENGINES = {"slurm": "slurm.sbatch", "kubernetes": "kubernetes.yaml"}
-_MOST_PORTS = 12000  # from 20000 on: Linux gives those above 32767 to whoever asks for any port
 _MEGABYTES = 200, 12  # of memory, for an agent and for each of its nodes
 
 
@@ -53,11 +52,12 @@ def _values(options: argparse.Namespace) -> dict[str, object]:
 
     from coordinator.jobs.node_hosts import PORTS
     from problems.errors import BadInput
+    from supernode.deploy.addresses import MOST_PORTS
 
     for name in ("hosts", "nodes"):
         if getattr(options, name) < 1:
             raise BadInput(f"--{name}: expected a whole number, at least 1, found {getattr(options, name)}")
-    most = _MOST_PORTS // PORTS - 1
+    most = MOST_PORTS // PORTS - 1
     if options.nodes > most:
         raise BadInput(f"--nodes: expected at most {most} on a machine, {PORTS} ports each, found {options.nodes}")
     for name, engine in (("time", "slurm"), ("image", "kubernetes")):
@@ -80,7 +80,7 @@ def _values(options: argparse.Namespace) -> dict[str, object]:
         "cells": cells,
         "torus": f"{rows}x{cells // rows}",
         "ports": ports,
-        "slots": max(1, _MOST_PORTS // ports),
+        "slots": max(1, MOST_PORTS // ports),
         "time": options.time or "1:00:00",
         "image": options.image or "supernode",
         "memory": base + each * options.nodes,

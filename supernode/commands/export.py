@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from supernode import exits
 from supernode.commands.cluster_options import add_place, connected
+from supernode.commands.run_options import positive
 
 if TYPE_CHECKING:
     from problems import BadInput, Problem, ProblemFile
@@ -61,31 +62,31 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     motion = parser.add_argument_group("the motion of a result")
     motion.add_argument(
         "--speed",
-        type=_positive,
+        type=positive,
         metavar="V",
         help="the greatest speed along a path without times, in its unit per second: m/s, rad/s (arm-path) or cells/s "
         "(terrain)",
     )
     motion.add_argument(
         "--acceleration",
-        type=_positive,
+        type=positive,
         metavar="A",
         help="how fast speed is gained and lost, in that unit per second²; by default full speed is reached in 0.5 s",
     )
     motion.add_argument(
         "--turn-speed",
-        type=_positive,
+        type=positive,
         metavar="W",
         help="the greatest speed of turns, rad/s; by default no point of what turns is faster than --speed",
     )
     motion.add_argument(
         "--turn-acceleration",
-        type=_positive,
+        type=positive,
         metavar="B",
         help="rad/s²; by default turns reach full speed as soon as moves do",
     )
     motion.add_argument(
-        "--rate", type=_positive, metavar="HZ", help="rows per second (50); min-time has the rows of its solution"
+        "--rate", type=positive, metavar="HZ", help="rows per second (50); min-time has the rows of its solution"
     )
     motion.add_argument(
         "--retime",
@@ -180,16 +181,6 @@ def _run_motion(options: argparse.Namespace) -> int:
     for said in (*(f"limit: {limit}" for limit in motion.limits), *(f"note: {note}" for note in motion.notes)):
         print(said, file=sys.stderr)
     return exits.OK
-
-
-def _positive(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not 0.0 < value < math.inf:
-        raise argparse.ArgumentTypeError(f"expected a number greater than 0, found {text}")
-    return value
 
 
 def _not_negative(text: str) -> float:

@@ -1,6 +1,7 @@
 """Options that `solve`, `simulate` and `submit` share: how a problem is run, and what the command reports."""
 
 import argparse
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -138,6 +139,17 @@ def whole(text: str) -> int:
         return int(text)
     except ValueError:
         raise argparse.ArgumentTypeError(f"expected a whole number, found {text!r}") from None
+
+
+def positive(text: str) -> float:
+    """Parse the value of an option: a finite number greater than 0."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0.0 < value < math.inf:
+        raise argparse.ArgumentTypeError(f"expected a number greater than 0, found {text}")
+    return value
 
 
 def number(text: str) -> float:

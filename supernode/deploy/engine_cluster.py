@@ -1,4 +1,4 @@
-"""What clusters on any engine have in common: the wait for their nodes, and a client."""
+"""The part that clusters on any engine have in common: the wait for their nodes, and a client."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from problems.errors import BadInput
 from supernode.client.client import Client, ClientJob
 from supernode.client.cluster_info import Place
 
-_READY_WITHIN = 300.0  # seconds; a new machine may compile kernels first
+READY_WITHIN = 300.0  # seconds; a new machine may compile kernels first
 _LOOK_AGAIN = 0.2  # seconds
 ENGINE_CLUSTER = "main"  # the cluster's name: it is the only one of its router
 
@@ -55,13 +55,13 @@ class EngineCluster(ABC):
         Raises:
             ClusterFailed: if they have not in time, or never will.
         """
-        until = time.monotonic() + _READY_WITHIN
+        until = time.monotonic() + READY_WITHIN
         while not self._is_ready():
             if (why := self.complaint()) is not None:
                 raise ClusterFailed(why)
             self.refuse_given_up()
             if time.monotonic() >= until:
-                raise ClusterFailed(f"{self.nodes} nodes have not joined within {_READY_WITHIN:.0f} s; see the logs")
+                raise ClusterFailed(f"{self.nodes} nodes have not joined within {READY_WITHIN:.0f} s; see the logs")
             time.sleep(_LOOK_AGAIN)
 
     def refuse_given_up(self) -> None:

@@ -1,12 +1,11 @@
 """Standard input as the lifeline of a process that another machine has started: it brings the secret, and its end."""
 
-import fcntl
 import os
 import re
-import select
 import signal
 import sys
 
+from coordinator.launch.lifeline import signal_the_end
 from problems.errors import BadInput
 from wire.seal import SECRET_BYTES
 
@@ -26,13 +25,6 @@ def read_secret() -> bytes:
 
 
 def end_with_stdin() -> None:
-    """Have the kernel send SIGHUP to this process when standard input ends, or brings anything more.
-
-    A thread that waits for it was not taken, since a process with threads must not fork.
-    """
-    stdin = sys.stdin.fileno()
-    fcntl.fcntl(stdin, fcntl.F_SETOWN, os.getpid())
-    fcntl.fcntl(stdin, fcntl.F_SETSIG, signal.SIGHUP)
-    fcntl.fcntl(stdin, fcntl.F_SETFL, fcntl.fcntl(stdin, fcntl.F_GETFL) | os.O_ASYNC)
-    if select.select([stdin], [], [], 0.0)[0]:  # it has ended before the kernel was asked
+    """End this process by SIGHUP when standard input ends, or brings anything more."""
+    if signal_the_end(sys.stdin.fileno(), signal.SIGHUP):
         os.kill(os.getpid(), signal.SIGHUP)

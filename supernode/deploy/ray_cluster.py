@@ -22,14 +22,12 @@ from typing import Any
 from coordinator.errors import ClusterFailed
 from coordinator.jobs.node_hosts import PORTS
 from problems.errors import BadInput
-from supernode.deploy.addresses import free_port
-from supernode.deploy.engine_cluster import EngineCluster, shares, trust
+from supernode.deploy.addresses import FIRST_PORT, MOST_PORTS, free_port
+from supernode.deploy.engine_cluster import READY_WITHIN, EngineCluster, shares, trust
 from wire.seal import SECRET_BYTES
 
-_READY_WITHIN = 300.0  # seconds; an actor on a new machine may compile kernels first
 _ENDED_WITHIN = 20.0  # seconds; an actor whose machine is gone does not answer
 _LOOK_AGAIN = 0.5  # seconds
-_FIRST_PORT, _MOST_PORTS = 20000, 12000  # Linux gives those above to whoever asks for any port
 _PATIENCE = 5.0  # seconds until a process that does not end is killed
 _SIGNAL = "TERM"  # what a process gets when its actor dies, however that dies
 
@@ -171,11 +169,11 @@ class RayCluster(EngineCluster):
         """Return a new placement group with so many places, once Ray has them."""
         group = self._ray.util.placement_group([{"CPU": 1.0}] * places, strategy="SPREAD")
         self._groups.append(group)
-        until = time.monotonic() + _READY_WITHIN
+        until = time.monotonic() + READY_WITHIN
         while not self._ray.wait([group.ready()], timeout=_LOOK_AGAIN)[0]:
             self.refuse_given_up()
             if time.monotonic() >= until:
-                raise ClusterFailed(f"Ray has not found {places} free processors within {_READY_WITHIN:.0f} s")
+                raise ClusterFailed(f"Ray has not found {places} free processors within {READY_WITHIN:.0f} s")
         return group
 
     def _start(self, group: Any, nodes: int, options: Sequence[str]) -> None:
@@ -194,7 +192,7 @@ class RayCluster(EngineCluster):
             options = (*where, *self._agent_options)
             self._actor(group, place, "node", *self._member(), "--nodes", str(share), *options)
             # Modulo: so many agents are not on one machine.
-            self._port = _FIRST_PORT + (self._port - _FIRST_PORT + PORTS * share) % _MOST_PORTS
+            self._port = FIRST_PORT + (self._port - FIRST_PORT + PORTS * share) % MOST_PORTS
             self.nodes += share
             self._agents += 1
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import re
-import secrets
 import shlex
 import shutil
 import subprocess
@@ -24,7 +23,7 @@ from coordinator.jobs.node_hosts import PORTS
 from problems.errors import BadInput
 from supernode.deploy.addresses import free_port, own_address, own_endpoint
 from supernode.deploy.engine_cluster import EngineCluster, shares, trust
-from wire.seal import SECRET_BYTES
+from supernode.files.secret_file import read_or_make
 
 _AGAIN, _LONGEST_PAUSE = 1.0, 30.0  # seconds until a process that has died is started again; doubled while it dies soon
 _ENDED_WITHIN = 10.0  # seconds until a process that does not end is killed
@@ -152,10 +151,8 @@ class SshCluster(EngineCluster):
     def _start(
         self, given: Sequence[int], first_port: int, options: Sequence[str], agent_options: Sequence[str]
     ) -> None:
-        secret = secrets.token_hex(SECRET_BYTES)
         file = Path(self._folder.name) / "secret"
-        file.touch(mode=0o600)
-        file.write_text(secret, encoding="ascii")
+        secret = read_or_make(file).hex()
         member = ("--connect", self.connect, *self._trust)
         known = ("--secret-file", str(file))
         for command in (
