@@ -14,7 +14,7 @@ import time
 from problems import child_process
 
 CPU_SECONDS = 1.5
-"""Processor time for making the problem and running its oracle; the kernel counts in whole seconds, so round up."""
+"""Processor time for running the oracle; the kernel counts in whole seconds, so round up."""
 
 _MEMORY = 1 << 30  # bytes, in addition to what the process has mapped when the limit is set
 _PAGE = os.sysconf("SC_PAGE_SIZE")
@@ -38,14 +38,15 @@ def _answer_to(text: str) -> str:
         file = ProblemFile.from_json(text)
         if not has_oracle(file.find_model()):
             return ""
+        problem = file.problem(checked=True)  # loads kernels, which may take seconds; the parent limits the time
         _limit()
-        return solve_exactly(file, file.problem(checked=True)).to_json()
+        return solve_exactly(file, problem).to_json()
     except (BadInput, EvaluationFailed, MemoryError):
         return ""
 
 
 def _limit() -> None:
-    """Limit processor time and memory from now on, not counting what imports have used."""
+    """Limit processor time and memory from now on, not counting what imports and the problem's kernels have used."""
     seconds = math.ceil(time.process_time() + CPU_SECONDS)
     resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 1))
     with open("/proc/self/statm", encoding="ascii") as file:  # noqa: PTH123 - a file of the kernel's
