@@ -19,6 +19,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 BASE = "python3,python3-venv,ca-certificates"  # what the image python:3.11-slim has that matters here
 RELEASE = "bookworm"  # its Python is 3.11
+_CHROOT = shutil.which("chroot", path="/usr/sbin:/sbin") or "chroot"  # the image's PATH need not lead there
 EXAMPLE = "examples/arm-ik.toml"
 
 
@@ -47,7 +48,7 @@ class Stage:
 
     def run(self, command: str, cwd: str = "/") -> None:
         """Run a command in the root, as its user."""
-        words = ["chroot", f"--userspec={self.user}", str(self.folder), "sh", "-ec", f"cd {cwd}; {command}"]
+        words = [_CHROOT, f"--userspec={self.user}", str(self.folder), "sh", "-ec", f"cd {cwd}; {command}"]
         subprocess.run(words, env=self.variables, check=True)
 
     def set(self, text: str) -> None:

@@ -76,7 +76,8 @@ class Assignment:
         self._bred = 0  # the generation at `bred_at`
         self._interval = plan.run.interval
         self.in_lockstep = plan.run.mode == "lockstep"
-        self._may_be_inline = self.in_lockstep and plan.problem.any_thread and plan.limits.most_bytes <= INLINE_BYTES
+        most_bytes = plan.limits.most_bytes_without_state + plan.state_bytes
+        self._may_be_inline = self.in_lockstep and plan.problem.any_thread and most_bytes <= INLINE_BYTES
 
     @property
     def job(self) -> int:
@@ -148,6 +149,7 @@ class Assignment:
         if bred := generation - self._bred:
             now = time.monotonic()
             self.gap, self.bred_at = (now - self.bred_at) / max(1.0, bred / self._interval), now
+            self.cell.pace_states(self.gap)
             self._bred = generation
 
     def _end_step(self) -> None:
@@ -206,6 +208,7 @@ class Coming:
         since: generations of the job before the epoch; None if this node is to count them itself.
         deme: the genomes to begin with, one after another; empty to go on with the deme that this node has.
         fresh: whether to begin with new individuals.
+        state: the state to go on from, in the place of a process that has died; empty to begin with a deme.
         news: messages that have come so far, since neighbours may be in the epoch already. The network thread appends.
         begun: the query to answer with the report; None until the epoch may begin.
     """
@@ -216,6 +219,7 @@ class Coming:
     since: int | None
     deme: bytes
     fresh: bool = False
+    state: bytes = b""
     news: list[Message] = field(default_factory=list)
     begun: zenoh.Query | None = None
 

@@ -12,12 +12,12 @@ States:
     failed: the problem's code failed, and the cell has reported that.
 """
 
+from collections import deque
 from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
 
-from genetics import Genomes
 from lowlevel import capabilities
 from node.engine.flags import REACHED, REFUSED, STALLED, STOPS, UNSOUND
 from node.engine.generation import Generations
@@ -26,15 +26,35 @@ from node.engine.inbox import Inbox
 from node.engine.kernels import OWN
 from node.engine.outbox import Outbox
 from node.engine.rows import Rows
-from node.events import Action, Answer, Answered, Ask, Asked, Complain, Event, Halt, Message, Propose, Start
+from node.events import (
+    Action,
+    Answer,
+    Answered,
+    AnswerStates,
+    Ask,
+    Asked,
+    AskedForStates,
+    Complain,
+    Event,
+    Halt,
+    Message,
+    Propose,
+    Start,
+)
 from node.plan import Plan
 from node.stimuli import Stimuli
 from problems import EvaluationFailed
 from problems.guard import reported
 from topologies import ROOT
+from wire.control import KeptStates
 from wire.exchange import Champion
 from wire.exchange_layout import EPOCH, GENERATION, JOB, NEVER, SENT
 from wire.report import Birth, Report, Staleness
+
+GENERATIONS_AT_ONCE = 64
+"""The most generations between two looks at the clock, and at what else there is to do."""
+
+_STATE_SECONDS = 0.25  # between two messages that carry the state, at least if the outbox has room for those between
 
 State = Literal["prepared", "running", "stopped", "failed"]
 
@@ -67,7 +87,10 @@ class Cell:
         self._is_async = plan.run.mode == "async"
         # With the paper's spy the root alone sends its champion, for the spy; neighbours ignore it.
         self._tells_champion = plan.run.spy == "champion" or number == ROOT
-        self._outbox = Outbox(plan.limits.most_bytes)
+        self._outbox = Outbox(plan.limits.most_bytes_without_state, plan.limits.most_state_bytes)
+        # From neighbours' answers: for each sender the messages of this exchange and later ones, with their exchange.
+        self._backlog: dict[int, deque[tuple[int, bytes]]] = {}
+        self._took_over = False  # from a process that has died
         self._stimuli = Stimuli()
         self._complaints: set[tuple[int, str]] = set()  # made already
         self._answered = 0  # messages that were kept from an answer, so had not come by themselves before
@@ -107,19 +130,16 @@ class Cell:
                 self._take(events, actions)
             if self.state == "running":
                 assert self.generations is not None, "a running cell has begun"
-                self.generations(news, min(most, self.room))
+                self.generations(news, min(most, GENERATIONS_AT_ONCE))
                 self._append_actions(self.generations, news, actions)
+                if self._backlog:
+                    self._catch_up(self.generations, actions)
         except EvaluationFailed as error:
             self._end("failed", str(error), actions)
         except Exception as error:  # a mistake in this program, which ends the process
             error.add_note(self._told())
             raise
         return actions
-
-    @property
-    def room(self) -> int:
-        """How many generations may be bred before the history must be digested."""
-        return self._history.most - self._history.noted
 
     def actions_after_breeding(self) -> list[Action]:
         """Return the actions to carry out after the fast path has called `breed_on` itself and read all news."""
@@ -164,8 +184,7 @@ class Cell:
     @property
     def births(self) -> tuple[Birth, ...]:
         """The improvements that this cell has noted."""
-        since = () if self.generations is None else self.generations.births()
-        return (*self.rows.births, *since)
+        return tuple(self.rows.births if self.generations is None else self.generations.births())
 
     def validate(self) -> None:
         """Check what must hold between any two steps. Tests call this after each of them; a node never does.
@@ -188,7 +207,6 @@ class Cell:
             (rows.messages.header.item(OWN, GENERATION) != now, "the message is of another generation"),
             (not 0 <= rows.better_at.item(0) <= now, "the champion became fitter in the future"),
             (births != sorted(set(births), reverse=True), "an improvement is none"),
-            (self.room <= 0, "the history is full"),
             (running and now >= stop_at, "the cell runs on after its last generation"),
             (lockstep and now > stop_at, "the cell has bred after its last generation"),
             (lockstep and running and self.sent != exchanges, "a message was left out, or sent twice"),
@@ -206,16 +224,16 @@ class Cell:
         """Take events in their order, and append what follows to ``actions``."""
         for event in events:
             if isinstance(event, Answered):
-                kept, of_no_use = self.inbox.kept, self.inbox.of_no_use
-                actions += self.hear([(event.sender, event.payload)])
-                self._answered += self.inbox.kept - kept
-                self._answers_of_no_use += self.inbox.of_no_use - of_no_use
+                first = event.generation // self.plan.run.interval
+                self._backlog[event.sender] = deque(enumerate(event.payloads, first))
+                self._take_from_backlog(actions)
             elif isinstance(event, Asked):
-                sent = self._outbox.of(event.generation)
-                if sent is not None:
-                    actions.append(Answer(event.question, sent))
+                if messages := self._outbox.since(event.generation):
+                    actions.append(Answer(event.question, messages))
+            elif isinstance(event, AskedForStates):
+                actions.append(AnswerStates(event.question, self._kept_states()))
             elif isinstance(event, Start):
-                self._begin(event.deme, actions)
+                self._begin(event, actions)
             elif isinstance(event, Halt):
                 if self.state == "running":
                     self._end("stopped", None, actions)
@@ -225,16 +243,85 @@ class Cell:
             else:
                 actions += self._questions()
 
-    def _begin(self, deme: Genomes | None, actions: list[Action]) -> None:
-        if self.state == "prepared":
-            self.state = "running"
-            rows, plan = self.rows, self.plan
-            rows.begin(None if deme is None else deme[None])
-            # Not before: the arrays that generations share are made by `begin`.
-            kind = _kind_of_generations(rows)
-            self.generations = kind(plan, rows, self.inbox, self._history, self._tells_champion, self._outbox)
+    def _begin(self, start: Start, actions: list[Action]) -> None:
+        if self.state != "prepared":
+            return
+        self.state = "running"
+        rows, plan = self.rows, self.plan
+        if start.state:
+            rows.make_room()
+        else:
+            rows.begin(None if start.deme is None else start.deme[None])
+        # Not before: the arrays that generations share are made by now.
+        kind = _kind_of_generations(rows)
+        self.generations = kind(plan, rows, self.inbox, self._history, self._tells_champion, self._outbox)
+        if start.state:
+            self._go_on_from(start.state, self.generations)
+        else:
             self.generations.publish_first()
-            self._append_actions(self.generations, (), actions)
+        self._append_actions(self.generations, (), actions)
+        if start.state:
+            actions += self._questions()
+
+    def _go_on_from(self, state: bytes, generations: Generations) -> None:
+        """Take over from a process that has died: go on from its state, which a neighbour has kept.
+
+        Raises:
+            EvaluationFailed: if it is no state of this cell in this problem.
+        """
+        self._took_over = True
+        try:
+            generations.go_on_from(state)
+        except ValueError as error:
+            raise EvaluationFailed(str(error)) from None
+        header = self.rows.messages.header[OWN]
+        if (header[JOB], header[EPOCH]) != (self.job, self.plan.epoch) or not self.rows.is_sound():
+            raise EvaluationFailed("the state that a neighbour has kept does not fit the problem")
+        self.inbox.go_on_from(self.rows.generation, self.plan.run.interval)
+
+    def pace_states(self, seconds: float) -> None:
+        """Choose how many messages carry the cell's state, given the seconds from one message to the next.
+
+        The outbox must reach back to the third last state: that is the oldest one that neighbours keep.
+        """
+        if self.generations is not None and self.sent:
+            most = max(1, self._outbox.most_messages // 4)
+            wanted = int(min(most, max(1.0, _STATE_SECONDS / max(seconds, 1e-6))))
+            self.generations.keep_states_every(1 << (wanted.bit_length() - 1))
+
+    def _kept_states(self) -> KeptStates:
+        oldest = self._outbox.oldest
+        return KeptStates(
+            cell=self.number,
+            generation=self.rows.generation,
+            oldest=self.rows.generation if oldest is None else oldest,
+            states=tuple(self.inbox.states),
+        )
+
+    def _catch_up(self, generations: Generations, actions: list[Action]) -> None:
+        """Breed for as long as the neighbours' answers have the messages that are missing."""
+        while self._backlog and self.state == "running":
+            if self.rows.exchanging:
+                self._take_from_backlog(actions)
+            if self.missing_count:
+                return
+            generations((), GENERATIONS_AT_ONCE)
+            self._append_actions(generations, (), actions)
+
+    def _take_from_backlog(self, actions: list[Action]) -> None:
+        """Take the messages of the next exchange out of the neighbours' answers; forget answers that are used up."""
+        inbox = self.inbox
+        for sender, messages in list(self._backlog.items()):
+            while messages and messages[0][0] < inbox.exchange:
+                messages.popleft()
+            if messages and messages[0][0] == inbox.exchange:
+                kept, of_no_use = inbox.kept, inbox.of_no_use
+                actions += self.hear([(sender, messages.popleft()[1])])
+                if not self._took_over:
+                    self._answered += inbox.kept - kept
+                    self._answers_of_no_use += inbox.of_no_use - of_no_use
+            if not messages:
+                del self._backlog[sender]
 
     def _complain(self, refusals: set[tuple[int, str]], actions: list[Action]) -> None:
         new = refusals - self._complaints
@@ -251,11 +338,10 @@ class Cell:
     def _append_actions(self, generations: Generations, news: Sequence[Message], actions: list[Action]) -> None:
         """Append the actions that follow from generations that have been bred, and from ``news`` read meanwhile."""
         _, flags, size, _ = generations.done()
-        self._history.digest_if_full()
         if flags:
             self._handle_flags(flags, generations, news, actions)
         if size:
-            actions.append(self._outbox.message(self.sent))
+            actions.append(self._outbox.latest())
         if flags & STOPS:
             self._end("stopped", None, actions)
 

@@ -8,12 +8,12 @@ import zenoh
 from node.assignment import Assignment
 from node.driver import Driver
 from node.epochs import Epochs
-from node.events import Asked, Propose
+from node.events import Asked, AskedForStates, Propose
 from node.events import Halt as Halted
 from node.fingerprint import fingerprint
 from node.queries import answer, drop
 from wire import control
-from wire.control import Begin, Command, Done, Drop, Halt, Look, Missed, Prepare, ProposeStop, Refused
+from wire.control import Begin, Command, Done, Drop, Halt, Look, Missed, Prepare, ProposeStop, Refused, TellStates
 from wire.seal import Seal
 from wire.strict import Rejected
 
@@ -44,7 +44,14 @@ class Commands:
             command = error
         else:
             self._epochs.note(command)
-        self._driver.queue.put(partial(self._carry_out, query, command))
+            if isinstance(command, TellStates) and not self._is_in(command):
+                return drop(query)  # at once: the main thread may be waiting for neighbours, and the coordinator for it
+        return self._driver.queue.put(partial(self._carry_out, query, command))
+
+    def _is_in(self, command: TellStates) -> bool:
+        """Return whether this node is in that epoch, or has just left it."""
+        assignments = (self._driver.assignment, self._epochs.past)
+        return any(each and (each.job, each.epoch) == (command.job, command.epoch) for each in assignments)
 
     def _carry_out(self, query: zenoh.Query, command: Command | Rejected) -> None:
         """Carry out a command and answer it; a command about a job or epoch unknown here gets no answer."""
@@ -84,6 +91,10 @@ class Commands:
         elif isinstance(command, Missed):
             assignment.events.append(Asked(command.generation, query))
             if assignment is self._epochs.past:  # `Driver.run` steps the present epoch only
+                self._driver.carry_on(assignment)
+        elif isinstance(command, TellStates):
+            assignment.events.append(AskedForStates(query))
+            if assignment is self._epochs.past:
                 self._driver.carry_on(assignment)
         elif isinstance(command, Halt):
             assignment.events.append(Halted())

@@ -1,18 +1,26 @@
 """Events and actions of `node.cell.Cell`: the input of a cell, and its requests to whatever drives it."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 from genetics import Genomes
+from wire.control import KeptStates
 from wire.report import Reason, Report
 
 
 # Events ---------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class Start:
-    """Begin, since every cell is prepared; with the given deme, shape (deme, genome_bytes), or with a random one."""
+    """Begin, since every cell is prepared.
+
+    Attributes:
+        deme: the first deme, shape (deme, genome_bytes); None for a random one.
+        state: the state to go on from (`node.engine.state`), in the place of a process that has died; in lockstep only.
+    """
 
     deme: Genomes | None = None
+    state: bytes = b""
 
 
 @dataclass(frozen=True)
@@ -21,10 +29,17 @@ class Halt:
 
 
 class Answered(NamedTuple):
-    """A neighbour has answered the question for its message, which was lost or is late."""
+    """A neighbour has answered the question for its message, which was lost or is late.
+
+    Attributes:
+        sender: the neighbour.
+        generation: the generation that was asked for.
+        payloads: its messages since then, one for each exchange.
+    """
 
     sender: int
-    payload: bytes
+    generation: int
+    payloads: Sequence[bytes]
 
 
 @dataclass(frozen=True)
@@ -41,13 +56,20 @@ class Waited:
 
 @dataclass(frozen=True)
 class Asked:
-    """A neighbour asks for this cell's message of a generation; ``question`` is what the driver needs to answer it."""
+    """A neighbour asks for this cell's messages since a generation; the driver needs ``question`` to answer it."""
 
     generation: int
     question: object
 
 
-Event = Start | Halt | Answered | Propose | Waited | Asked
+@dataclass(frozen=True)
+class AskedForStates:
+    """The coordinator asks for the neighbours' states that this cell keeps; ``question`` as in `Asked`."""
+
+    question: object
+
+
+Event = Start | Halt | Answered | Propose | Waited | Asked | AskedForStates
 
 
 # Actions --------------------------------------------------------------------------------------------------------------
@@ -57,7 +79,7 @@ Publish = bytes
 
 @dataclass(frozen=True)
 class Ask:
-    """Ask a neighbour for its message of a generation."""
+    """Ask a neighbour for its messages since a generation."""
 
     neighbour: int
     generation: int
@@ -65,10 +87,18 @@ class Ask:
 
 @dataclass(frozen=True)
 class Answer:
-    """Answer a neighbour's question with the message that it asked for."""
+    """Answer a neighbour's question with the messages that it asked for."""
 
     question: object
-    payload: bytes
+    payloads: Sequence[bytes]
+
+
+@dataclass(frozen=True)
+class AnswerStates:
+    """Answer the coordinator's question for the states that this cell keeps."""
+
+    question: object
+    kept: KeptStates
 
 
 @dataclass(frozen=True)
@@ -82,4 +112,4 @@ class Complain:
 Message = tuple[int, bytes]
 """A neighbour's encoded message, after the number of its cell."""
 
-Action = Publish | Ask | Answer | Complain | Report
+Action = Publish | Ask | Answer | AnswerStates | Complain | Report

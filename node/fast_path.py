@@ -61,6 +61,7 @@ from lowlevel.clocks import monotonic_nanoseconds
 from lowlevel.compiled import c_function, subroutine
 from lowlevel.pointers import integers_at
 from node.assignment import MANY_UNREAD, Assignment
+from node.cell import GENERATIONS_AT_ONCE
 from node.engine import cell_table
 from node.engine.compiled_generation import (
     breed_on,
@@ -312,8 +313,8 @@ class FastPath:
             self._path[0, _NEWS] = 0 if assignment.in_lockstep else id(assignment.news)
             self._point(**objects)
             self._for, self._objects = assignment, objects
-        # One generation short of a full history: the ordinary path breeds that one, digests, and looks at the clock.
-        self._path[0, _LEFT], self._path[0, _MOST] = assignment.cell.room - 1, assignment.most
+        # The ordinary path breeds the last one, and looks at the clock.
+        self._path[0, _LEFT], self._path[0, _MOST] = GENERATIONS_AT_ONCE - 1, assignment.most
         self._path[0, _OPENINGS] += 1
         self._path[0, _TABLE] = generations.table.ctypes.data  # last, since it opens the path
 

@@ -10,6 +10,7 @@ import topologies
 from genetics.arrays import Cells, Evaluate, Genomes
 from genetics.coding import Coding, Keys
 from genetics.recipe import Recipe, evaluations_per_generation
+from node.engine.state import most_state_bytes, state_bytes
 from problems import Problem, ProblemFile, Run
 from problems.guard import guarded, next_attempt, solved_at, solved_when
 from problems.run import DEFAULT_RESTARTS, DEFAULT_STALL
@@ -154,7 +155,13 @@ class Plan:
     def limits(self) -> Limits:
         """What a message of this job may contain."""
         coding = self.coding
-        return Limits(coding.genome_bytes, self.run.emigrants, self.topology.cells, coding.alphabet)
+        most = most_state_bytes(self.state_bytes)
+        return Limits(coding.genome_bytes, self.run.emigrants, self.topology.cells, coding.alphabet, most)
+
+    @cached_property
+    def state_bytes(self) -> int:
+        """The bytes of a cell's state without improvements, see `node.engine.state`; 0 if states are not kept."""
+        return state_bytes(self.run.deme, self.coding.genome_bytes, self.run.emigrants)
 
     @cached_property
     def evaluations_per_generation(self) -> int:

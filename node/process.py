@@ -34,9 +34,9 @@ from node.commands import Commands
 from node.cpu_affinity import Pinning
 from node.driver import PATIENCE, Driver, make_fast_path, wake
 from node.epochs import Epochs
-from node.events import Action, Answer, Answered, Ask, Complain
+from node.events import Action, Answer, Answered, AnswerStates, Ask, Complain
 from node.node_config import NodeConfig
-from node.queries import reply
+from node.queries import answer, reply
 from node.telemetry import Telemetry
 from node.turn_taking import TurnTaking
 from wire import control, sessions
@@ -44,6 +44,7 @@ from wire.callbacks import direct
 from wire.control import Missed
 from wire.report import Report
 from wire.seal import Seal
+from wire.strict import Rejected, of, pack, unpack
 
 # Made when the zygote imports this module, not in each node: making one touches forty pages, which a forked node would
 # have to copy. Each node still has its own, because a fork copies what the node writes to.
@@ -103,7 +104,10 @@ class NodeProcess:
             self._ask(assignment, action)
         elif isinstance(action, Answer):
             assert isinstance(action.question, zenoh.Query)
-            reply(action.question, action.payload)
+            reply(action.question, pack(tuple(action.payloads)))
+        elif isinstance(action, AnswerStates):
+            assert isinstance(action.question, zenoh.Query)
+            answer(action.question, action.kept)
         elif isinstance(action, Complain):
             sender = assignment.links.wiring.nodes[action.sender]
             self._telemetry.log("warning", f"rejects messages of node {sender}: {action.reason}", assignment.cell)
@@ -119,10 +123,18 @@ class NodeProcess:
         """Ask a neighbour, through the router, for a message that has not come by the direct link."""
 
         def hear(reply: zenoh.Reply) -> None:  # on a thread of Zenoh's
-            if reply.ok is not None:
-                assignment.events.append(Answered(action.neighbour, reply.ok.payload.to_bytes()))
+            if reply.ok is not None and (payloads := _messages_in(reply.ok.payload.to_bytes())):
+                assignment.events.append(Answered(action.neighbour, action.generation, payloads))
                 self.driver.queue.put(wake)
 
         key = self._config.keys.control(assignment.links.wiring.nodes[action.neighbour])
         missed = control.encode(Missed(assignment.job, assignment.epoch, action.generation))
         self.control.get(key, direct(hear), payload=self._seal.close(key, missed), timeout=PATIENCE)
+
+
+def _messages_in(payload: bytes) -> list[bytes]:
+    """Return the messages in a neighbour's answer; none if it is malformed."""
+    try:
+        return [of(bytes, message) for message in of(list, unpack(payload))]
+    except Rejected:
+        return []

@@ -3,10 +3,9 @@
 import zenoh
 
 from wire import control
-from wire.control import Done, Refused
 
 
-def answer(query: zenoh.Query, with_what: Done | Refused) -> None:
+def answer(query: zenoh.Query, with_what: control.Answer) -> None:
     """Answer a query, which ends it."""
     reply(query, control.encode_answer(with_what))
 

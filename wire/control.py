@@ -5,7 +5,8 @@ A command travels as a query, sealed (`wire.seal`), and its answer as the reply.
 - `Done` or `Refused`, at once;
 - `Judged`, the spy's answer to `Finish`;
 - a node's `wire.report.Report`, after `Begin` and `Halt`, once its cell has stopped;
-- an exchange message, after `Missed`.
+- exchange messages, after `Missed`;
+- `KeptStates`, after `TellStates`.
 
 A command for all nodes of a job is one query to all nodes of the cluster. Nodes that are not at that job drop the query
 without an answer, so the sender must know how many answers to expect.
@@ -65,6 +66,8 @@ class Prepare:
         cluster_nodes: the number of nodes in the whole cluster, busy or not. The more there are, the less often each
             sends counters.
         fresh: whether all cells draw new individuals instead of going on with a deme; then ``since`` is given.
+        state: for a node that takes the place of one that has died: what to go on from in this epoch, which the others
+            are in already (`node.engine.state`); else empty.
     """
 
     name: ClassVar[str] = "prepare"
@@ -77,6 +80,7 @@ class Prepare:
     best: bytes = b""
     cluster_nodes: int = 0
     fresh: bool = False
+    state: bytes = b""
 
 
 @dataclass(frozen=True)
@@ -128,7 +132,10 @@ class Drop:
 
 @dataclass(frozen=True)
 class Missed:
-    """Ask a neighbour for its exchange message of a generation, which has not arrived; the answer is the message."""
+    """Ask a neighbour for its exchange message of a generation, which has not arrived.
+
+    The answer is an array of its messages since then, one for each exchange; it is empty if the first is not kept.
+    """
 
     name: ClassVar[str] = "missed"
     job: int
@@ -160,7 +167,16 @@ class Finish:
     since: int = 0
 
 
-Command = Prepare | Begin | ProposeStop | Halt | Look | Drop | Missed | Finish
+@dataclass(frozen=True)
+class TellStates:
+    """Ask the cells of an epoch which states of their neighbours they keep; each answers with `KeptStates`."""
+
+    name: ClassVar[str] = "tell states"
+    job: int
+    epoch: int
+
+
+Command = Prepare | Begin | ProposeStop | Halt | Look | Drop | Missed | Finish | TellStates
 
 
 @dataclass(frozen=True)
@@ -186,6 +202,23 @@ class Refused:
 
     message: str
     blame: str = "failure"
+
+
+@dataclass(frozen=True)
+class KeptStates:
+    """A cell's answer to `TellStates`.
+
+    Attributes:
+        cell: the cell.
+        generation: the generation that it is in.
+        oldest: the generation of the oldest message that it can send again.
+        states: for each state its cell, its generation, and the state as bytes.
+    """
+
+    cell: int
+    generation: int
+    oldest: int
+    states: tuple[tuple[int, int, bytes], ...]
 
 
 @dataclass(frozen=True)
@@ -220,7 +253,7 @@ class Judged:
     has_oracle: bool = False
 
 
-Answer = Done | Judged | Refused
+Answer = Done | Judged | KeptStates | Refused
 
 
 def encode(command: Command) -> bytes:
@@ -278,6 +311,9 @@ def decode_answer(payload: bytes) -> Answer:
             lines = tuple(of(str, line) for line in of(list, advice))
             figures = _maybe(float, target), _clearance(clearance)
             return Judged(status, feasible, *texts, *figures, *told, lines, of(bool, oracle))
+        case ["keptstates", *others]:
+            cell, generation, oldest, states = fields(others, 4)
+            return KeptStates(count(cell), count(generation), count(oldest), _kept(states))
     raise Rejected("no such answer")
 
 
@@ -313,6 +349,11 @@ def _states(value: object) -> tuple[tuple[int, bytes], ...]:
     return tuple(_state(each) for each in of(list, value))
 
 
+def _kept(value: object) -> tuple[tuple[int, int, bytes], ...]:
+    found = [fields(each, 3) for each in of(list, value)]
+    return tuple((count(cell), count(generation), of(bytes, state)) for cell, generation, state in found)
+
+
 def _reasons(value: object) -> tuple[Reason, ...]:
     return tuple(reason_of(reason) for reason in of(list, value))
 
@@ -337,13 +378,14 @@ def _at_least_two(value: list[Any]) -> list[Any]:
 
 _text, _octets, _flag, _maybe_text = partial(of, str), partial(of, bytes), partial(of, bool), partial(_maybe, str)
 _COMMANDS: dict[str, tuple[Callable[..., Command], tuple[Callable[[Any], Any], ...]]] = {
-    Prepare.name: (Prepare, (count, count, _text, _wiring, _maybe_count, _octets, _octets, count, _flag)),
+    Prepare.name: (Prepare, (count, count, _text, _wiring, _maybe_count, _octets, _octets, count, _flag, _octets)),
     Begin.name: (Begin, (count, count)),
     ProposeStop.name: (ProposeStop, (count, count, reason_of)),
     Halt.name: (Halt, (count, count)),
     Look.name: (Look, (count,)),
     Drop.name: (Drop, (count,)),
     Missed.name: (Missed, (count, count, count)),
+    TellStates.name: (TellStates, (count, count)),
     Finish.name: (Finish, (count, count, _champion, count, _reasons, _maybe_text, _states, count)),
 }
 """The class of each command, and the readers of its fields in the order of their definition: fields travel by position,

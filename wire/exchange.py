@@ -87,16 +87,23 @@ class Limits:
         emigrants: the exact number of emigrants in a message.
         cells: the number of cells; a champion's cell of birth must be below it.
         alphabet: which genomes the job's coding can make.
+        most_state_bytes: the most bytes of a state that a message may carry; 0 if none may.
     """
 
     genome_bytes: int
     emigrants: int
     cells: int
     alphabet: Alphabet
+    most_state_bytes: int = 0
 
     @property
     def most_bytes(self) -> int:
         """An upper bound, in bytes, of a valid message. A longer payload is refused before any of it is read."""
+        return self.most_bytes_without_state + self.most_state_bytes
+
+    @property
+    def most_bytes_without_state(self) -> int:
+        """An upper bound, in bytes, of a message without a state."""
         return most_bytes(self.genome_bytes, self.emigrants)
 
 

@@ -5,6 +5,9 @@ the same order). In msgpack it is an array of eight:
 
     [version, job, epoch, generation, stop_at or nil, [[genome, fitness], ...],
      nil or [fitness, generation, cell, genome], [sent, evaluations]]
+
+Every few exchanges a ninth field follows: the sender's state as bytes (`node.engine.state`), which neighbours keep for
+a process that takes the sender's place. Here it is bytes of any content.
 """
 
 import numpy as np
@@ -53,5 +56,7 @@ INT_8 = 0xD0
 INT_64 = 0xD3
 FIXARRAY = 0x90
 ARRAY_16 = 0xDC
-FIELDS = 8
+BIN_32 = 0xC6
+FIELDS = 8  # without a state
+STATE_HEAD = 5  # bytes before a state
 PAYLOAD = types.Bytes(types.uint8, 1, "C", readonly=True)  # a Python bytes object, for signatures

@@ -18,6 +18,7 @@ from lowlevel.compiled import kernel, subroutine
 from wire.exchange_layout import (
     ARRAY_16,
     BIN_8,
+    BIN_32,
     BIRTHPLACE,
     BORN,
     FIELDS,
@@ -249,16 +250,16 @@ def read_message(
 ) -> Any:
     """Read a message, an array of bytes, into one row: (HEADER,), (emigrants + 1, genome_bytes), (emigrants + 1,).
 
-    Returns a positive number, or the negated reason for which the message is refused. A refused message leaves the row
-    partly overwritten: pass a spare row, as the inbox does. A message without a champion sets the champion's fitness to
-    +inf and leaves its genome as it was.
+    Returns the position after the eighth field, where a state may follow (`state_at`), or the negated reason for which
+    the message is refused. A refused message leaves the row partly overwritten: pass a spare row, as the inbox does. A
+    message without a champion sets the champion's fitness to +inf and leaves its genome as it was.
     """
     if len(payload) > most_bytes:  # first: it bounds the time that any payload can take
         return -TOO_LONG
     length, at = _length(payload, 0)
     if at < 0:
         return -NOT_AN_ARRAY if at == -WRONG_SHAPE else at
-    if length != FIELDS:
+    if length not in (FIELDS, FIELDS + 1):
         return -WRONG_SHAPE
     version, after = _count(payload, at, NEVER)
     if version != VERSION or after < 0:
@@ -275,9 +276,27 @@ def read_message(
     if at >= 0:
         at = _array_of(2, payload, at)
     at = _counts(payload, at, header, SENT, BORN)
-    if at >= 0 and at != len(payload):  # something follows the message
-        return -NOT_MSGPACK
+    if at >= 0:
+        at = min(at, state_at(payload, at) if length > FIELDS else _end(payload, at))
     return at
+
+
+@subroutine
+def _end(payload: Any, at: Any) -> Any:
+    """Return ``at`` if the payload ends there; something else must not follow a message."""
+    return at if at == len(payload) else -NOT_MSGPACK
+
+
+@subroutine
+def state_at(payload: Any, at: Any) -> Any:
+    """Return where the bytes of a state begin, whose field is at ``at``; it must reach to the end of the payload."""
+    tag = _tag(payload, at)
+    if not BIN_8 <= tag <= BIN_32:
+        return _other(tag)
+    size, start = _raw(payload, at + 1, 1 << (tag - BIN_8))
+    if start < 0 or start + np.int64(size) != len(payload):
+        return -NOT_MSGPACK
+    return start
 
 
 @kernel(

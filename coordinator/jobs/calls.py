@@ -20,7 +20,7 @@ from coordinator.jobs.job import Failure, Moved, Replaced, StopRequest
 from problems import BadInput
 from wire import control
 from wire.callbacks import direct
-from wire.control import Command, Done, Finish, Judged, Prepare, Refused
+from wire.control import Command, Done, Finish, Judged, KeptStates, Prepare, Refused
 from wire.report import Report
 from wire.seal import Seal
 from wire.strict import Rejected
@@ -36,16 +36,16 @@ _REPLACED_WITHIN = 60.0  # how long to ask again while a process, or the router 
 ASK_AGAIN = 0.2  # a router that has died is back after about this time
 
 
+Given = Done | Judged | KeptStates
+"""An answer other than a refusal."""
+
+
 @dataclass(frozen=True)
 class _Answer:
     """An answer to question number ``question``; None when there will be no more."""
 
     question: int
-    answer: Done | Judged | Refused | None
-
-
-Given = Done | Judged
-"""An answer other than a refusal."""
+    answer: Given | Refused | None
 
 
 class Reported(NamedTuple):
@@ -266,7 +266,7 @@ class Calls:
         )
 
 
-def _decoded(payload: bytes) -> Done | Judged | Refused:
+def _decoded(payload: bytes) -> Given | Refused:
     try:
         return control.decode_answer(payload)
     except Rejected as error:

@@ -1,6 +1,7 @@
 """Prepare the nodes and the spy of a job for an epoch, and begin it."""
 
 import json
+from collections.abc import Mapping
 from dataclasses import replace
 
 from coordinator.errors import ClusterFailed
@@ -74,6 +75,19 @@ class Preparing:
                 f"expected equal versions on all nodes in lockstep, found {' / '.join(sorted(fingerprints))}"
             )
         self._job.versions = json.loads(min(fingerprints))
+
+    def prepare_again(self, epoch: Epoch, states: Mapping[int, bytes]) -> None:
+        """Prepare new processes for an epoch that the other cells are in, each to go on from the state of its cell.
+
+        Raises:
+            ReplacedError: if another process dies meanwhile.
+        """
+        job = self._job
+        since = job.epochs.since - job.lived_before
+        command = replace(self._preparation(epoch, since), fresh=False)
+        nodes = epoch.wiring.nodes
+        questions = [(job.keys.control(nodes[cell]), replace(command, state=each)) for cell, each in states.items()]
+        job.calls.ask(questions, len(questions), give_up=False)
 
     def _preparation(self, epoch: Epoch, since: int | None = None, deme: bytes = b"") -> Prepare:
         place = self._job.number, epoch.number, epoch.file.to_json(), epoch.wiring

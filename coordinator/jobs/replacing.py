@@ -12,6 +12,7 @@ from coordinator.jobs.conducted_job import ConductedJob
 from coordinator.jobs.epochs import Epoch
 from coordinator.jobs.job import Placement, Replaced
 from coordinator.jobs.preparing import Preparing
+from coordinator.jobs.recovering import Recovering
 from problems import ProblemFile
 from topologies import Topology, Torus
 from wire.control import Done, Drop, Halt, Look, Wiring
@@ -31,6 +32,7 @@ class Replacing:
     def __init__(self, job: ConductedJob, preparing: Preparing) -> None:
         self._job = job
         self._preparing = preparing
+        self._recovering = Recovering(job, preparing)
         self._spy_is_new = False  # the spy was replaced and does not know this job yet
 
     def take_over(self, placement: Placement) -> None:
@@ -94,11 +96,12 @@ class Replacing:
         """Bring the new processes into the job; repeat if another one dies meanwhile."""
         while self._spy_is_new or self._job.epoch.dead or self._is_moving:
             try:
-                if self._job.epoch.dead or self._is_moving:  # this begins a new epoch, which is shown to a new spy too
-                    self._go_on_without_the_dead()
-                else:
+                if not (self._job.epoch.dead or self._is_moving):
                     self._preparing.show_to_the_spy(self._job.epoch)
-                self._spy_is_new = False
+                    self._spy_is_new = False
+                elif self._is_moving or not self._recovering.recover():
+                    self._go_on_without_the_dead()  # this begins a new epoch, which is shown to a new spy too
+                    self._spy_is_new = False
             except ReplacedError as another:
                 self._mark_dead(another.node)
 

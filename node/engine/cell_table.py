@@ -36,10 +36,11 @@ MUTATE_TABLE = TABLE.integers("mutate_table")
 FITNESS_TABLE = TABLE.integers("fitness_table")
 
 # What is kept of each generation: the history, the outbox, and the improvements.
-RECORDS = TABLE.octets("records")
-NOTED = TABLE.integers("noted")  # (1,): records not digested yet
-OUT = TABLE.octets("out")
-SAID = TABLE.integers("said")
+RECORD = TABLE.octets("record")  # room for what is digested of a generation
+DIGEST = TABLE.integers("digest")  # the columns of `node.engine.sha256.STATE`
+OUT = TABLE.octets("out")  # the outbox, see `node.engine.ring`
+OUT_ENTRIES = TABLE.integers("out_entries")
+OUT_MARKS = TABLE.integers("out_marks")
 BIRTHS = TABLE.integers("births")  # (MOST_BIRTHS, 2): generation and cell of each improvement noted
 BIRTH_FITNESS = TABLE.reals("birth_fitness")  # (MOST_BIRTHS,)
 BIRTH_COUNT = TABLE.integers("birth_count")  # (1,)
@@ -68,6 +69,11 @@ LIMIT = SETTINGS.column("limit")
 FAMILIES = SETTINGS.column("families")
 BETTER_HALF = SETTINGS.column("better_half")
 MOST_SELECTIONS = SETTINGS.column("most_selections")
+MOST_BYTES = SETTINGS.column("most_bytes")  # of a message without a state
+STATE_BYTES = SETTINGS.column("state_bytes")  # of the longest state; 0: messages carry none
+
+# The one setting that does change: messages between two that carry the cell's state, a power of two.
+STATE_EVERY = SETTINGS.column("state_every")
 
 # What a call of `breed_on` has done.
 OUTCOME = RowLayout()

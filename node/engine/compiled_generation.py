@@ -20,6 +20,7 @@ from lowlevel.compiled import kernel, subroutine
 from lowlevel.numba_calls import entry
 from lowlevel.pointers import integers, octets, reals
 from node.engine import cell_table as at
+from node.engine import ring
 from node.engine.flags import REFUSED, UNSOUND
 from node.engine.generation import Generations, Operators
 from node.engine.history import History
@@ -77,8 +78,7 @@ def _breed(table: Any, now: Any) -> Any:
 def breed_on(table: Any, most: Any) -> Any:
     """Breed until there is something to say or to wait for, but at most ``most`` generations; return how many.
 
-    ``most`` must not exceed the room left in the history. An offspring whose fitness is unsound ends the call, with
-    that generation not counted.
+    An offspring whose fitness is unsound ends the call, with that generation not counted.
     """
     done, clock = integers(table, at.OUTCOME_ROW)[0], integers(table, at.CLOCK)[0]
     done[:] = 0
@@ -108,13 +108,11 @@ def nothing_bred(table: Any) -> Any:
 def next_message_replaces_it(table: Any) -> Any:
     """Return whether the next generation's message can replace the one that `breed_on` has just written.
 
-    Not if there is anything to say beside it, if the history is full, or if the next generation is the last one, which
-    sends no message.
+    Not if there is anything to say beside it, or if the next generation is the last one, which sends no message.
     """
     settings, done = integers(table, at.SETTINGS_ROW)[0], integers(table, at.OUTCOME_ROW)[0]
-    room = integers(table, at.NOTED)[0, 0] < octets(table, at.RECORDS).shape[0]
     plain = done[at.FLAGS] == 0 and done[at.SIZE] > 0
-    return plain and room and integers(table, at.CLOCK)[0, 0] + 1 < settings[at.LIMIT]
+    return plain and integers(table, at.CLOCK)[0, 0] + 1 < settings[at.LIMIT]
 
 
 @subroutine
@@ -129,8 +127,10 @@ def take_back(table: Any) -> Any:
 @subroutine
 def only_a_message(table: Any) -> Any:
     """Return the bytes of the latest message if `breed_on` had nothing else to say; otherwise an empty array."""
-    done, place = integers(table, at.OUTCOME_ROW)[0], integers(table, at.HEADER)[OWN, SENT] % 2
-    return octets(table, at.OUT)[place][: done[at.SIZE] if done[at.FLAGS] == 0 else 0]
+    done, room = integers(table, at.OUTCOME_ROW)[0], octets(table, at.OUT)[0]
+    if done[at.SIZE] == 0 or done[at.FLAGS] != 0:
+        return room[:0]
+    return ring.latest(room, integers(table, at.OUT_ENTRIES), integers(table, at.OUT_MARKS)[0])
 
 
 @kernel(types.void(TABLE, PAYLOAD, types.int64), may_be_long=True)

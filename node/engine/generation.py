@@ -18,12 +18,15 @@ from node.engine import cell_table as at
 from node.engine.flags import REFUSED, UNSOUND
 from node.engine.history import History
 from node.engine.inbox import Inbox, hear, packed
+from node.engine.kernels import OWN
 from node.engine.outbox import Outbox
 from node.engine.rows import Rows
-from node.engine.rule import finish, is_missing_any, make_couples, record_and_publish, replace
+from node.engine.rule import finish, is_missing_any, make_couples, publish_message, record_and_publish, replace
+from node.engine.state import read_state
 from node.plan import Plan
 from problems import EvaluationFailed
 from problems.guard import guarded
+from wire.exchange_layout import GENERATION
 from wire.report import MOST_BIRTHS, Birth
 
 
@@ -32,6 +35,15 @@ def _publish_first(table: Table) -> None:
     """Record and publish generation 0."""
     integers(table, at.OUTCOME_ROW)[0, :] = 0
     record_and_publish(table, 0, 0)
+
+
+@kernel(types.void(TABLE))
+def _publish_again(table: Table) -> None:
+    """Set the clock by the cell's message, and publish that again."""
+    done, header = integers(table, at.OUTCOME_ROW)[0], integers(table, at.HEADER)[OWN]
+    done[:] = 0
+    integers(table, at.CLOCK)[0, 0] = header[GENERATION]
+    done[at.SIZE] = publish_message(table, integers(table, at.SETTINGS_ROW)[0], header[GENERATION])
 
 
 @kernel(types.boolean(TABLE))
@@ -95,9 +107,13 @@ class Generations:
         self._outcome = at.OUTCOME.zeros()
         self._births, self._birth_fitness = np.zeros((MOST_BIRTHS, 2), np.int64), np.zeros(MOST_BIRTHS)
         self._birth_count = np.zeros(1, np.int64)
+        for number, birth in enumerate(rows.births):  # of generation 0
+            self._births[number], self._birth_fitness[number] = birth[:2], birth.fitness
+            self._birth_count += 1
         self._rows, self._evaluate = rows, guarded(rows.problems[0])
         self._failure: EvaluationFailed | None = None
         header, genomes, fitness = rows.messages
+        self._settings = _settings(plan, rows, champion, operators)
         arrays = {
             "header": header,
             "genomes": genomes,
@@ -121,18 +137,20 @@ class Generations:
             "variation_table": _table(operators.variation),
             "mutate_table": _table(operators.mutate_one_bit),
             "fitness_table": _table(operators.fitness),
-            "records": history.records,
-            "noted": history.counts,
+            "record": history.record,
+            "digest": history.states,
             "out": outbox.room,
-            "said": outbox.said,
+            "out_entries": outbox.entries,
+            "out_marks": outbox.marks,
             "births": self._births,
             "birth_fitness": self._birth_fitness,
             "birth_count": self._birth_count,
-            "settings_row": _settings(plan, rows, champion, operators),
+            "settings_row": self._settings,
             "outcome_row": self._outcome,
         }
         # The table holds bare addresses, so everything that they point to must live as long as this object.
-        self._kept = (operators, arrays, inbox)
+        self._kept = (operators, inbox)
+        self._arrays = arrays
         self.table = at.TABLE.build(**arrays)
         self._inbox_table = inbox.table
         self._done = self._outcome.data
@@ -144,6 +162,19 @@ class Generations:
     def publish_first(self) -> None:
         """Record and publish generation 0, which `Rows.begin` has made; then ask `done`."""
         _publish_first(self.table)
+
+    def go_on_from(self, state: bytes) -> None:
+        """Go on from a `node.engine.state`, whose message is published again; then ask `done`.
+
+        Raises:
+            ValueError: if it is no state of such a cell.
+        """
+        read_state(state, self._arrays)
+        _publish_again(self.table)
+
+    def keep_states_every(self, messages: int) -> None:
+        """Let every so many-th message carry the state; a power of two, so that cells agree as far as they can."""
+        self._settings[at.STATE_EVERY] = messages
 
     def __call__(self, news: Sequence[tuple[int, bytes]], most: int) -> None:
         """Take in ``news`` and breed one generation, if no message is missing; then ask `done`."""
@@ -193,7 +224,7 @@ class Generations:
         return self._failure
 
     def births(self) -> list[Birth]:
-        """Return the improvements noted in compiled generations; that of generation 0 is in `Rows.births`."""
+        """Return the improvements that the cell has noted."""
         noted = slice(self._birth_count.item())
         births, fitness = self._births[noted].tolist(), self._birth_fitness[noted].tolist()
         return [Birth(born, cell, its) for (born, cell), its in zip(births, fitness, strict=True)]
@@ -225,6 +256,9 @@ def _settings(plan: Plan, rows: Rows, champion: bool, operators: Operators) -> A
         families=recipe.renewal is None,
         better_half=recipe.pairing == "better-half",
         most_selections=recipe.most_selections,
+        most_bytes=plan.limits.most_bytes_without_state,
+        state_bytes=plan.limits.most_state_bytes,
+        state_every=1,
     )
 
 

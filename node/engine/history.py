@@ -1,77 +1,69 @@
 """Digests that identify a run: for each cell one over generation number, genomes and fitness of all its generations."""
 
-import hashlib
+from typing import Any
 
 import numpy as np
 
 from genetics import Fitness, Genomes
+from lowlevel.compiled import kernel, subroutine
+from node.engine import sha256
 
-# Records are collected before they are digested, since a digest of few bytes costs mostly its call: so many over all
-# rows, but no more than these bytes hold.
-_RECORDS = 64
-_BYTES = 1 << 16
-_ROWS = 1024  # rows whose records there is room for; with more rows each generation is digested at once, in blocks
+
+@subroutine
+def digest_generation(state: Any, record: Any, generation: Any, genomes: Any, fitness: Any) -> Any:
+    """Add a generation of one cell to its digest: genomes of shape (deme, genome_bytes), fitness of shape (deme,).
+
+    ``record`` is room for what is digested. Its layout is part of the digest, so it must never change: a little-endian
+    int64 (the generation), the genomes, and the fitness as little-endian float64, without gaps. Bytes are written one
+    by one, since the fitness may begin at any offset.
+    """
+    for place in range(8):
+        record[place] = (generation >> (8 * place)) & 0xFF
+    size = genomes.shape[1]
+    for individual in range(genomes.shape[0]):
+        start = 8 + size * individual
+        record[start : start + size] = genomes[individual]
+    record[8 + genomes.size :] = fitness.view(np.uint8)
+    sha256.update(state, record)
+
+
+@kernel("void(int64[:, ::1])")
+def _begin(states: Any) -> None:
+    for row in range(len(states)):
+        sha256.begin(states[row])
+
+
+@kernel("void(int64[:, ::1], uint8[::1], int64, uint8[:, :, ::1], float64[:, ::1])")
+def _digest(states: Any, record: Any, generation: int, genomes: Genomes, fitness: Fitness) -> None:
+    for row in range(len(states)):
+        digest_generation(states[row], record, generation, genomes[row], fitness[row])
+
+
+@kernel("void(int64[:, ::1], uint8[:, ::1])")
+def _finish(states: Any, digests: Any) -> None:
+    for row in range(len(states)):
+        sha256.finish(states[row], digests[row])
 
 
 class History:
     """A SHA-256 digest for each of some rows of cells, over all their generations.
 
-    The layout of a record is part of the digest, so it must never change: a little-endian int64 (generation), the
-    genomes, and the fitness as little-endian float64, packed.
-
     Attributes:
-        records: room for records not digested yet, shape (rows, records, bytes); of at most 1024 rows.
-        counts: `noted` as an array, shape (1,), which compiled code increments.
-        most: the number of records in each row at which they are digested.
+        states: the digests so far, shape (rows, `sha256.STATE`); compiled generations go on with them.
+        record: room for what is digested of one generation, shape (bytes,).
     """
 
     def __init__(self, rows: int, deme: int, genome_bytes: int) -> None:
-        record = np.dtype([("generation", "<i8"), ("genomes", "u1", (deme, genome_bytes)), ("fitness", "<f8", (deme,))])
-        fields = np.zeros((min(rows, _ROWS), max(1, min(_RECORDS, _BYTES // record.itemsize) // rows)), record)
-        self._generation, self._genomes, self._fitness = fields["generation"], fields["genomes"], fields["fitness"]
-        self.records = fields.view(np.uint8).reshape(*fields.shape, record.itemsize)
-        self.counts = np.zeros(1, np.int64)
-        self.most = fields.shape[1]
-        self._digests = [hashlib.sha256() for _ in range(rows)]
-
-    @property
-    def noted(self) -> int:
-        """The number of records of each row not digested yet; less than `most`, so there is room for another."""
-        return self.counts.item()
+        self.states = np.zeros((rows, sha256.STATE), np.int64)
+        self.record = np.zeros(8 + deme * (genome_bytes + 8), np.uint8)
+        _begin(self.states)
 
     def note(self, generation: int, genomes: Genomes, fitness: Fitness) -> None:
         """Add a generation: genomes of shape (rows, deme, genome_bytes), fitness of shape (rows, deme)."""
-        self._generation[:, self.noted] = generation
-        if len(genomes) <= _ROWS:
-            self._genomes[:, self.noted] = genomes
-            self._fitness[:, self.noted] = fitness
-            self.counts += 1
-            self.digest_if_full()
-        else:
-            self._digest_now(genomes, fitness)
-
-    def digest_if_full(self) -> None:
-        """Digest the records if they are full; call it after writing and counting some, here or in compiled code."""
-        if self.noted == self.most:
-            self._digest()
+        _digest(self.states, self.record, generation, genomes, fitness)
 
     def digests(self) -> list[bytes]:
         """Return each row's digest over all that was noted so far; more may follow."""
-        self._digest()
-        return [digest.digest() for digest in self._digests]
-
-    def _digest(self) -> None:
-        if self.noted:
-            for digest, records in zip(self._digests, self.records, strict=True):
-                digest.update(records[: self.noted].data)
-        self.counts[:] = 0
-
-    def _digest_now(self, genomes: Genomes, fitness: Fitness) -> None:
-        """Digest one generation of more rows than there is room for, block by block."""
-        for first in range(0, len(genomes), _ROWS):
-            block = slice(first, first + _ROWS)
-            digests = self._digests[block]
-            self._genomes[: len(digests), 0] = genomes[block]
-            self._fitness[: len(digests), 0] = fitness[block]
-            for digest, record in zip(digests, self.records[: len(digests), 0], strict=True):
-                digest.update(record)
+        digests = np.empty((len(self.states), 32), np.uint8)
+        _finish(self.states, digests)
+        return [digest.tobytes() for digest in digests]

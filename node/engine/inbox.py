@@ -20,12 +20,13 @@ from genetics import Cells
 from genetics.operators import TABLE, Table
 from lowlevel.compiled import kernel, subroutine
 from lowlevel.pointers import integers, octets, octets_of, reals
+from node.engine import ring
 from node.engine.kernels import OWN, PUBLISHED
 from node.engine.layout import RowLayout, TableLayout
 from node.plan import Plan
 from wire.exchange import Messages
 from wire.exchange_layout import EPOCH, GENERATION, JOB, PAYLOAD, SENT
-from wire.exchange_reader import only_emigrants, read_message
+from wire.exchange_reader import only_emigrants, read_message, state_at
 from wire.report import Staleness
 
 # What an inbox counts.
@@ -54,6 +55,9 @@ _LATEST = _TABLE.integers("latest")
 _SPARES = _TABLE.integers("spares")  # the rows that are free, as many as `_SPARE` says
 _COUNTS = _TABLE.integers("counts")  # the columns of `_COUNT`
 _LIMITS = _TABLE.integers("limits")  # the columns of `_LIMIT`
+_STATES = _TABLE.octets("states")  # neighbours' states, see `node.engine.ring`
+_STATE_ENTRIES = _TABLE.integers("state_entries")
+_STATE_MARKS = _TABLE.integers("state_marks")
 
 # What messages must fit.
 _LIMIT = RowLayout()
@@ -63,6 +67,8 @@ _JOB = _LIMIT.column("job")
 _EPOCH = _LIMIT.column("epoch")
 _INTERVAL = _LIMIT.column("interval")  # 0 in async mode
 _CHAMPIONS = _LIMIT.column("champions")  # whether they may carry one
+
+_STATES_OF_EACH = 3  # with fewer the states of two neighbouring cells could lack a common generation
 
 _mark = struct.Struct("<2q").pack  # precedes each of several packed messages: its sender and its length
 
@@ -115,6 +121,16 @@ def _swap(row: Any, source_row: Any, names: Any, spare: Any, counts: Any) -> Any
 
 
 @subroutine
+def _keep_state(table: Any, state: Any, header: Any, sender: Any) -> Any:
+    """Keep a neighbour's state, for the process that takes its place if it dies."""
+    room, entries, marks = octets(table, _STATES)[0], integers(table, _STATE_ENTRIES), integers(table, _STATE_MARKS)[0]
+    if state.size <= room.size:
+        start = ring.begin(room, entries, marks, state.size)
+        room[start : start + state.size] = state
+        ring.end(entries, marks, start, state.size, sender, header[GENERATION])
+
+
+@subroutine
 def _take_in(table: Any, limits: Any, payload: Any, number: Any, counts: Any) -> Any:
     """Decode a message of neighbour ``number`` into a spare row, and keep it if it is of use.
 
@@ -139,6 +155,8 @@ def _take_in(table: Any, limits: Any, payload: Any, number: Any, counts: Any) ->
         place = _note(header, limits[_INTERVAL], latest, number, counts)
         _swap(row, integers(table, _SOURCE_ROWS)[place], octets(table, _NAMES)[number], spare, counts)
         counts[_KEPT] += 1
+        if end < len(payload):
+            _keep_state(table, payload[state_at(payload, end) :], header, integers(table, _SENDERS)[0, number])
     else:
         counts[_OF_NO_USE] += 1
     return 1
@@ -211,6 +229,7 @@ class Inbox:
         staleness: in async mode the counts of `wire.report.Staleness`.
         missing_count: in lockstep a function that returns how many neighbours' messages for the next exchange have not
             come. It is a bound C method, because it is called in each generation.
+        states: the latest states of the neighbours.
         table: pointers to everything that `hear` works on.
     """
 
@@ -231,6 +250,9 @@ class Inbox:
         self.used = np.zeros(len(slots), np.int64)
         self.staleness = np.zeros(len(Staleness._fields), np.int64)
         spare = np.arange(2, 3 + exchanges * others)  # one for each message that may be kept, and one to decode into
+        # A state with half of the improvements that it may have: a ring takes its whole room in the end.
+        each, states = (plan.state_bytes + plan.limits.most_state_bytes) // 2, _STATES_OF_EACH * others
+        self.states = ring.Ring(states * each, max(1, states))
         self.counts = _COUNT.zeros()
         self.counts[_SPARE], self.counts[MISSING] = len(spare), others
         self.missing_count = partial(self.counts.item, MISSING)
@@ -254,6 +276,9 @@ class Inbox:
             "spares": spare,
             "counts": self.counts,
             "limits": self._limits_row(plan, job),
+            "states": self.states.room,
+            "state_entries": self.states.entries,
+            "state_marks": self.states.marks,
         }
         self.table = _TABLE.build(**self._kept)
 
@@ -266,6 +291,11 @@ class Inbox:
             interval=plan.run.interval if self._lockstep else 0,
             champions=plan.run.spy == "champion",
         )
+
+    def go_on_from(self, generation: int, interval: int) -> None:
+        """In lockstep expect the messages of a generation first, as if all before had come."""
+        self.counts[NEXT] = generation // interval
+        self.counts[_KEPT] = self.exchange * len(self.neighbours)
 
     @property
     def kept(self) -> int:

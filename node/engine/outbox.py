@@ -1,29 +1,40 @@
-"""The outbox of a cell: its last two messages, for neighbours that miss one; in lockstep none can miss an older one."""
+"""The outbox of a cell: its latest messages, for neighbours that miss some.
 
-import numpy as np
+In lockstep a neighbour that runs can miss none but the last two. A process that takes the place of a dead one goes on
+from an older state, and needs all messages since (`node.engine.state`).
+"""
+
+from node.engine.ring import Ring
+
+BYTES = 12 << 10
+"""Room for messages, unless fewer than `_AT_LEAST` of the longest ones fit in."""
+
+_AT_LEAST = 8
+_MOST_MESSAGES = 128
 
 
-class Outbox:
-    """Room for two messages: the one with an even number in place 0, the one with an odd number in place 1.
+class Outbox(Ring):
+    """The latest messages, each with the number of the generation; compiled code (`node.engine.rule`) writes them.
 
-    Compiled code (`node.engine.rule`) writes the messages into these arrays, so they are never replaced.
-
-    Attributes:
-        room: the encoded messages, shape (2, bytes).
-        said: the generation and the size in bytes of each message, shape (2, 2).
+    Args:
+        most_bytes: the most bytes of a message.
+        state_bytes: the most bytes of a cell's state that some messages carry in addition; 0 if none does.
     """
 
-    def __init__(self, most_bytes: int) -> None:
-        self.room = np.empty((2, most_bytes), np.uint8)
-        self.said = np.zeros((2, 2), np.int64)
-        self._room = tuple(each.data for each in self.room)  # memoryviews: slicing an array costs as much as a message
+    def __init__(self, most_bytes: int, state_bytes: int) -> None:
+        super().__init__(max(BYTES, _AT_LEAST * most_bytes + 2 * state_bytes), _MOST_MESSAGES)
 
-    def message(self, number: int) -> bytes:
-        """Return one of the last two messages, by its number."""
-        place = number % 2
-        return self._room[place][: self.said.item(place, 1)].tobytes()
+    def since(self, generation: int) -> list[bytes]:
+        """Return the messages of a generation and of all after it; an empty list if the first of these is not kept."""
+        kept = {its: message for _, its, message in self}  # a message that was published again counts once
+        return [message for its, message in kept.items() if its >= generation] if generation in kept else []
 
-    def of(self, generation: int) -> bytes | None:
-        """Return the message of a generation; None if it is not one of the last two."""
-        places = [place for place, (its, size) in enumerate(self.said.tolist()) if its == generation and size > 0]
-        return self.message(places[0]) if places else None
+    @property
+    def most_messages(self) -> int:
+        """How many messages it keeps if they are as long as the latest one."""
+        return min(len(self.entries), len(self.room) // max(1, self.latest_size))
+
+    @property
+    def oldest(self) -> int | None:
+        """The generation of the oldest message that is kept; None if there is none."""
+        return next((generation for _, generation, _ in self), None)

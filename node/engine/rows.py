@@ -29,7 +29,7 @@ MOST_TOLD = 4096
 class Rows:
     """The demes of ``cells``, shape (rows,), all in the same generation.
 
-    `node.engine.rule` uses the arrays by their addresses, so after `begin` they are changed in place only.
+    `node.engine.rule` uses the arrays by their addresses, so after `begin` (or `make_room`) they change in place only.
 
     Attributes:
         plan: the plan of the epoch.
@@ -106,6 +106,23 @@ class Rows:
         self.genomes = plan.coding.random(plan.keys(self.cells, 0), plan.run.deme) if demes is None else demes.copy()
         self.fitness = evaluate_all(self.genomes, self._evaluate)
         self._update_messages()
+
+    def make_room(self) -> None:
+        """Make the arrays of the demes, for a state that is read into them (`node.engine.state`)."""
+        rows, deme = len(self.cells), self.plan.run.deme
+        self.genomes = np.zeros((rows, deme, self.plan.coding.genome_bytes), np.uint8)
+        self.fitness = np.zeros((rows, deme))
+
+    def is_sound(self) -> bool:
+        """Return whether the demes can be the coding's, and have the fitness that the problem gives them."""
+        coding, has_champion = self.plan.coding, self.messages.fitness[: len(self.cells), -1] < np.inf
+        genomes = [
+            *self.genomes.reshape(-1, coding.genome_bytes),
+            *self.messages.genomes[: len(self.cells), -1][has_champion],
+        ]
+        if not all(coding.alphabet.admits(genome) for genome in genomes):
+            return False
+        return np.array_equal(evaluate_all(self.genomes.copy(), self._evaluate), self.fitness)
 
     def advance(self, received: Messages | None, source_row: Cells | None = None) -> None:
         """Breed the next generation, from the neighbours' messages after an exchange.

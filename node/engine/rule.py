@@ -16,11 +16,14 @@ from genetics.selection import pair, pair_with
 from lowlevel.compiled import subroutine
 from lowlevel.pointers import blocks, integers, octets, reals
 from node.engine import cell_table as at
+from node.engine import ring
 from node.engine.flags import REACHED, STALLED, STOPS
+from node.engine.history import digest_generation
 from node.engine.inbox import MISSING, NEXT, next_exchange
 from node.engine.kernels import OWN, PUBLISHED, is_noted, merge_champion, note_staleness, prepare_message
-from wire.exchange_layout import BIRTHPLACE, BORN, SENT, STOP_AT
-from wire.exchange_writer import write_message
+from node.engine.state import write_state
+from wire.exchange_layout import BIRTHPLACE, BORN, SENT, STATE_HEAD, STOP_AT
+from wire.exchange_writer import write_message, write_state_head
 
 
 @subroutine
@@ -101,9 +104,8 @@ def finish(table: Any, now: Any) -> Any:
 @subroutine
 def record_and_publish(table: Any, now: Any, flags: Any) -> Any:
     """Record a generation, and write its message if it is an exchange; this is all that generation 0 needs."""
-    noted = integers(table, at.NOTED)[0]
-    _record(octets(table, at.RECORDS)[noted[0]], now, octets(table, at.DEME), reals(table, at.DEME_FITNESS)[0])
-    noted[0] += 1
+    digest, record = integers(table, at.DIGEST)[0], octets(table, at.RECORD)[0]
+    digest_generation(digest, record, now, octets(table, at.DEME), reals(table, at.DEME_FITNESS)[0])
     _encode_message(table, integers(table, at.SETTINGS_ROW)[0], now, flags, integers(table, at.OUTCOME_ROW)[0])
 
 
@@ -150,36 +152,39 @@ def _update_message(table: Any, settings: Any, now: Any) -> Any:
 
 
 @subroutine
-def _record(record: Any, now: Any, deme: Any, fitness: Any) -> Any:
-    """Write a generation as `node.engine.history.History` does: generation, genomes and fitness, packed without gaps.
-
-    Bytes are written one by one, since the fitness may begin at any offset.
-    """
-    for place in range(8):
-        record[place] = (now >> (8 * place)) & 0xFF
-    size = deme.shape[1]
-    for individual in range(deme.shape[0]):
-        start = 8 + size * individual
-        record[start : start + size] = deme[individual]
-    record[8 + deme.size :] = fitness.view(np.uint8)
-
-
-@subroutine
 def _encode_message(table: Any, settings: Any, now: Any, flags: Any, done: Any) -> Any:
     """Write the message if this is an exchange generation, and flag the end of the epoch if it has come."""
-    header, fitness = integers(table, at.HEADER), reals(table, at.FITNESS)
-    genomes = _message_genomes(table)
+    header = integers(table, at.HEADER)
     # Async cells share no generation to stop after: a cell that learns of a stop passes it on and stops at once.
     drains = not settings[at.LOCKSTEP] and header[OWN, STOP_AT] != settings[at.LIMIT]
     stops = drains or now >= header[OWN, STOP_AT]
     if drains or (now % settings[at.INTERVAL] == 0 and not stops):
         header[OWN, SENT] += 1
-        header[PUBLISHED], genomes[PUBLISHED], fitness[PUBLISHED] = header[OWN], genomes[OWN], fitness[OWN]
-        place = header[OWN, SENT] % 2  # as `Outbox.message` reads it
-        champion, out, said = settings[at.CHAMPION] != 0, octets(table, at.OUT)[place], integers(table, at.SAID)[place]
-        done[at.SIZE] = write_message(header[OWN], genomes[OWN], fitness[OWN], champion, out)
-        said[0], said[1] = now, done[at.SIZE]
+        done[at.SIZE] = publish_message(table, settings, now)
     done[at.FLAGS] = flags | STOPS if stops else flags
+
+
+@subroutine
+def publish_message(table: Any, settings: Any, now: Any) -> Any:
+    """Write the cell's message into the outbox, every few times with the cell's state; return its size in bytes."""
+    header, fitness = integers(table, at.HEADER), reals(table, at.FITNESS)
+    genomes = _message_genomes(table)
+    header[PUBLISHED], genomes[PUBLISHED], fitness[PUBLISHED] = header[OWN], genomes[OWN], fitness[OWN]
+    # With a stop ahead no state is written: the cell that proposed the stop would not know that it was the one.
+    due = (header[OWN, SENT] - 1) % settings[at.STATE_EVERY] == 0 and header[OWN, STOP_AT] == settings[at.LIMIT]
+    with_state = due and settings[at.STATE_BYTES] > 0
+    room, entries = octets(table, at.OUT)[0], integers(table, at.OUT_ENTRIES)
+    marks, most = integers(table, at.OUT_MARKS)[0], settings[at.MOST_BYTES]
+    if with_state:
+        most += STATE_HEAD + settings[at.STATE_BYTES]
+    start = ring.begin(room, entries, marks, most)
+    out, champion = room[start:], settings[at.CHAMPION] != 0
+    size = write_message(header[OWN], genomes[OWN], fitness[OWN], champion, with_state, out)
+    if with_state:
+        state_size = write_state(table, out[size + STATE_HEAD :])
+        size = write_state_head(out, size, state_size) + state_size
+    ring.end(entries, marks, start, size, settings[at.CELL], now)
+    return size
 
 
 @subroutine

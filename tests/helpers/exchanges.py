@@ -87,7 +87,7 @@ def encoded(messages: Messages, row: int, champion: bool, room) -> bytes:
 
 @kernel("int64(int64[:,::1], uint8[:,:,::1], float64[:,::1], int64, boolean, uint8[::1])")
 def _encode(header, genomes, fitness, row, champion, out):
-    return write_message(header[row], genomes[row], fitness[row], champion, out)
+    return write_message(header[row], genomes[row], fitness[row], champion, False, out)
 
 
 def decode(payload: bytes, limits: Limits) -> Exchange:
@@ -187,7 +187,7 @@ def read_slowly(payload, limits):
 
     def is_message(value):
         return (
-            has(value, 8)
+            (has(value, 8) or (has(value, 9) and type(value[8]) is bytes))
             and (type(value[0]), value[0]) == (int, VERSION)
             and all(is_count(each) for each in value[1:4])
             and (value[4] is None or is_count(value[4]))
@@ -209,7 +209,7 @@ def read_slowly(payload, limits):
         return None
     if not is_message(value):
         return None
-    _, job, epoch, generation, stop_at, emigrants, champion, (sent, evaluations) = value
+    _, job, epoch, generation, stop_at, emigrants, champion, (sent, evaluations) = value[:8]
     # A champion of infinite fitness stands for none.
     best = None if champion is None or champion[0] == math.inf else Champion(*champion[:3], whole(champion[3]))
     told = tuple(Emigrant(whole(genome), its_fitness) for genome, its_fitness in emigrants)

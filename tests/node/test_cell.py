@@ -95,7 +95,7 @@ def test_messages_of_another_epoch_are_ignored_and_nobody_complains_of_them(mode
     assert said(plan, cell.step(events=[Start()])[0]).epoch == 1
     others = [message for epoch in (0, 2) for message in heard(plan, (12, 1, 4, 3), epoch=epoch, stop_at=1)]
     generation = cell.rows.generation
-    actions = cell.step(others, [Answered(*each) for each in others])
+    actions = cell.step(others, [Answered(sender, 0, [payload]) for sender, payload in others])
     assert not any(isinstance(action, Complain) for action in actions)
     assert (cell.inbox.kept, cell.inbox.refused, cell.inbox.of_no_use, cell.lost) == (0, 0, 0, 0)
     assert cell.state == "running", "a stop of another epoch is none here"
@@ -152,7 +152,7 @@ def test_a_cell_that_has_halted_still_answers_neighbours_that_missed_a_message()
     plan = plan_of()
     cell, published = started(plan)
     cell.step(events=[Halt()])
-    assert cell.step(events=[Asked(0, "q")]) == [Answer("q", published)]
+    assert cell.step(events=[Asked(0, "q")]) == [Answer("q", [published])]
 
 
 def test_halt_is_nothing_to_a_cell_that_has_not_begun_or_has_ended():
@@ -174,7 +174,7 @@ def test_bad_messages_are_complained_of_once_for_each_neighbour_and_reason():
         Complain(1, "not msgpack"),
         Complain(4, "not an array"),
     ]
-    assert cell.step([(1, bad), (1, worse)], [Answered(4, bad)]) == [
+    assert cell.step([(1, bad), (1, worse)], [Answered(4, 0, [bad])]) == [
         Complain(1, "not an array"),
         Complain(4, "not msgpack"),
     ]
@@ -189,12 +189,12 @@ def test_it_asks_for_what_is_missing_and_counts_it_as_lost_when_it_is_the_answer
     assert cell.step(events=[Waited()]) == [], "nothing is missing before the start"
     cell.step(heard(plan, (12, 4)), [Start()])
     assert cell.step(events=[Waited()]) == [Ask(1, 0), Ask(3, 0)]
-    cell.step(events=[Answered(*each) for each in heard(plan, (1, 3))])
+    cell.step(events=[Answered(sender, 0, [payload]) for sender, payload in heard(plan, (1, 3))])
     assert cell.rows.generation == 1
     assert cell.lost == 2
     assert cell.step(heard(plan, (1,))) == [], "it had been late only"
     assert (cell.lost, cell.inbox.kept) == (1, 4)
-    cell.step(events=[Answered(*each) for each in heard(plan, (3,))])
+    cell.step(events=[Answered(sender, 0, [payload]) for sender, payload in heard(plan, (3,))])
     assert cell.lost == 1, "to be answered twice finds nothing that was lost"
 
 
@@ -203,22 +203,23 @@ def test_what_comes_before_the_answer_was_not_lost():
     cell, _ = started(plan)
     (news,) = heard(plan, (1,))
     cell.step([news])
-    cell.step(events=[Answered(*news), Answered(3, b"")])
+    cell.step(events=[Answered(1, 0, [news[1]]), Answered(3, 0, [b""])])
     assert (cell.lost, cell.inbox.kept) == (0, 1)
 
 
-def test_it_answers_for_its_last_two_generations():
+def test_it_answers_with_its_messages_since_a_generation():
     plan = plan_of()
     cell, first = started(plan)
     (second,) = cell.step(heard(plan, (12, 1, 4, 3)))
     assert cell.step(events=[Asked(0, "q"), Asked(1, "r"), Asked(7, "s")]) == [
-        Answer("q", first),
-        Answer("r", second),
+        Answer("q", [first, second]),
+        Answer("r", [second]),
     ]
     (third,) = cell.step(heard(plan, (12, 1, 4, 3), generation=1))
     assert cell.step(events=[Asked(0, "q"), Asked(1, "r"), Asked(2, "s")]) == [
-        Answer("r", second),
-        Answer("s", third),
+        Answer("q", [first, second, third]),
+        Answer("r", [second, third]),
+        Answer("s", [third]),
     ]
 
 
@@ -329,9 +330,11 @@ def test_lost_messages_stop_nobody_when_cells_ask(random_source):
     class Lossy(Bus):
         def carry_out(self, cell, action):
             if isinstance(action, Ask):
-                self.events[action.neighbour].append(Asked(action.generation, cell.number))
+                question = cell.number, action.generation
+                self.events[action.neighbour].append(Asked(action.generation, question))
             elif isinstance(action, Answer):
-                self.events[action.question].append(Answered(cell.number, action.payload))
+                asker, generation = action.question
+                self.events[asker].append(Answered(cell.number, generation, action.payloads))
             else:
                 super().carry_out(cell, action)
 

@@ -88,7 +88,7 @@ def test_a_message_that_was_lost_comes_as_an_answer():
     assert (node.generation, node.assignment.missing_senders) == (0, {5})
     node.assignment.events.append(Waited())
     assert node.assignment.step() == [Ask(5, 0)]
-    node.assignment.events.append(Answered(5, SAID[0][5]))
+    node.assignment.events.append(Answered(5, 0, [SAID[0][5]]))
     node.assignment.step()
     while node.assignment.busy:
         node.assignment.step()

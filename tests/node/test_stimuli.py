@@ -23,11 +23,12 @@ def test_each_step_is_a_line():
     stimuli = Stimuli()
     stimuli.note(0, 0, [Start(np.zeros((1, 5), np.uint8))])
     stimuli.note(0, 4, [])
-    stimuli.note(1, 2, [Answered(3, bytes(99)), Asked(1, object()), Waited(), Propose("cancel")])
+    stimuli.note(1, 2, [Answered(3, 7, [bytes(99)]), Asked(1, object()), Waited(), Propose("cancel")])
     assert str(stimuli).splitlines() == [
         "  in generation 0: 0 messages; Start()",
         "  in generation 0: 4 messages",
-        "  in generation 1: 2 messages; Answered(sender=3), Asked(generation=1), Waited(), Propose(reason=cancel)",
+        "  in generation 1: 2 messages; "
+        "Answered(sender=3, generation=7), Asked(generation=1), Waited(), Propose(reason=cancel)",
     ]
 
 
@@ -65,7 +66,7 @@ WRONG = {
     "an individual is fitter than the champion": lambda cell: cell.rows.fitness.fill(-1.0),
     "the message is of another generation": lambda cell: cell.rows.clock.__iadd__(3),
     "the champion became fitter in the future": lambda cell: cell.rows.better_at.fill(2),
-    "an improvement is none": lambda cell: cell.rows.births.extend(2 * cell.rows.births[-1:]),
+    "an improvement is none": lambda cell: cell.generations._birth_fitness.fill(1.0),
     "the cell runs on after its last generation": lambda cell: cell.rows.stop_at.fill(1),
     "a message was left out, or sent twice": lambda cell: cell.take_back(),
     "the first emigrant is not the fittest individual": lambda cell: cell.rows.messages.fitness[0, :1].fill(99.0),

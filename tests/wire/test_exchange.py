@@ -239,9 +239,20 @@ def test_a_message_has_no_fewer_than_eight_fields(fields):
     assert reason(msgpack.packb(fields)) == "wrong shape"
 
 
-def test_a_message_has_no_more_than_eight_fields():
-    assert reason(msgpack.packb([*fields_of(), 0])) == "wrong shape"
-    assert reason(msgpack.packb([*fields_of(), 0]), limits_of(BITS, emigrants=9)) == "wrong shape"
+def test_a_message_has_no_more_than_nine_fields():
+    assert reason(msgpack.packb([*fields_of(), b"", 0])) == "wrong shape"
+    assert reason(msgpack.packb([*fields_of(), b"", 0]), limits_of(BITS, emigrants=9)) == "wrong shape"
+
+
+@pytest.mark.parametrize("value", [0, None, "text", [b"state"], 1.5])
+def test_a_ninth_field_is_bytes(value):
+    assert reason(msgpack.packb([*fields_of(), value])) == "wrong type"
+
+
+def test_a_ninth_field_reaches_to_the_end():
+    whole = msgpack.packb([*fields_of(), b"state"])
+    assert decode(whole, LIMITS) == MESSAGE
+    assert reason(whole[:-1]) == reason(whole + b"\0") == "not msgpack"
 
 
 @pytest.mark.parametrize("value", [None, 3, "abc", b"abc", 1.5, True, {}])

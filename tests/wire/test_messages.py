@@ -20,11 +20,13 @@ from wire.control import (
     Finish,
     Halt,
     Judged,
+    KeptStates,
     Look,
     Missed,
     Prepare,
     ProposeStop,
     Refused,
+    TellStates,
     Wiring,
 )
 from wire.exchange import VERSION, Champion
@@ -63,8 +65,11 @@ COMMANDS = st.one_of(
         st.binary(max_size=100),
         st.binary(max_size=100),
         counts,
+        st.booleans(),
+        st.binary(max_size=100),
     ),
     st.builds(Begin, counts, counts),
+    st.builds(TellStates, counts, counts),
     st.builds(ProposeStop, counts, counts, reasons),
     st.builds(Halt, counts, counts),
     st.builds(Look, counts),
@@ -85,6 +90,13 @@ COMMANDS = st.one_of(
 metres = st.floats(allow_nan=False, allow_infinity=False)
 wheres = st.dictionaries(st.text(), st.none() | metres | st.integers() | st.lists(metres, max_size=3), max_size=3)
 ANSWERS = st.one_of(
+    st.builds(
+        KeptStates,
+        counts,
+        counts,
+        counts,
+        st.lists(st.tuples(counts, counts, st.binary(max_size=100)), max_size=3).map(tuple),
+    ),
     st.builds(Done, st.text()),
     st.builds(Refused, st.text(), st.sampled_from(["input", "failure", "stranger"])),
     st.builds(
@@ -175,6 +187,8 @@ READERS = {
     "halt": (control.decode, control.encode(Halt(3, 1))),
     "look": (control.decode, control.encode(Look(3))),
     "missed": (control.decode, control.encode(Missed(3, 1, 9))),
+    "tell states": (control.decode, control.encode(TellStates(3, 1))),
+    "kept states": (control.decode_answer, control.encode_answer(KeptStates(2, 40, 30, ((1, 32, b"state"),)))),
     "answer": (control.decode_answer, control.encode_answer(Done('{"a": 1}'))),
     "refusal": (control.decode_answer, control.encode_answer(Refused("no", "input"))),
     "judgement": (control.decode_answer, control.encode_answer(JUDGED)),

@@ -1,34 +1,50 @@
-"""The last two messages, and none that is older."""
+"""The latest messages by generation, and none that is older than there is room for."""
 
 import numpy as np
+import pytest
 
-from node.engine.outbox import Outbox
-
-
-def put(outbox, number, generation, payload):
-    """As compiled code does; returns what is read of it."""
-    outbox.room[number % 2, : len(payload)] = np.frombuffer(payload, np.uint8)
-    outbox.said[number % 2] = generation, len(payload)
-    return outbox.message(number)
+from lowlevel.compiled import kernel
+from node.engine import ring
+from node.engine.outbox import BYTES, Outbox
 
 
-def test_there_is_nothing_before_the_first_message():
-    assert {Outbox(100).of(generation) for generation in range(-2, 3)} == {None}
+@kernel("void(uint8[::1], int64[:, ::1], int64[::1], uint8[::1], int64)")
+def write(room, entries, marks, message, generation):
+    start = ring.begin(room, entries, marks, message.size)
+    room[start : start + message.size] = message
+    ring.end(entries, marks, start, message.size, 0, generation)
 
 
-def test_the_last_two_are_kept_whatever_their_lengths():
-    outbox, payloads = Outbox(100), [bytes([number]) * (100 - 7 * number) for number in range(10)]
-    for number, payload in enumerate(payloads, 1):
-        generation = 5 * number
-        assert put(outbox, number, generation, payload) == payload == outbox.of(generation)
-        kept = {sent: outbox.of(5 * sent) for sent in range(1, 11) if outbox.of(5 * sent) is not None}
-        assert kept == {each: payloads[each - 1] for each in (number - 1, number) if each >= 1}
-        assert outbox.of(generation - 1) is None
+def put(outbox, generation, message):
+    """As compiled generations do."""
+    write(outbox.room, outbox.entries, outbox.marks, np.frombuffer(bytearray(message), np.uint8), generation)
 
 
-def test_a_number_that_comes_again_takes_its_place():
-    outbox = Outbox(10)
-    put(outbox, 1, 3, b"first")
-    put(outbox, 2, 4, b"taken back")
-    put(outbox, 2, 5, b"second")
-    assert (outbox.of(3), outbox.of(4), outbox.of(5)) == (b"first", None, b"second")
+def test_before_the_first_message_there_is_none():
+    outbox = Outbox(100, 0)
+    assert (outbox.since(0), outbox.oldest, outbox.most_messages) == ([], None, 128)
+
+
+def test_all_messages_since_one_that_is_kept():
+    outbox = Outbox(100, 0)
+    for number in range(10):
+        put(outbox, 5 * number, bytes([number]))
+    assert outbox.since(30) == [b"\6", b"\7", b"\x08", b"\x09"]
+    assert outbox.since(31) == outbox.since(50) == []
+    assert outbox.oldest == 0
+
+
+def test_a_message_that_is_published_again_counts_once():
+    outbox = Outbox(100, 0)
+    for generation in (3, 4, 4, 5):
+        put(outbox, generation, bytes([generation]))
+    assert outbox.since(3) == [b"\3", b"\4", b"\5"]
+
+
+@pytest.mark.parametrize("size", [10, 100, 1000])
+def test_it_keeps_as_many_as_it_says(size):
+    outbox = Outbox(size, 0)
+    for generation in range(1000):
+        put(outbox, generation, bytes(size))
+    kept = len(outbox.since(outbox.oldest))
+    assert outbox.most_messages - 2 <= kept <= min(128, BYTES // size)

@@ -1,0 +1,104 @@
+"""Let new processes go on exactly where their dead predecessors were, in lockstep: no bit of the result changes.
+
+Neighbours keep a cell's latest states, and every cell its own messages since (`node.engine.state`). The new process
+gets a state, asks its neighbours for the messages, and breeds the same generations once more: random draws have keys.
+The epoch goes on; the other cells only wait.
+"""
+
+from collections.abc import Mapping
+
+from coordinator.jobs.conducted_job import ConductedJob
+from coordinator.jobs.preparing import Preparing
+from topologies import ROOT, Topology
+from wire.control import KeptStates, TellStates
+
+States = dict[int, tuple[int, bytes]]
+"""By cell, a generation and the state of the cell in it."""
+
+
+class Recovering:
+    """Brings new processes into the epoch that a job is in.
+
+    Args:
+        job: the job.
+        preparing: prepares the new processes.
+    """
+
+    def __init__(self, job: ConductedJob, preparing: Preparing) -> None:
+        self._job = job
+        self._preparing = preparing
+
+    def recover(self) -> bool:
+        """Let the new processes of the dead cells go on; return whether that was possible, else nothing has changed.
+
+        Raises:
+            ReplacedError: if another process dies meanwhile.
+        """
+        job, epoch = self._job, self._job.epoch
+        if epoch.file.run.mode != "lockstep" or not job.epochs.settled:
+            return False
+        chosen = choose_states(epoch.topology, self.kept_states())
+        if not epoch.dead <= chosen.keys():
+            return False
+        self._preparing.prepare_again(epoch, {cell: chosen[cell][1] for cell in epoch.dead})
+        if ROOT in epoch.dead:
+            self._preparing.show_to_the_spy(epoch)
+            job.unsent_stop = job.stop_request  # what was sent of it is lost with the root
+        for cell in epoch.dead:
+            epoch.reports.pop(cell, None)
+        generations = {str(cell): chosen[cell][0] for cell in sorted(epoch.dead)}
+        job.entry.log.write("recovered", epoch=epoch.number, generations=generations)
+        epoch.dead.clear()
+        job.ask_for_reports(epoch)
+        return True
+
+    def kept_states(self) -> dict[int, KeptStates]:
+        """Return what the living cells of the latest epoch keep, by cell.
+
+        Raises:
+            ReplacedError: if another process dies meanwhile.
+        """
+        job = self._job
+        question = job.keys.every_control, TellStates(job.number, job.epoch.number)
+        answers = job.calls.ask([question], 0, give_up=False)
+        return {answer.cell: answer for answer in answers if isinstance(answer, KeptStates)}
+
+
+def choose_states(topology: Topology, kept: Mapping[int, KeptStates]) -> States:
+    """Return the latest state from which each dead cell can go on; cells that cannot are left out.
+
+    Dead cells that are neighbours need each other's messages, so they go on from the same generation. It must not be
+    later than that of a living neighbour, which would wait for the messages before it (one that is itself catching
+    up), and that neighbour must still have its messages since then.
+
+    Args:
+        topology: the neighbours of each cell.
+        kept: what each living cell keeps.
+    """
+    dead = set(range(topology.cells)) - kept.keys()
+    chosen: States = {}
+    while dead:
+        group = _connected(topology, dead)
+        dead -= group
+        offered = {cell: latest_states(kept, cell) for cell in group}
+        beside = {other for cell in group for other in topology.neighbours(cell)} - group
+        common = set.intersection(*(set(states) for states in offered.values()))
+        fit = [each for each in common if all(kept[n].oldest <= each <= kept[n].generation for n in beside)]
+        if fit:
+            chosen |= {cell: (max(fit), offered[cell][max(fit)]) for cell in group}
+    return chosen
+
+
+def latest_states(kept: Mapping[int, KeptStates], cell: int) -> dict[int, bytes]:
+    """Return the states of a cell that others keep, by generation."""
+    return {generation: state for each in kept.values() for whose, generation, state in each.states if whose == cell}
+
+
+def _connected(topology: Topology, cells: set[int]) -> set[int]:
+    """Return some of these cells: one, and all that are linked with it through others of them."""
+    found: set[int] = set()
+    ahead = {min(cells)}
+    while ahead:
+        found |= ahead
+        ahead = {other for cell in ahead for other in topology.neighbours(cell)} & cells - found
+    return found

@@ -1,0 +1,102 @@
+"""A cell's state as bytes: what another process needs to go on from it, bit for bit.
+
+Every few exchanges a message carries the sender's state (`node.engine.rule`). The neighbours keep the latest ones. When
+the process of a cell dies, another one takes a state from a neighbour and asks the neighbours for their messages since
+(`node.cell.Cell`). Random draws have keys, so it breeds what its predecessor bred.
+
+A state is that of a generation whose message has been written. It holds, without gaps: the cell's own message in
+arrays, the deme, the digest of its history, and the latest improvements that it has noted. A proposal to stop is not in
+it: no state is written once one is known.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lowlevel.compiled import subroutine
+from lowlevel.pointers import integers, octets, reals
+from node.engine import cell_table as at
+from node.engine.kernels import OWN
+from node.engine.sha256 import STATE
+from wire.exchange_layout import HEADER
+
+MOST_BYTES = 64 << 10
+"""The longest state that cells keep; with larger demes none is kept, and a dead cell gets a neighbour's deme."""
+
+MOST_IMPROVEMENTS = 64
+"""The most improvements in a state: earlier ones are missing in the report of a process that goes on from it."""
+
+_IMPROVEMENT_BYTES = 24
+
+
+@subroutine
+def _put(out: Any, place: Any, values: Any) -> Any:
+    """Write a row of numbers; return the place after it."""
+    octets_of = values.view(np.uint8)
+    out[place : place + octets_of.size] = octets_of
+    return place + octets_of.size
+
+
+@subroutine
+def write_state(table: Any, out: Any) -> Any:
+    """Write the cell's state into ``out``; return its size in bytes. The order of the parts is that of `read_state`."""
+    fitness, count = reals(table, at.FITNESS)[OWN], integers(table, at.BIRTH_COUNT)[0, 0]
+    first = max(0, count - MOST_IMPROVEMENTS)
+    out[0] = count - first
+    place = _put(out, 1, integers(table, at.HEADER)[OWN])
+    place = _put(out, place, integers(table, at.BETTER_AT)[0])
+    place = _put(out, place, integers(table, at.DIGEST)[0])
+    place = _put(out, place, reals(table, at.NOTED_FITNESS)[0])
+    place = _put(out, place, fitness)
+    place = _put(out, place, reals(table, at.DEME_FITNESS)[0])
+    for birth in range(first, count):
+        place = _put(out, place, integers(table, at.BIRTHS)[birth])
+    place = _put(out, place, reals(table, at.BIRTH_FITNESS)[0, first:count])
+    for genome in octets(table, at.GENOMES)[: fitness.size]:
+        place = _put(out, place, genome)
+    for genome in octets(table, at.DEME):
+        place = _put(out, place, genome)
+    return place
+
+
+def read_state(state: bytes, arrays: Mapping[str, NDArray[Any]]) -> None:
+    """Read a state that `write_state` has written into the ``arrays`` of a cell's table.
+
+    Raises:
+        ValueError: if it has another size than a state of this cell.
+    """
+    count = min(state[0], MOST_IMPROVEMENTS) if state else 0
+    parts = (
+        arrays["header"][OWN],
+        arrays["better_at"],
+        arrays["digest"],
+        arrays["noted_fitness"],
+        arrays["fitness"][OWN],
+        arrays["deme_fitness"],
+        arrays["births"][:count],
+        arrays["birth_fitness"][:count],
+        arrays["genomes"][OWN],
+        arrays["deme"],
+    )
+    expected = 1 + sum(part.nbytes for part in parts)
+    if len(state) != expected:
+        raise ValueError(f"a cell's state has {len(state)} bytes, not {expected}")
+    arrays["birth_count"][:] = count
+    place = 1
+    for part in parts:
+        part.reshape(-1).view(np.uint8)[:] = np.frombuffer(state, np.uint8, part.nbytes, place)
+        place += part.nbytes
+
+
+def state_bytes(deme: int, genome_bytes: int, emigrants: int) -> int:
+    """Return the bytes of a state without any improvement; 0 if it is too long to be kept."""
+    numbers = HEADER + 1 + STATE + 2 + (emigrants + 1) + deme
+    size = 1 + 8 * numbers + (emigrants + 1 + deme) * genome_bytes
+    return size if size <= MOST_BYTES else 0
+
+
+def most_state_bytes(without_improvements: int) -> int:
+    """Return the bytes of the longest state, given those of one without any improvement."""
+    return without_improvements + _IMPROVEMENT_BYTES * MOST_IMPROVEMENTS if without_improvements else 0
