@@ -26,6 +26,7 @@ from node.engine.inbox import Inbox
 from node.engine.kernels import OWN
 from node.engine.outbox import Outbox
 from node.engine.rows import Rows
+from node.engine.state import LEAST_DISTANCE
 from node.events import (
     Action,
     Answer,
@@ -87,7 +88,7 @@ class Cell:
         self._is_async = plan.run.mode == "async"
         # With the paper's spy the root alone sends its champion, for the spy; neighbours ignore it.
         self._tells_champion = plan.run.spy == "champion" or number == ROOT
-        self._outbox = Outbox(plan.limits.most_bytes_without_state, plan.limits.most_state_bytes)
+        self._outbox = Outbox(plan.limits.most_bytes_without_state, plan.limits.most_bytes)
         # From neighbours' answers: for each sender the messages of this exchange and later ones, with their exchange.
         self._backlog: dict[int, deque[tuple[int, bytes]]] = {}
         self._took_over = False  # from a process that has died
@@ -285,9 +286,8 @@ class Cell:
         The outbox must reach back to the third last state: that is the oldest one that neighbours keep.
         """
         if self.generations is not None and self.sent:
-            most = max(1, self._outbox.most_messages // 4)
-            wanted = int(min(most, max(1.0, _STATE_SECONDS / max(seconds, 1e-6))))
-            self.generations.keep_states_every(1 << (wanted.bit_length() - 1))
+            wanted = min(self._outbox.most_messages // 4, int(_STATE_SECONDS / max(seconds, 1e-6)))
+            self.generations.keep_states_every(max(LEAST_DISTANCE, 1 << (max(1, wanted).bit_length() - 1)))
 
     def _kept_states(self) -> KeptStates:
         oldest = self._outbox.oldest
@@ -337,11 +337,11 @@ class Cell:
 
     def _append_actions(self, generations: Generations, news: Sequence[Message], actions: list[Action]) -> None:
         """Append the actions that follow from generations that have been bred, and from ``news`` read meanwhile."""
-        _, flags, size, _ = generations.done()
+        _, flags, size, has_state, _ = generations.done()
         if flags:
             self._handle_flags(flags, generations, news, actions)
         if size:
-            actions.append(self._outbox.latest())
+            actions.append(self._outbox.with_state[:size].tobytes() if has_state else self._outbox.latest())
         if flags & STOPS:
             self._end("stopped", None, actions)
 

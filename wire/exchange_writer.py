@@ -78,13 +78,10 @@ def _put_genome(out: Any, at: Any, genome: Any) -> Any:
 
 
 @subroutine
-def write_message(header: Any, genomes: Any, fitness: Any, champion: Any, state: Any, out: Any) -> Any:
-    """Write one row's message into ``out``, with its champion if ``champion``; return the number of bytes.
-
-    If ``state``, the caller writes a state after it: `write_state_head`, then the state's bytes.
-    """
+def write_message(header: Any, genomes: Any, fitness: Any, champion: Any, out: Any) -> Any:
+    """Write one row's message into ``out``, with its champion if ``champion``; return the number of bytes."""
     last = fitness.size - 1
-    at = _put_length(out, 0, FIELDS + state)
+    at = _put_length(out, 0, FIELDS)
     at = _put_count(out, at, VERSION)
     for column in range(JOB, STOP_AT):
         at = _put_count(out, at, header[column])
@@ -110,5 +107,9 @@ def write_message(header: Any, genomes: Any, fitness: Any, champion: Any, state:
 
 @subroutine
 def write_state_head(out: Any, at: Any, size: Any) -> Any:
-    """Write what precedes a state of so many bytes, `STATE_HEAD` bytes long; return the position after it."""
+    """Write what precedes a state of ``size`` bytes, after a message that ends at ``at``; return the position after it.
+
+    The message then has one field more.
+    """
+    _put_length(out, 0, FIELDS + 1)
     return _put(out, at, BIN_32, np.uint64(size), 4)

@@ -39,6 +39,7 @@ class Recovering:
             return False
         chosen = choose_states(epoch.topology, self.kept_states())
         if not epoch.dead <= chosen.keys():
+            job.entry.log.write("not recovered", epoch=epoch.number, cells=sorted(epoch.dead - chosen.keys()))
             return False
         self._preparing.prepare_again(epoch, {cell: chosen[cell][1] for cell in epoch.dead})
         if ROOT in epoch.dead:

@@ -130,6 +130,8 @@ def only_a_message(table: Any) -> Any:
     done, room = integers(table, at.OUTCOME_ROW)[0], octets(table, at.OUT)[0]
     if done[at.SIZE] == 0 or done[at.FLAGS] != 0:
         return room[:0]
+    if done[at.HAS_STATE]:
+        return octets(table, at.OUT_WITH_STATE)[0][: done[at.SIZE]]
     return ring.latest(room, integers(table, at.OUT_ENTRIES), integers(table, at.OUT_MARKS)[0])
 
 

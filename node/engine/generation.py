@@ -22,7 +22,7 @@ from node.engine.kernels import OWN
 from node.engine.outbox import Outbox
 from node.engine.rows import Rows
 from node.engine.rule import finish, is_missing_any, make_couples, publish_message, record_and_publish, replace
-from node.engine.state import read_state
+from node.engine.state import LEAST_DISTANCE, read_state
 from node.plan import Plan
 from problems import EvaluationFailed
 from problems.guard import guarded
@@ -142,6 +142,7 @@ class Generations:
             "out": outbox.room,
             "out_entries": outbox.entries,
             "out_marks": outbox.marks,
+            "out_with_state": outbox.with_state,
             "births": self._births,
             "birth_fitness": self._birth_fitness,
             "birth_count": self._birth_count,
@@ -258,7 +259,7 @@ def _settings(plan: Plan, rows: Rows, champion: bool, operators: Operators) -> A
         most_selections=recipe.most_selections,
         most_bytes=plan.limits.most_bytes_without_state,
         state_bytes=plan.limits.most_state_bytes,
-        state_every=1,
+        state_every=LEAST_DISTANCE,
     )
 
 

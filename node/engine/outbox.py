@@ -4,6 +4,8 @@ In lockstep a neighbour that runs can miss none but the last two. A process that
 from an older state, and needs all messages since (`node.engine.state`).
 """
 
+import numpy as np
+
 from node.engine.ring import Ring
 
 BYTES = 12 << 10
@@ -18,11 +20,15 @@ class Outbox(Ring):
 
     Args:
         most_bytes: the most bytes of a message.
-        state_bytes: the most bytes of a cell's state that some messages carry in addition; 0 if none does.
+        most_bytes_with_state: the most bytes of a message that carries the cell's state, which few do.
+
+    Attributes:
+        with_state: the latest message that carries the state, which is not kept further.
     """
 
-    def __init__(self, most_bytes: int, state_bytes: int) -> None:
-        super().__init__(max(BYTES, _AT_LEAST * most_bytes + 2 * state_bytes), _MOST_MESSAGES)
+    def __init__(self, most_bytes: int, most_bytes_with_state: int) -> None:
+        super().__init__(max(BYTES, _AT_LEAST * most_bytes), _MOST_MESSAGES)
+        self.with_state = np.empty(most_bytes_with_state, np.uint8)
 
     def since(self, generation: int) -> list[bytes]:
         """Return the messages of a generation and of all after it; an empty list if the first of these is not kept."""

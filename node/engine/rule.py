@@ -173,18 +173,21 @@ def publish_message(table: Any, settings: Any, now: Any) -> Any:
     # With a stop ahead no state is written: the cell that proposed the stop would not know that it was the one.
     due = (header[OWN, SENT] - 1) % settings[at.STATE_EVERY] == 0 and header[OWN, STOP_AT] == settings[at.LIMIT]
     with_state = due and settings[at.STATE_BYTES] > 0
-    room, entries = octets(table, at.OUT)[0], integers(table, at.OUT_ENTRIES)
-    marks, most = integers(table, at.OUT_MARKS)[0], settings[at.MOST_BYTES]
-    if with_state:
-        most += STATE_HEAD + settings[at.STATE_BYTES]
-    start = ring.begin(room, entries, marks, most)
-    out, champion = room[start:], settings[at.CHAMPION] != 0
-    size = write_message(header[OWN], genomes[OWN], fitness[OWN], champion, with_state, out)
-    if with_state:
-        state_size = write_state(table, out[size + STATE_HEAD :])
-        size = write_state_head(out, size, state_size) + state_size
+    room, entries, marks = octets(table, at.OUT)[0], integers(table, at.OUT_ENTRIES), integers(table, at.OUT_MARKS)[0]
+    start = ring.begin(room, entries, marks, settings[at.MOST_BYTES])
+    size = write_message(header[OWN], genomes[OWN], fitness[OWN], settings[at.CHAMPION] != 0, room[start:])
     ring.end(entries, marks, start, size, settings[at.CELL], now)
-    return size
+    integers(table, at.OUTCOME_ROW)[0, at.HAS_STATE] = with_state
+    return _add_state(table, room[start : start + size]) if with_state else size
+
+
+@subroutine
+def _add_state(table: Any, message: Any) -> Any:
+    """Write the message and the cell's state after it; return the size of both. The outbox keeps the message alone."""
+    out, size = octets(table, at.OUT_WITH_STATE)[0], message.size
+    out[:size] = message
+    state_size = write_state(table, out[size + STATE_HEAD :])
+    return write_state_head(out, size, state_size) + state_size
 
 
 @subroutine

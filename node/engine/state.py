@@ -25,6 +25,13 @@ from wire.exchange_layout import HEADER
 MOST_BYTES = 64 << 10
 """The longest state that cells keep; with larger demes none is kept, and a dead cell gets a neighbour's deme."""
 
+LEAST_DISTANCE = 4
+"""The least number of messages from one state to the next.
+
+Dead cells that are linked with each other go on from the same generation. The latest states that are kept of them must
+have one in common, although some cells were ahead.
+"""
+
 MOST_IMPROVEMENTS = 64
 """The most improvements in a state: earlier ones are missing in the report of a process that goes on from it."""
 

@@ -87,7 +87,7 @@ def encoded(messages: Messages, row: int, champion: bool, room) -> bytes:
 
 @kernel("int64(int64[:,::1], uint8[:,:,::1], float64[:,::1], int64, boolean, uint8[::1])")
 def _encode(header, genomes, fitness, row, champion, out):
-    return write_message(header[row], genomes[row], fitness[row], champion, False, out)
+    return write_message(header[row], genomes[row], fitness[row], champion, out)
 
 
 def decode(payload: bytes, limits: Limits) -> Exchange:

@@ -21,12 +21,12 @@ def put(outbox, generation, message):
 
 
 def test_before_the_first_message_there_is_none():
-    outbox = Outbox(100, 0)
+    outbox = Outbox(100, 100)
     assert (outbox.since(0), outbox.oldest, outbox.most_messages) == ([], None, 128)
 
 
 def test_all_messages_since_one_that_is_kept():
-    outbox = Outbox(100, 0)
+    outbox = Outbox(100, 100)
     for number in range(10):
         put(outbox, 5 * number, bytes([number]))
     assert outbox.since(30) == [b"\6", b"\7", b"\x08", b"\x09"]
@@ -35,7 +35,7 @@ def test_all_messages_since_one_that_is_kept():
 
 
 def test_a_message_that_is_published_again_counts_once():
-    outbox = Outbox(100, 0)
+    outbox = Outbox(100, 100)
     for generation in (3, 4, 4, 5):
         put(outbox, generation, bytes([generation]))
     assert outbox.since(3) == [b"\3", b"\4", b"\5"]
@@ -43,7 +43,7 @@ def test_a_message_that_is_published_again_counts_once():
 
 @pytest.mark.parametrize("size", [10, 100, 1000])
 def test_it_keeps_as_many_as_it_says(size):
-    outbox = Outbox(size, 0)
+    outbox = Outbox(size, size)
     for generation in range(1000):
         put(outbox, generation, bytes(size))
     kept = len(outbox.since(outbox.oldest))
