@@ -12,13 +12,13 @@ States:
     failed: the problem's code failed, and the cell has reported that.
 """
 
-from collections import deque
 from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
 
 from lowlevel import capabilities
+from node.engine.backlog import Backlog
 from node.engine.flags import REACHED, REFUSED, STALLED, STOPS, UNSOUND
 from node.engine.generation import Generations
 from node.engine.history import History
@@ -26,7 +26,6 @@ from node.engine.inbox import Inbox
 from node.engine.kernels import OWN
 from node.engine.outbox import Outbox
 from node.engine.rows import Rows
-from node.engine.state import LEAST_DISTANCE
 from node.events import (
     Action,
     Answer,
@@ -54,8 +53,6 @@ from wire.report import Birth, Report, Staleness
 
 GENERATIONS_AT_ONCE = 64
 """The most generations between two looks at the clock, and at what else there is to do."""
-
-_STATE_SECONDS = 0.25  # between two messages that carry the state, at least if the outbox has room for those between
 
 State = Literal["prepared", "running", "stopped", "failed"]
 
@@ -89,8 +86,7 @@ class Cell:
         # With the paper's spy the root alone sends its champion, for the spy; neighbours ignore it.
         self._tells_champion = plan.run.spy == "champion" or number == ROOT
         self._outbox = Outbox(plan.limits.most_bytes_without_state, plan.limits.most_bytes)
-        # From neighbours' answers: for each sender the messages of this exchange and later ones, with their exchange.
-        self._backlog: dict[int, deque[tuple[int, bytes]]] = {}
+        self._backlog = Backlog()
         self._took_over = False  # from a process that has died
         self._stimuli = Stimuli()
         self._complaints: set[tuple[int, str]] = set()  # made already
@@ -225,12 +221,13 @@ class Cell:
         """Take events in their order, and append what follows to ``actions``."""
         for event in events:
             if isinstance(event, Answered):
-                first = event.generation // self.plan.run.interval
-                self._backlog[event.sender] = deque(enumerate(event.payloads, first))
+                self._backlog.put(event.sender, event.generation // self.plan.run.interval, event.payloads)
                 self._take_from_backlog(actions)
             elif isinstance(event, Asked):
                 if messages := self._outbox.since(event.generation):
                     actions.append(Answer(event.question, messages))
+                    assert self.generations is not None, "a cell that has sent messages has begun"
+                    self.generations.send_state()  # the neighbour may be a new process, which keeps none yet
             elif isinstance(event, AskedForStates):
                 actions.append(AnswerStates(event.question, self._kept_states()))
             elif isinstance(event, Start):
@@ -256,72 +253,46 @@ class Cell:
         # Not before: the arrays that generations share are made by now.
         kind = _kind_of_generations(rows)
         self.generations = kind(plan, rows, self.inbox, self._history, self._tells_champion, self._outbox)
-        if start.state:
-            self._go_on_from(start.state, self.generations)
+        if start.state:  # in the place of a process that has died
+            self._took_over = True
+            self.generations.go_on_from(start.state)
+            self.inbox.go_on_from(rows.generation, plan.run.interval)
+            actions += self._questions()
         else:
             self.generations.publish_first()
         self._append_actions(self.generations, (), actions)
-        if start.state:
-            actions += self._questions()
-
-    def _go_on_from(self, state: bytes, generations: Generations) -> None:
-        """Take over from a process that has died: go on from its state, which a neighbour has kept.
-
-        Raises:
-            EvaluationFailed: if it is no state of this cell in this problem.
-        """
-        self._took_over = True
-        try:
-            generations.go_on_from(state)
-        except ValueError as error:
-            raise EvaluationFailed(str(error)) from None
-        header = self.rows.messages.header[OWN]
-        if (header[JOB], header[EPOCH]) != (self.job, self.plan.epoch) or not self.rows.is_sound():
-            raise EvaluationFailed("the state that a neighbour has kept does not fit the problem")
-        self.inbox.go_on_from(self.rows.generation, self.plan.run.interval)
 
     def pace_states(self, seconds: float) -> None:
-        """Choose how many messages carry the cell's state, given the seconds from one message to the next.
-
-        The outbox must reach back to the third last state: that is the oldest one that neighbours keep.
-        """
-        if self.generations is not None and self.sent:
-            wanted = min(self._outbox.most_messages // 4, int(_STATE_SECONDS / max(seconds, 1e-6)))
-            self.generations.keep_states_every(max(LEAST_DISTANCE, 1 << (max(1, wanted).bit_length() - 1)))
+        """Choose how many messages carry the cell's state, given the seconds from one message to the next."""
+        if self.generations is not None:
+            self.generations.keep_states_every(self._outbox.messages_between_states(seconds))
 
     def _kept_states(self) -> KeptStates:
-        oldest = self._outbox.oldest
-        return KeptStates(
-            cell=self.number,
-            generation=self.rows.generation,
-            oldest=self.rows.generation if oldest is None else oldest,
-            states=tuple(self.inbox.states),
-        )
+        now, oldest = self.rows.generation, self._outbox.oldest
+        return KeptStates(self.number, now, now if oldest is None else oldest, self.inbox.states_to_go_on_from())
 
     def _catch_up(self, generations: Generations, actions: list[Action]) -> None:
-        """Breed for as long as the neighbours' answers have the messages that are missing."""
+        """Breed for as long as the neighbours' answers have the messages that are missing; then ask for the next ones.
+
+        These may have come by themselves while they were of no use yet.
+        """
         while self._backlog and self.state == "running":
             if self.rows.exchanging:
                 self._take_from_backlog(actions)
             if self.missing_count:
-                return
+                break
             generations((), GENERATIONS_AT_ONCE)
             self._append_actions(generations, (), actions)
+        if self._took_over and not self._backlog:
+            actions += self._questions()
 
     def _take_from_backlog(self, actions: list[Action]) -> None:
-        """Take the messages of the next exchange out of the neighbours' answers; forget answers that are used up."""
-        inbox = self.inbox
-        for sender, messages in list(self._backlog.items()):
-            while messages and messages[0][0] < inbox.exchange:
-                messages.popleft()
-            if messages and messages[0][0] == inbox.exchange:
-                kept, of_no_use = inbox.kept, inbox.of_no_use
-                actions += self.hear([(sender, messages.popleft()[1])])
-                if not self._took_over:
-                    self._answered += inbox.kept - kept
-                    self._answers_of_no_use += inbox.of_no_use - of_no_use
-            if not messages:
-                del self._backlog[sender]
+        """Hear the messages of the next exchange that are among the neighbours' answers."""
+        kept, of_no_use = self.inbox.kept, self.inbox.of_no_use
+        actions += self.hear(self._backlog.take(self.inbox.exchange))
+        if not self._took_over:
+            self._answered += self.inbox.kept - kept
+            self._answers_of_no_use += self.inbox.of_no_use - of_no_use
 
     def _complain(self, refusals: set[tuple[int, str]], actions: list[Action]) -> None:
         new = refusals - self._complaints

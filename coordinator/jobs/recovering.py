@@ -68,9 +68,9 @@ class Recovering:
 def choose_states(topology: Topology, kept: Mapping[int, KeptStates]) -> States:
     """Return the latest state from which each dead cell can go on; cells that cannot are left out.
 
-    Dead cells that are neighbours need each other's messages, so they go on from the same generation. It must not be
-    later than that of a living neighbour, which would wait for the messages before it (one that is itself catching
-    up), and that neighbour must still have its messages since then.
+    Dead cells that are neighbours need each other's messages, so they go on from the same generation. A living
+    neighbour must still have its messages since then, and must not wait for a message of the dead cell from before:
+    one that is itself catching up may do so.
 
     Args:
         topology: the neighbours of each cell.
@@ -82,12 +82,18 @@ def choose_states(topology: Topology, kept: Mapping[int, KeptStates]) -> States:
         group = _connected(topology, dead)
         dead -= group
         offered = {cell: latest_states(kept, cell) for cell in group}
-        beside = {other for cell in group for other in topology.neighbours(cell)} - group
+        links = [(cell, kept[other]) for cell in group for other in topology.neighbours(cell) if other in kept]
         common = set.intersection(*(set(states) for states in offered.values()))
-        fit = [each for each in common if all(kept[n].oldest <= each <= kept[n].generation for n in beside)]
+        fit = [each for each in common if all(_may_go_on(cell, each, beside) for cell, beside in links)]
         if fit:
             chosen |= {cell: (max(fit), offered[cell][max(fit)]) for cell in group}
     return chosen
+
+
+def _may_go_on(cell: int, generation: int, beside: KeptStates) -> bool:
+    """Return whether the cell may go on from a generation beside a living neighbour. Messages come in their order."""
+    heard = max((its for whose, its, _ in beside.states if whose == cell), default=0)
+    return beside.oldest <= generation <= max(beside.generation, heard)
 
 
 def latest_states(kept: Mapping[int, KeptStates], cell: int) -> dict[int, bytes]:

@@ -73,8 +73,9 @@ MOST_SELECTIONS = SETTINGS.column("most_selections")
 MOST_BYTES = SETTINGS.column("most_bytes")  # of a message without a state
 STATE_BYTES = SETTINGS.column("state_bytes")  # of the longest state; 0: messages carry none
 
-# The one setting that does change: messages between two that carry the cell's state, a power of two.
+# What does change: messages between two that carry the cell's state, a power of two.
 STATE_EVERY = SETTINGS.column("state_every")
+STATE_NEXT = SETTINGS.column("state_next")  # whether the next message carries the state in any case
 
 # What a call of `breed_on` has done.
 OUTCOME = RowLayout()

@@ -26,7 +26,7 @@ from node.engine.state import LEAST_DISTANCE, read_state
 from node.plan import Plan
 from problems import EvaluationFailed
 from problems.guard import guarded
-from wire.exchange_layout import GENERATION
+from wire.exchange_layout import EPOCH, GENERATION, JOB, STOP_AT
 from wire.report import MOST_BIRTHS, Birth
 
 
@@ -168,14 +168,25 @@ class Generations:
         """Go on from a `node.engine.state`, whose message is published again; then ask `done`.
 
         Raises:
-            ValueError: if it is no state of such a cell.
+            EvaluationFailed: if it is no state of this cell in this problem.
         """
-        read_state(state, self._arrays)
+        header, rows = self._arrays["header"][OWN], self._rows
+        expected = header.item(JOB), header.item(EPOCH), rows.limit
+        try:
+            read_state(state, self._arrays)
+        except ValueError as error:
+            raise EvaluationFailed(str(error)) from None
+        if (header.item(JOB), header.item(EPOCH), header.item(STOP_AT)) != expected or not rows.is_sound():
+            raise EvaluationFailed("the state that a neighbour has kept does not fit the problem")
         _publish_again(self.table)
 
     def keep_states_every(self, messages: int) -> None:
         """Let every so many-th message carry the state; a power of two, so that cells agree as far as they can."""
         self._settings[at.STATE_EVERY] = messages
+
+    def send_state(self) -> None:
+        """Let the next message carry the cell's state."""
+        self._settings[at.STATE_NEXT] = 1
 
     def __call__(self, news: Sequence[tuple[int, bytes]], most: int) -> None:
         """Take in ``news`` and breed one generation, if no message is missing; then ask `done`."""
@@ -260,6 +271,7 @@ def _settings(plan: Plan, rows: Rows, champion: bool, operators: Operators) -> A
         most_bytes=plan.limits.most_bytes_without_state,
         state_bytes=plan.limits.most_state_bytes,
         state_every=LEAST_DISTANCE,
+        state_next=0,
     )
 
 

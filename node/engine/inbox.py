@@ -297,6 +297,15 @@ class Inbox:
         self.counts[NEXT] = generation // interval
         self.counts[_KEPT] = self.exchange * len(self.neighbours)
 
+    def states_to_go_on_from(self) -> tuple[tuple[int, int, bytes], ...]:
+        """Return cell, generation and bytes of the neighbours' states from which another process could go on.
+
+        It would send its messages from that generation on; so a state does not count if an earlier message is missing.
+        """
+        missing, limits = self.missing_senders() if self._lockstep else (), self._kept["limits"]
+        now = self.exchange * limits.item(_LIMIT.names.index("interval"))
+        return tuple(each for each in self.states if each[0] not in missing or each[1] < now)
+
     @property
     def kept(self) -> int:
         """The number of messages that were sound and of use."""

@@ -7,12 +7,14 @@ from an older state, and needs all messages since (`node.engine.state`).
 import numpy as np
 
 from node.engine.ring import Ring
+from node.engine.state import LEAST_DISTANCE
 
 BYTES = 12 << 10
 """Room for messages, unless fewer than `_AT_LEAST` of the longest ones fit in."""
 
 _AT_LEAST = 8
 _MOST_MESSAGES = 128
+_STATE_SECONDS = 0.25  # from one state to the next, or sooner if the outbox is small
 
 
 class Outbox(Ring):
@@ -34,6 +36,18 @@ class Outbox(Ring):
         """Return the messages of a generation and of all after it; an empty list if the first of these is not kept."""
         kept = {its: message for _, its, message in self}  # a message that was published again counts once
         return [message for its, message in kept.items() if its >= generation] if generation in kept else []
+
+    def messages_between_states(self, seconds: float) -> int:
+        """Return after how many messages the next one should carry the cell's state; a power of two.
+
+        It is a power of two so that cells agree on generations, although each chooses for itself. The outbox must reach
+        back to the third last state, which is the oldest one that neighbours keep.
+
+        Args:
+            seconds: the time from one message to the next.
+        """
+        wanted = min(self.most_messages // 4, int(_STATE_SECONDS / max(seconds, 1e-6)))
+        return max(LEAST_DISTANCE, 1 << (max(1, wanted).bit_length() - 1))
 
     @property
     def most_messages(self) -> int:

@@ -171,8 +171,9 @@ def publish_message(table: Any, settings: Any, now: Any) -> Any:
     genomes = _message_genomes(table)
     header[PUBLISHED], genomes[PUBLISHED], fitness[PUBLISHED] = header[OWN], genomes[OWN], fitness[OWN]
     # With a stop ahead no state is written: the cell that proposed the stop would not know that it was the one.
-    due = (header[OWN, SENT] - 1) % settings[at.STATE_EVERY] == 0 and header[OWN, STOP_AT] == settings[at.LIMIT]
-    with_state = due and settings[at.STATE_BYTES] > 0
+    due = (header[OWN, SENT] - 1) % settings[at.STATE_EVERY] == 0 or settings[at.STATE_NEXT] != 0
+    with_state = due and header[OWN, STOP_AT] == settings[at.LIMIT] and settings[at.STATE_BYTES] > 0
+    settings[at.STATE_NEXT] = 0
     room, entries, marks = octets(table, at.OUT)[0], integers(table, at.OUT_ENTRIES), integers(table, at.OUT_MARKS)[0]
     start = ring.begin(room, entries, marks, settings[at.MOST_BYTES])
     size = write_message(header[OWN], genomes[OWN], fitness[OWN], settings[at.CHAMPION] != 0, room[start:])

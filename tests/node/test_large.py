@@ -43,7 +43,7 @@ def test_a_digest_is_that_of_the_generations_one_after_the_other(settings):
 def test_a_history_of_any_number_of_rows_is_that_of_each_alone(rows, random_source):
     together, apart = History(rows, 2, 3), [History(1, 2, 3) for _ in range(rows)]
     for generation in range(5):
-        genomes = np.frombuffer(random_source.randbytes(rows * 6), np.uint8).reshape(rows, 2, 3)
+        genomes = np.frombuffer(bytearray(random_source.randbytes(rows * 6)), np.uint8).reshape(rows, 2, 3)
         fitness = np.frombuffer(random_source.randbytes(rows * 16), np.uint8).astype(float)[: rows * 2].reshape(rows, 2)
         together.note(generation, genomes, fitness)
         for row, alone in enumerate(apart):

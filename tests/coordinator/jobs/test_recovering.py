@@ -1,0 +1,187 @@
+"""Cells die on an in-process bus, alone or many at once, and others go on from their states: no bit changes."""
+
+import dataclasses
+import random
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from one_max import Bus, plan_of
+
+import topologies
+from coordinator.jobs.recovering import choose_states
+from node import Cell
+from node.events import Answer, Answered, AnswerStates, Ask, Asked, AskedForStates, Start, Waited
+from node.simulation import simulate
+from wire.control import KeptStates
+
+TORUS = topologies.parse("torus 3x4")
+
+
+class Mortal(Bus):
+    """A bus on which cells die: ``deaths`` says after how many steps, and how many at once.
+
+    One dies only if it can go on: it cannot if a neighbour has just taken over and keeps no state of it yet.
+    """
+
+    def __init__(self, plan, source, deaths):
+        super().__init__(plan, source)
+        self.deaths = deaths
+        self.kept = {}
+        self.taken_over = 0
+
+    def run(self):
+        for after, count in self.deaths:
+            for _ in range(after):
+                self.one_step()
+            if len(self.reports) < len(self.cells):
+                self.kill(self.random.sample(range(len(self.cells)), min(count, len(self.cells) - 1)))
+        while len(self.reports) < len(self.cells):
+            self.one_step()
+        return [self.reports[number] for number in range(len(self.cells))]
+
+    def one_step(self):
+        cell = self.random.choice(self.cells)
+        news, events = self.some_of(self.news[cell.number]), self.some_of(self.events[cell.number])
+        if not self.random.randrange(20):  # as a node does that has waited for long
+            events.append(Waited())
+        for action in cell.step(news, events, self.random.choice(self.at_once)):
+            self.carry_out(cell, action)
+
+    def carry_out(self, cell, action):
+        if isinstance(action, Ask):
+            self.events[action.neighbour].append(Asked(action.generation, (cell.number, action.generation)))
+        elif isinstance(action, Answer):
+            asker, generation = action.question
+            self.events[asker].append(Answered(cell.number, generation, action.payloads))
+        elif isinstance(action, AnswerStates):
+            self.kept[cell.number] = action.kept
+        else:
+            super().carry_out(cell, action)
+
+    def kill(self, dead):
+        self.kept = {}
+        for cell in self.cells:
+            if cell.number not in dead:
+                for action in cell.step(events=[AskedForStates(None)]):
+                    self.carry_out(cell, action)
+        chosen = choose_states(self.cells[0].plan.topology, self.kept)
+        if not chosen.keys() >= set(dead):
+            return
+        for number in dead:
+            plan = self.cells[number].plan
+            self.news[number].clear()
+            self.reports.pop(number, None)
+            self.cells[number] = Cell(plan, number, job=1)
+            self.events[number] = [Start(state=chosen[number][1])]
+            self.taken_over += 1
+
+
+def without_counters(reports):
+    """What must be equal: all but how many messages came by asking."""
+    return [dataclasses.replace(report, lost=0, received=0) for report in reports]
+
+
+SETTINGS = [
+    {},
+    {"deme": 5},
+    {"deme": 4, "emigrants": 2, "interval": 3},
+    {"interval": 4},
+    {"spy": "root"},
+    {"topology": "torus 1x2"},
+    {"topology": "ring 7"},
+]
+
+
+@pytest.mark.parametrize("settings", SETTINGS, ids=str)
+@pytest.mark.parametrize("seed", range(4))
+def test_one_after_another_dies_and_nothing_changes(settings, seed):
+    plan = plan_of(size=64, **{"topology": "torus 3x4", "generations": 120, "target": -1.0, "seed": seed} | settings)
+    source = random.Random(seed)
+    steps = 12 * len(Mortal(plan, source, []).cells)
+    bus = Mortal(plan, source, [(source.randrange(steps, 3 * steps), 1) for _ in range(6)])
+    assert without_counters(bus.run()) == without_counters(simulate(plan))
+    assert bus.taken_over >= 2
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_quarter_dies_at_once_and_nothing_changes(seed):
+    plan = plan_of(size=64, topology="torus 4x4", generations=80, target=-1.0, seed=seed)
+    source = random.Random(seed)
+    bus = Mortal(plan, source, [(600, 4), (300, 1)])
+    assert without_counters(bus.run()) == without_counters(simulate(plan))
+    assert bus.taken_over >= 4
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_target_is_reached_all_the_same(seed):
+    plan = plan_of(size=24, topology="torus 3x4", seed=seed)
+    source = random.Random(seed)
+    bus = Mortal(plan, source, [(source.randrange(50, 200), 1) for _ in range(3)])
+    assert without_counters(bus.run()) == without_counters(simulate(plan))
+
+
+@pytest.mark.parametrize("wrong", [b"", b"\x05", b"\xff" * 400])
+def test_a_state_of_something_else_fails_the_cell_and_says_so(wrong):
+    plan = plan_of(topology="torus 3x4")
+    cell = Cell(plan, 3, job=1)
+    (report,) = cell.step(events=[Start(state=wrong or b"\0")])
+    assert cell.state == "failed"
+    assert "state" in report.error
+
+
+# Which states are chosen ----------------------------------------------------------------------------------------------
+def keeping(dead, states, generation=100, oldest=0):
+    """What the living cells of the torus keep, if each keeps these states of all its neighbours."""
+    return {
+        cell: KeptStates(
+            cell,
+            generation,
+            oldest,
+            tuple(
+                (each, its, b"%d" % its) for each in TORUS.neighbours(cell) if each in states for its in states[each]
+            ),
+        )
+        for cell in range(12)
+        if cell not in dead
+    }
+
+
+def test_a_cell_alone_goes_on_from_its_latest_state():
+    assert choose_states(TORUS, keeping({5}, {5: (80, 88, 96)})) == {5: (96, b"96")}
+
+
+def test_dead_neighbours_go_on_from_the_same_generation_and_others_from_theirs():
+    kept = keeping({0, 1, 10}, {0: (80, 88), 1: (88, 96), 10: (80, 96)})
+    assert {cell: its for cell, (its, _) in choose_states(TORUS, kept).items()} == {0: 88, 1: 88, 10: 96}
+
+
+def test_a_neighbour_that_is_behind_needs_the_messages_since():
+    kept = keeping({5}, {5: (80, 88, 96)})
+    kept[1] = dataclasses.replace(kept[1], generation=90, states=())
+    assert choose_states(TORUS, kept) == {5: (88, b"88")}
+
+
+def test_a_neighbour_that_is_behind_may_have_heard_more():
+    kept = keeping({5}, {5: (80, 88, 96)})
+    kept[1] = dataclasses.replace(kept[1], generation=90)
+    assert choose_states(TORUS, kept) == {5: (96, b"96")}
+
+
+@pytest.mark.parametrize(
+    ("states", "oldest"),
+    [({}, 0), ({5: (80,)}, 81), ({5: (80, 88), 6: (84, 96)}, 0)],
+    ids=["none is kept", "the messages are gone", "none in common"],
+)
+def test_where_there_is_no_such_state_there_is_none(states, oldest):
+    assert choose_states(TORUS, keeping({5, 6} & {*states, 5}, states, oldest=oldest)) == {}
+
+
+@given(st.sets(st.integers(0, 11), min_size=1, max_size=11))
+def test_every_dead_cell_with_a_living_neighbour_gets_a_state(dead):
+    everybody = dict.fromkeys(range(12), (80, 88))
+    chosen = choose_states(TORUS, keeping(dead, everybody))
+    alone = {cell for cell in dead if set(TORUS.neighbours(cell)) <= dead}
+    assert chosen.keys() <= dead - alone
+    if not alone:
+        assert chosen.keys() == dead
