@@ -208,7 +208,7 @@ class Coming:
         since: generations of the job before the epoch; None if this node is to count them itself.
         deme: the genomes to begin with, one after another; empty to go on with the deme that this node has.
         fresh: whether to begin with new individuals.
-        state: the state to go on from, in the place of a process that has died; empty to begin with a deme.
+        state: what to go on from in the place of a process that has died, see `node.events.Start`.
         news: messages that have come so far, since neighbours may be in the epoch already. The network thread appends.
         begun: the query to answer with the report; None until the epoch may begin.
     """
@@ -219,7 +219,7 @@ class Coming:
     since: int | None
     deme: bytes
     fresh: bool = False
-    state: bytes = b""
+    state: bytes | None = None
     news: list[Message] = field(default_factory=list)
     begun: zenoh.Query | None = None
 

@@ -253,14 +253,15 @@ class Cell:
         # Not before: the arrays that generations share are made by now.
         kind = _kind_of_generations(rows)
         self.generations = kind(plan, rows, self.inbox, self._history, self._tells_champion, self._outbox)
-        if start.state:  # in the place of a process that has died
-            self._took_over = True
+        if start.state:
             self.generations.go_on_from(start.state)
             self.inbox.go_on_from(rows.generation, plan.run.interval)
-            actions += self._questions()
         else:
             self.generations.publish_first()
         self._append_actions(self.generations, (), actions)
+        if start.state is not None:  # in the place of a process that has died
+            self._took_over = True
+            actions += self._questions()
 
     def pace_states(self, seconds: float) -> None:
         """Choose how many messages carry the cell's state, given the seconds from one message to the next."""

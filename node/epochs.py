@@ -19,7 +19,7 @@ from node.queries import drop, reply
 from node.telemetry import Telemetry
 from problems import BadInput
 from topologies import Topology
-from wire.control import Begin, Command, Done, Drop, Halt, Prepare, Refused, Wiring
+from wire.control import Begin, Command, Done, Drop, Halt, Prepare, Refused, TellStates, Wiring
 
 
 class Epochs:
@@ -44,7 +44,7 @@ class Epochs:
         self._telemetry = telemetry
         # The latest command that makes links prepared for an earlier one useless; the network thread writes it while
         # the main thread may be waiting for neighbours in `Links`.
-        self._order: Prepare | Halt | Drop | None = None
+        self._order: Prepare | Halt | Drop | TellStates | None = None
         self._changed = threading.Condition()  # notified when `_order` changes or a neighbour is linked
         self.links: Links | None = None
         if config.topology:
@@ -58,7 +58,7 @@ class Epochs:
         queue before that wait ends, and this ends it.
         """
         if (isinstance(command, Prepare) and self._config.node in command.wiring.nodes) or (
-            isinstance(command, Drop | Halt) and self._order is not None and command.job == self._order.job
+            isinstance(command, Drop | Halt | TellStates) and self._order is not None and command.job == self._order.job
         ):
             with self._changed:
                 self._order = command
@@ -90,7 +90,7 @@ class Epochs:
     def prepare(self, command: Prepare) -> Done | Refused:
         """Get ready for an epoch: a job's first one becomes the assignment, a later one waits as `coming`."""
         # A node that is given a deme or a state takes the place of one that died: it does not go on with its own deme.
-        goes_on = self._has_lived_before(command) and not (command.deme or command.state)
+        goes_on = self._has_lived_before(command) and not command.deme and command.state is None
         if not goes_on and self._driver.assignment is not None:
             self.forget(self._driver.assignment.job)
         self._driver.coming = None
@@ -102,7 +102,7 @@ class Epochs:
             if goes_on and self._driver.assignment is not None and not command.fresh:
                 file.keep_coding(self._driver.assignment.cell.plan.coding, plan.coding)
             links = self._linked(plan.topology, command.wiring, command)
-            waits = goes_on or command.deme or command.state
+            waits = goes_on or command.deme or command.state is not None
             cell = None if waits else Cell(plan, links.cell, command.job)
         except BadInput as error:
             return Refused(str(error), "input")
@@ -176,7 +176,7 @@ class Epochs:
         # Only this node knows after which generation its cell stopped, so the coordinator leaves `since` open.
         bred = 0 if before is None else before.cell.plan.since + before.cell.rows.generation
         plan = replace(coming.plan, since=bred if coming.since is None else coming.since)
-        if coming.fresh or coming.state:
+        if coming.fresh or coming.state is not None:
             genomes = None
         else:
             genomes = before.cell.rows.genomes[0] if before is not None else plan.deme_of(coming.deme)

@@ -16,11 +16,12 @@ class Start:
 
     Attributes:
         deme: the first deme, shape (deme, genome_bytes); None for a random one.
-        state: the state to go on from (`node.engine.state`), in the place of a process that has died; in lockstep only.
+        state: in lockstep, in the place of a process that has died, the state to go on from (`node.engine.state`), or
+            nothing to begin anew; None if the others begin too.
     """
 
     deme: Genomes | None = None
-    state: bytes = b""
+    state: bytes | None = None
 
 
 @dataclass(frozen=True)

@@ -67,7 +67,7 @@ class Prepare:
             sends counters.
         fresh: whether all cells draw new individuals instead of going on with a deme; then ``since`` is given.
         state: for a node that takes the place of one that has died: what to go on from in this epoch, which the others
-            are in already (`node.engine.state`); else empty.
+            are in already (`node.engine.state`); empty to begin it anew. None for all other nodes.
     """
 
     name: ClassVar[str] = "prepare"
@@ -80,7 +80,7 @@ class Prepare:
     best: bytes = b""
     cluster_nodes: int = 0
     fresh: bool = False
-    state: bytes = b""
+    state: bytes | None = None
 
 
 @dataclass(frozen=True)
@@ -376,9 +376,13 @@ def _at_least_two(value: list[Any]) -> list[Any]:
     return value
 
 
-_text, _octets, _flag, _maybe_text = partial(of, str), partial(of, bytes), partial(of, bool), partial(_maybe, str)
+_text, _octets, _flag = partial(of, str), partial(of, bytes), partial(of, bool)
+_maybe_text, _maybe_octets = partial(_maybe, str), partial(_maybe, bytes)
 _COMMANDS: dict[str, tuple[Callable[..., Command], tuple[Callable[[Any], Any], ...]]] = {
-    Prepare.name: (Prepare, (count, count, _text, _wiring, _maybe_count, _octets, _octets, count, _flag, _octets)),
+    Prepare.name: (
+        Prepare,
+        (count, count, _text, _wiring, _maybe_count, _octets, _octets, count, _flag, _maybe_octets),
+    ),
     Begin.name: (Begin, (count, count)),
     ProposeStop.name: (ProposeStop, (count, count, reason_of)),
     Halt.name: (Halt, (count, count)),

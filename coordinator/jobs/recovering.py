@@ -37,7 +37,7 @@ class Recovering:
         job, epoch = self._job, self._job.epoch
         if epoch.file.run.mode != "lockstep" or not job.epochs.settled:
             return False
-        chosen = choose_states(epoch.topology, self.kept_states())
+        chosen = choose_states(epoch.topology, self.kept_states(), began_anew=epoch.number == 0 or epoch.is_fresh)
         if not epoch.dead <= chosen.keys():
             job.entry.log.write("not recovered", epoch=epoch.number, cells=sorted(epoch.dead - chosen.keys()))
             return False
@@ -53,6 +53,16 @@ class Recovering:
         job.ask_for_reports(epoch)
         return True
 
+    def latest_of(self, dead: set[int]) -> dict[int, bytes]:
+        """Return the latest state that is kept of each of these cells, where there is one.
+
+        Raises:
+            ReplacedError: if another process dies meanwhile.
+        """
+        kept = self.kept_states()
+        states = {cell: latest_states(kept, cell) for cell in dead}
+        return {cell: found[max(found)] for cell, found in states.items() if found}
+
     def kept_states(self) -> dict[int, KeptStates]:
         """Return what the living cells of the latest epoch keep, by cell.
 
@@ -65,7 +75,7 @@ class Recovering:
         return {answer.cell: answer for answer in answers if isinstance(answer, KeptStates)}
 
 
-def choose_states(topology: Topology, kept: Mapping[int, KeptStates]) -> States:
+def choose_states(topology: Topology, kept: Mapping[int, KeptStates], began_anew: bool) -> States:
     """Return the latest state from which each dead cell can go on; cells that cannot are left out.
 
     Dead cells that are neighbours need each other's messages, so they go on from the same generation. A living
@@ -75,13 +85,16 @@ def choose_states(topology: Topology, kept: Mapping[int, KeptStates]) -> States:
     Args:
         topology: the neighbours of each cell.
         kept: what each living cell keeps.
+        began_anew: whether the epoch began with random demes; then a cell can also begin it once more, from an empty
+            state of generation 0.
     """
+    first = {0: b""} if began_anew else {}
     dead = set(range(topology.cells)) - kept.keys()
     chosen: States = {}
     while dead:
         group = _connected(topology, dead)
         dead -= group
-        offered = {cell: latest_states(kept, cell) for cell in group}
+        offered = {cell: first | latest_states(kept, cell) for cell in group}
         links = [(cell, kept[other]) for cell in group for other in topology.neighbours(cell) if other in kept]
         common = set.intersection(*(set(states) for states in offered.values()))
         fit = [each for each in common if all(_may_go_on(cell, each, beside) for cell, beside in links)]

@@ -4,6 +4,7 @@ import contextlib
 import json
 import math
 import time
+from collections.abc import Mapping
 
 import topologies
 from coordinator.errors import ClusterFailed
@@ -108,18 +109,20 @@ class Replacing:
     def _go_on_without_the_dead(self) -> None:
         """Halt the other cells and begin an epoch in which each new node starts with the deme of a neighbour.
 
-        The others continue with their own demes, also those that move to other nodes. In lockstep a cell advances only
-        with its neighbours' messages, so the halted cells differ by at most as many generations as there are links
-        between them and a dead cell.
+        In async mode it starts with the latest deme of its own cell that a neighbour keeps, if one does. The others
+        continue with their own demes, also those that move to other nodes. In lockstep a cell advances only with its
+        neighbours' messages, so the halted cells differ by at most as many generations as there are links between them
+        and a dead cell.
         """
         before = self._job.epoch
         others = set(range(before.cells)) - before.dead
         if not others:
             return self._start_over()
+        states = self._recovering.latest_of(before.dead) if before.file.run.mode == "async" else {}
         self._wait_until_halted(before, others)
         # A node may have died after its cell had reported. The directive must not list that cell among the others.
         before.reports = {cell: report for cell, report in before.reports.items() if cell in others}
-        return self._begin_with_new_nodes(before)
+        return self._begin_with_new_nodes(before, states)
 
     def _wait_until_halted(self, epoch: Epoch, others: set[int]) -> None:
         """Halt the cells and wait for the reports of ``others``; other messages are put back for later.
@@ -162,13 +165,19 @@ class Replacing:
             self._job.ask_for_reports(epoch)
             self._job.calls.ask_for_reports(self._job.keys.every_control, Halt(self._job.number, epoch.number))
 
-    def _begin_with_new_nodes(self, before: Epoch) -> None:
-        """Begin the epoch after a death or a move; its directive says everything that a replay needs to repeat it."""
+    def _begin_with_new_nodes(self, before: Epoch, states: Mapping[int, bytes]) -> None:
+        """Begin the epoch after a death or a move; its directive says everything that a replay needs to repeat it.
+
+        Args:
+            before: the epoch that has been halted.
+            states: the states that are kept of dead cells, whose demes go on; such a cell is its own donor.
+        """
         job = self._job
         file = self._next_file()
         topology = topologies.parse(file.run.topology)
         donors = {cell: _deme_donor(before.topology.neighbours(cell), before) for cell in sorted(before.dead)}
         donors |= {cell: _deme_donor((cell % before.cells,), before) for cell in range(before.cells, topology.cells)}
+        donors |= {cell: cell for cell in states}
         reached = {str(cell): report.generation for cell, report in sorted(before.reports.items())}
         why = {
             "do": "replace",
@@ -181,7 +190,10 @@ class Replacing:
         epoch = Epoch(before.number + 1, file, wiring, since, why=why)
         nodes = enumerate(zip(job.nodes, before.wiring.nodes, strict=False))
         moved = {cell: cell for cell, (node, old) in nodes if node != old}
-        self._preparing.prepare(epoch, {cell: before.reports[donor].deme for cell, donor in (moved | donors).items()})
+        size = len(next(iter(before.reports.values())).deme)
+        demes = {cell: states[cell][-size:] for cell in states}  # a state ends with the deme
+        given = moved | {cell: donor for cell, donor in donors.items() if cell not in states}
+        self._preparing.prepare(epoch, demes | {cell: before.reports[donor].deme for cell, donor in given.items()})
         self._preparing.show_to_the_spy(epoch)
         self._preparing.begin(epoch)
         for cell in moved:

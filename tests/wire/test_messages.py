@@ -66,7 +66,7 @@ COMMANDS = st.one_of(
         st.binary(max_size=100),
         counts,
         st.booleans(),
-        st.binary(max_size=100),
+        st.none() | st.binary(max_size=100),
     ),
     st.builds(Begin, counts, counts),
     st.builds(TellStates, counts, counts),

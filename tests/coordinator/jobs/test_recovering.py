@@ -65,7 +65,7 @@ class Mortal(Bus):
             if cell.number not in dead:
                 for action in cell.step(events=[AskedForStates(None)]):
                     self.carry_out(cell, action)
-        chosen = choose_states(self.cells[0].plan.topology, self.kept)
+        chosen = choose_states(self.cells[0].plan.topology, self.kept, began_anew=True)
         if not chosen.keys() >= set(dead):
             return
         for number in dead:
@@ -121,11 +121,11 @@ def test_the_target_is_reached_all_the_same(seed):
     assert without_counters(bus.run()) == without_counters(simulate(plan))
 
 
-@pytest.mark.parametrize("wrong", [b"", b"\x05", b"\xff" * 400])
+@pytest.mark.parametrize("wrong", [b"\0", b"\x05", b"\xff" * 400])
 def test_a_state_of_something_else_fails_the_cell_and_says_so(wrong):
     plan = plan_of(topology="torus 3x4")
     cell = Cell(plan, 3, job=1)
-    (report,) = cell.step(events=[Start(state=wrong or b"\0")])
+    (report,) = cell.step(events=[Start(state=wrong)])
     assert cell.state == "failed"
     assert "state" in report.error
 
@@ -147,25 +147,37 @@ def keeping(dead, states, generation=100, oldest=0):
     }
 
 
+def choose(kept):
+    """In an epoch that began with the demes of another one."""
+    return choose_states(TORUS, kept, began_anew=False)
+
+
+def test_a_cell_that_has_sent_no_state_begins_anew_where_the_epoch_did():
+    kept = keeping({5}, {}, generation=3)
+    assert choose_states(TORUS, kept, began_anew=True) == {5: (0, b"")}
+    kept[1] = dataclasses.replace(kept[1], oldest=1)
+    assert choose_states(TORUS, kept, began_anew=True) == {}, "its messages are needed from the beginning on"
+
+
 def test_a_cell_alone_goes_on_from_its_latest_state():
-    assert choose_states(TORUS, keeping({5}, {5: (80, 88, 96)})) == {5: (96, b"96")}
+    assert choose(keeping({5}, {5: (80, 88, 96)})) == {5: (96, b"96")}
 
 
 def test_dead_neighbours_go_on_from_the_same_generation_and_others_from_theirs():
     kept = keeping({0, 1, 10}, {0: (80, 88), 1: (88, 96), 10: (80, 96)})
-    assert {cell: its for cell, (its, _) in choose_states(TORUS, kept).items()} == {0: 88, 1: 88, 10: 96}
+    assert {cell: its for cell, (its, _) in choose(kept).items()} == {0: 88, 1: 88, 10: 96}
 
 
 def test_a_neighbour_that_is_behind_needs_the_messages_since():
     kept = keeping({5}, {5: (80, 88, 96)})
     kept[1] = dataclasses.replace(kept[1], generation=90, states=())
-    assert choose_states(TORUS, kept) == {5: (88, b"88")}
+    assert choose(kept) == {5: (88, b"88")}
 
 
 def test_a_neighbour_that_is_behind_may_have_heard_more():
     kept = keeping({5}, {5: (80, 88, 96)})
     kept[1] = dataclasses.replace(kept[1], generation=90)
-    assert choose_states(TORUS, kept) == {5: (96, b"96")}
+    assert choose(kept) == {5: (96, b"96")}
 
 
 @pytest.mark.parametrize(
@@ -174,13 +186,13 @@ def test_a_neighbour_that_is_behind_may_have_heard_more():
     ids=["none is kept", "the messages are gone", "none in common"],
 )
 def test_where_there_is_no_such_state_there_is_none(states, oldest):
-    assert choose_states(TORUS, keeping({5, 6} & {*states, 5}, states, oldest=oldest)) == {}
+    assert choose(keeping({5, 6} & {*states, 5}, states, oldest=oldest)) == {}
 
 
 @given(st.sets(st.integers(0, 11), min_size=1, max_size=11))
 def test_every_dead_cell_with_a_living_neighbour_gets_a_state(dead):
     everybody = dict.fromkeys(range(12), (80, 88))
-    chosen = choose_states(TORUS, keeping(dead, everybody))
+    chosen = choose(keeping(dead, everybody))
     alone = {cell for cell in dead if set(TORUS.neighbours(cell)) <= dead}
     assert chosen.keys() <= dead - alone
     if not alone:

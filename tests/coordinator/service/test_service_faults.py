@@ -12,7 +12,6 @@ import pytest
 from live_service import children_of, command_of, live, until
 from places import free_port
 
-import topologies
 from coordinator.jobs.states import ENDS
 from node.replay import replay
 from problems import ProblemFile
@@ -97,15 +96,15 @@ def test_a_dead_node_is_replaced_on_its_cell(tmp_path, mode, deme):
         service.kill("node 4")
         result = running.result(120)
         assert states(running)[-1] == "exhausted"
+        if mode == "lockstep":
+            assert (result.directives, result.generations) == ([], file.run.generations)
+            assert result.history_sha256 == history(ProblemFile.from_json(running.show()["file"]), result)
+            return
         (directive,) = result.directives
         cell = str(running.show()["nodes"].index(4))
         assert (directive["do"], directive["epoch"]) == ("replace", 1)
-        assert directive["demes_of"].keys() == {cell}
-        assert directive["demes_of"][cell] in topologies.parse("torus 2x3").neighbours(int(cell))
+        assert directive["demes_of"] == {cell: int(cell)}, "a neighbour keeps its deme"
         assert directive["generations"].keys() == {str(other) for other in range(6)} - {cell}
-        if mode == "lockstep":
-            assert result.generations == file.run.generations
-            assert result.history_sha256 == history(ProblemFile.from_json(running.show()["file"]), result)
 
 
 def test_two_nodes_of_a_job_that_moves_die(tmp_path):
@@ -119,7 +118,7 @@ def test_two_nodes_of_a_job_that_moves_die(tmp_path):
         service.kill("spy")
         result = running.result(120)
         assert (result.status, result.generations) == ("exhausted", 300)
-        assert {directive["do"] for directive in result.directives} == {"replace", "rewire"}
+        assert {"rewire"} <= {directive["do"] for directive in result.directives} <= {"replace", "rewire"}
         assert result.history_sha256 == history(file, result)
 
 
@@ -134,7 +133,7 @@ def test_a_node_dies_while_there_is_no_coordinator(service):
         breeds(running)
         running.cancel()
         result = running.result(60)
-        assert [directive["do"] for directive in result.directives] == ["replace", "stop"]
+        assert [directive["do"] for directive in result.directives] == ["stop"]
         assert result.history_sha256 == history(file, result)
 
 
