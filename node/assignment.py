@@ -15,6 +15,7 @@ from node.cpu_affinity import LONG, core_of
 from node.events import Action, Event, Message
 from node.links import Links
 from node.plan import Plan
+from wire.takeover import Takeover
 
 # Seconds of processor time: if the generations between two exchanges take less, the network thread may breed them.
 INLINE_SECONDS = 2e-3
@@ -208,7 +209,7 @@ class Coming:
         since: generations of the job before the epoch; None if this node is to count them itself.
         deme: the genomes to begin with, one after another; empty to go on with the deme that this node has.
         fresh: whether to begin with new individuals.
-        state: what to go on from in the place of a process that has died, see `node.events.Start`.
+        takeover: what to go on from in the place of a process that has died; None for others.
         news: messages that have come so far, since neighbours may be in the epoch already. The network thread appends.
         begun: the query to answer with the report; None until the epoch may begin.
     """
@@ -219,7 +220,7 @@ class Coming:
     since: int | None
     deme: bytes
     fresh: bool = False
-    state: bytes | None = None
+    takeover: Takeover | None = None
     news: list[Message] = field(default_factory=list)
     begun: zenoh.Query | None = None
 

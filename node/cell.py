@@ -46,10 +46,10 @@ from node.stimuli import Stimuli
 from problems import EvaluationFailed
 from problems.guard import reported
 from topologies import ROOT
-from wire.control import KeptStates
 from wire.exchange import Champion
-from wire.exchange_layout import EPOCH, GENERATION, JOB, NEVER, SENT
-from wire.report import Birth, Report, Staleness
+from wire.exchange_layout import EPOCH, JOB, NEVER, SENT
+from wire.report import Birth, Reason, Report, Staleness
+from wire.takeover import KeptStates
 
 GENERATIONS_AT_ONCE = 64
 """The most generations between two looks at the clock, and at what else there is to do."""
@@ -88,6 +88,8 @@ class Cell:
         self._outbox = Outbox(plan.limits.most_bytes_without_state, plan.limits.most_bytes)
         self._backlog = Backlog()
         self._took_over = False  # from a process that has died
+        self._reached = 0  # the generation that process may have got to
+        self._put_off: list[Reason] = []  # stops to propose, once this cell has got there too
         self._stimuli = Stimuli()
         self._complaints: set[tuple[int, str]] = set()  # made already
         self._answered = 0  # messages that were kept from an answer, so had not come by themselves before
@@ -126,6 +128,7 @@ class Cell:
             if events:
                 self._take(events, actions)
             if self.state == "running":
+                self._propose()
                 assert self.generations is not None, "a running cell has begun"
                 self.generations(news, min(most, GENERATIONS_AT_ONCE))
                 self._append_actions(self.generations, news, actions)
@@ -134,7 +137,7 @@ class Cell:
         except EvaluationFailed as error:
             self._end("failed", str(error), actions)
         except Exception as error:  # a mistake in this program, which ends the process
-            error.add_note(self._told())
+            error.add_note(self.told())
             raise
         return actions
 
@@ -183,36 +186,7 @@ class Cell:
         """The improvements that this cell has noted."""
         return tuple(self.rows.births if self.generations is None else self.generations.births())
 
-    def validate(self) -> None:
-        """Check what must hold between any two steps. Tests call this after each of them; a node never does.
-
-        Raises:
-            AssertionError: if something does not hold; it says what, and what the cell was given lately.
-        """
-        self.inbox.validate()
-        if self.state in ("prepared", "failed"):
-            return
-        rows, now, stop_at = self.rows, self.rows.generation, self.rows.stop_at.item(0)
-        best, known = rows.fitness.min(), rows.messages.fitness.item(OWN, -1)
-        births = [birth.fitness for birth in self.births]
-        exchanges = now // self.plan.run.interval + 1
-        running, lockstep = self.state == "running", not self._is_async
-        for wrong, what in (
-            (not best > -np.inf, "a fitness is NaN or -inf"),
-            (known > best, "an individual is fitter than the champion"),
-            (rows.messages.fitness.item(OWN, 0) != best, "the first emigrant is not the fittest individual"),
-            (rows.messages.header.item(OWN, GENERATION) != now, "the message is of another generation"),
-            (not 0 <= rows.better_at.item(0) <= now, "the champion became fitter in the future"),
-            (births != sorted(set(births), reverse=True), "an improvement is none"),
-            (running and now >= stop_at, "the cell runs on after its last generation"),
-            (lockstep and now > stop_at, "the cell has bred after its last generation"),
-            (lockstep and running and self.sent != exchanges, "a message was left out, or sent twice"),
-            (self.sent > exchanges + self._is_async, "more messages were sent than there are"),
-            (lockstep and self.inbox.exchange != -(-now // self.plan.run.interval), "it expects another exchange"),
-        ):
-            assert not wrong, f"{what}\n{self._told()}"
-
-    def _told(self) -> str:
+    def told(self) -> str:
         """Return what the cell was given lately, for an error."""
         now = f"cell {self.number}, {self.state}, in generation {self.rows.generation}"
         return f"{now}; lately it was given:\n{self._stimuli}"
@@ -236,31 +210,38 @@ class Cell:
                 if self.state == "running":
                     self._end("stopped", None, actions)
             elif isinstance(event, Propose):
-                if not self.ended:
-                    self.rows.propose(0, event.reason)
+                self._put_off.append(event.reason)
             else:
                 actions += self._questions()
+
+    def _propose(self) -> None:
+        """Propose the stops that are wanted, once no other cell can be so far that it would stop too late."""
+        if self._put_off and self.rows.generation >= self._reached:
+            for reason in self._put_off:
+                self.rows.propose(0, reason)
+            self._put_off.clear()
 
     def _begin(self, start: Start, actions: list[Action]) -> None:
         if self.state != "prepared":
             return
         self.state = "running"
         rows, plan = self.rows, self.plan
-        if start.state:
+        state = b"" if start.takeover is None else start.takeover.state
+        if state:
             rows.make_room()
         else:
             rows.begin(None if start.deme is None else start.deme[None])
         # Not before: the arrays that generations share are made by now.
         kind = _kind_of_generations(rows)
         self.generations = kind(plan, rows, self.inbox, self._history, self._tells_champion, self._outbox)
-        if start.state:
-            self.generations.go_on_from(start.state)
+        if state:
+            self.generations.go_on_from(state)
             self.inbox.go_on_from(rows.generation, plan.run.interval)
         else:
             self.generations.publish_first()
         self._append_actions(self.generations, (), actions)
-        if start.state is not None:  # in the place of a process that has died
-            self._took_over = True
+        if start.takeover is not None:
+            self._took_over, self._reached = True, start.takeover.reached
             actions += self._questions()
 
     def pace_states(self, seconds: float) -> None:

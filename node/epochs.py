@@ -90,7 +90,7 @@ class Epochs:
     def prepare(self, command: Prepare) -> Done | Refused:
         """Get ready for an epoch: a job's first one becomes the assignment, a later one waits as `coming`."""
         # A node that is given a deme or a state takes the place of one that died: it does not go on with its own deme.
-        goes_on = self._has_lived_before(command) and not command.deme and command.state is None
+        goes_on = self._has_lived_before(command) and not command.deme and command.takeover is None
         if not goes_on and self._driver.assignment is not None:
             self.forget(self._driver.assignment.job)
         self._driver.coming = None
@@ -102,7 +102,7 @@ class Epochs:
             if goes_on and self._driver.assignment is not None and not command.fresh:
                 file.keep_coding(self._driver.assignment.cell.plan.coding, plan.coding)
             links = self._linked(plan.topology, command.wiring, command)
-            waits = goes_on or command.deme or command.state is not None
+            waits = goes_on or command.deme or command.takeover is not None
             cell = None if waits else Cell(plan, links.cell, command.job)
         except BadInput as error:
             return Refused(str(error), "input")
@@ -111,7 +111,7 @@ class Epochs:
         self._keep(links)
         self._telemetry.cluster_nodes = command.cluster_nodes
         if cell is None:
-            begins_with = command.since, command.deme, command.fresh, command.state
+            begins_with = command.since, command.deme, command.fresh, command.takeover
             self._driver.expect(Coming(command.job, plan, links, *begins_with))
         else:
             self._driver.enter(Assignment(cell, links))
@@ -176,7 +176,7 @@ class Epochs:
         # Only this node knows after which generation its cell stopped, so the coordinator leaves `since` open.
         bred = 0 if before is None else before.cell.plan.since + before.cell.rows.generation
         plan = replace(coming.plan, since=bred if coming.since is None else coming.since)
-        if coming.fresh or coming.state is not None:
+        if coming.fresh or coming.takeover is not None:
             genomes = None
         else:
             genomes = before.cell.rows.genomes[0] if before is not None else plan.deme_of(coming.deme)
@@ -185,7 +185,7 @@ class Epochs:
         self.past = before
         self._driver.enter(assignment)
         assignment.begun = coming.begun
-        self._driver.start(assignment, Start(genomes, coming.state))
+        self._driver.start(assignment, Start(genomes, coming.takeover))
 
     def _drop_past(self) -> None:
         """Forget the past epoch and close its links, unless a later epoch uses them too."""

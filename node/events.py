@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from genetics import Genomes
-from wire.control import KeptStates
 from wire.report import Reason, Report
+from wire.takeover import KeptStates, Takeover
 
 
 # Events ---------------------------------------------------------------------------------------------------------------
@@ -16,12 +16,11 @@ class Start:
 
     Attributes:
         deme: the first deme, shape (deme, genome_bytes); None for a random one.
-        state: in lockstep, in the place of a process that has died, the state to go on from (`node.engine.state`), or
-            nothing to begin anew; None if the others begin too.
+        takeover: in lockstep, what to go on from in the place of a process that has died; None if the others begin too.
     """
 
     deme: Genomes | None = None
-    state: bytes | None = None
+    takeover: Takeover | None = None
 
 
 @dataclass(frozen=True)

@@ -26,6 +26,7 @@ from typing import Any, ClassVar
 from wire.exchange import VERSION, Champion
 from wire.report import Reason, reason_of
 from wire.strict import Kind, Rejected, count, fields, of, pack, table, unpack
+from wire.takeover import KeptStates, Takeover
 
 
 @dataclass(frozen=True)
@@ -66,8 +67,7 @@ class Prepare:
         cluster_nodes: the number of nodes in the whole cluster, busy or not. The more there are, the less often each
             sends counters.
         fresh: whether all cells draw new individuals instead of going on with a deme; then ``since`` is given.
-        state: for a node that takes the place of one that has died: what to go on from in this epoch, which the others
-            are in already (`node.engine.state`); empty to begin it anew. None for all other nodes.
+        takeover: for a node that takes the place of one that has died, in an epoch that the others are in already.
     """
 
     name: ClassVar[str] = "prepare"
@@ -80,7 +80,7 @@ class Prepare:
     best: bytes = b""
     cluster_nodes: int = 0
     fresh: bool = False
-    state: bytes | None = None
+    takeover: Takeover | None = None
 
 
 @dataclass(frozen=True)
@@ -205,23 +205,6 @@ class Refused:
 
 
 @dataclass(frozen=True)
-class KeptStates:
-    """A cell's answer to `TellStates`.
-
-    Attributes:
-        cell: the cell.
-        generation: the generation that it is in.
-        oldest: the generation of the oldest message that it can send again.
-        states: for each state its cell, its generation, and the state as bytes.
-    """
-
-    cell: int
-    generation: int
-    oldest: int
-    states: tuple[tuple[int, int, bytes], ...]
-
-
-@dataclass(frozen=True)
 class Judged:
     """The spy's answer to `Finish`: the result of the run.
 
@@ -312,8 +295,7 @@ def decode_answer(payload: bytes) -> Answer:
             figures = _maybe(float, target), _clearance(clearance)
             return Judged(status, feasible, *texts, *figures, *told, lines, of(bool, oracle))
         case ["keptstates", *others]:
-            cell, generation, oldest, states = fields(others, 4)
-            return KeptStates(count(cell), count(generation), count(oldest), _kept(states))
+            return KeptStates.of(others)
     raise Rejected("no such answer")
 
 
@@ -349,11 +331,6 @@ def _states(value: object) -> tuple[tuple[int, bytes], ...]:
     return tuple(_state(each) for each in of(list, value))
 
 
-def _kept(value: object) -> tuple[tuple[int, int, bytes], ...]:
-    found = [fields(each, 3) for each in of(list, value)]
-    return tuple((count(cell), count(generation), of(bytes, state)) for cell, generation, state in found)
-
-
 def _reasons(value: object) -> tuple[Reason, ...]:
     return tuple(reason_of(reason) for reason in of(list, value))
 
@@ -376,12 +353,11 @@ def _at_least_two(value: list[Any]) -> list[Any]:
     return value
 
 
-_text, _octets, _flag = partial(of, str), partial(of, bytes), partial(of, bool)
-_maybe_text, _maybe_octets = partial(_maybe, str), partial(_maybe, bytes)
+_text, _octets, _flag, _maybe_text = partial(of, str), partial(of, bytes), partial(of, bool), partial(_maybe, str)
 _COMMANDS: dict[str, tuple[Callable[..., Command], tuple[Callable[[Any], Any], ...]]] = {
     Prepare.name: (
         Prepare,
-        (count, count, _text, _wiring, _maybe_count, _octets, _octets, count, _flag, _maybe_octets),
+        (count, count, _text, _wiring, _maybe_count, _octets, _octets, count, _flag, Takeover.of),
     ),
     Begin.name: (Begin, (count, count)),
     ProposeStop.name: (ProposeStop, (count, count, reason_of)),

@@ -20,10 +20,11 @@ from coordinator.jobs.job import Failure, Moved, Replaced, StopRequest
 from problems import BadInput
 from wire import control
 from wire.callbacks import direct
-from wire.control import Command, Done, Finish, Judged, KeptStates, Prepare, Refused
+from wire.control import Command, Done, Finish, Judged, Prepare, Refused
 from wire.report import Report
 from wire.seal import Seal
 from wire.strict import Rejected
+from wire.takeover import KeptStates
 
 # Time limits in seconds. They are kept short where possible: Zenoh keeps some 800 bytes of each query until its time is
 # over, even if it was answered long before.

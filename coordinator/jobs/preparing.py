@@ -11,6 +11,7 @@ from coordinator.jobs.epochs import Epoch
 from coordinator.jobs.job import Placement
 from problems import ProblemFile
 from wire.control import Begin, Done, Prepare
+from wire.takeover import Takeover
 
 
 class Preparing:
@@ -76,8 +77,8 @@ class Preparing:
             )
         self._job.versions = json.loads(min(fingerprints))
 
-    def prepare_again(self, epoch: Epoch, states: Mapping[int, bytes]) -> None:
-        """Prepare new processes for an epoch that the other cells are in, each to go on from the state of its cell.
+    def prepare_again(self, epoch: Epoch, takeovers: Mapping[int, Takeover]) -> None:
+        """Prepare new processes for an epoch that the other cells are in, each to take a dead one's place.
 
         Raises:
             ReplacedError: if another process dies meanwhile.
@@ -86,7 +87,9 @@ class Preparing:
         since = job.epochs.since - job.lived_before
         command = replace(self._preparation(epoch, since), fresh=False)
         nodes = epoch.wiring.nodes
-        questions = [(job.keys.control(nodes[cell]), replace(command, state=each)) for cell, each in states.items()]
+        questions = [
+            (job.keys.control(nodes[cell]), replace(command, takeover=each)) for cell, each in takeovers.items()
+        ]
         job.calls.ask(questions, len(questions), give_up=False)
 
     def _preparation(self, epoch: Epoch, since: int | None = None, deme: bytes = b"") -> Prepare:

@@ -10,7 +10,8 @@ from collections.abc import Mapping
 from coordinator.jobs.conducted_job import ConductedJob
 from coordinator.jobs.preparing import Preparing
 from topologies import ROOT, Topology
-from wire.control import KeptStates, TellStates
+from wire.control import TellStates
+from wire.takeover import KeptStates, Takeover
 
 States = dict[int, tuple[int, bytes]]
 """By cell, a generation and the state of the cell in it."""
@@ -37,11 +38,14 @@ class Recovering:
         job, epoch = self._job, self._job.epoch
         if epoch.file.run.mode != "lockstep" or not job.epochs.settled:
             return False
-        chosen = choose_states(epoch.topology, self.kept_states(), began_anew=epoch.number == 0 or epoch.is_fresh)
-        if not epoch.dead <= chosen.keys():
+        kept = self.kept_states()
+        chosen = choose_states(epoch.topology, kept, began_anew=epoch.number == 0 or epoch.is_fresh)
+        if not kept or not epoch.dead <= chosen.keys():
             job.entry.log.write("not recovered", epoch=epoch.number, cells=sorted(epoch.dead - chosen.keys()))
             return False
-        self._preparing.prepare_again(epoch, {cell: chosen[cell][1] for cell in epoch.dead})
+        # In lockstep no cell is further ahead of another than there are exchanges on the way between them.
+        reached = max(each.generation for each in kept.values()) + epoch.topology.diameter * epoch.file.run.interval
+        self._preparing.prepare_again(epoch, {cell: Takeover(reached, chosen[cell][1]) for cell in epoch.dead})
         if ROOT in epoch.dead:
             self._preparing.show_to_the_spy(epoch)
             job.unsent_stop = job.stop_request  # what was sent of it is lost with the root

@@ -1,6 +1,7 @@
 """Every cell of these tests is looked at after each of its steps."""
 
 import pytest
+from valid_cells import validate
 
 from node import Cell
 
@@ -14,7 +15,7 @@ def _validated(monkeypatch):
 def looked_at(method):
     def then_validated(cell, *arguments, **named):
         actions = method(cell, *arguments, **named)
-        cell.validate()
+        validate(cell)
         return actions
 
     return then_validated

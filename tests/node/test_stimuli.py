@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from one_max import plan_of
+from valid_cells import validate
 
 from node import Cell
 from node.events import Answered, Asked, Propose, Start, Waited
@@ -66,7 +67,7 @@ WRONG = {
     "an individual is fitter than the champion": lambda cell: cell.rows.fitness.fill(-1.0),
     "the message is of another generation": lambda cell: cell.rows.clock.__iadd__(3),
     "the champion became fitter in the future": lambda cell: cell.rows.better_at.fill(2),
-    "an improvement is none": lambda cell: cell.generations._birth_fitness.fill(1.0),
+    "an improvement is none": lambda cell: cell.generations._birth_count.fill(3),
     "the cell runs on after its last generation": lambda cell: cell.rows.stop_at.fill(1),
     "a message was left out, or sent twice": lambda cell: cell.take_back(),
     "the first emigrant is not the fittest individual": lambda cell: cell.rows.messages.fitness[0, :1].fill(99.0),
@@ -76,8 +77,8 @@ WRONG = {
 @pytest.mark.parametrize("what", WRONG)
 def test_what_must_hold_between_steps_is_checked(what):
     cell = running()
-    cell.validate()
+    validate(cell)
     WRONG[what](cell)
     with pytest.raises(AssertionError, match=what) as error:
-        cell.validate()
+        validate(cell)
     assert "row" in what or "missing" in what or "in generation 0: 4 messages" in str(error.value)

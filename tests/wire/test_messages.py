@@ -20,7 +20,6 @@ from wire.control import (
     Finish,
     Halt,
     Judged,
-    KeptStates,
     Look,
     Missed,
     Prepare,
@@ -33,6 +32,7 @@ from wire.exchange import VERSION, Champion
 from wire.news import LEVELS, Counters, Improvement, LogRecord, Statistics
 from wire.report import MOST_BIRTHS, Birth, Proposal, Reason, Report, Staleness
 from wire.strict import Rejected
+from wire.takeover import KeptStates, Takeover
 
 counts = st.integers(0, (1 << 62) - 1)
 fitnesses = st.floats(allow_nan=False).filter(lambda value: value != -math.inf)
@@ -66,7 +66,7 @@ COMMANDS = st.one_of(
         st.binary(max_size=100),
         counts,
         st.booleans(),
-        st.none() | st.binary(max_size=100),
+        st.none() | st.builds(Takeover, counts, st.binary(max_size=100)),
     ),
     st.builds(Begin, counts, counts),
     st.builds(TellStates, counts, counts),

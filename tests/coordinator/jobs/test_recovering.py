@@ -13,7 +13,7 @@ from coordinator.jobs.recovering import choose_states
 from node import Cell
 from node.events import Answer, Answered, AnswerStates, Ask, Asked, AskedForStates, Start, Waited
 from node.simulation import simulate
-from wire.control import KeptStates
+from wire.takeover import KeptStates, Takeover
 
 TORUS = topologies.parse("torus 3x4")
 
@@ -59,6 +59,9 @@ class Mortal(Bus):
         else:
             super().carry_out(cell, action)
 
+    def reached(self):
+        return max(cell.rows.generation for cell in self.cells) + 8 * self.cells[0].plan.run.interval
+
     def kill(self, dead):
         self.kept = {}
         for cell in self.cells:
@@ -73,7 +76,7 @@ class Mortal(Bus):
             self.news[number].clear()
             self.reports.pop(number, None)
             self.cells[number] = Cell(plan, number, job=1)
-            self.events[number] = [Start(state=chosen[number][1])]
+            self.events[number] = [Start(takeover=Takeover(self.reached(), chosen[number][1]))]
             self.taken_over += 1
 
 
@@ -125,7 +128,7 @@ def test_the_target_is_reached_all_the_same(seed):
 def test_a_state_of_something_else_fails_the_cell_and_says_so(wrong):
     plan = plan_of(topology="torus 3x4")
     cell = Cell(plan, 3, job=1)
-    (report,) = cell.step(events=[Start(state=wrong)])
+    (report,) = cell.step(events=[Start(takeover=Takeover(0, wrong))])
     assert cell.state == "failed"
     assert "state" in report.error
 

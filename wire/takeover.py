@@ -1,0 +1,59 @@
+"""What a process needs to take a dead one's place, bit for bit, and what its neighbours keep for it."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from wire.strict import count, fields, of
+
+
+class Takeover(NamedTuple):
+    """What a process goes on from in a dead one's place.
+
+    Attributes:
+        reached: a generation that the dead process has not gone beyond.
+        state: the state to go on from (`node.engine.state`); empty to begin the epoch once more.
+    """
+
+    reached: int
+    state: bytes
+
+    @staticmethod
+    def of(value: object) -> "Takeover | None":
+        """Return the takeover in an unpacked command; None if there is none.
+
+        Raises:
+            Rejected: if ``value`` is not a valid one.
+        """
+        if value is None:
+            return None
+        reached, state = fields(value, 2)
+        return Takeover(count(reached), of(bytes, state))
+
+
+@dataclass(frozen=True)
+class KeptStates:
+    """A cell's answer to `wire.control.TellStates`.
+
+    Attributes:
+        cell: the cell.
+        generation: the generation that it is in.
+        oldest: the generation of the oldest message that it can send again.
+        states: for each state its cell, its generation, and the state as bytes.
+    """
+
+    cell: int
+    generation: int
+    oldest: int
+    states: tuple[tuple[int, int, bytes], ...]
+
+    @staticmethod
+    def of(values: object) -> "KeptStates":
+        """Return the answer with these fields, unpacked.
+
+        Raises:
+            Rejected: if they are no valid answer.
+        """
+        cell, generation, oldest, states = fields(values, 4)
+        found = [fields(each, 3) for each in of(list, states)]
+        kept = tuple((count(whose), count(its), of(bytes, state)) for whose, its, state in found)
+        return KeptStates(count(cell), count(generation), count(oldest), kept)
