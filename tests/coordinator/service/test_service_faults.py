@@ -114,7 +114,7 @@ def test_two_nodes_of_a_job_that_moves_die(tmp_path):
         breeds(running)
         for victim in ("node 1", "node 2"):
             os.kill(service.processes()[victim], signal.SIGKILL)
-        assert running.rewire("ring 6") > 1
+        assert running.rewire("ring 6") >= 1
         service.kill("spy")
         result = running.result(120)
         assert (result.status, result.generations) == ("exhausted", 300)
@@ -129,7 +129,6 @@ def test_a_node_dies_while_there_is_no_coordinator(service):
         breeds(running)
         os.kill(service.processes()["coordinator"], signal.SIGKILL)
         service.kill("node 7")
-        until(lambda: running.show()["epochs"])
         breeds(running)
         running.cancel()
         result = running.result(60)
