@@ -224,7 +224,7 @@ def test_the_picture_renders(plan, judgement, tmp_path):
                 plan.problem.draw(figure, solution, {})
             continue
         plan.problem.draw(figure, solution, {0: genomes, 9: genomes[:20]})
-        for suffix in ("png", "svg", "pdf"):
+        for suffix in ("png",) if solution is None else ("png", "svg", "pdf"):
             target = tmp_path / f"picture.{suffix}"
             figure.savefig(target)
             assert target.stat().st_size > 2000
