@@ -343,9 +343,9 @@ def test_a_spy_that_is_killed_has_a_successor_that_knows_all(tmp_path):
 def test_where_nobody_reads_every_line_of_every_process_is_json(tmp_path):
     path = tmp_path / "log"
     with path.open("w") as log, live(tmp_path / "state", "torus 1x2", stderr=log) as service:
-        for name in ("router", "spy", "node 1", "coordinator"):
-            service.kill(name)
         with service.connect() as client:
+            for name in ("router", "spy", "node 1", "coordinator"):
+                service.kill(name)
             client.submit(job(generations=3, topology="torus 1x2")).result(30)
         cluster = service.info().cluster
     lines = [json.loads(line) for line in path.read_text().splitlines()]
