@@ -38,6 +38,10 @@ class Recovering:
         job, epoch = self._job, self._job.epoch
         if epoch.file.run.mode != "lockstep" or not job.epochs.settled:
             return False
+        # A process on another host could not use the links of this epoch. (Of a job that was taken over the hosts are
+        # not known.)
+        if job.dispatch.wire(job.nodes, epoch.file.run.topology, fresh=True).hosts != epoch.wiring.hosts:
+            return False
         kept = self.kept_states()
         chosen = choose_states(epoch.topology, kept, began_anew=epoch.number == 0 or epoch.is_fresh)
         if not kept or not epoch.dead <= chosen.keys():
