@@ -93,6 +93,7 @@ def test_a_dead_node_is_replaced_on_its_cell(tmp_path, mode, deme):
     with live(tmp_path / "state", "torus 2x3") as service, service.connect() as client:
         running = client.submit(file, id="a")
         breeds(running)
+        until(lambda: any(each["node"] == 4 and each["sent"] > 8 for each in client.status()["nodes"]))
         service.kill("node 4")
         result = running.result(120)
         assert states(running)[-1] == "exhausted"
