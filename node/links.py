@@ -30,6 +30,9 @@ _DIRECT_WITHIN = 30.0  # s that a direct link may take to come up; a thousand no
 
 _ROUTED_WITHIN = 90.0  # s that a neighbour may take after that until it is linked at all
 
+HASTY = (3.0, 3.0)
+"""The patience of a process that takes a dead one's place: its neighbours have long started."""
+
 Hear = Callable[[zenoh.Sample], None]
 """A callback for a neighbour's messages, called on Zenoh's thread."""
 Task = Callable[[], None]  # for the main thread
@@ -51,6 +54,7 @@ class Links:
             would make a thousand starting nodes keep each other from starting.
         given_up: returns whether these links are no longer wanted. That ends the wait for neighbours, which may never
             come, since one may have died.
+        patience: seconds to wait for direct links, and then for links through the router.
 
     Attributes:
         cell: the cell that this node is on.
@@ -72,6 +76,7 @@ class Links:
         later: Callable[[Task], None],
         changed: threading.Condition,
         given_up: Callable[[], bool],
+        patience: tuple[float, float] = (_DIRECT_WITHIN, _ROUTED_WITHIN),
     ) -> None:
         self.keys = config.keys
         self.node = config.node
@@ -91,6 +96,7 @@ class Links:
         # The neighbours to which no direct link is possible.
         self._apart = frozenset(other for other in self.neighbours if self._way_to(config, other) is None)
         self._for_the_spy = self.cell == ROOT and bool(wiring.hosts)
+        self._direct_within, self._routed_within = patience
         self._patient = True  # whether the constructor still waits for direct links
         self._closed = False
         self._open(config)
@@ -174,11 +180,11 @@ class Links:
         """
         self._reroute()  # neighbours without any possible direct link
         everybody = set(self.neighbours)
-        direct_ones = self._are_there(lambda: self._linked >= everybody - self._apart, _DIRECT_WITHIN)
+        direct_ones = self._are_there(lambda: self._linked >= everybody - self._apart, self._direct_within)
         self._patient = False
         if not direct_ones:
             self._reroute()
-        if not self._are_there(lambda: self._linked | self._listening >= everybody, _ROUTED_WITHIN):
+        if not self._are_there(lambda: self._linked | self._listening >= everybody, self._routed_within):
             missing = sorted(everybody - self._linked - self._listening)
             raise TimeoutError(f"no link to cells {', '.join(map(str, missing))}")
 

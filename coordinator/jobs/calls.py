@@ -89,6 +89,10 @@ class MovedError(Exception):
         self.nodes = moved.nodes
 
 
+class RefusedError(ClusterFailed):
+    """A process refuses a command, for no reason of the user's."""
+
+
 class Calls:
     """The questions and the queue of one job.
 
@@ -189,7 +193,7 @@ class Calls:
         if answer.blame == "stranger" and self._replaces:
             # Only the spy says so, if it was replaced. Its liveliness token will report the same later.
             return ReplacedError(Replaced(None))
-        return ClusterFailed(answer.message)
+        return RefusedError(answer.message)
 
     def _wait_for_news_of_a_death(self, seconds: float, give_up: bool) -> None:
         """Wait for so long, and raise if a process was replaced meanwhile; other messages are put off."""

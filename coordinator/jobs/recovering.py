@@ -7,6 +7,7 @@ The epoch goes on; the other cells only wait.
 
 from collections.abc import Mapping
 
+from coordinator.jobs.calls import RefusedError
 from coordinator.jobs.conducted_job import ConductedJob
 from coordinator.jobs.preparing import Preparing
 from topologies import ROOT, Topology
@@ -49,7 +50,11 @@ class Recovering:
             return False
         # In lockstep no cell is further ahead of another than there are exchanges on the way between them.
         reached = max(each.generation for each in kept.values()) + epoch.topology.diameter * epoch.file.run.interval
-        self._preparing.prepare_again(epoch, {cell: Takeover(reached, chosen[cell][1]) for cell in epoch.dead})
+        try:
+            self._preparing.prepare_again(epoch, {cell: Takeover(reached, chosen[cell][1]) for cell in epoch.dead})
+        except RefusedError as error:  # such as a link that does not come up again
+            job.entry.log.write("not recovered", epoch=epoch.number, cells=sorted(epoch.dead), why=str(error))
+            return False
         if ROOT in epoch.dead:
             self._preparing.show_to_the_spy(epoch)
             job.unsent_stop = job.stop_request  # what was sent of it is lost with the root

@@ -20,6 +20,7 @@ from wire.control import Done, Drop, Halt, Look, Wiring
 
 _FOUND_WITHIN = 1.0  # seconds; a running node finds a restarted router in a fifth of that
 _HALTED_WITHIN = 60.0  # seconds
+_EXACT_WITHIN = 5.0  # seconds for which exact recovery is begun again while more and more processes die
 
 
 class Replacing:
@@ -95,12 +96,13 @@ class Replacing:
 
     def _replace_the_dead(self) -> None:
         """Bring the new processes into the job; repeat if another one dies meanwhile."""
+        exact_until = time.monotonic() + _EXACT_WITHIN
         while self._spy_is_new or self._job.epoch.dead or self._is_moving:
             try:
                 if not (self._job.epoch.dead or self._is_moving):
                     self._preparing.show_to_the_spy(self._job.epoch)
                     self._spy_is_new = False
-                elif self._is_moving or not self._recovering.recover():
+                elif self._is_moving or time.monotonic() > exact_until or not self._recovering.recover():
                     self._go_on_without_the_dead()  # this begins a new epoch, which is shown to a new spy too
                     self._spy_is_new = False
             except ReplacedError as another:
