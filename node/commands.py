@@ -13,7 +13,20 @@ from node.events import Halt as Halted
 from node.fingerprint import fingerprint
 from node.queries import answer, drop
 from wire import control
-from wire.control import Begin, Command, Done, Drop, Halt, Look, Missed, Prepare, ProposeStop, Refused, TellStates
+from wire.control import (
+    Begin,
+    Command,
+    Done,
+    Drop,
+    Finish,
+    Halt,
+    Look,
+    Missed,
+    Prepare,
+    ProposeStop,
+    Refused,
+    TellStates,
+)
 from wire.seal import Seal
 from wire.strict import Rejected
 
@@ -44,14 +57,16 @@ class Commands:
             command = error
         else:
             self._epochs.note(command)
-            if isinstance(command, TellStates) and not self._is_in(command):
+            if isinstance(command, TellStates) and self._assignment_of(command) is None:
                 return drop(query)  # at once: the main thread may be waiting for neighbours, and the coordinator for it
         return self._driver.queue.put(partial(self._carry_out, query, command))
 
-    def _is_in(self, command: TellStates) -> bool:
-        """Return whether this node is in that epoch, or has just left it."""
-        assignments = (self._driver.assignment, self._epochs.past)
-        return any(each and (each.job, each.epoch) == (command.job, command.epoch) for each in assignments)
+    def _assignment_of(self, command: ProposeStop | Halt | Missed | TellStates | Finish) -> Assignment | None:
+        """Return the epoch that the command is for, if this node is in it or has just left it; else None."""
+        for assignment in (self._driver.assignment, self._epochs.past):
+            if assignment is not None and (assignment.job, assignment.epoch) == (command.job, command.epoch):
+                return assignment
+        return None
 
     def _carry_out(self, query: zenoh.Query, command: Command | Rejected) -> None:
         """Carry out a command and answer it; a command about a job or epoch unknown here gets no answer."""
@@ -70,11 +85,11 @@ class Commands:
         elif isinstance(command, Look):
             self._answer_look(command, query)
         else:
-            for assignment in (self._driver.assignment, self._epochs.past):
-                if assignment is not None and (assignment.job, assignment.epoch) == (command.job, command.epoch):
-                    return self._obey(assignment, command, query)
-            drop(query)
-        return None
+            assignment = self._assignment_of(command)
+            if assignment is not None:
+                self._obey(assignment, command, query)
+            else:
+                drop(query)
 
     def _answer_look(self, command: Look, query: zenoh.Query) -> None:
         """Answer a new coordinator that looks for the nodes of a job."""
@@ -88,13 +103,10 @@ class Commands:
         if isinstance(command, ProposeStop):
             assignment.events.append(Propose(command.reason))
             answer(query, Done())
-        elif isinstance(command, Missed):
-            assignment.events.append(Asked(command.generation, query))
+        elif isinstance(command, Missed | TellStates):
+            event = Asked(command.generation, query) if isinstance(command, Missed) else AskedForStates(query)
+            assignment.events.append(event)
             if assignment is self._epochs.past:  # `Driver.run` steps the present epoch only
-                self._driver.carry_on(assignment)
-        elif isinstance(command, TellStates):
-            assignment.events.append(AskedForStates(query))
-            if assignment is self._epochs.past:
                 self._driver.carry_on(assignment)
         elif isinstance(command, Halt):
             assignment.events.append(Halted())

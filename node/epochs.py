@@ -12,7 +12,7 @@ from node.cell import Cell
 from node.driver import Driver
 from node.events import Start
 from node.fingerprint import fingerprint
-from node.links import HASTY, Links
+from node.links import Links
 from node.node_config import NodeConfig
 from node.plan import Plan
 from node.queries import drop, reply
@@ -85,7 +85,7 @@ class Epochs:
             self._driver.queue.put,
             self._changed,
             given_up,
-            *([HASTY] if order is not None and order.takeover is not None else []),
+            hasty=order is not None and order.takeover is not None,
         )
 
     def prepare(self, command: Prepare) -> Done | Refused:

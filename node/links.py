@@ -28,10 +28,9 @@ from wire.control import Wiring
 
 _DIRECT_WITHIN = 30.0  # s that a direct link may take to come up; a thousand nodes start in a third of it
 
-_ROUTED_WITHIN = 90.0  # s that a neighbour may take after that until it is linked at all
+_HASTY_WITHIN = 3.0  # s, in place of either, where the neighbours have long started
 
-HASTY = (3.0, 3.0)
-"""The patience of a process that takes a dead one's place: its neighbours have long started."""
+_ROUTED_WITHIN = 90.0  # s that a neighbour may take after that until it is linked at all
 
 Hear = Callable[[zenoh.Sample], None]
 """A callback for a neighbour's messages, called on Zenoh's thread."""
@@ -54,7 +53,7 @@ class Links:
             would make a thousand starting nodes keep each other from starting.
         given_up: returns whether these links are no longer wanted. That ends the wait for neighbours, which may never
             come, since one may have died.
-        patience: seconds to wait for direct links, and then for links through the router.
+        hasty: whether to wait for seconds only, because this process takes a dead one's place.
 
     Attributes:
         cell: the cell that this node is on.
@@ -76,7 +75,7 @@ class Links:
         later: Callable[[Task], None],
         changed: threading.Condition,
         given_up: Callable[[], bool],
-        patience: tuple[float, float] = (_DIRECT_WITHIN, _ROUTED_WITHIN),
+        hasty: bool,
     ) -> None:
         self.keys = config.keys
         self.node = config.node
@@ -96,7 +95,7 @@ class Links:
         # The neighbours to which no direct link is possible.
         self._apart = frozenset(other for other in self.neighbours if self._way_to(config, other) is None)
         self._for_the_spy = self.cell == ROOT and bool(wiring.hosts)
-        self._direct_within, self._routed_within = patience
+        self._hasty = hasty
         self._patient = True  # whether the constructor still waits for direct links
         self._closed = False
         self._open(config)
@@ -180,11 +179,13 @@ class Links:
         """
         self._reroute()  # neighbours without any possible direct link
         everybody = set(self.neighbours)
-        direct_ones = self._are_there(lambda: self._linked >= everybody - self._apart, self._direct_within)
+        direct_within = _HASTY_WITHIN if self._hasty else _DIRECT_WITHIN
+        routed_within = _HASTY_WITHIN if self._hasty else _ROUTED_WITHIN
+        direct_ones = self._are_there(lambda: self._linked >= everybody - self._apart, direct_within)
         self._patient = False
         if not direct_ones:
             self._reroute()
-        if not self._are_there(lambda: self._linked | self._listening >= everybody, self._routed_within):
+        if not self._are_there(lambda: self._linked | self._listening >= everybody, routed_within):
             missing = sorted(everybody - self._linked - self._listening)
             raise TimeoutError(f"no link to cells {', '.join(map(str, missing))}")
 

@@ -1,4 +1,4 @@
-"""What a process needs to take a dead one's place, bit for bit, and what its neighbours keep for it."""
+"""Messages by which another process takes a dead one's place, bit for bit."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -7,7 +7,7 @@ from wire.strict import count, fields, of
 
 
 class Takeover(NamedTuple):
-    """What a process goes on from in a dead one's place.
+    """The state from which a process goes on in a dead one's place.
 
     Attributes:
         reached: a generation that the dead process has not gone beyond.

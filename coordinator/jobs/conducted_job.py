@@ -28,6 +28,9 @@ class ConductorServices(Protocol):
     def wire(self, nodes: tuple[int, ...], topology: str, fresh: bool = False) -> Wiring:
         """Return the links for an epoch: the existing ones if all its nodes share them, else (or if ``fresh``) new."""
 
+    def hosts_of(self, nodes: tuple[int, ...]) -> tuple[str, ...]:
+        """Return the host of each of these nodes; empty if one zygote launched them all."""
+
     def end_silent(self, nodes: Sequence[int], seconds: float) -> None:
         """End the processes of those nodes that have told nothing for so long, where that is possible."""
 

@@ -48,13 +48,15 @@ class NodeHosts:
         for node in nodes:
             self._node_hosts.pop(node, None)
 
+    def hosts_of(self, nodes: tuple[int, ...]) -> tuple[str, ...]:
+        """Return the host of each of these nodes; empty if one zygote launched them all."""
+        places = [self._node_hosts.get(node) for node in nodes]
+        return tuple("" if each is None else each.host for each in places) if any(places) else ()
+
     def wiring(self, number: int, nodes: tuple[int, ...]) -> Wiring:
         """Return the wiring of these nodes, in the order of the cells; if on different hosts, they get new ports."""
-        places = [self._node_hosts.get(node) for node in nodes]
-        if not any(places):
-            return Wiring(number, nodes)
-        hosts = tuple("" if each is None else each.host for each in places)
-        if len(set(hosts)) == 1:  # all links are within one host, over Unix sockets, so nobody listens at a port
+        hosts, places = self.hosts_of(nodes), [self._node_hosts.get(node) for node in nodes]
+        if len(set(hosts)) <= 1:  # all links are within one host, over Unix sockets, so nobody listens at a port
             return Wiring(number, nodes, hosts)
         return Wiring(number, nodes, hosts, tuple("" if each is None else _next_endpoint(each) for each in places))
 

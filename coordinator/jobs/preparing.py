@@ -85,11 +85,8 @@ class Preparing:
         """
         job = self._job
         since = job.epochs.since - job.lived_before
-        command = replace(self._preparation(epoch, since), fresh=False)
-        nodes = epoch.wiring.nodes
-        questions = [
-            (job.keys.control(nodes[cell]), replace(command, takeover=each)) for cell, each in takeovers.items()
-        ]
+        command, nodes, key = self._preparation(epoch, since), epoch.wiring.nodes, job.keys.control
+        questions = [(key(nodes[cell]), replace(command, takeover=each)) for cell, each in takeovers.items()]
         job.calls.ask(questions, len(questions), give_up=False)
 
     def _preparation(self, epoch: Epoch, since: int | None = None, deme: bytes = b"") -> Prepare:

@@ -41,7 +41,7 @@ class Recovering:
             return False
         # A process on another host could not use the links of this epoch. (Of a job that was taken over the hosts are
         # not known.)
-        if job.dispatch.wire(job.nodes, epoch.file.run.topology, fresh=True).hosts != epoch.wiring.hosts:
+        if job.dispatch.hosts_of(job.nodes) != epoch.wiring.hosts:
             return False
         kept = self.kept_states()
         chosen = choose_states(epoch.topology, kept, began_anew=epoch.number == 0 or epoch.is_fresh)

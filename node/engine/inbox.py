@@ -302,8 +302,8 @@ class Inbox:
 
         It would send its messages from that generation on; so a state does not count if an earlier message is missing.
         """
-        missing, limits = self.missing_senders() if self._lockstep else (), self._kept["limits"]
-        now = self.exchange * limits.item(_LIMIT.names.index("interval"))
+        missing = self.missing_senders() if self._lockstep else ()
+        now = self.exchange * self._kept["limits"].item(_INTERVAL)
         return tuple(each for each in self.states if each[0] not in missing or each[1] < now)
 
     @property
