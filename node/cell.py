@@ -203,7 +203,7 @@ class Cell:
                     assert self.generations is not None, "a cell that has sent messages has begun"
                     self.generations.send_state()  # the neighbour may be a new process, which keeps none yet
             elif isinstance(event, AskedForStates):
-                actions.append(AnswerStates(event.question, self._kept_states()))
+                actions.append(AnswerStates(event.question, self._kept_states(event.once)))
             elif isinstance(event, Start):
                 self._begin(event, actions)
             elif isinstance(event, Halt):
@@ -249,9 +249,10 @@ class Cell:
         if self.generations is not None:
             self.generations.keep_states_every(self._outbox.messages_between_states(seconds))
 
-    def _kept_states(self) -> KeptStates:
+    def _kept_states(self, once: bool) -> KeptStates:
         now, oldest = self.rows.generation, self._outbox.oldest
-        return KeptStates(self.number, now, now if oldest is None else oldest, self.inbox.states_to_go_on_from())
+        states = self.inbox.states_told_once() if once else self.inbox.states_to_go_on_from()
+        return KeptStates(self.number, now, now if oldest is None else oldest, states)
 
     def _catch_up(self, generations: Generations, actions: list[Action]) -> None:
         """Breed for as long as the neighbours' answers have the messages that are missing; then ask for the next ones.

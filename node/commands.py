@@ -104,8 +104,9 @@ class Commands:
             assignment.events.append(Propose(command.reason))
             answer(query, Done())
         elif isinstance(command, Missed | TellStates):
-            event = Asked(command.generation, query) if isinstance(command, Missed) else AskedForStates(query)
-            assignment.events.append(event)
+            assignment.events.append(
+                Asked(command.generation, query) if isinstance(command, Missed) else AskedForStates(query, command.once)
+            )
             if assignment is self._epochs.past:  # `Driver.run` steps the present epoch only
                 self._driver.carry_on(assignment)
         elif isinstance(command, Halt):

@@ -85,7 +85,7 @@ class Epochs:
             self._driver.queue.put,
             self._changed,
             given_up,
-            hasty=order is not None and order.takeover is not None,
+            hasty=order is not None and order.takeover is not None and order.takeover.others_wait,
         )
 
     def prepare(self, command: Prepare) -> Done | Refused:

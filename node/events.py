@@ -64,9 +64,15 @@ class Asked:
 
 @dataclass(frozen=True)
 class AskedForStates:
-    """The coordinator asks for the neighbours' states that this cell keeps; ``question`` as in `Asked`."""
+    """The coordinator asks for the neighbours' states that this cell keeps.
+
+    Attributes:
+        question: as in `Asked`.
+        once: whether to leave out a neighbour that names another cell first, since that cell tells its states.
+    """
 
     question: object
+    once: bool = False
 
 
 Event = Start | Halt | Answered | Propose | Waited | Asked | AskedForStates

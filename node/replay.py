@@ -19,7 +19,7 @@ from problems import BadInput, ProblemFile
 from problems.errors import shorten
 from wire.report import Report
 
-_TURNS = ("update", "rewire", "replace", "retry")
+_TURNS = ("update", "rewire", "replace", "resume", "retry")
 _LOST = {
     "several": "it had so many epochs that the directives of the first ones were merged",
     "restart": "all its nodes died, and it began again",
@@ -38,7 +38,7 @@ class Epoch:
         why: the directive that led to the epoch; empty for the first.
         left_at: the generation after which each cell leaves the epoch; None for the last epoch.
         last: the generation after which the epoch is stopped from outside; None if it ends by itself.
-        donors: for each cell that gets a new node at the epoch's end, the cell whose deme that gets.
+        donors: for each cell of the next epoch the cell of this one whose deme it gets; empty for the last epoch.
     """
 
     number: int
@@ -188,8 +188,7 @@ class _Leaving:
             found = f"epoch {epoch.number} ends after generation {generation} already"
             raise BadInput(f"directives: expected cells to leave after generation {epoch.last}, but {found}")
         # A new node begins with its donor's deme, as the donor had it when it left.
-        self._kept |= {cell: self._kept[donor] for cell, donor in epoch.donors.items()}
-        return np.stack([self._kept[cell] for cell in sorted(self._kept)])
+        return np.stack([self._kept[donor] for _, donor in sorted(epoch.donors.items())])
 
 
 # What directives say --------------------------------------------------------------------------------------------------
@@ -218,13 +217,13 @@ def _after(change: Mapping[str, Any], file: ProblemFile, cells: int) -> ProblemF
         return file.changed(dict(_table(change, "fields")), {})
     if change["do"] == "retry":
         return file.next_attempt(dict(_table(change, "fields")))
-    grows = change["do"] == "replace"
-    topology = change.get("topology", file.run.topology if grows else None)
+    do = change["do"]
+    topology = change.get("topology", file.run.topology if do == "replace" else None)
     if not isinstance(topology, str):
         raise BadInput(f"directives: topology: expected a text, found {shorten(topology)}")
     after = file.changed({}, {"topology": topology})
     found = topologies.parse(after.run.topology).cells
-    if found < cells or (found > cells and not grows):
+    if do != "resume" and (found < cells or (found > cells and do != "replace")):
         raise BadInput(f"directives: topology: expected one of {cells} cells, found {shorten(topology)}")
     return after
 
@@ -235,7 +234,7 @@ def _left_at(change: Mapping[str, Any], cells: int, then: int) -> dict[int, int]
     All cells leave after the same generation unless a node died or the torus grew, to ``then`` cells: then they were
     halted a few generations apart.
     """
-    if change["do"] != "replace":
+    if change["do"] not in ("replace", "resume"):
         return dict.fromkeys(range(cells), _count(change, "generation"))
     left_at = dict(_by_cell(change, "generations", cells))
     missing = set(range(cells)) - left_at.keys() - dict(_by_cell(change, "demes_of", then)).keys()
@@ -245,14 +244,18 @@ def _left_at(change: Mapping[str, Any], cells: int, then: int) -> dict[int, int]
 
 
 def _donors(change: Mapping[str, Any], cells: int, then: int) -> dict[int, int]:
-    """Return, for each cell that has a new node, the cell whose deme that got: a dead cell, or one of a further row."""
-    if change["do"] != "replace":
-        return {}
+    """Return for each cell of the next epoch the cell whose deme it got.
+
+    It is another one for a cell that died and for one of a further row, and for any cell of a run that was resumed.
+    """
+    if change["do"] not in ("replace", "resume"):
+        return {cell: cell for cell in range(cells)}
     donors = dict(_by_cell(change, "demes_of", then))
     living = dict(_by_cell(change, "generations", cells)).keys()
-    if not living >= set(donors.values()) or living & donors.keys():
+    if not living >= set(donors.values()) or (change["do"] == "replace" and living & donors.keys()):
         raise BadInput(f"directives: demes_of: expected dead cells, each with a living one, found {shorten(donors)}")
-    if missing := set(range(cells, then)) - donors.keys():
+    donors = ({cell: cell for cell in living} if change["do"] == "replace" else {}) | donors
+    if missing := set(range(then)) - donors.keys():
         raise BadInput(f"directives: demes_of: expected one for each further cell, found none for {sorted(missing)}")
     return donors
 

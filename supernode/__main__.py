@@ -18,6 +18,7 @@ from supernode.exits import BAD_INPUT, FAILED, INTERRUPTED
 _COMMANDS = {
     "solve": "solve a problem on a cluster of processes started for it, or on a running one",
     "simulate": "run the same job in this process: bit-identical to a lockstep solve",
+    "resume": "let a run go on from its latest checkpoint, after its processes have ended",
     "check": "verify a result independently of the code that found it",
     "export": "write the motion of a result over time, or the records of a job: CSV, JSON, MCAP, Parquet",
     "view": "show the motion of a result in a browser, in three dimensions",

@@ -2,6 +2,6 @@
 
 from topologies.grids import Torus, torus_of
 from topologies.parse import parse, torus_spec
-from topologies.topology import ROOT, Topology
+from topologies.topology import ROOT, Topology, first_neighbour
 
-__all__ = ["ROOT", "Topology", "Torus", "parse", "torus_of", "torus_spec"]
+__all__ = ["ROOT", "Topology", "Torus", "first_neighbour", "parse", "torus_of", "torus_spec"]

@@ -61,3 +61,8 @@ class Topology(Protocol):
             ValueError: if there is no such cell.
         """
         ...
+
+
+def first_neighbour(topology: Topology, cell: int) -> int | None:
+    """Return the first other cell among the neighbours of a cell; None if it is its only neighbour."""
+    return next((other for other in topology.neighbours(cell) if other != cell), None)

@@ -169,11 +169,16 @@ class Finish:
 
 @dataclass(frozen=True)
 class TellStates:
-    """Ask the cells of an epoch which states of their neighbours they keep; each answers with `KeptStates`."""
+    """Ask the cells of an epoch which states of their neighbours they keep; each answers with `KeptStates`.
+
+    Attributes:
+        once: whether the states of each cell are to come from one neighbour only, the first that it names.
+    """
 
     name: ClassVar[str] = "tell states"
     job: int
     epoch: int
+    once: bool = False
 
 
 Command = Prepare | Begin | ProposeStop | Halt | Look | Drop | Missed | Finish | TellStates
@@ -365,7 +370,7 @@ _COMMANDS: dict[str, tuple[Callable[..., Command], tuple[Callable[[Any], Any], .
     Look.name: (Look, (count,)),
     Drop.name: (Drop, (count,)),
     Missed.name: (Missed, (count, count, count)),
-    TellStates.name: (TellStates, (count, count)),
+    TellStates.name: (TellStates, (count, count, _flag)),
     Finish.name: (Finish, (count, count, _champion, count, _reasons, _maybe_text, _states, count)),
 }
 """The class of each command, and the readers of its fields in the order of their definition: fields travel by position,

@@ -12,10 +12,12 @@ class Takeover(NamedTuple):
     Attributes:
         reached: a generation that the dead process has not gone beyond.
         state: the state to go on from (`node.engine.state`); empty to begin the epoch once more.
+        others_wait: whether other cells are in the epoch already, and wait for this one.
     """
 
     reached: int
     state: bytes
+    others_wait: bool = True
 
     @staticmethod
     def of(value: object) -> "Takeover | None":
@@ -26,8 +28,8 @@ class Takeover(NamedTuple):
         """
         if value is None:
             return None
-        reached, state = fields(value, 2)
-        return Takeover(count(reached), of(bytes, state))
+        reached, state, others_wait = fields(value, 3)
+        return Takeover(count(reached), of(bytes, state), of(bool, others_wait))
 
 
 @dataclass(frozen=True)

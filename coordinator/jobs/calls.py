@@ -57,6 +57,13 @@ class Reported(NamedTuple):
     report: Report | None
 
 
+class StatesTold(NamedTuple):
+    """A cell's answer to a question for states; ``kept`` is None when the ``question`` brings no more answers."""
+
+    question: int
+    kept: KeptStates | None
+
+
 class GivenUpError(Exception):
     """A stop request came before any node had begun to breed."""
 
@@ -221,6 +228,17 @@ class Calls:
                 queue.put(Failure(f"a node's report is not readable: {error.reason}"))
 
         self._get(key, command, direct(hear, lambda: queue.put(Reported(question, epoch, None))), _REPORT_WITHIN)
+        return question
+
+    def ask_for_states(self, key: str, command: control.TellStates) -> int:
+        """Have the answers of the cells that ``key`` reaches queued; return the question's number."""
+        question, queue = next(self._questions), self.queue
+
+        def hear(reply: zenoh.Reply) -> None:  # on Zenoh's thread
+            if reply.ok is not None and isinstance(kept := _decoded(reply.ok.payload.to_bytes()), KeptStates):
+                queue.put(StatesTold(question, kept))
+
+        self._get(key, command, direct(hear, lambda: queue.put(StatesTold(question, None))), _TOLD_WITHIN)
         return question
 
     def tell(self, key: str, command: Command) -> None:

@@ -19,11 +19,13 @@ import zenoh
 
 from coordinator.jobs.calls import Calls, GivenUpError, MovedError, ReplacedError
 from coordinator.jobs.changing import Changing
+from coordinator.jobs.checkpointing import Checkpointing
 from coordinator.jobs.conducted_job import ConductedJob, ConductorServices
 from coordinator.jobs.ending import Ending
 from coordinator.jobs.job import JobEntry, Placement, StopRequest
 from coordinator.jobs.preparing import Preparing
 from coordinator.jobs.replacing import Replacing
+from coordinator.jobs.resuming import Resuming
 from coordinator.jobs.running import EVAL_TIMEOUT, Running
 from problems import BadInput
 from spy.past import Lived
@@ -76,7 +78,7 @@ class Conductor:
         self._preparing = Preparing(self.job, checked)
         self._replacing = Replacing(self.job, self._preparing)
         self._changing = Changing(self.job, self._preparing, self._replacing)
-        self._running = Running(self.job, self._changing, eval_timeout)
+        self._running = Running(self.job, self._changing, Checkpointing(self.job), eval_timeout)
         self._ending = Ending(self.job)
 
     def conduct(self, seconds_to_ready: float, cpu_seconds: Callable[[], dict[str, float]]) -> Result:
@@ -102,7 +104,7 @@ class Conductor:
         never_begun = spec.past, Lived(spec.file, number=spec.past.epochs)
         past, epoch = job.epochs.whole() if job.epochs else never_begun
         name = spec.job or str(job.number)
-        return result_of(name, spec.first_run or spec.file.run, past, epoch, judgement, job.versions, clocks)
+        return result_of(name, (spec.first or spec.file).run, past, epoch, judgement, job.versions, clocks)
 
     def _judgement(self) -> Judgement:
         """Run the job and return its judgement, also if the cluster fails.
@@ -132,10 +134,13 @@ class Conductor:
         job = self.job
         if not job.nodes:
             raise GivenUpError(self._stop_in_the_queue())
-        if self._adopted is None:
-            self._preparing.set_out(job.epochs.past.epochs, job.entry.spec.file)
-        else:
+        checkpoint = job.entry.spec.checkpoint
+        if self._adopted is not None:
             self._replacing.take_over(self._adopted)
+        elif checkpoint is not None:
+            Resuming(job, self._preparing).go_on_from(checkpoint)
+        else:
+            self._preparing.set_out(job.epochs.past.epochs, job.entry.spec.file)
         began = time.monotonic()
         try:
             while True:

@@ -9,7 +9,8 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from coordinator.errors import ClusterFailed
-from problems import ProblemFile, Run
+from coordinator.jobs.checkpoint import Checkpoint
+from problems import ProblemFile
 from spy.improvement_records import ImprovementRecord
 from spy.least_improvement import LEAST
 from spy.past import Past
@@ -86,7 +87,10 @@ class JobSpec:
         submitted: when the job was submitted, on the monotonic clock; its deadline counts from then.
         past: the sum of its earlier epochs, if the job begins again because no node is left that has its demes.
         best: the best verified answer that it had then, to the problem of ``file``.
-        first_run: the settings that it was submitted with, if those of ``file`` differ.
+        first: the problem file that it was submitted with, if ``file`` is a later one.
+        checkpoint: where the job is to go on, if it is not to begin.
+        checkpoint_every: how many seconds there are from one checkpoint to the next; None for no checkpoints.
+        keep_checkpoint: keeps a checkpoint; raises OSError if it cannot.
         least_improvement: the least improvement that gets a line in the run log, as a share of the fitness before.
     """
 
@@ -98,7 +102,10 @@ class JobSpec:
     submitted: float = field(default_factory=time.monotonic)
     past: Past = field(default_factory=Past)
     best: Improvement | None = None
-    first_run: Run | None = None
+    first: ProblemFile | None = None
+    checkpoint: Checkpoint | None = None
+    checkpoint_every: float | None = None
+    keep_checkpoint: Callable[[Checkpoint], None] = lambda _: None
     least_improvement: float = LEAST
 
 
@@ -132,7 +139,14 @@ class BegunAnew:
     why: Mapping[str, Any]
 
 
-Event = Improvement | Statistics | BegunAnew
+@dataclass(frozen=True)
+class CheckpointFailed:
+    """The event that a checkpoint could not be kept, as on a full disk; the job goes on. ``why`` names the file."""
+
+    why: str
+
+
+Event = Improvement | Statistics | BegunAnew | CheckpointFailed
 
 
 class Job:

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from coordinator.errors import ClusterFailed
-from coordinator.jobs.calls import ReplacedError
+from coordinator.jobs.calls import Given, ReplacedError
 from coordinator.jobs.conducted_job import ConductedJob
 from coordinator.jobs.epochs import Epoch
 from coordinator.jobs.job import Placement
@@ -69,6 +69,14 @@ class Preparing:
         if with_the_spy:
             questions.append((keys.spy_control, self._preparation_of_the_spy(epoch)))
         answers = self._job.calls.ask(questions, epoch.cells + with_the_spy, give_up=not self._job.epochs)
+        self._note_versions(epoch, answers)
+
+    def _note_versions(self, epoch: Epoch, answers: list[Given]) -> None:
+        """Note the versions on the nodes.
+
+        Raises:
+            ClusterFailed: if they differ so that a lockstep run could not be repeated.
+        """
         # Each node answers with its fingerprint: versions and processor. The spy's answer has an empty note.
         fingerprints = {answer.note for answer in answers if isinstance(answer, Done)} - {Done().note}
         if epoch.file.run.mode == "lockstep" and len(fingerprints) > 1:
@@ -78,7 +86,7 @@ class Preparing:
         self._job.versions = json.loads(min(fingerprints))
 
     def prepare_again(self, epoch: Epoch, takeovers: Mapping[int, Takeover]) -> None:
-        """Prepare new processes for an epoch that the other cells are in, each to take a dead one's place.
+        """Prepare new processes for an epoch, each to go on from a state of its cell; other cells may be in it already.
 
         Raises:
             ReplacedError: if another process dies meanwhile.
@@ -87,7 +95,7 @@ class Preparing:
         since = job.epochs.since - job.lived_before
         command, nodes, key = self._preparation(epoch, since), epoch.wiring.nodes, job.keys.control
         questions = [(key(nodes[cell]), replace(command, takeover=each)) for cell, each in takeovers.items()]
-        job.calls.ask(questions, len(questions), give_up=False)
+        self._note_versions(epoch, job.calls.ask(questions, len(questions), give_up=not job.epochs))
 
     def _preparation(self, epoch: Epoch, since: int | None = None, deme: bytes = b"") -> Prepare:
         place = self._job.number, epoch.number, epoch.file.to_json(), epoch.wiring

@@ -2,8 +2,9 @@
 
 import time
 
-from coordinator.jobs.calls import ASK_AGAIN, GivenUpError, MovedError, ReplacedError, Reported
+from coordinator.jobs.calls import ASK_AGAIN, GivenUpError, MovedError, ReplacedError, Reported, StatesTold
 from coordinator.jobs.changing import Changing
+from coordinator.jobs.checkpointing import Checkpointing
 from coordinator.jobs.conducted_job import ConductedJob
 from coordinator.jobs.job import Change, Moved, Replaced, StopRequest
 
@@ -16,12 +17,16 @@ class Running:
     Args:
         job: the job.
         changing: begins the epochs that are requested meanwhile.
+        checkpointing: makes checkpoints meanwhile.
         eval_timeout: how many seconds an evaluation may go on once the job is stopped.
     """
 
-    def __init__(self, job: ConductedJob, changing: Changing, eval_timeout: float) -> None:
+    def __init__(
+        self, job: ConductedJob, changing: Changing, checkpointing: Checkpointing, eval_timeout: float
+    ) -> None:
         self._job = job
         self._changing = changing
+        self._checkpointing = checkpointing
         self._eval_timeout = eval_timeout
         self._give_up_at: float | None = None  # when cells that have not stopped never will; on the monotonic clock
         self._ask_at: float | None = None  # when to ask for reports again; on the monotonic clock
@@ -39,9 +44,13 @@ class Running:
         while job.epochs.unsettled:
             if job.epochs.settled:  # all cells are in the latest epoch, so stops and changes can be sent now
                 self._send_what_was_put_off()
-            message = job.calls.next(_sooner(self._ask_at, job.oracle.look_at, self._give_up_at))
+            message = job.calls.next(
+                _sooner(self._ask_at, job.oracle.look_at, self._give_up_at, self._checkpointing.look_at)
+            )
             if message is None:
                 self._look_at_the_clock()
+            elif isinstance(message, StatesTold):
+                self._checkpointing.hear(message)
             elif isinstance(message, Reported):
                 if message.report is None:
                     # The question has ended without all reports: its time was over, or the router died. Ask again,
@@ -63,6 +72,7 @@ class Running:
         if self._give_up_at is not None and time.monotonic() >= self._give_up_at and job.stop_request is not None:
             job.dispatch.end_silent(job.nodes, self._eval_timeout)
             raise GivenUpError(job.stop_request)
+        self._checkpointing.look()
         job.oracle.look()
         if job.oracle.is_hopeless and job.stop_request is None:
             self._attend_to(StopRequest("infeasible"))

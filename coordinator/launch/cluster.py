@@ -4,6 +4,8 @@ import secrets
 import threading
 import time
 from collections.abc import Collection
+from dataclasses import replace
+from pathlib import Path
 from typing import Any, Literal, Self
 
 import zenoh
@@ -17,6 +19,7 @@ from coordinator.launch.compilation import compile_missing
 from coordinator.launch.launcher import Launcher
 from coordinator.launch.stopped import NODE_TIMEOUT
 from coordinator.service.roster import Roster
+from coordinator.store.checkpoint_folder import CHECKPOINT_EVERY, CheckpointFolder
 from problems import BadInput, Problem, ProblemFile, registry
 from problems.in_memory import file_of
 from problems.run import with_topology
@@ -129,7 +132,14 @@ class LocalCluster:
         return dict(self._launcher.processes)
 
     def submit(
-        self, file: ProblemFile | Problem, *, log: str | None = None, least_improvement: float = LEAST, **run: Any
+        self,
+        file: ProblemFile | Problem,
+        *,
+        log: str | None = None,
+        least_improvement: float = LEAST,
+        checkpoints: str | Path | None = None,
+        checkpoint_every: float = CHECKPOINT_EVERY,
+        **run: Any,
     ) -> Job:
         """Submit a job; it runs as soon as there are enough free nodes. Its ``seconds`` count from now on.
 
@@ -137,26 +147,77 @@ class LocalCluster:
             file: the problem, from `supernode.load` or made in Python.
             log: the path of a run log to write, JSON Lines.
             least_improvement: the least improvement that gets a line there, as a share of the fitness before.
+            checkpoints: a folder for checkpoints, from which `resume` goes on; None for no checkpoints.
+            checkpoint_every: the seconds from one checkpoint to the next.
             run: settings that replace those of the file's ``[run]`` table, such as ``seed=1``, ``seconds=5``,
                 ``torus="2x2"``.
 
         Raises:
-            BadInput: if a setting is unknown or wrong, the log cannot be written, or the cluster was started for other
-                kinds of problem.
+            BadInput: if a setting is unknown or wrong, the log cannot be written, the folder has checkpoints of another
+                run, or the cluster was started for other kinds of problem.
             ClusterFailed: if the cluster is closed, or has failed.
         """
-        self._raise_failure()
         file = file_of(file)
-        self._refuse_other_kinds(file.kind)
-        assert self._dispatcher is not None, "ready by now"
         # Without a topology of its own a job takes the cluster's, whatever the file's settings say.
         asked = any(run.get(name) is not None for name in ("topology", "torus"))
         settings = run if asked else run | {"topology": self.topology.spec}
         asked_for = file.with_run(**settings)
         asked_for.refuse_unreachable()
+        spec = JobSpec(0, asked_for, log, least_improvement=least_improvement)
+        if checkpoints is not None:
+            folder = CheckpointFolder(checkpoints)
+            folder.refuse_other_runs()
+            spec = replace(spec, checkpoint_every=checkpoint_every, keep_checkpoint=folder.keep)
+        return self._submit(spec)
+
+    def resume(
+        self,
+        checkpoints: str | Path,
+        *,
+        log: str | None = None,
+        least_improvement: float = LEAST,
+        checkpoint_every: float | None = CHECKPOINT_EVERY,
+        **topology: Any,
+    ) -> Job:
+        """Let a run go on from its latest checkpoint; in lockstep bit for bit, as if it had never ended.
+
+        Args:
+            checkpoints: the folder that was given to `submit`; further checkpoints are kept there too.
+            log: see `submit`.
+            least_improvement: see `submit`.
+            checkpoint_every: the seconds from one checkpoint to the next; None for no further ones.
+            topology: ``torus`` or ``topology``, another one than before: each cell then begins with the deme of a cell
+                of the checkpoint. By default that of the checkpoint, whatever this cluster's is.
+
+        Raises:
+            BadInput: if there is no checkpoint that is whole, or the topology is wrong.
+            ClusterFailed: if the cluster is closed, or has failed.
+        """
+        folder = CheckpointFolder(checkpoints)
+        checkpoint, _ = folder.latest()
+        spec = JobSpec(
+            0,
+            checkpoint.file.with_run(**topology),
+            log,
+            least_improvement=least_improvement,
+            submitted=time.monotonic() - checkpoint.seconds,
+            past=checkpoint.past,
+            best=checkpoint.best,
+            first=checkpoint.first,
+            checkpoint=checkpoint,
+            checkpoint_every=checkpoint_every,
+            keep_checkpoint=folder.keep,
+        )
+        return self._submit(spec)
+
+    def _submit(self, spec: JobSpec) -> Job:
+        """Submit a job under the next number."""
+        self._raise_failure()
+        self._refuse_other_kinds(spec.file.kind)
+        assert self._dispatcher is not None, "ready by now"
         self._submitted += 1
-        spec = JobSpec(self._submitted, asked_for, log, least_improvement=least_improvement)
-        return self._dispatcher.submit(spec)
+        best = None if spec.best is None else replace(spec.best, job=self._submitted)
+        return self._dispatcher.submit(replace(spec, number=self._submitted, best=best))
 
     def _refuse_other_kinds(self, kind: str) -> None:
         """Refuse a kind whose kernels are not loaded: each node would load them, or compile them, by itself."""

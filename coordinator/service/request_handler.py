@@ -184,7 +184,7 @@ class RequestHandler:
         try:
             first, file = self._checker.read(job.file), self._checker.read(job.file_now)
             lived = self._past_of(job, file)
-            spec = dataclasses.replace(_spec(job, file), past=lived, best=_best_of(job), first_run=first.run)
+            spec = dataclasses.replace(_spec(job, file), past=lived, best=_best_of(job), first=first)
             self._hand_over(job, spec, accepted_before=True)
         except Exception as error:
             self._recorder.ended(job.number, error)

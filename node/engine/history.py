@@ -3,6 +3,7 @@
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from genetics import Fitness, Genomes
 from lowlevel.compiled import kernel, subroutine
@@ -64,6 +65,11 @@ class History:
 
     def digests(self) -> list[bytes]:
         """Return each row's digest over all that was noted so far; more may follow."""
-        digests = np.empty((len(self.states), 32), np.uint8)
-        _finish(self.states, digests)
-        return [digest.tobytes() for digest in digests]
+        return digests_of(self.states)
+
+
+def digests_of(states: NDArray[np.int64]) -> list[bytes]:
+    """Return the digest of each of some states, shape (rows, `sha256.STATE`), which stay as they are."""
+    digests = np.empty((len(states), 32), np.uint8)
+    _finish(states, digests)
+    return [digest.tobytes() for digest in digests]

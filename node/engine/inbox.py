@@ -24,6 +24,7 @@ from node.engine import ring
 from node.engine.kernels import OWN, PUBLISHED
 from node.engine.layout import RowLayout, TableLayout
 from node.plan import Plan
+from topologies import first_neighbour
 from wire.exchange import Messages
 from wire.exchange_layout import EPOCH, GENERATION, JOB, PAYLOAD, SENT
 from wire.exchange_reader import only_emigrants, read_message, state_at
@@ -240,6 +241,7 @@ class Inbox:
         exchanges, others = 2 if self._lockstep else 1, len(self.neighbours)
         self._limits = plan.limits
         self._numbers = {other: number for number, other in enumerate(self.neighbours)}
+        self._told_here = {other for other in self.neighbours if first_neighbour(plan.topology, other) == cell}
         self.latest = np.full((exchanges, others), int(self._lockstep))
         self._not_come = tuple(exchange.tolist for exchange in self.latest)
         # A slot points to one of these two rows if it names the cell itself, or a neighbour that has not sent anything
@@ -305,6 +307,10 @@ class Inbox:
         missing = self.missing_senders() if self._lockstep else ()
         now = self.exchange * self._kept["limits"].item(_INTERVAL)
         return tuple(each for each in self.states if each[0] not in missing or each[1] < now)
+
+    def states_told_once(self) -> tuple[tuple[int, int, bytes], ...]:
+        """Return the latest states of the neighbours that name this cell first; another cell tells the others'."""
+        return tuple(each for each in self.states if each[0] in self._told_here)
 
     @property
     def kept(self) -> int:

@@ -99,9 +99,14 @@ def read_state(state: bytes, arrays: Mapping[str, NDArray[Any]]) -> None:
 
 def state_bytes(deme: int, genome_bytes: int, emigrants: int) -> int:
     """Return the bytes of a state without any improvement; 0 if it is too long to be kept."""
-    numbers = HEADER + 1 + STATE + 2 + (emigrants + 1) + deme
-    size = 1 + 8 * numbers + (emigrants + 1 + deme) * genome_bytes
+    size = bytes_without_genomes(deme, emigrants, 0) + (emigrants + 1 + deme) * genome_bytes
     return size if size <= MOST_BYTES else 0
+
+
+def bytes_without_genomes(deme: int, emigrants: int, improvements: int) -> int:
+    """Return the bytes of a state beside the genomes of the deme and of the cell's message."""
+    numbers = HEADER + 1 + STATE + 2 + (emigrants + 1) + deme
+    return 1 + 8 * numbers + _IMPROVEMENT_BYTES * improvements
 
 
 def most_state_bytes(without_improvements: int) -> int:

@@ -35,6 +35,18 @@ def add_node_timeout(parser: "argparse._ActionsContainer") -> None:
     parser.add_argument("--node-timeout", metavar="S", type=positive, default=15.0, help=words)
 
 
+def add_own_cluster(parser: "argparse._ActionsContainer") -> None:
+    """Add the options of a cluster that is started for one run."""
+    add_force(parser)
+    parser.add_argument(
+        "--on-node-death",
+        choices=("replace", "fail"),
+        default="replace",
+        help="whether another process takes the place of one that dies, or the job fails (replace)",
+    )
+    add_node_timeout(parser)
+
+
 def add_eval_timeout(parser: "argparse._ActionsContainer") -> None:
     """Add the option that says when an evaluation counts as endless."""
     words = "replace a process whose evaluation goes on for so many seconds after its job was stopped (60)"

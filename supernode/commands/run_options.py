@@ -34,6 +34,11 @@ _SETTINGS = (
 def add_run_options(parser: argparse.ArgumentParser) -> None:
     """Add the problem, the settings of a run, and what the command reports."""
     add_settings(parser)
+    add_report(parser)
+
+
+def add_report(parser: argparse.ArgumentParser) -> None:
+    """Add what the command reports."""
     out = parser.add_argument_group("what to report")
     out.add_argument("--log", metavar="FILE", help="write a run log as JSON Lines")
     add_least_improvement(out)
@@ -100,15 +105,25 @@ def chosen_file(options: argparse.Namespace) -> "ProblemFile":
         BadInput: if anything is wrong.
     """
     from problems import load
+
+    check_outputs(options)
+    file = load(options.problem).with_run(**settings(options))
+    file.refuse_unreachable()
+    return file
+
+
+def check_outputs(options: argparse.Namespace) -> None:
+    """Check that the log and the picture can be written.
+
+    Raises:
+        BadInput: if the name of one of them is wrong.
+    """
     from supernode.pictures.picture import check_picture_name
 
     if options.plot is not None:
         check_picture_name(options.plot)
     _check_folder("--log", options.log)
     _check_folder("--plot", options.plot)
-    file = load(options.problem).with_run(**settings(options))
-    file.refuse_unreachable()
-    return file
 
 
 def settings(options: argparse.Namespace) -> dict[str, Any]:

@@ -5,25 +5,20 @@ it lasts.
 """
 
 import argparse
-import resource
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from supernode.commands.cluster_options import add_force, add_node_timeout, add_place, connected
+from supernode.commands.checkpoint_options import add_checkpoint, wanted_checkpoints
+from supernode.commands.cluster_options import add_own_cluster, add_place, connected
 from supernode.commands.dashboard_options import add_dashboard
 from supernode.commands.run_options import add_run_options, chosen_file
 
 if TYPE_CHECKING:
-    from coordinator import Job, LocalCluster
     from problems import ProblemFile
     from spy.result import Result
-    from spy.terminal import Terminal
     from supernode.client.client import Client
     from supernode.dashboard.listen_address import ListenAddress
 
 EXAMPLE = "supernode solve examples/mobile-robot.toml --seed 1 --plot office.png"
-
-_DRAIN_SECONDS = 3.0  # time that the cells get to stop after Ctrl-C
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -31,14 +26,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_run_options(parser)
     where = parser.add_argument_group("where (by default on a cluster of its own)")
     add_place(where)
-    add_force(where)
+    add_own_cluster(where)
+    add_checkpoint(where)
     where.add_argument(
-        "--on-node-death",
-        choices=("replace", "fail"),
-        default="replace",
-        help="whether another process takes the place of one that dies, or the job fails (replace)",
+        "--checkpoints",
+        metavar="DIR",
+        help="the folder of the checkpoints (the problem file's name with .run, in the current folder)",
     )
-    add_node_timeout(where)
     add_dashboard(parser)
 
 
@@ -57,6 +51,7 @@ def _on_a_running_one(file: "ProblemFile", options: argparse.Namespace, listen_a
     from problems import BadInput
     from supernode.terminal.present import present
 
+    _refuse_checkpoints(options, "a running cluster")
     if listen_address is not None:
         raise BadInput("--dashboard: expected none with --connect or --state: `supernode spy --dashboard` shows those")
     with connected(options) as client:
@@ -74,6 +69,7 @@ def _on_a_shown_one(file: "ProblemFile", options: argparse.Namespace, listen_add
     from supernode.launch.supervisor import LaunchRequest, Supervisor, check_library
     from supernode.terminal.present import present
 
+    _refuse_checkpoints(options, "--dashboard")
     check_library("solve --dashboard")
     module, own, _ = file.kind.partition(":")
     service = ServiceOptions(
@@ -88,8 +84,16 @@ def _on_a_shown_one(file: "ProblemFile", options: argparse.Namespace, listen_add
     return present(result, file, options, interrupted)
 
 
+def _refuse_checkpoints(options: argparse.Namespace, where: str) -> None:
+    from problems import BadInput
+
+    if options.checkpoint is not None or options.checkpoints is not None:
+        raise BadInput(f"--checkpoint: expected none with {where}, where the cluster makes checkpoints by itself")
+
+
 def _followed(client: "Client", file: "ProblemFile", options: argparse.Namespace) -> tuple["Result", bool]:
     """Return the result of the job on a running cluster, and whether Ctrl-C interrupted it, which cancels the job."""
+    from supernode.launch.own_cluster import DRAIN_SECONDS
     from supernode.terminal.following import Follower
 
     job = client.submit(file)
@@ -99,72 +103,14 @@ def _followed(client: "Client", file: "ProblemFile", options: argparse.Namespace
         return follower.result(), False
     except KeyboardInterrupt:
         job.cancel()
-    return follower.result(_DRAIN_SECONDS), True
+    return follower.result(DRAIN_SECONDS), True
 
 
 def _on_its_own(file: "ProblemFile", options: argparse.Namespace) -> int:
     """Solve on a cluster of its own, started for the job."""
-    import topologies
-    from coordinator.launch import capacity
+    from supernode.launch.own_cluster import run_on_its_own
 
-    topology = topologies.parse(file.run.topology)
-    capacity.check(topology.cells, force=options.force)  # now, not after half a second of imports
-    from coordinator import LocalCluster
-    from coordinator.launch.compilation import compile_missing
-    from problems import registry
-    from spy.terminal import Terminal
-    from supernode.terminal.present import present
-
-    log, least = options.log, options.least_improvement
-    kinds = registry.imported_kinds()  # that of the file, and those that a user's own kind is made of
-    with Terminal(topology, options.quiet, least=least) as terminal:
-        compile_missing(kinds, terminal.say)
-        terminal.say(f"starting nodes: {topology.cells} ({topology.spec})")
-        with LocalCluster(
-            topology=topology.spec,
-            kinds=kinds,
-            force=options.force,
-            on_node_death=options.on_node_death,
-            node_timeout=options.node_timeout,
-        ) as cluster:
-            terminal.say(f"ready after {cluster.seconds_to_ready:.2f} s")
-            result, interrupted = _follow(cluster, cluster.submit(file, log=log, least_improvement=least), terminal)
-    tried = file.tried(result.directives)
-    return present(replace(result, cpu_seconds=_cpu_seconds()), tried, options, interrupted)
-
-
-def _follow(cluster: "LocalCluster", job: "Job", terminal: "Terminal") -> tuple["Result", bool]:
-    """Show progress to the end; return the result, and whether Ctrl-C interrupted the job.
-
-    After Ctrl-C the cells are asked to stop; if they do not in time, the cluster is ended. Either way there is a
-    result: the best so far.
-    """
-    try:
-        _show(job, terminal)
-        return job.result(), False
-    except KeyboardInterrupt:
-        job.cancel()
-    try:
-        return job.result(_DRAIN_SECONDS), True
-    except TimeoutError:
-        cluster.close()
-        return job.result(), True
-
-
-def _show(job: "Job", terminal: "Terminal") -> None:
-    from coordinator.jobs.job import BegunAnew
-    from wire.news import Improvement
-
-    for event in job.events():
-        if isinstance(event, Improvement):
-            terminal.improvement(event)
-        elif isinstance(event, BegunAnew):
-            terminal.begins_anew(event.why)
-        else:
-            terminal.statistics(event)
-
-
-def _cpu_seconds() -> float:
-    """Return the CPU time of this process and of the cluster's, s; call it once all children are reaped."""
-    used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
-    return sum(each.ru_utime + each.ru_stime for each in used)
+    folder, every = wanted_checkpoints(options)
+    about = {"log": options.log, "least_improvement": options.least_improvement}
+    about |= {} if every is None else {"checkpoints": folder, "checkpoint_every": every}
+    return run_on_its_own(file, options, lambda cluster: cluster.submit(file, **about))

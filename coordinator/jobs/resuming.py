@@ -1,0 +1,99 @@
+"""Let a job go on from a checkpoint, on processes that know nothing of it."""
+
+import topologies
+from coordinator.jobs.calls import ReplacedError
+from coordinator.jobs.checkpoint import Checkpoint
+from coordinator.jobs.conducted_job import ConductedJob
+from coordinator.jobs.epochs import Epoch
+from coordinator.jobs.preparing import Preparing
+from node.engine.stored_state import of_job, report_of
+from problems import BadInput
+from topologies import Topology, Torus
+from wire.control import Wiring
+from wire.takeover import Takeover
+
+
+class Resuming:
+    """Brings the cells of a job to where they were at a checkpoint.
+
+    Args:
+        job: the job, whose past is that of the checkpoint.
+        preparing: prepares the processes.
+    """
+
+    def __init__(self, job: ConductedJob, preparing: Preparing) -> None:
+        self._job = job
+        self._preparing = preparing
+
+    def go_on_from(self, checkpoint: Checkpoint) -> None:
+        """Go on in the epoch of the checkpoint; retry if a process dies meanwhile.
+
+        In lockstep every cell goes on from its own state, bit for bit. In async mode, and on another topology, another
+        epoch begins with the demes of the checkpoint; its directive says so.
+
+        Raises:
+            BadInput: if the states do not fit the problem.
+        """
+        job = self._job
+        job.dispatch.changed(job.entry, "preparing")
+        job.lived_before = checkpoint.lived_before
+        fresh = False
+        while True:
+            try:
+                return self._go_on(checkpoint, fresh)
+            except ReplacedError:
+                fresh = True  # the new process has no links
+
+    def _go_on(self, checkpoint: Checkpoint, fresh: bool) -> None:
+        job, file = self._job, self._job.entry.spec.file
+        wiring = job.dispatch.wire(job.nodes, file.run.topology, fresh)
+        since = checkpoint.past.generations - checkpoint.lived_before
+        same = Epoch(checkpoint.epoch, checkpoint.file, wiring, since, why=checkpoint.why)
+        if not checkpoint.states:
+            self._preparing.prepare(same)
+            self._begin(same)
+        elif file.run.topology == checkpoint.file.run.topology and file.run.mode == "lockstep":
+            states = [of_job(state, job.number) for _, state in checkpoint.states]
+            takeovers = {cell: Takeover(checkpoint.states[cell][0], state, False) for cell, state in enumerate(states)}
+            self._preparing.prepare_again(same, takeovers)
+            self._begin(same)
+            if job.best is not None:  # the first that the reader of this run's events learns of it
+                job.publish(job.best)
+        else:
+            self._go_on_elsewhere(checkpoint, same, wiring)
+
+    def _go_on_elsewhere(self, checkpoint: Checkpoint, before: Epoch, wiring: Wiring) -> None:
+        """Begin another epoch, in which each cell has the deme of a cell of the checkpoint."""
+        job, run, file = self._job, checkpoint.file.run, self._job.entry.spec.file
+        old, new = topologies.parse(run.topology), topologies.parse(file.run.topology)
+        before.wiring = Wiring(0, tuple(range(old.cells)))
+        try:
+            before.reports = {
+                cell: report_of(state, cell, run.deme, run.emigrants)
+                for cell, (_, state) in enumerate(checkpoint.states)
+            }
+        except ValueError as error:
+            raise BadInput(f"{file.name}: expected a checkpoint of this problem, found another one: {error}") from None
+        donors = {cell: donor_of(cell, new, old) for cell in range(new.cells)}
+        why = {
+            "do": "resume",
+            "demes_of": {str(cell): donor for cell, donor in donors.items()},
+            "generations": {str(cell): report.generation for cell, report in before.reports.items()},
+            "topology": new.spec,
+        }
+        job.epochs.known = [before]
+        epoch = Epoch(before.number + 1, file, wiring, job.generations(before, halted=False), why=why)
+        self._preparing.prepare(epoch, {cell: before.reports[donor].deme for cell, donor in donors.items()})
+        self._begin(epoch)
+
+    def _begin(self, epoch: Epoch) -> None:
+        self._preparing.show_to_the_spy(epoch)
+        self._preparing.begin(epoch)
+
+
+def donor_of(cell: int, new: Topology, old: Topology) -> int:
+    """Return the cell of an old topology that is where a cell of a new one is, if both are stretched to one size."""
+    if isinstance(new, Torus) and isinstance(old, Torus):
+        row, column = divmod(cell, new.columns)
+        return row * old.rows // new.rows * old.columns + column * old.columns // new.columns
+    return cell * old.cells // new.cells

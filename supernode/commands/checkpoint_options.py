@@ -1,0 +1,51 @@
+"""Options about checkpoints, which `solve`, `resume` and `up` share."""
+
+import argparse
+import math
+import re
+from pathlib import Path
+
+_UNITS = {"ms": 1e-3, "s": 1.0, "": 1.0, "m": 60.0, "h": 3600.0}
+
+
+def add_checkpoint(parser: "argparse._ActionsContainer", default: str = "off") -> None:
+    """Add the option that says how often checkpoints are made."""
+    parser.add_argument(
+        "--checkpoint",
+        metavar="TIME",
+        type=_duration,
+        default=_duration(default),
+        help=f"make a checkpoint as often, such as 30s or 5m, so that the run can go on after a power cut ({default})",
+    )
+
+
+def wanted_checkpoints(options: argparse.Namespace) -> tuple[Path, float | None]:
+    """Return the folder for the checkpoints of `solve`, and the seconds between them; None for no checkpoints.
+
+    Raises:
+        BadInput: if a folder is given, but no time, or it has checkpoints of another run.
+    """
+    from coordinator.store.checkpoint_folder import CheckpointFolder
+    from problems import BadInput
+
+    folder = Path(f"{Path(options.problem).stem}.run" if options.checkpoints is None else options.checkpoints)
+    every: float | None = options.checkpoint
+    if every is not None:
+        CheckpointFolder(folder).refuse_other_runs()
+    elif options.checkpoints is not None:
+        raise BadInput("--checkpoints: expected --checkpoint TIME with it, such as --checkpoint 30s")
+    return folder, every
+
+
+def _duration(text: str) -> float | None:
+    """Parse the value of an option: a time such as "30s", "500ms", "5m" or "1h"; None for "off"."""
+    if text == "off":
+        return None
+    found = re.fullmatch(r"([0-9.]+)(ms|s|m|h|)", text)
+    try:
+        seconds = float(found[1]) * _UNITS[found[2]] if found is not None else math.nan
+    except ValueError:
+        seconds = math.nan
+    if not 0.0 < seconds < math.inf:
+        raise argparse.ArgumentTypeError(f"expected a time such as 30s, 500ms or 5m, or off; found {text!r}")
+    return seconds
