@@ -16,6 +16,12 @@ from spy.past import Past
 from wire.news import Improvement
 from wire.strict import Rejected, count, fields, fitness, of, pack, table, unpack
 
+KEPT = 3
+"""How many checkpoints of a job are kept: if the latest is damaged, the one before is used."""
+
+CHECKPOINT_EVERY = 30.0
+"""Seconds from one checkpoint to the next, unless a user wants another time."""
+
 _MAGIC = b"supernode checkpoint "
 _VERSION = b"1"
 _DIGEST_BYTES = 32

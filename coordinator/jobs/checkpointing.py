@@ -24,13 +24,15 @@ class Checkpointing:
 
     Args:
         job: the job.
+        begins: whether it begins now; if not, it goes on in an epoch that an earlier coordinator has begun.
 
     Attributes:
         look_at: when to call `look`, on the monotonic clock; None if nothing is to be done.
     """
 
-    def __init__(self, job: ConductedJob) -> None:
+    def __init__(self, job: ConductedJob, begins: bool) -> None:
         self._job = job
+        self._begins = begins
         self._every = job.entry.spec.checkpoint_every
         self.look_at = None if self._every is None else 0.0
         self._question = -1  # whose answers count
@@ -49,9 +51,9 @@ class Checkpointing:
             return  # cells are still on their way to the latest epoch, or about to leave it
         if self._epoch is not job.epoch:
             self._epoch = job.epoch
-            begins_anew = job.epoch.is_fresh or job.epoch.number == 0
-            if begins_anew and job.entry.spec.checkpoint is None:  # so that even a job that ends now can go on
-                self._save(())
+            if self._begins and (job.epoch.is_fresh or job.epoch.number == 0):
+                self._save(())  # so that even a job that ends now can go on
+            self._begins = True
         self._told.clear()
         self._question = job.calls.ask_for_states(
             job.keys.every_control, TellStates(job.number, job.epoch.number, once=True)
@@ -86,6 +88,8 @@ class Checkpointing:
             time.monotonic() - spec.submitted,
             states,
         )
+        if states:
+            job.checkpoint = checkpoint
         try:
             spec.keep_checkpoint(checkpoint)
         except OSError as error:

@@ -70,6 +70,7 @@ class ConductedJob:
         stop_request: the first one; later ones do not change the job's status.
         unsent_stop: a stop that must still be sent to the cells of the latest epoch.
         changes: requested, but not begun.
+        checkpoint: the latest one; None if there is none.
     """
 
     def __init__(
@@ -95,6 +96,7 @@ class ConductedJob:
         self.stop_request: StopRequest | None = None
         self.unsent_stop: StopRequest | None = None
         self.changes: deque[Change] = deque()
+        self.checkpoint = entry.spec.checkpoint
         self._improving = threading.Lock()
 
     @property

@@ -76,9 +76,11 @@ class Conductor:
         self._adopted = adopted
         self._seconds = 0.0
         self._preparing = Preparing(self.job, checked)
-        self._replacing = Replacing(self.job, self._preparing)
+        self._resuming = Resuming(self.job, self._preparing)
+        self._replacing = Replacing(self.job, self._preparing, self._resuming)
         self._changing = Changing(self.job, self._preparing, self._replacing)
-        self._running = Running(self.job, self._changing, Checkpointing(self.job), eval_timeout)
+        checkpointing = Checkpointing(self.job, adopted is None and entry.spec.checkpoint is None)
+        self._running = Running(self.job, self._changing, checkpointing, eval_timeout)
         self._ending = Ending(self.job)
 
     def conduct(self, seconds_to_ready: float, cpu_seconds: Callable[[], dict[str, float]]) -> Result:
@@ -138,7 +140,7 @@ class Conductor:
         if self._adopted is not None:
             self._replacing.take_over(self._adopted)
         elif checkpoint is not None:
-            Resuming(job, self._preparing).go_on_from(checkpoint)
+            self._resuming.go_on_from(checkpoint, job.entry.spec.file)
         else:
             self._preparing.set_out(job.epochs.past.epochs, job.entry.spec.file)
         began = time.monotonic()

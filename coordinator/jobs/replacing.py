@@ -14,6 +14,7 @@ from coordinator.jobs.epochs import Epoch
 from coordinator.jobs.job import Placement, Replaced
 from coordinator.jobs.preparing import Preparing
 from coordinator.jobs.recovering import Recovering
+from coordinator.jobs.resuming import Resuming
 from problems import ProblemFile
 from topologies import Topology, Torus
 from wire.control import Done, Drop, Halt, Look, Wiring
@@ -29,11 +30,13 @@ class Replacing:
     Args:
         job: the job.
         preparing: prepares the epoch that begins after a death.
+        resuming: lets the job go on from its latest checkpoint if all nodes have died.
     """
 
-    def __init__(self, job: ConductedJob, preparing: Preparing) -> None:
+    def __init__(self, job: ConductedJob, preparing: Preparing, resuming: Resuming) -> None:
         self._job = job
         self._preparing = preparing
+        self._resuming = resuming
         self._recovering = Recovering(job, preparing)
         self._spy_is_new = False  # the spy was replaced and does not know this job yet
 
@@ -203,10 +206,16 @@ class Replacing:
         job.unsent_stop = job.stop_request  # a stop in the halted epoch does not hold in this one
 
     def _start_over(self) -> None:
-        """Begin the job again with new individuals, in the latest problem: no node is left that has its demes."""
+        """Go on from the latest checkpoint of this epoch: no node is left that has the demes of the job.
+
+        Without one the job begins again with new individuals, in the latest problem.
+        """
         job = self._job
         job.dispatch.changed(job.entry, "queued")
-        self._preparing.set_out(job.epoch.number + 1, self._next_file())
+        if job.checkpoint is not None and job.checkpoint.epoch == job.epoch.number:
+            self._resuming.go_on_from(job.checkpoint, self._next_file())
+        else:
+            self._preparing.set_out(job.epoch.number + 1, self._next_file())
         job.unsent_stop = job.stop_request  # what was sent of it is lost with the nodes
 
     def _next_file(self) -> ProblemFile:

@@ -7,7 +7,7 @@ from coordinator.jobs.conducted_job import ConductedJob
 from coordinator.jobs.epochs import Epoch
 from coordinator.jobs.preparing import Preparing
 from node.engine.stored_state import of_job, report_of
-from problems import BadInput
+from problems import BadInput, ProblemFile
 from topologies import Topology, Torus
 from wire.control import Wiring
 from wire.takeover import Takeover
@@ -17,7 +17,7 @@ class Resuming:
     """Brings the cells of a job to where they were at a checkpoint.
 
     Args:
-        job: the job, whose past is that of the checkpoint.
+        job: the job.
         preparing: prepares the processes.
     """
 
@@ -25,11 +25,15 @@ class Resuming:
         self._job = job
         self._preparing = preparing
 
-    def go_on_from(self, checkpoint: Checkpoint) -> None:
+    def go_on_from(self, checkpoint: Checkpoint, file: ProblemFile) -> None:
         """Go on in the epoch of the checkpoint; retry if a process dies meanwhile.
 
         In lockstep every cell goes on from its own state, bit for bit. In async mode, and on another topology, another
         epoch begins with the demes of the checkpoint; its directive says so.
+
+        Args:
+            checkpoint: the checkpoint.
+            file: its problem file, perhaps with another topology.
 
         Raises:
             BadInput: if the states do not fit the problem.
@@ -37,15 +41,16 @@ class Resuming:
         job = self._job
         job.dispatch.changed(job.entry, "preparing")
         job.lived_before = checkpoint.lived_before
+        job.epochs.past, job.epochs.known = checkpoint.past, []
         fresh = False
         while True:
             try:
-                return self._go_on(checkpoint, fresh)
+                return self._go_on(checkpoint, file, fresh)
             except ReplacedError:
                 fresh = True  # the new process has no links
 
-    def _go_on(self, checkpoint: Checkpoint, fresh: bool) -> None:
-        job, file = self._job, self._job.entry.spec.file
+    def _go_on(self, checkpoint: Checkpoint, file: ProblemFile, fresh: bool) -> None:
+        job = self._job
         wiring = job.dispatch.wire(job.nodes, file.run.topology, fresh)
         since = checkpoint.past.generations - checkpoint.lived_before
         same = Epoch(checkpoint.epoch, checkpoint.file, wiring, since, why=checkpoint.why)
@@ -60,11 +65,11 @@ class Resuming:
             if job.best is not None:  # the first that the reader of this run's events learns of it
                 job.publish(job.best)
         else:
-            self._go_on_elsewhere(checkpoint, same, wiring)
+            self._go_on_elsewhere(checkpoint, same, file, wiring)
 
-    def _go_on_elsewhere(self, checkpoint: Checkpoint, before: Epoch, wiring: Wiring) -> None:
+    def _go_on_elsewhere(self, checkpoint: Checkpoint, before: Epoch, file: ProblemFile, wiring: Wiring) -> None:
         """Begin another epoch, in which each cell has the deme of a cell of the checkpoint."""
-        job, run, file = self._job, checkpoint.file.run, self._job.entry.spec.file
+        job, run = self._job, checkpoint.file.run
         old, new = topologies.parse(run.topology), topologies.parse(file.run.topology)
         before.wiring = Wiring(0, tuple(range(old.cells)))
         try:

@@ -12,6 +12,7 @@ import zenoh
 
 import topologies
 from coordinator.errors import ClusterFailed
+from coordinator.jobs.checkpoint import CHECKPOINT_EVERY
 from coordinator.jobs.dispatcher import Dispatcher
 from coordinator.jobs.job import Job, JobSpec
 from coordinator.launch import capacity
@@ -19,7 +20,7 @@ from coordinator.launch.compilation import compile_missing
 from coordinator.launch.launcher import Launcher
 from coordinator.launch.stopped import NODE_TIMEOUT
 from coordinator.service.roster import Roster
-from coordinator.store.checkpoint_folder import CHECKPOINT_EVERY, CheckpointFolder
+from coordinator.store.checkpoint_folder import CheckpointFolder
 from problems import BadInput, Problem, ProblemFile, registry
 from problems.in_memory import file_of
 from problems.run import with_topology

@@ -16,6 +16,7 @@ from pathlib import Path
 import topologies
 from coordinator.cpu_time import cpu_seconds_of
 from coordinator.errors import ClusterFailed
+from coordinator.jobs.checkpoint import CHECKPOINT_EVERY
 from coordinator.jobs.running import EVAL_TIMEOUT
 from coordinator.launch import capacity
 from coordinator.launch.folders import new_folder
@@ -48,6 +49,7 @@ class ServiceOptions:
         modules: the folder of these modules; if None, the folder that the cluster was started in.
         node_timeout: after how many seconds a process that is stopped counts as dead.
         eval_timeout: how many seconds an evaluation may go on once its job is stopped.
+        checkpoint_every: seconds from one checkpoint of a job to the next; None for no checkpoints.
     """
 
     state: Path | None = None
@@ -61,6 +63,7 @@ class ServiceOptions:
     modules: Path | None = None
     node_timeout: float = NODE_TIMEOUT
     eval_timeout: float = EVAL_TIMEOUT
+    checkpoint_every: float | None = CHECKPOINT_EVERY
 
 
 def _ignore(_: str) -> None:

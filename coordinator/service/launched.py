@@ -39,7 +39,8 @@ def coordinate(config: NodeConfig, options: Mapping[str, Any], first: bool) -> N
         eval_timeout=options["eval_timeout"],
     )
     keep = Keep(options["keep_days"], options["keep_records"])
-    run(config, Options(cells, url, keep, options["log_json"]), make_dispatcher)
+    how = Options(cells, url, keep, options["log_json"], checkpoint_every=options["checkpoint_every"])
+    run(config, how, make_dispatcher)
 
 
 class LaunchedDispatcher(ServiceDispatcher):

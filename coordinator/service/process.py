@@ -18,6 +18,7 @@ from functools import partial
 
 import zenoh
 
+from coordinator.jobs.checkpoint import CHECKPOINT_EVERY
 from coordinator.jobs.hooks import MakeJobRunner
 from coordinator.jobs.running import EVAL_TIMEOUT
 from coordinator.log_lines import LogLines
@@ -56,6 +57,7 @@ class Options:
         log_json: whether the log is written as JSON; if None, it is if stderr is not a terminal.
         most_nodes: how many nodes may join; None for any number.
         eval_timeout: how many seconds an evaluation may go on once its job is stopped, if nodes join.
+        checkpoint_every: seconds from one checkpoint of a job to the next; None for no checkpoints.
         joined: whether router, spy and nodes were started separately, so that they stay when the coordinator ends.
     """
 
@@ -65,6 +67,7 @@ class Options:
     log_json: bool | None = None
     most_nodes: int | None = None
     eval_timeout: float = EVAL_TIMEOUT
+    checkpoint_every: float | None = CHECKPOINT_EVERY
     joined: bool = False
 
 
@@ -125,6 +128,7 @@ class Service:
             self._dispatcher,
             checker,
             self._publish,
+            options.checkpoint_every,
             ends="coordinator" if options.joined else "cluster",
         )
 

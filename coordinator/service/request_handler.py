@@ -5,10 +5,12 @@ import json
 import math
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any, Literal
 
 import topologies
 from coordinator.errors import ClusterFailed
+from coordinator.jobs.checkpoint import CHECKPOINT_EVERY, Checkpoint
 from coordinator.jobs.hooks import JobRunner
 from coordinator.jobs.job import JobSpec, Placement
 from coordinator.jobs.scheduler import QueueFull
@@ -58,6 +60,7 @@ class RequestHandler:
         dispatcher: runs the jobs.
         checker: checks problems, and knows which users' modules may be run.
         publish: called with each new job's first states.
+        checkpoint_every: seconds from one checkpoint of a job to the next; None for no checkpoints.
         ends: what ends when a client sends `Down`: the cluster, or only the coordinator.
     """
 
@@ -70,6 +73,7 @@ class RequestHandler:
         dispatcher: JobRunner,
         checker: Checker,
         publish: Callable[[JobState], None],
+        checkpoint_every: float | None = CHECKPOINT_EVERY,
         ends: Literal["cluster", "coordinator"] = "cluster",
     ) -> None:
         self._cluster = cluster
@@ -79,6 +83,7 @@ class RequestHandler:
         self._dispatcher = dispatcher
         self._checker = checker
         self._publish = publish
+        self._checkpoint_every = checkpoint_every
         self._ends = ends
         self._began = time.time()
         self._handed_over: set[int] = set()  # numbers of the jobs that the dispatcher has
@@ -162,7 +167,7 @@ class RequestHandler:
     def _hand_over_new(self, job: Summary, file: ProblemFile) -> None:
         """Hand a new job over and publish its first states; if the dispatcher refuses, remove it from the store."""
         try:
-            self._hand_over(job, _spec(job, file))
+            self._hand_over(job, self._spec(job, file))
         except Exception:  # the client gets a refusal, so a later coordinator must not find the job
             self._store.withdraw(job.number)
             raise
@@ -178,16 +183,45 @@ class RequestHandler:
             raise
 
     def _queue_again(self, job: Stored) -> None:
-        """Let a stored job start over; end it as failed if that is impossible."""
+        """Let a stored job go on from its latest checkpoint, or start over; end it as failed if neither is possible."""
         if job.status != "queued":
             self._recorder.changed(job.number, "queued", ())
         try:
             first, file = self._checker.read(job.file), self._checker.read(job.file_now)
-            lived = self._past_of(job, file)
-            spec = dataclasses.replace(_spec(job, file), past=lived, best=_best_of(job), first=first)
+            spec = dataclasses.replace(self._spec(job, file), best=_best_of(job), first=first)
+            if (checkpoint := self._checkpoint_of(job)) is not None:
+                spec = dataclasses.replace(spec, past=checkpoint.past, checkpoint=checkpoint)
+            else:
+                spec = dataclasses.replace(spec, past=self._past_of(job, file))
             self._hand_over(job, spec, accepted_before=True)
         except Exception as error:
             self._recorder.ended(job.number, error)
+
+    def _checkpoint_of(self, job: Stored) -> Checkpoint | None:
+        """Return the latest checkpoint of the epoch that a job is in, if there is one that is whole."""
+        for data in self._store.checkpoints(job.number):
+            try:
+                checkpoint = Checkpoint.decode(data, self._checker)
+            except BadInput as error:
+                self._recorder.logged(warning(f"{error}; the one before is used", job.number))
+            else:
+                if checkpoint.epoch == job.epoch and checkpoint.states:
+                    return checkpoint
+        return None
+
+    def _keep_checkpoint(self, number: int, checkpoint: Checkpoint) -> None:
+        """Store a checkpoint of a job. If that fails, log it: the job goes on without."""
+        try:
+            self._store.keep_checkpoint(number, checkpoint.encode())
+        except StoreFailed as error:
+            self._recorder.logged(warning(f"no checkpoint: {error}", number))
+
+    def _spec(self, job: Summary, file: ProblemFile) -> JobSpec:
+        """Return a job for the dispatcher, with its time of submission moved from Unix time to the monotonic clock."""
+        submitted = time.monotonic() - max(0.0, time.time() - job.submitted)
+        spec = JobSpec(job.number, file, None, job.job, job.priority, submitted)
+        keep = partial(self._keep_checkpoint, job.number)
+        return dataclasses.replace(spec, checkpoint_every=self._checkpoint_every, keep_checkpoint=keep)
 
     def _past_of(self, job: Stored, file: ProblemFile) -> Past:
         """Return the past of a job that starts over: all its epochs so far, the last of them without reports."""
@@ -204,7 +238,7 @@ class RequestHandler:
             first, file = self._checker.read(job.file), self._checker.read(job.file_now)
             past, why = self._store.past(job.number)
             placement = Placement(job.epoch, file, job.nodes, job.wiring, why, past, _best_of(job))
-            self._dispatcher.adopt(_spec(job, first), placement)
+            self._dispatcher.adopt(self._spec(job, first), placement)
         except Exception as error:
             self._recorder.logged(
                 warning(f"the job cannot go on from where it was: {type(error).__name__}: {error}", job.number)
@@ -273,12 +307,6 @@ def digest_of(file: ProblemFile) -> str:
     """Return a digest that is equal for equal problems and settings, whatever the name of the file."""
     settings = file.run.model_dump(exclude_unset=True)
     return digest([file.fields, settings])
-
-
-def _spec(job: Summary, file: ProblemFile) -> JobSpec:
-    """Return the job for the dispatcher, with its time of submission moved from Unix time to the monotonic clock."""
-    submitted = time.monotonic() - max(0.0, time.time() - job.submitted)
-    return JobSpec(job.number, file, None, job.job, job.priority, submitted)
 
 
 def _best_of(job: Stored) -> Improvement | None:

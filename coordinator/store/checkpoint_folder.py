@@ -4,15 +4,9 @@ import contextlib
 import os
 from pathlib import Path
 
-from coordinator.jobs.checkpoint import Checkpoint
+from coordinator.jobs.checkpoint import KEPT, Checkpoint
 from problems import BadInput
 from problems.modules import AnyModules
-
-KEPT = 3
-"""How many checkpoints of a run are kept: if the latest is damaged, the one before is used."""
-
-CHECKPOINT_EVERY = 30.0
-"""Seconds from one checkpoint to the next, unless a user wants another time."""
 
 _SUFFIX = ".checkpoint"
 _DIGITS = 8

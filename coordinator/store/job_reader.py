@@ -18,7 +18,7 @@ from coordinator.store.stored_job import (
     values_of,
     whole_rows,
 )
-from coordinator.store.tables import EpochRow, JobRow, TransitionRow
+from coordinator.store.tables import CheckpointRow, EpochRow, JobRow, TransitionRow
 from spy.past import Past
 
 # A job that is kept alive may have any number of epochs and states. These bounds keep answers, and the database, small.
@@ -43,6 +43,12 @@ class JobReader(StoreSessions):
         with self.reading() as session:
             rows = session.scalars(select(JobRow).order_by(JobRow.number.desc()).limit(limit))
             return [summary_of(row) for row in rows][::-1]
+
+    def checkpoints(self, number: int) -> list[bytes]:
+        """Return the checkpoints that are kept of a job, the latest first."""
+        with self.reading() as session:
+            this = select(CheckpointRow.data).where(CheckpointRow.number == number)
+            return list(session.scalars(this.order_by(CheckpointRow.id.desc())))
 
     def show(self, job: str) -> Stored:
         """Return a job with its problem files, answer and result.

@@ -12,12 +12,21 @@ from typing import Any
 from sqlalchemy import delete, func, select
 from sqlalchemy.orm import Session
 
+from coordinator.jobs.checkpoint import KEPT
 from coordinator.jobs.job import Placement
 from coordinator.jobs.states import ENDS, LIVING, WrongTransition, follow, state_of
 from coordinator.store.database import storable
 from coordinator.store.job_reader import JobReader
 from coordinator.store.stored_job import IdTaken, Submission, Summary, find_row, row_of, summary_of
-from coordinator.store.tables import EpochRow, HistoryRow, ImprovementRow, JobRow, StatisticsRow, TransitionRow
+from coordinator.store.tables import (
+    CheckpointRow,
+    EpochRow,
+    HistoryRow,
+    ImprovementRow,
+    JobRow,
+    StatisticsRow,
+    TransitionRow,
+)
 from coordinator.store.tidying import forget_states, merge_oldest_epochs, note_ends, weigh
 
 _NEW_ID_BYTES = 4
@@ -148,6 +157,7 @@ class Store(JobReader):
             if not (status == row.status == "deadline" and row.ended is None):
                 self.change(number, status)
             row.ended = row.ended or time.time()
+            session.execute(delete(CheckpointRow).where(CheckpointRow.number == number))
             if message is not None:
                 row.message = storable(message)
             if result is not None:
@@ -163,6 +173,15 @@ class Store(JobReader):
             row = row_of(session, number)
             row.fitness = fitness
             row.best_json = json.dumps(best)
+
+    def keep_checkpoint(self, number: int, data: bytes) -> None:
+        """Store a checkpoint of a job, and delete the oldest beyond `KEPT`."""
+        with self.writing() as session:
+            session.add(CheckpointRow(number=number, data=data))
+            session.flush()
+            this = CheckpointRow.number == number
+            kept = select(CheckpointRow.id).where(this).order_by(CheckpointRow.id.desc()).limit(KEPT)
+            session.execute(delete(CheckpointRow).where(this, CheckpointRow.id.not_in(list(session.scalars(kept)))))
 
     def note_nodes(self, number: int, nodes: tuple[int, ...]) -> Summary:
         """Store the nodes of a job, which have changed."""
@@ -183,6 +202,9 @@ class Store(JobReader):
             row.epoch = placement.epoch
             row.topology = placement.file.run.topology
             row.past_json = placement.past.to_json()
+            known = select(EpochRow).where(EpochRow.number == number, EpochRow.epoch == placement.epoch)
+            if session.scalar(known) is not None:
+                return  # the job goes on in that epoch, from a checkpoint
             if placement.epoch > 0:  # the first epoch follows no directive, and its file is that of the submission
                 row.changed_file = placement.file.to_json()
                 if placement.why.get("do") == "update":

@@ -1,12 +1,13 @@
 """The tables of the store's database, as SQLAlchemy classes.
 
-A change here needs a new version number: see `coordinator.store.sessions`.
+A change here needs a new version number: see `coordinator.store.sessions`. A further table does not: it is made in an
+older database when that is opened.
 """
 
 import json
 from typing import Any
 
-from sqlalchemy import BigInteger, Double, ForeignKey, Index, String, Text
+from sqlalchemy import BigInteger, Double, ForeignKey, Index, LargeBinary, String, Text
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 
 
@@ -89,6 +90,16 @@ class TransitionRow(Base):
     number: Mapped[int] = mapped_column(ForeignKey("jobs.number"), index=True)
     status: Mapped[str] = mapped_column(String(16))
     at: Mapped[float] = mapped_column(Double)
+
+
+class CheckpointRow(Base):
+    """A checkpoint of a job that has not ended, as `coordinator.jobs.checkpoint.Checkpoint.encode` returns it."""
+
+    __tablename__ = "checkpoints"
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    number: Mapped[int] = mapped_column(ForeignKey("jobs.number"), index=True)
+    data: Mapped[bytes] = mapped_column(LargeBinary)
 
 
 class EpochRow(Base):

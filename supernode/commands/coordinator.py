@@ -3,6 +3,7 @@
 import argparse
 
 from supernode import exits
+from supernode.commands.checkpoint_options import add_checkpoint
 from supernode.commands.cluster_options import add_eval_timeout
 from supernode.commands.role_options import (
     add_log_json,
@@ -33,6 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_option(parser, "keep-records", "keep only the newest N of each kind (1000000)", metavar="N", default="1000000")
     add_trust(parser)
     add_eval_timeout(parser)
+    add_checkpoint(parser, "30s")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -58,7 +60,8 @@ def run(options: argparse.Namespace) -> int:
     from node.node_config import NodeConfig
 
     import_all()
-    how = Options(nodes, database, Keep(keep_days, keep_records), options.log_json, most_nodes, options.eval_timeout)
+    keep, limits = Keep(keep_days, keep_records), (most_nodes, options.eval_timeout, options.checkpoint)
+    how = Options(nodes, database, keep, options.log_json, *limits)
     preside(NodeConfig(cluster, 0, "", Path(), router, secret, modules_of(options)), how, max_queue)
     return exits.OK
 

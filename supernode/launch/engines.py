@@ -65,4 +65,6 @@ def _options(service: ServiceOptions) -> list[str]:
         raise BadInput(f"--keep-days: expected whole days with --on, found {service.keep_days:g}")
     keep = ["--keep-days", str(int(service.keep_days)), "--keep-records", str(service.keep_records)]
     queue = [] if service.max_queue is None else ["--max-queue", str(service.max_queue)]
-    return ["--eval-timeout", f"{service.eval_timeout:g}", *keep, *queue, *(["--log-json"] if service.log_json else [])]
+    every = "off" if service.checkpoint_every is None else f"{service.checkpoint_every:g}s"
+    limits = ["--eval-timeout", f"{service.eval_timeout:g}", "--checkpoint", every]
+    return [*limits, *keep, *queue, *(["--log-json"] if service.log_json else [])]
