@@ -67,9 +67,9 @@ class Checkpointing:
         self._told.append(told.kept)
         if len(self._told) < epoch.cells:
             return
-        states = _consistent(self._told, epoch)
+        states = consistent_states(self._told, epoch.cells, epoch.file.run.mode)
         self._told.clear()
-        if len(states) == epoch.cells and self._every is not None:
+        if states and self._every is not None:
             self._save(states)
             self.look_at = time.monotonic() + self._every
 
@@ -100,15 +100,21 @@ class Checkpointing:
             self._has_failed = False
 
 
-def _consistent(told: Iterable[KeptStates], epoch: Epoch) -> tuple[tuple[int, bytes], ...]:
-    """Return generation and state of each cell, which fit together; fewer than there are cells if there are none."""
+def consistent_states(told: Iterable[KeptStates], cells: int, mode: str) -> tuple[tuple[int, bytes], ...]:
+    """Return generation and state of each cell from which all can go on together; nothing if there are none.
+
+    Args:
+        told: what the cells keep of each other.
+        cells: the number of cells.
+        mode: in lockstep all states are of one generation, the latest that is possible.
+    """
     by_cell: dict[int, dict[int, bytes]] = {}
     for each in told:
         for cell, generation, state in each.states:
             by_cell.setdefault(cell, {})[generation] = state
-    if len(by_cell) < epoch.cells:
+    if len(by_cell) < cells:
         return ()
-    if epoch.file.run.mode == "async":
+    if mode == "async":
         return tuple(max(by_cell[cell].items()) for cell in sorted(by_cell))
     common = set.intersection(*(set(states) for states in by_cell.values()))
     return tuple((max(common), by_cell[cell][max(common)]) for cell in sorted(by_cell)) if common else ()

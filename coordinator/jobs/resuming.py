@@ -1,5 +1,7 @@
 """Let a job go on from a checkpoint, on processes that know nothing of it."""
 
+from dataclasses import replace
+
 import topologies
 from coordinator.jobs.calls import ReplacedError
 from coordinator.jobs.checkpoint import Checkpoint
@@ -86,6 +88,8 @@ class Resuming:
             "generations": {str(cell): report.generation for cell, report in before.reports.items()},
             "topology": new.spec,
         }
+        if job.best is not None:  # the new topology may have no cell of that number
+            job.best = replace(job.best, cell=donor_of(job.best.cell, old, new))
         job.epochs.known = [before]
         epoch = Epoch(before.number + 1, file, wiring, job.generations(before, halted=False), why=why)
         self._preparing.prepare(epoch, {cell: before.reports[donor].deme for cell, donor in donors.items()})

@@ -295,7 +295,12 @@ class Inbox:
         )
 
     def go_on_from(self, generation: int, interval: int) -> None:
-        """In lockstep expect the messages of a generation first, as if all before had come."""
+        """In lockstep expect the messages of a generation first, as if all before had come.
+
+        What has come already was kept as if it were of the first exchanges, so it does not count.
+        """
+        self.latest[:] = 1
+        self.counts[MISSING] = len(self.neighbours)
         self.counts[NEXT] = generation // interval
         self.counts[_KEPT] = self.exchange * len(self.neighbours)
 

@@ -1,7 +1,8 @@
 """A ring of byte strings in arrays, which compiled code writes: the latest ones, as many as there is room for.
 
 A cell keeps its latest messages in one, and the latest states of its neighbours in another. A string is written in two
-steps, since its length is not known before: `begin` finds room for the longest that it may be, `end` enters it.
+steps, since its length is not known before: `begin` finds room for the longest that it may be, `end` enters it. No
+string is empty: such a one would take no place, so nothing could overwrite it.
 """
 
 from collections.abc import Iterator

@@ -4,7 +4,18 @@ import numpy as np
 
 from genetics import BitString
 from node import Cell, Plan
-from node.events import Propose, Publish, Start
+from node.events import (
+    Answer,
+    Answered,
+    AnswerStates,
+    Ask,
+    Asked,
+    AskedForStates,
+    Propose,
+    Publish,
+    Start,
+    Waited,
+)
 from problems import Problem, Run
 from wire.report import Report
 
@@ -70,3 +81,46 @@ class Bus:
         elif isinstance(action, Report):
             assert cell.number not in self.reports, "a cell reports once"
             self.reports[cell.number] = action
+
+
+class AskingBus(Bus):
+    """A bus on which cells also ask for what they miss; a test takes it step by step.
+
+    Attributes:
+        kept: by cell, what it answered when it was last asked for states.
+    """
+
+    def __init__(self, plan, random):
+        super().__init__(plan, random)
+        self.kept = {}
+
+    def run(self):
+        while len(self.reports) < len(self.cells):
+            self.one_step()
+        return [self.reports[number] for number in range(len(self.cells))]
+
+    def one_step(self):
+        cell = self.random.choice(self.cells)
+        news, events = self.some_of(self.news[cell.number]), self.some_of(self.events[cell.number])
+        if not self.random.randrange(20):  # as a node does that has waited for long
+            events.append(Waited())
+        for action in cell.step(news, events, self.random.choice(self.at_once)):
+            self.carry_out(cell, action)
+
+    def carry_out(self, cell, action):
+        if isinstance(action, Ask):
+            self.events[action.neighbour].append(Asked(action.generation, (cell.number, action.generation)))
+        elif isinstance(action, Answer):
+            asker, generation = action.question
+            self.events[asker].append(Answered(cell.number, generation, action.payloads))
+        elif isinstance(action, AnswerStates):
+            self.kept[cell.number] = action.kept
+        else:
+            super().carry_out(cell, action)
+
+    def ask_for_states(self, cells, once=False):
+        """Note in `kept` what each of these cells answers."""
+        self.kept = {}
+        for number in cells:
+            for action in self.cells[number].step(events=[AskedForStates(None, once)]):
+                self.carry_out(self.cells[number], action)

@@ -6,19 +6,19 @@ import random
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from one_max import Bus, plan_of
+from one_max import AskingBus, plan_of
 
 import topologies
 from coordinator.jobs.recovering import choose_states
 from node import Cell
-from node.events import Answer, Answered, AnswerStates, Ask, Asked, AskedForStates, Start, Waited
+from node.events import Start
 from node.simulation import simulate
 from wire.takeover import KeptStates, Takeover
 
 TORUS = topologies.parse("torus 3x4")
 
 
-class Mortal(Bus):
+class Mortal(AskingBus):
     """A bus on which cells die: ``deaths`` says after how many steps, and how many at once.
 
     One dies only if it can go on: it cannot if a neighbour has just taken over and keeps no state of it yet.
@@ -27,7 +27,6 @@ class Mortal(Bus):
     def __init__(self, plan, source, deaths):
         super().__init__(plan, source)
         self.deaths = deaths
-        self.kept = {}
         self.taken_over = 0
 
     def run(self):
@@ -36,38 +35,13 @@ class Mortal(Bus):
                 self.one_step()
             if len(self.reports) < len(self.cells):
                 self.kill(self.random.sample(range(len(self.cells)), min(count, len(self.cells) - 1)))
-        while len(self.reports) < len(self.cells):
-            self.one_step()
-        return [self.reports[number] for number in range(len(self.cells))]
-
-    def one_step(self):
-        cell = self.random.choice(self.cells)
-        news, events = self.some_of(self.news[cell.number]), self.some_of(self.events[cell.number])
-        if not self.random.randrange(20):  # as a node does that has waited for long
-            events.append(Waited())
-        for action in cell.step(news, events, self.random.choice(self.at_once)):
-            self.carry_out(cell, action)
-
-    def carry_out(self, cell, action):
-        if isinstance(action, Ask):
-            self.events[action.neighbour].append(Asked(action.generation, (cell.number, action.generation)))
-        elif isinstance(action, Answer):
-            asker, generation = action.question
-            self.events[asker].append(Answered(cell.number, generation, action.payloads))
-        elif isinstance(action, AnswerStates):
-            self.kept[cell.number] = action.kept
-        else:
-            super().carry_out(cell, action)
+        return super().run()
 
     def reached(self):
         return max(cell.rows.generation for cell in self.cells) + 8 * self.cells[0].plan.run.interval
 
     def kill(self, dead):
-        self.kept = {}
-        for cell in self.cells:
-            if cell.number not in dead:
-                for action in cell.step(events=[AskedForStates(None)]):
-                    self.carry_out(cell, action)
+        self.ask_for_states(set(range(len(self.cells))) - set(dead))
         chosen = choose_states(self.cells[0].plan.topology, self.kept, began_anew=True)
         if not chosen.keys() >= set(dead):
             return

@@ -18,7 +18,7 @@ def put(room, entries, marks, string, most, key, number):
     return ring.latest(room, entries, marks).size
 
 
-@given(st.lists(st.tuples(st.binary(max_size=40), st.integers(0, 20)), max_size=60))
+@given(st.lists(st.tuples(st.binary(min_size=1, max_size=40), st.integers(0, 20)), max_size=60))
 def test_it_holds_the_latest_strings_as_many_as_fit(strings):
     kept = ring.Ring(ROOM, ENTRIES)
     assert list(kept) == []

@@ -1,0 +1,169 @@
+"""A job goes on from a checkpoint on processes that know nothing of it: in lockstep as if it had never ended."""
+
+import random
+
+import pytest
+from epochs import again, turns_of
+from hypothesis import given
+from hypothesis import strategies as st
+from one_max import AskingBus, plan_of
+from stubborn import stubborn_file
+
+import supernode
+import topologies
+from coordinator.jobs.checkpointing import consistent_states
+from coordinator.jobs.resuming import donor_of
+from coordinator.store.checkpoint_folder import CheckpointFolder
+from node import Cell
+from node.events import Start
+from node.simulation import simulate
+from problems.file import parse
+from wire.takeover import Takeover
+
+SAME = ("status", "fitness", "history_sha256", "generations", "evaluations", "found_at", "directives", "topology")
+
+
+class Interrupted(AskingBus):
+    """A bus on which all cells die at some moments, and others go on from what they kept of each other then."""
+
+    def __init__(self, plan, source, steps):
+        super().__init__(plan, source)
+        self.steps = steps
+        self.resumed = 0
+
+    def run(self):
+        for steps in self.steps:
+            for _ in range(steps):
+                self.one_step()
+            self.die()
+        return super().run()
+
+    def states(self):
+        self.ask_for_states(range(len(self.cells)), once=True)
+        return consistent_states(self.kept.values(), len(self.cells), self.cells[0].plan.run.mode)
+
+    def die(self):
+        states, plan = self.states(), self.cells[0].plan
+        if not states or self.reports:
+            return
+        self.resumed += 1
+        self.cells = [Cell(plan, number, job=1) for number in range(len(self.cells))]
+        self.news = [[] for _ in self.cells]
+        self.events = [[Start(takeover=Takeover(*each, others_wait=False))] for each in states]
+
+
+@pytest.mark.parametrize("topology", ["torus 3x4", "torus 1x2", "ring 7"])
+@pytest.mark.parametrize("settings", [{}, {"deme": 4, "emigrants": 2, "interval": 3}], ids=str)
+def test_all_cells_die_again_and_again_and_nothing_changes(topology, settings):
+    plan = plan_of(size=64, topology=topology, generations=120, target=-1.0, **settings)
+    resumed = 0
+    for seed in range(4):
+        source = random.Random(seed)
+        cells = plan.topology.cells
+        bus = Interrupted(plan, source, [source.randrange(20 * cells, 60 * cells) for _ in range(4)])
+        digests = [(report.generation, report.digest, report.births) for report in bus.run()]
+        assert digests == [(report.generation, report.digest, report.births) for report in simulate(plan)]
+        resumed += bus.resumed
+    assert resumed >= 8
+
+
+def test_states_fit_together_only_if_there_is_one_of_each_cell_in_the_same_generation():
+    bus = Interrupted(plan_of(size=64, topology="ring 5", generations=100, target=-1.0), random.Random(1), [])
+    assert bus.states() == ()
+    for _ in range(300):
+        bus.one_step()
+    states = bus.states()
+    assert len(states) == 5
+    assert len({generation for generation, _ in states}) == 1
+    told = list(bus.kept.values())
+    assert len(consistent_states(told, 5, "async")) == 5
+    assert consistent_states(told[1:], 5, "lockstep") == consistent_states(told[1:], 5, "async") == ()
+
+
+@given(*[st.integers(1, 9)] * 4)
+def test_a_torus_is_stretched_onto_another_one(rows, columns, other_rows, other_columns):
+    new, old = topologies.parse(f"torus {rows}x{columns}"), topologies.parse(f"torus {other_rows}x{other_columns}")
+    donors = [donor_of(cell, new, old) for cell in range(new.cells)]
+    assert donors[0] == 0
+    assert all(0 <= donor < old.cells for donor in donors)
+    if rows >= other_rows and columns >= other_columns:
+        assert set(donors) == set(range(old.cells)), "no deme is lost where there is room for all"
+    if (rows, columns) == (other_rows, other_columns):
+        assert donors == list(range(old.cells))
+
+
+# Real processes -------------------------------------------------------------------------------------------------------
+@pytest.fixture(scope="module")
+def cluster():
+    with supernode.LocalCluster(torus=(3, 4)) as cluster:
+        yield cluster
+
+
+def function(cost=300, **run):
+    text = f'kind = "function"\nname = "onemax"\ndimension = 64\ncost_us = {cost}\n'
+    return parse(text, "function", "/").with_run(target=-1.0, **run)
+
+
+def summary(result):
+    return {name: getattr(result, name) for name in SAME}
+
+
+def test_a_run_goes_on_bit_for_bit(cluster, tmp_path):
+    file = function(topology="torus 2x3", generations=800)
+    whole = cluster.submit(file, topology="torus 2x3", checkpoints=tmp_path, checkpoint_every=0.2).result()
+    checkpoint, _ = CheckpointFolder(tmp_path).latest()
+    assert 0 < checkpoint.generation <= 800
+    rest = cluster.resume(tmp_path).result()
+    assert summary(rest) == summary(whole)
+    assert rest.directives == []
+
+
+def test_a_restarted_run_goes_on_in_its_last_attempt(cluster, tmp_path):
+    file = supernode.load(stubborn_file(tmp_path)).with_run(topology="torus 2x3", stall=400)
+    whole = cluster.submit(file, topology="torus 2x3", checkpoints=tmp_path / "run", checkpoint_every=0.01).result()
+    checkpoint, _ = CheckpointFolder(tmp_path / "run").latest()
+    assert checkpoint.epoch > 0
+    assert summary(cluster.resume(tmp_path / "run").result()) == summary(whole)
+
+
+@pytest.mark.parametrize("topology", ["torus 1x3", "torus 3x4", "ring 5"])
+def test_on_another_topology_it_goes_on_with_the_demes_and_its_directives_say_how(cluster, tmp_path, topology):
+    file = function(topology="torus 2x3", generations=600)
+    cluster.submit(file, topology="torus 2x3", checkpoints=tmp_path, checkpoint_every=0.2).result()
+    checkpoint, _ = CheckpointFolder(tmp_path).latest()
+    result = cluster.resume(tmp_path, topology=topology).result()
+    assert (result.status, result.generations) == ("exhausted", 600)
+    assert turns_of(result) == [("resume", 1)]
+    assert result.directives[0]["generation"] == checkpoint.generation
+    assert again(file, result) == result.history_sha256
+
+
+def test_an_async_run_goes_on_with_its_demes(cluster, tmp_path):
+    file = function(topology="torus 2x3", generations=800, mode="async")
+    whole = cluster.submit(file, topology="torus 2x3", checkpoints=tmp_path, checkpoint_every=0.2).result()
+    result = cluster.resume(tmp_path).result()
+    assert turns_of(result) == [("resume", 1)]
+    assert result.fitness <= whole.fitness + 64
+    assert result.generations >= 800
+
+
+def test_a_run_whose_states_are_those_of_another_problem_fails_clearly(cluster, tmp_path):
+    file = function(topology="torus 2x3", generations=400)
+    cluster.submit(file, topology="torus 2x3", checkpoints=tmp_path, checkpoint_every=0.2).result()
+    folder = CheckpointFolder(tmp_path)
+    checkpoint, _ = folder.latest()
+    wrong = tuple((generation, state[:-1]) for generation, state in checkpoint.states)
+    folder.keep(type(checkpoint)(**vars(checkpoint) | {"states": wrong}))
+    result = cluster.resume(tmp_path).result()
+    assert result.status == "failed"
+    assert "a cell's state has" in result.message
+
+
+def test_the_job_goes_on_although_no_checkpoint_can_be_kept(cluster, tmp_path):
+    (tmp_path / "file").write_text("no folder")
+    file = function(topology="torus 2x3", generations=300)
+    job = cluster.submit(file, topology="torus 2x3", checkpoints=tmp_path / "file" / "run", checkpoint_every=0.1)
+    failed = [event.why for event in job.events() if hasattr(event, "why")]
+    assert job.result().status == "exhausted"
+    assert len(failed) == 1, "said once"
+    assert str(tmp_path / "file") in failed[0]
