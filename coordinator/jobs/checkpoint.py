@@ -88,8 +88,11 @@ class Checkpoint:
         Raises:
             BadInput: says what was expected and what was found.
         """
+        content = _checked(data)
         try:
-            return _read(_checked(data), modules)
+            return _read(content, modules)
+        except BadInput:  # of the problem file in it
+            raise
         except (Rejected, ValueError, TypeError) as error:
             raise BadInput(f"expected a checkpoint, found one that is damaged ({error})") from None
 

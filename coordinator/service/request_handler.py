@@ -238,7 +238,8 @@ class RequestHandler:
             first, file = self._checker.read(job.file), self._checker.read(job.file_now)
             past, why = self._store.past(job.number)
             placement = Placement(job.epoch, file, job.nodes, job.wiring, why, past, _best_of(job))
-            self._dispatcher.adopt(self._spec(job, first), placement)
+            spec = dataclasses.replace(self._spec(job, first), checkpoint=self._checkpoint_of(job))
+            self._dispatcher.adopt(spec, placement)
         except Exception as error:
             self._recorder.logged(
                 warning(f"the job cannot go on from where it was: {type(error).__name__}: {error}", job.number)

@@ -3,6 +3,7 @@
 import contextlib
 import os
 import signal
+import sqlite3
 from dataclasses import replace
 from pathlib import Path
 
@@ -217,6 +218,44 @@ def test_when_the_supervisor_is_killed_all_end_and_the_next_goes_on(tmp_path, vi
             assert again.id == before.id
             assert again.result(120).status == "exhausted"
         assert states(client.job("a")).count("exhausted") == 1
+
+
+def kept_checkpoints(state, number=1):
+    """How many checkpoints of a job have been stored so far."""
+    (path,) = state.glob("*.sqlite")
+    with contextlib.closing(sqlite3.connect(path)) as database:
+        query = "SELECT MAX(id) FROM checkpoints WHERE number = ?"
+        return database.execute(query, (number,)).fetchone()[0] or 0
+
+
+def test_when_all_is_killed_a_job_goes_on_from_its_latest_checkpoint(tmp_path):
+    file, options = job(1000, 2000, "torus 2x2", seed=3), ("--checkpoint", "300ms")
+    with live(tmp_path / "state", "torus 2x2", *options) as service:
+        with service.connect() as client:
+            client.submit(file, id="a")
+            until(lambda: kept_checkpoints(tmp_path / "state") >= 3)
+            best = client.job("a").show()["best"]["fitness"]
+        assert service.all_gone_within(ENDS_WITHIN, lambda: os.kill(service.zygote, signal.SIGKILL))
+    with live(tmp_path / "state", "torus 2x2", *options) as service, service.connect() as client:
+        result = client.job("a").result(120)
+        assert (result.status, result.generations, result.directives) == ("exhausted", 1000, [])
+        assert result.history_sha256 == history(file, result)
+        assert result.fitness <= best
+        assert kept_checkpoints(tmp_path / "state") == 0, "of a job that has ended none is kept"
+
+
+def test_when_all_nodes_of_a_job_die_it_goes_on_from_its_latest_checkpoint(tmp_path):
+    file = job(1000, 2000, "torus 1x2")
+    with live(tmp_path / "state", "torus 1x2", "--checkpoint", "300ms") as service, service.connect() as client:
+        running = client.submit(file, id="a")
+        until(lambda: kept_checkpoints(tmp_path / "state") >= 3)
+        before = service.processes()
+        for node in ("node 0", "node 1"):
+            os.kill(before[node], signal.SIGKILL)
+        result = running.result(120)
+        assert (result.status, result.generations) == ("exhausted", 1000)
+        assert result.history_sha256 == history(file, result)
+        assert states(running).count("queued") == 2
 
 
 def test_down_from_afar_returns_when_no_process_is_left(tmp_path, capsys):
