@@ -41,6 +41,8 @@ class Resuming:
             BadInput: if the states do not fit the problem.
         """
         job = self._job
+        if checkpoint.epoch == 0 and not checkpoint.states:
+            return self._preparing.set_out(0, file)
         job.dispatch.changed(job.entry, "preparing")
         job.lived_before = checkpoint.lived_before
         job.epochs.past, job.epochs.known = checkpoint.past, []

@@ -4,6 +4,10 @@ import argparse
 import math
 import re
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from problems import ProblemFile
 
 _UNITS = {"ms": 1e-3, "s": 1.0, "": 1.0, "m": 60.0, "h": 3600.0}
 
@@ -19,22 +23,30 @@ def add_checkpoint(parser: "argparse._ActionsContainer", default: str = "off") -
     )
 
 
-def wanted_checkpoints(options: argparse.Namespace) -> tuple[Path, float | None]:
-    """Return the folder for the checkpoints of `solve`, and the seconds between them; None for no checkpoints.
+def begun_checkpoints(file: "ProblemFile", options: argparse.Namespace) -> Path | None:
+    """Begin the folder of a run's checkpoints with one of its beginning; return the folder, None for no checkpoints.
+
+    It is there before any process is started, so that a run that is killed at any moment can go on.
 
     Raises:
-        BadInput: if a folder is given, but no time, or it has checkpoints of another run.
+        BadInput: if a folder is given, but no time; or the folder has checkpoints of another run, or cannot be written.
     """
+    from coordinator.jobs.checkpoint import Checkpoint
     from coordinator.store.checkpoint_folder import CheckpointFolder
     from problems import BadInput
 
-    folder = Path(f"{Path(options.problem).stem}.run" if options.checkpoints is None else options.checkpoints)
-    every: float | None = options.checkpoint
-    if every is not None:
-        CheckpointFolder(folder).refuse_other_runs()
-    elif options.checkpoints is not None:
-        raise BadInput("--checkpoints: expected --checkpoint TIME with it, such as --checkpoint 30s")
-    return folder, every
+    if options.checkpoint is None:
+        if options.checkpoints is not None:
+            raise BadInput("--checkpoints: expected --checkpoint TIME with it, such as --checkpoint 30s")
+        return None
+    path = Path(f"{Path(options.problem).stem}.run" if options.checkpoints is None else options.checkpoints)
+    folder = CheckpointFolder(path)
+    folder.refuse_other_runs()
+    try:
+        folder.keep(Checkpoint(file, file))
+    except OSError as error:
+        raise BadInput(f"--checkpoints: {path}: expected a folder that can be written, found {error}") from None
+    return path
 
 
 def _duration(text: str) -> float | None:

@@ -7,12 +7,13 @@ it lasts.
 import argparse
 from typing import TYPE_CHECKING
 
-from supernode.commands.checkpoint_options import add_checkpoint, wanted_checkpoints
+from supernode.commands.checkpoint_options import add_checkpoint, begun_checkpoints
 from supernode.commands.cluster_options import add_own_cluster, add_place, connected
 from supernode.commands.dashboard_options import add_dashboard
 from supernode.commands.run_options import add_run_options, chosen_file
 
 if TYPE_CHECKING:
+    from coordinator import Job, LocalCluster
     from problems import ProblemFile
     from spy.result import Result
     from supernode.client.client import Client
@@ -110,7 +111,12 @@ def _on_its_own(file: "ProblemFile", options: argparse.Namespace) -> int:
     """Solve on a cluster of its own, started for the job."""
     from supernode.launch.own_cluster import run_on_its_own
 
-    folder, every = wanted_checkpoints(options)
+    folder = begun_checkpoints(file, options)
     about = {"log": options.log, "least_improvement": options.least_improvement}
-    about |= {} if every is None else {"checkpoints": folder, "checkpoint_every": every}
-    return run_on_its_own(file, options, lambda cluster: cluster.submit(file, **about))
+
+    def submit(cluster: "LocalCluster") -> "Job":
+        if folder is None:
+            return cluster.submit(file, **about)
+        return cluster.resume(folder, checkpoint_every=options.checkpoint, **about)
+
+    return run_on_its_own(file, options, submit)

@@ -76,6 +76,7 @@ def test_a_run_of_its_own_does_not_overwrite_the_checkpoints_of_another(problem,
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
+        (["solve", "ones.toml", "--checkpoint", "9s", "--checkpoints", "ones.toml/run"], "folder that can be written"),
         (["resume", "nowhere"], "nowhere: expected a folder"),
         (["resume", "damaged"], "damaged/00000001.checkpoint: expected a checkpoint, found another file"),
         (["resume", "damaged", "--checkpoint", "soon"], "expected a time such as 30s"),
