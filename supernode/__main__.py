@@ -39,6 +39,7 @@ _COMMANDS = {
     "router": "run the router of a cluster whose processes are started separately",
     "coordinator": "run its coordinator",
     "spy": "run its spy, or show a running cluster in a browser",
+    "chaos": "kill and stop processes of a cluster while it solves a problem; report what was lost",
     "scale": "measure how a problem scales with the number of nodes; write a table, plots and a report",
     "topology": "show cells, degree and diameter of a topology, and draw it",
     "problems": "list the kinds of problem, or the fields of one",

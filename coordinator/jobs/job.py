@@ -91,6 +91,7 @@ class JobSpec:
         checkpoint: where the job is to go on, if it is not to begin.
         checkpoint_every: how many seconds there are from one checkpoint to the next; None for no checkpoints.
         keep_checkpoint: keeps a checkpoint; raises OSError if it cannot.
+        say: writes a line to the log of the cluster.
         least_improvement: the least improvement that gets a line in the run log, as a share of the fitness before.
     """
 
@@ -106,6 +107,7 @@ class JobSpec:
     checkpoint: Checkpoint | None = None
     checkpoint_every: float | None = None
     keep_checkpoint: Callable[[Checkpoint], None] = lambda _: None
+    say: Callable[[str], None] = lambda _: None
     least_improvement: float = LEAST
 
 

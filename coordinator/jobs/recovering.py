@@ -62,6 +62,8 @@ class Recovering:
             epoch.reports.pop(cell, None)
         generations = {str(cell): chosen[cell][0] for cell in sorted(epoch.dead)}
         job.entry.log.write("recovered", epoch=epoch.number, generations=generations)
+        cells = ", ".join(generations)
+        job.entry.spec.say(f"new processes go on where the dead ones were: cells {cells}")
         epoch.dead.clear()
         job.ask_for_reports(epoch)
         return True

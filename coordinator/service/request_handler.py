@@ -19,7 +19,7 @@ from coordinator.service.checking import Checker, is_own
 from coordinator.store.database import StoreFailed
 from coordinator.store.job_store import Store
 from coordinator.store.record_book import RecordBook
-from coordinator.store.recorder import Recorder, state_of, warning
+from coordinator.store.recorder import Recorder, record, state_of
 from coordinator.store.stored_job import Answered, Stored, Submission, Summary
 from problems import BadInput, ProblemFile
 from problems.digests import digest
@@ -203,7 +203,7 @@ class RequestHandler:
             try:
                 checkpoint = Checkpoint.decode(data, self._checker)
             except BadInput as error:
-                self._recorder.logged(warning(f"{error}; the one before is used", job.number))
+                self._recorder.logged(record("warning", f"{error}; the one before is used", job.number))
             else:
                 if checkpoint.epoch == job.epoch and checkpoint.states:
                     return checkpoint
@@ -214,14 +214,18 @@ class RequestHandler:
         try:
             self._store.keep_checkpoint(number, checkpoint.encode())
         except StoreFailed as error:
-            self._recorder.logged(warning(f"no checkpoint: {error}", number))
+            self._recorder.logged(record("warning", f"no checkpoint: {error}", number))
 
     def _spec(self, job: Summary, file: ProblemFile) -> JobSpec:
         """Return a job for the dispatcher, with its time of submission moved from Unix time to the monotonic clock."""
         submitted = time.monotonic() - max(0.0, time.time() - job.submitted)
         spec = JobSpec(job.number, file, None, job.job, job.priority, submitted)
-        keep = partial(self._keep_checkpoint, job.number)
-        return dataclasses.replace(spec, checkpoint_every=self._checkpoint_every, keep_checkpoint=keep)
+        return dataclasses.replace(
+            spec,
+            checkpoint_every=self._checkpoint_every,
+            keep_checkpoint=partial(self._keep_checkpoint, job.number),
+            say=lambda text: self._recorder.logged(record("info", text, job.number)),
+        )
 
     def _past_of(self, job: Stored, file: ProblemFile) -> Past:
         """Return the past of a job that starts over: all its epochs so far, the last of them without reports."""
@@ -242,7 +246,9 @@ class RequestHandler:
             self._dispatcher.adopt(spec, placement)
         except Exception as error:
             self._recorder.logged(
-                warning(f"the job cannot go on from where it was: {type(error).__name__}: {error}", job.number)
+                record(
+                    "warning", f"the job cannot go on from where it was: {type(error).__name__}: {error}", job.number
+                )
             )
             return False
         self._handed_over.add(job.number)

@@ -10,9 +10,9 @@ import queue
 import secrets
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
@@ -65,12 +65,14 @@ class Up:
         endpoint: the endpoint of its router.
         nodes: how many nodes it has.
         dashboard: the address of its dashboard; None if it has none.
+        processes: returns the ids of its processes by name, such as "node 7"; nothing if an engine runs them.
     """
 
     cluster: str
     endpoint: str
     nodes: int
-    dashboard: str | None
+    dashboard: str | None = None
+    processes: Callable[[], Mapping[str, int]] = dict
 
 
 def launch_request_of(options: argparse.Namespace, folder: Path) -> LaunchRequest:
@@ -205,14 +207,14 @@ class Supervisor:
             ClusterFailed: if the cluster does not come up.
         """
         start = self._on_this_machine if self._request.engine is None else self._on_an_engine
-        with self._dashboard() as dashboard, start() as (cluster, endpoint, nodes):
+        with self._dashboard() as dashboard, start() as up:
             if dashboard is not None:
-                dashboard.start(endpoint)
-            yield Up(cluster, endpoint, nodes, None if dashboard is None else dashboard.address)
+                dashboard.start(up.endpoint)
+            yield replace(up, dashboard=None if dashboard is None else dashboard.address)
 
     @contextmanager
-    def _on_this_machine(self) -> Iterator[tuple[str, str, int]]:
-        """Start the cluster on this machine; yield its name, its router's endpoint, and how many nodes it has."""
+    def _on_this_machine(self) -> Iterator[Up]:
+        """Start the cluster on this machine; yield it once it answers."""
         cluster = secrets.token_hex(4)
         request = self._request
         compile_missing()
@@ -221,13 +223,14 @@ class Supervisor:
             if not launcher.started.wait(_READY_WITHIN):
                 raise ClusterFailed(f"not ready within {_READY_WITHIN:.0f} s")
             endpoint = sessions.unix_socket(launcher.folder, "router")
-            yield cluster, endpoint, self._wait_until_ready(endpoint)
+            nodes = self._wait_until_ready(endpoint)
+            yield Up(cluster, endpoint, nodes, processes=lambda: dict(launcher.processes))
         finally:
             launcher.close()
 
     @contextmanager
-    def _on_an_engine(self) -> Iterator[tuple[str, str, int]]:
-        """Start the cluster on an engine; yield its name, its router's endpoint, and how many nodes it has."""
+    def _on_an_engine(self) -> Iterator[Up]:
+        """Start the cluster on an engine; yield it."""
         request = self._request
         assert request.engine is not None, "that is why this is called"
         nodes = topologies.parse(request.topology).cells
@@ -240,7 +243,7 @@ class Supervisor:
                 self._wait_for_the_end()
             raise
         with cluster, self._looking_for_the_end_of(cluster, request.engine):
-            yield ENGINE_CLUSTER, cluster.connect, cluster.nodes
+            yield Up(ENGINE_CLUSTER, cluster.connect, cluster.nodes)
 
     @contextmanager
     def _looking_for_the_end_of(self, cluster: EngineCluster, engine: str) -> Iterator[None]:

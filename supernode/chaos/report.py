@@ -1,0 +1,44 @@
+"""Say what a trial has shown, in words or as JSON."""
+
+import statistics
+from collections import Counter
+from typing import Any
+
+from supernode.chaos.trial import Outcome
+
+_MOST = 0.95
+
+
+def as_json(outcome: Outcome) -> dict[str, Any]:
+    """Return the outcome as plain values."""
+    result, times = outcome.result, outcome.whole_again
+    return {
+        "faults": [{"at": at, "do": fault.do, "process": fault.process} for at, fault in outcome.done],
+        "lost": outcome.lost,
+        "status": None if result is None else result.status,
+        "generations": None if result is None else result.generations,
+        "fitness": None if result is None else result.fitness,
+        "history_sha256": None if result is None else result.history_sha256,
+        "repeats": outcome.repeats,
+        "directives": [] if result is None else result.directives,
+        "whole_again": times,
+    }
+
+
+def in_words(outcome: Outcome) -> str:
+    """Return the outcome in a few lines."""
+    result, times = outcome.result, outcome.whole_again
+    counts = Counter(f"{fault.do} {fault.process.split(' ')[0]}" for _, fault in outcome.done)
+    lines = ["done: " + ", ".join(f"{each} ({count} times)" for each, count in sorted(counts.items()))]
+    if times:
+        latest = times[int(_MOST * (len(times) - 1))]
+        middle = statistics.median(times)
+        lines.append(f"{len(times)} dead cells went on exactly: after {middle:.2f} s (median), {latest:.2f} s (95 %)")
+    if result is not None:
+        new_epochs = sum(each["do"] in ("replace", "restart") for each in result.directives)
+        lines.append(f"{result.status} after {result.generations:,} generations, fitness {result.fitness:.6g}")
+        lines.append(f"epochs that began because cells could not go on exactly: {new_epochs}")
+    if outcome.repeats:
+        lines.append("a replay in one process has the same history, bit for bit")
+    lines += [f"lost: {each}" for each in outcome.lost] or ["lost: nothing"]
+    return "\n".join(lines)

@@ -1,0 +1,180 @@
+"""Carry out faults on the processes of a cluster that is started for it, while it runs one job."""
+
+import contextlib
+import os
+import re
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from coordinator.launch.launcher import ServiceOptions
+from node.replay import replay
+from problems import ProblemFile
+from spy.past import Lived, Past
+from spy.result import Result
+from supernode.chaos.schedule import Fault
+from supernode.client.client import Client, ClientJob
+from supernode.client.cluster_info import Place
+from supernode.launch.supervisor import LaunchRequest, Supervisor
+
+_ENDS_WITHIN = 120.0  # seconds after the last fault
+_RUNS_WITHIN = 60.0  # seconds
+_LOOK_EVERY = 0.05  # seconds
+_GOES_ON = re.compile(r"new processes go on where the dead ones were: cells (.*)")
+
+
+@dataclass
+class Outcome:
+    """What a trial has shown.
+
+    Attributes:
+        done: the faults that were carried out, each with its Unix time.
+        result: the job's result; None if the job did not end.
+        whole_again: for each cell that died and went on exactly, the seconds from its death until then.
+        best_told: the best fitness that the client was told in each epoch.
+        worse_told: improvements that were worse than an earlier one of the same epoch.
+        repeats: whether a replay of the result has the same history; None if it has no history, as in async mode.
+    """
+
+    done: list[tuple[float, Fault]] = field(default_factory=list)
+    result: Result | None = None
+    whole_again: list[float] = field(default_factory=list)
+    best_told: dict[int, float] = field(default_factory=dict)
+    worse_told: int = 0
+    repeats: bool | None = None
+
+    @property
+    def lost(self) -> list[str]:
+        """What was lost, a sentence for each; empty if nothing was."""
+        if self.result is None:
+            return [f"the job did not end within {_ENDS_WITHIN:.0f} s after the last fault"]
+        found = []
+        if self.result.status == "failed":
+            found.append(f"the job failed: {self.result.message}")
+        if self.best_told and self.result.fitness > self.best_told[max(self.best_told)]:
+            found.append("the result is worse than an answer that the client had been told")
+        if self.worse_told:
+            found.append(f"{self.worse_told} improvements were worse than earlier ones")
+        if self.repeats is False:
+            found.append("a replay of the result has another history")
+        return found
+
+
+def run(file: ProblemFile, faults: Sequence[Fault], force: bool, say: Callable[[str], None]) -> Outcome:
+    """Start a cluster, run the problem on it under faults, and return what has happened.
+
+    Args:
+        file: the problem, with the settings of the run.
+        faults: what to do, in the order of time.
+        force: start it even if this machine cannot hold so many nodes.
+        say: called with a line about each fault.
+
+    Raises:
+        BadInput: if the problem is wrong, or this machine cannot hold so many nodes.
+        ClusterFailed: if the cluster does not come up.
+    """
+    module, own, _ = file.kind.partition(":")
+    service = ServiceOptions(allow_modules=(module,) if own else (), modules=file.folder)
+    request = LaunchRequest(file.run.topology, service, force=force)
+    outcome = Outcome()
+    with Supervisor(request).up() as up, Client(Place.at(up.endpoint)) as client:
+        job = client.submit(file)
+        listener = threading.Thread(target=_listen, args=(job, outcome), name="improvements", daemon=True)
+        listener.start()
+        if _wait_for(lambda: job.state() not in ("submitted", "queued", "preparing"), _RUNS_WITHIN):
+            _carry_out(faults, up.processes, outcome, say)
+        job.cancel()
+        with contextlib.suppress(TimeoutError):
+            outcome.result = job.result(_ENDS_WITHIN)
+            listener.join(_ENDS_WITHIN)
+        outcome.whole_again = _whole_again(outcome.done, _log_of(client, job.id))
+    if outcome.result is not None and file.run.mode == "lockstep" and outcome.result.history_sha256 is not None:
+        say("repeating the run in this process")
+        outcome.repeats = _history(file, outcome.result) == outcome.result.history_sha256
+    return outcome
+
+
+def _carry_out(
+    faults: Sequence[Fault], processes: Callable[[], Mapping[str, int]], outcome: Outcome, say: Callable[[str], None]
+) -> None:
+    began, stopped = time.monotonic(), list[threading.Timer]()
+    for fault in faults:
+        time.sleep(max(0.0, began + fault.at - time.monotonic()))
+        process = processes().get(fault.process)
+        if process is None:
+            continue
+        kind = signal.SIGKILL if fault.do == "kill" else signal.SIGSTOP
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(process, kind)
+            outcome.done.append((time.time(), fault))
+            say(
+                f"{fault.at:6.1f} s  {fault.do} {fault.process}"
+                + (f" for {fault.seconds:.1f} s" if fault.seconds else "")
+            )
+        if fault.do == "stop":
+            timer = threading.Timer(fault.seconds, _let_go_on, [process])
+            timer.start()
+            stopped.append(timer)
+    for timer in stopped:
+        timer.join()
+
+
+def _let_go_on(process: int) -> None:
+    with contextlib.suppress(ProcessLookupError):
+        os.kill(process, signal.SIGCONT)
+
+
+def _listen(job: ClientJob, outcome: Outcome) -> None:
+    for better in job.improvements():
+        best = outcome.best_told.get(better.epoch)
+        outcome.worse_told += best is not None and better.fitness > best
+        outcome.best_told[better.epoch] = better.fitness if best is None else min(best, better.fitness)
+
+
+def _wait_for(happened: Callable[[], bool], seconds: float) -> bool:
+    until = time.monotonic() + seconds
+    while not happened():
+        if time.monotonic() > until:
+            return False
+        time.sleep(_LOOK_EVERY)
+    return True
+
+
+def _log_of(client: Client, job: str) -> Iterator[dict[str, Any]]:
+    after, more = 0, True
+    while more:
+        page = client.logs(job, None, after)
+        for row in page["rows"]:
+            yield dict(zip(page["columns"], row, strict=True))
+            after = row[0]  # the record's id
+        more = page["more"]
+
+
+def _whole_again(done: Sequence[tuple[float, Fault]], records: Iterable[Mapping[str, Any]]) -> list[float]:
+    """Return for each death of a cell that went on exactly the seconds until then."""
+    deaths: dict[str, list[float]] = {}
+    for at, fault in done:
+        if fault.do == "kill" and fault.process.startswith("node "):
+            deaths.setdefault(fault.process.removeprefix("node "), []).append(at)
+    found = []
+    for record in records:
+        if (line := _GOES_ON.fullmatch(record["text"])) is None:
+            continue
+        for cell in line[1].split(", "):
+            earlier = [at for at in deaths.get(cell, ()) if at <= record["at"]]
+            for at in earlier:
+                found.append(record["at"] - at)
+                deaths[cell].remove(at)
+    return sorted(found)
+
+
+def _history(file: ProblemFile, result: Result) -> str | None:
+    """Return the history of the run that a result tells of, lived through once more."""
+    *before, last = replay(file, result.directives)
+    past = Past()
+    for epoch, then in zip(before, [*before[1:], last], strict=True):
+        past = past.and_then(Lived(epoch.file, epoch.reports, epoch.plan.epoch), then.why)
+    return past.and_then(Lived(last.file, last.reports, last.plan.epoch)).history

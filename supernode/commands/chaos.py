@@ -1,0 +1,58 @@
+"""Kill and stop processes of a cluster while it solves a problem, and report what was lost.
+
+A quarter of the nodes is killed at once, then one node is killed or stopped every second; spy, router and coordinator
+are killed once each. The cluster is started for this on this machine. The exit code is 3 if anything was lost: the job
+did not end, the answer is worse than one that was told before, or a replay has another history.
+"""
+
+import argparse
+
+from supernode import exits
+from supernode.commands.cluster_options import add_force
+from supernode.commands.run_options import add_settings, positive, share, whole
+
+EXAMPLE = "supernode chaos examples/rastrigin.toml --torus 4x4 --for 20 --draw 7"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the problem, the settings of the run, and the faults."""
+    add_settings(parser)
+    faults = parser.add_argument_group("faults")
+    faults.add_argument("--draw", metavar="N", type=whole, default=1, help="the seed of the faults (%(default)s)")
+    faults.add_argument("--for", dest="length", metavar="S", type=positive, default=60.0, help="seconds of faults (60)")
+    faults.add_argument(
+        "--at-once", metavar="R", type=share, default=0.25, help="the share of nodes to kill at once (%(default)s)"
+    )
+    add_force(parser)
+    parser.add_argument("--json", action="store_true", help="print the outcome as one JSON object")
+    parser.add_argument("--quiet", action="store_true", help="no line on stderr about each fault")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Show each fault on stderr, and print the outcome on stdout."""
+    import json
+    import sys
+
+    import topologies
+    from problems import load
+    from problems.run import MOST_GENERATIONS
+    from supernode.chaos import report, schedule, trial
+    from supernode.commands.run_options import settings
+    from supernode.launch.supervisor import check_library
+
+    check_library("chaos")
+    file = load(options.problem).with_run(**settings(options))
+    if not any(getattr(file.run, name) is not None for name in ("generations", "evaluations", "stall")):
+        # By default the run outlasts the faults, and is cancelled then.
+        file = file.with_run(target=-1.0 if file.run.target is None else file.run.target, stall=MOST_GENERATIONS - 1)
+    file.refuse_unreachable()
+    cells = topologies.parse(file.run.topology).cells
+    faults = schedule.faults(cells, options.length, options.at_once, options.draw)
+
+    def say(line: str) -> None:
+        if not options.quiet:
+            print(line, file=sys.stderr)
+
+    outcome = trial.run(file, faults, options.force, say)
+    print(json.dumps(report.as_json(outcome)) if options.json else report.in_words(outcome))
+    return exits.NOT_REACHED if outcome.lost else exits.OK

@@ -1,0 +1,21 @@
+"""The faults of a trial: the same seed draws the same ones, and everything that is to die dies."""
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from supernode.chaos.schedule import SPECIAL, faults
+
+
+@given(nodes=st.integers(1, 200), seconds=st.floats(1.0, 90.0), at_once=st.floats(0.0, 0.9), seed=st.integers(0, 9999))
+def test_a_seed_draws_the_faults(nodes, seconds, at_once, seed):
+    drawn = faults(nodes, seconds, at_once, seed)
+    assert drawn == faults(nodes, seconds, at_once, seed)
+    assert drawn == sorted(drawn, key=lambda fault: fault.at)
+    assert all(1.0 <= fault.at <= max(1.0, seconds) for fault in drawn)
+    assert all(0.0 < fault.seconds < 15.0 if fault.do == "stop" else fault.seconds == 0.0 for fault in drawn)
+    assert [fault.process for fault in sorted(drawn, key=lambda fault: fault.process) if fault.process in SPECIAL] == (
+        sorted(SPECIAL)
+    )
+    at_first = [fault.process for fault in drawn if fault.at == 1.0 and fault.process not in SPECIAL]
+    assert len(set(at_first)) == len(at_first) == round(at_once * nodes)
+    assert {fault.process for fault in drawn} <= {*SPECIAL, *(f"node {node}" for node in range(nodes))}

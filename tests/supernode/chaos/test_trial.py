@@ -1,0 +1,73 @@
+"""A trial on real processes: what is done is told, and what was lost would be."""
+
+import json
+from dataclasses import replace
+
+import pytest
+from command_line import in_process
+
+from spy.result import Result
+from supernode.chaos.report import as_json, in_words
+from supernode.chaos.schedule import Fault
+from supernode.chaos.trial import Outcome
+
+PROBLEM = 'kind = "function"\nname = "onemax"\ndimension = 64\ncost_us = 500\n[run]\ntorus = "3x3"\n'
+
+
+@pytest.fixture
+def problem(tmp_path):
+    path = tmp_path / "ones.toml"
+    path.write_text(PROBLEM)
+    return path
+
+
+@pytest.mark.timeout(300)
+def test_a_cluster_loses_nothing(problem, capsys):
+    code, out, told = in_process(capsys, "chaos", problem, "--for", "6", "--draw", "3", "--json")
+    outcome = json.loads(out)
+    assert (code, outcome["lost"], outcome["status"]) == (0, [], "cancelled")
+    assert outcome["repeats"] is True
+    done = [each["process"] for each in outcome["faults"]]
+    assert {"spy", "router", "coordinator"} <= set(done)
+    assert "kill router" in told
+
+
+def test_a_run_that_ends_before_the_faults_is_no_failure(problem, capsys):
+    code, out, _ = in_process(capsys, "chaos", problem, "--for", "2", "--generations", "20", "--quiet")
+    assert code == 0
+    assert "exhausted after 20 generations" in out
+    assert out.endswith("lost: nothing\n")
+
+
+def result(**changed):
+    made = Result.__new__(Result)
+    for name, value in {
+        "status": "cancelled",
+        "message": None,
+        "fitness": 3.0,
+        "generations": 9,
+        "directives": [],
+    }.items():
+        object.__setattr__(made, name, changed.get(name, value))
+    object.__setattr__(made, "history_sha256", "ab")
+    return made
+
+
+SOUND = Outcome([(1.0, Fault(1.0, "kill", "node 3"))], result(), [0.2, 0.4], {0: 5.0, 1: 3.0}, 0, True)
+
+
+def test_what_was_lost_is_said():
+    assert SOUND.lost == []
+    assert "2 dead cells went on exactly" in in_words(SOUND)
+    assert as_json(SOUND)["whole_again"] == [0.2, 0.4]
+    for wrong, words in (
+        ({"result": None}, "did not end"),
+        ({"result": result(status="failed", message="out of paper")}, "out of paper"),
+        ({"result": result(fitness=4.0)}, "worse than an answer"),
+        ({"worse_told": 2}, "2 improvements were worse"),
+        ({"repeats": False}, "another history"),
+    ):
+        outcome = replace(SOUND, **wrong)
+        assert len(outcome.lost) == 1
+        assert words in outcome.lost[0]
+        assert f"lost: {outcome.lost[0]}" in in_words(outcome)
