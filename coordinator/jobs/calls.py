@@ -20,7 +20,7 @@ from coordinator.jobs.job import Failure, Moved, Replaced, StopRequest
 from problems import BadInput
 from wire import control
 from wire.callbacks import direct
-from wire.control import Command, Done, Finish, Judged, Prepare, Refused
+from wire.control import Command, Done, Finish, Judged, Look, Prepare, Refused, TellStates
 from wire.report import Report
 from wire.seal import Seal
 from wire.strict import Rejected
@@ -29,6 +29,7 @@ from wire.takeover import KeptStates
 # Time limits in seconds. They are kept short where possible: Zenoh keeps some 800 bytes of each query until its time is
 # over, even if it was answered long before.
 _ANSWER_WITHIN = 60.0
+_SOON = 2.0  # for the answers of cells of which some may be stopped: better most of them now than all of them later
 _LONG = 600.0  # a problem may take long to prepare or to check; a dead process is noticed in other ways
 _REPORT_WITHIN = 60.0  # after that reports are asked for again, so jobs may run for any time
 _TOLD_WITHIN = 5.0
@@ -164,8 +165,7 @@ class Calls:
         if give_up:
             self._raise_stop_put_off()
         for key, command in questions:
-            within = _LONG if isinstance(command, Prepare | Finish) else _ANSWER_WITHIN
-            self._get(key, command, direct(hear, lambda: queue.put(_Answer(number, None))), within)
+            self._get(key, command, direct(hear, lambda: queue.put(_Answer(number, None))), _answered_within(command))
         return self._answers(number, len(questions), give_up)
 
     def _raise_stop_put_off(self) -> None:
@@ -287,6 +287,13 @@ class Calls:
             consolidation=zenoh.ConsolidationMode.NONE,
             timeout=timeout,
         )
+
+
+def _answered_within(command: Command) -> float:
+    """Return how many seconds to wait for the answers to a command."""
+    if isinstance(command, Prepare | Finish):
+        return _LONG
+    return _SOON if isinstance(command, Look | TellStates) else _ANSWER_WITHIN
 
 
 def _decoded(payload: bytes) -> Given | Refused:

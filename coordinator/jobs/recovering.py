@@ -46,14 +46,14 @@ class Recovering:
         kept = self.kept_states()
         chosen = choose_states(epoch.topology, kept, began_anew=epoch.number == 0 or epoch.is_fresh)
         if not kept or not epoch.dead <= chosen.keys():
-            job.entry.log.write("not recovered", epoch=epoch.number, cells=sorted(epoch.dead - chosen.keys()))
+            self._tell_why_not(epoch.dead - chosen.keys(), "no state to go on from is kept")
             return False
         # In lockstep no cell is further ahead of another than there are exchanges on the way between them.
         reached = max(each.generation for each in kept.values()) + epoch.topology.diameter * epoch.file.run.interval
         try:
             self._preparing.prepare_again(epoch, {cell: Takeover(reached, chosen[cell][1]) for cell in epoch.dead})
         except RefusedError as error:  # such as a link that does not come up again
-            job.entry.log.write("not recovered", epoch=epoch.number, cells=sorted(epoch.dead), why=str(error))
+            self._tell_why_not(epoch.dead, str(error))
             return False
         if ROOT in epoch.dead:
             self._preparing.show_to_the_spy(epoch)
@@ -67,6 +67,11 @@ class Recovering:
         epoch.dead.clear()
         job.ask_for_reports(epoch)
         return True
+
+    def _tell_why_not(self, cells: set[int], why: str) -> None:
+        job = self._job
+        job.entry.log.write("not recovered", epoch=job.epoch.number, cells=sorted(cells), why=why)
+        job.entry.spec.say(f"cells {sorted(cells)} cannot go on exactly: {why}")
 
     def latest_of(self, dead: set[int]) -> dict[int, bytes]:
         """Return the latest state that is kept of each of these cells, where there is one.

@@ -23,6 +23,7 @@ from supernode.launch.supervisor import LaunchRequest, Supervisor
 _ENDS_WITHIN = 120.0  # seconds after the last fault
 _RUNS_WITHIN = 60.0  # seconds
 _LOOK_EVERY = 0.05  # seconds
+_ANOTHER_EPOCH = "another epoch begins"  # how a line of the coordinator's log begins
 _GOES_ON = re.compile(r"new processes go on where the dead ones were: cells (.*)")
 
 
@@ -154,20 +155,22 @@ def _log_of(client: Client, job: str) -> Iterator[dict[str, Any]]:
 
 
 def _whole_again(done: Sequence[tuple[float, Fault]], records: Iterable[Mapping[str, Any]]) -> list[float]:
-    """Return for each death of a cell that went on exactly the seconds until then."""
-    deaths: dict[str, list[float]] = {}
-    for at, fault in done:
-        if fault.do == "kill" and fault.process.startswith("node "):
-            deaths.setdefault(fault.process.removeprefix("node "), []).append(at)
+    """Return for each death of a cell that went on exactly the seconds until then.
+
+    A cell that died twice before it went on counts once, from its first death. What another epoch has settled does not
+    count.
+    """
+    deaths = [(at, fault.process.removeprefix("node ")) for at, fault in done if fault.do == "kill"]
     found = []
-    for record in records:
-        if (line := _GOES_ON.fullmatch(record["text"])) is None:
-            continue
-        for cell in line[1].split(", "):
-            earlier = [at for at in deaths.get(cell, ()) if at <= record["at"]]
-            for at in earlier:
-                found.append(record["at"] - at)
-                deaths[cell].remove(at)
+    for record in sorted(records, key=lambda record: record["at"]):
+        text, at = record["text"], record["at"]
+        if text.startswith(_ANOTHER_EPOCH):
+            deaths = [each for each in deaths if each[0] > at]
+        elif (line := _GOES_ON.fullmatch(text)) is not None:
+            for cell in line[1].split(", "):
+                earlier = [died for died, whose in deaths if whose == cell and died <= at]
+                found += [at - min(earlier)] if earlier else []
+                deaths = [each for each in deaths if each[1] != cell or each[0] > at]
     return sorted(found)
 
 
@@ -175,6 +178,6 @@ def _history(file: ProblemFile, result: Result) -> str | None:
     """Return the history of the run that a result tells of, lived through once more."""
     *before, last = replay(file, result.directives)
     past = Past()
-    for epoch, then in zip(before, [*before[1:], last], strict=True):
+    for epoch, then in zip(before, [*before, last][1:], strict=True):
         past = past.and_then(Lived(epoch.file, epoch.reports, epoch.plan.epoch), then.why)
     return past.and_then(Lived(last.file, last.reports, last.plan.epoch)).history
