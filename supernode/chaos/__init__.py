@@ -1,5 +1,5 @@
 """Try a cluster under faults: kill and stop its processes while a job runs, and see what was lost.
 
-`schedule` draws the faults from a seed. `trial` carries them out on the processes of a cluster that it starts. `report`
+Read `trial` first. `schedule` draws the faults from a seed. `trial` carries them out on the processes of a cluster that it starts. `report`
 says what was done and what was lost. The command is `supernode chaos`.
 """

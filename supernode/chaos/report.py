@@ -29,7 +29,7 @@ def in_words(outcome: Outcome) -> str:
     """Return the outcome in a few lines."""
     result, times = outcome.result, outcome.whole_again
     counts = Counter(f"{fault.do} {fault.process.split(' ')[0]}" for _, fault in outcome.done)
-    lines = ["done: " + ", ".join(f"{each} ({count} times)" for each, count in sorted(counts.items()))]
+    lines = ["done: " + (", ".join(f"{each} ({count})" for each, count in sorted(counts.items())) or "nothing")]
     if times:
         latest = times[int(_MOST * (len(times) - 1))]
         middle = statistics.median(times)

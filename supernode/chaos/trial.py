@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from coordinator.jobs.states import ENDS
 from coordinator.launch.launcher import ServiceOptions
 from node.replay import replay
 from problems import ProblemFile
@@ -86,7 +87,7 @@ def run(file: ProblemFile, faults: Sequence[Fault], force: bool, say: Callable[[
         listener = threading.Thread(target=_listen, args=(job, outcome), name="improvements", daemon=True)
         listener.start()
         if _wait_for(lambda: job.state() not in ("submitted", "queued", "preparing"), _RUNS_WITHIN):
-            _carry_out(faults, up.processes, outcome, say)
+            _carry_out(faults, up.processes, job, outcome, say)
         job.cancel()
         with contextlib.suppress(TimeoutError):
             outcome.result = job.result(_ENDS_WITHIN)
@@ -99,11 +100,18 @@ def run(file: ProblemFile, faults: Sequence[Fault], force: bool, say: Callable[[
 
 
 def _carry_out(
-    faults: Sequence[Fault], processes: Callable[[], Mapping[str, int]], outcome: Outcome, say: Callable[[str], None]
+    faults: Sequence[Fault],
+    processes: Callable[[], Mapping[str, int]],
+    job: ClientJob,
+    outcome: Outcome,
+    say: Callable[[str], None],
 ) -> None:
+    """Carry out the faults until the job has ended."""
     began, stopped = time.monotonic(), list[threading.Timer]()
     for fault in faults:
         time.sleep(max(0.0, began + fault.at - time.monotonic()))
+        if job.state() in ENDS:
+            break
         process = processes().get(fault.process)
         if process is None:
             continue
