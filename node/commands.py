@@ -30,6 +30,9 @@ from wire.control import (
 from wire.seal import Seal
 from wire.strict import Rejected
 
+InAnEpoch = ProposeStop | Halt | Missed | TellStates | Finish
+"""The commands for the cell of one epoch."""
+
 
 class Commands:
     """Decodes commands on the network thread, and carries them out on the main thread.
@@ -57,11 +60,13 @@ class Commands:
             command = error
         else:
             self._epochs.note(command)
+            if isinstance(command, Look):  # at once: a cell may be in a long evaluation
+                return self._answer_look(command, query)
             if isinstance(command, TellStates) and self._assignment_of(command) is None:
                 return drop(query)  # at once: the main thread may be waiting for neighbours, and the coordinator for it
         return self._driver.queue.put(partial(self._carry_out, query, command))
 
-    def _assignment_of(self, command: ProposeStop | Halt | Missed | TellStates | Finish) -> Assignment | None:
+    def _assignment_of(self, command: InAnEpoch) -> Assignment | None:
         """Return the epoch that the command is for, if this node is in it or has just left it; else None."""
         for assignment in (self._driver.assignment, self._epochs.past):
             if assignment is not None and (assignment.job, assignment.epoch) == (command.job, command.epoch):
@@ -82,9 +87,7 @@ class Commands:
             answer(query, Done())
         elif isinstance(command, Begin):
             self._epochs.begin(command, query)
-        elif isinstance(command, Look):
-            self._answer_look(command, query)
-        else:
+        elif not isinstance(command, Look):  # which has its answer already
             assignment = self._assignment_of(command)
             if assignment is not None:
                 self._obey(assignment, command, query)
@@ -92,9 +95,11 @@ class Commands:
                 drop(query)
 
     def _answer_look(self, command: Look, query: zenoh.Query) -> None:
-        """Answer a new coordinator that looks for the nodes of a job."""
-        if self._driver.assignment is not None and self._driver.assignment.job == command.job:
-            answer(query, Done(json.dumps({"cell": self._driver.assignment.cell.number, "versions": fingerprint()})))
+        """Answer a coordinator that looks for the nodes of a job. On the network thread."""
+        assignment = self._driver.assignment
+        if assignment is not None and assignment.job == command.job:
+            told = {"cell": assignment.cell.number, "epoch": assignment.epoch, "versions": fingerprint()}
+            answer(query, Done(json.dumps(told)))
         else:
             drop(query)
 

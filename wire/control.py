@@ -116,7 +116,7 @@ class Halt:
 
 @dataclass(frozen=True)
 class Look:
-    """Ask which nodes are at a job. Each of them answers with its cell and its versions of libraries."""
+    """Ask which nodes are at a job. Each answers at once with its cell, its epoch, and its versions of libraries."""
 
     name: ClassVar[str] = "look"
     job: int
@@ -189,7 +189,8 @@ class Done:
     """The command was carried out.
 
     Attributes:
-        note: JSON: for `Prepare` to a node, the versions that its results depend on; for `Look`, these and the cell.
+        note: JSON: for `Prepare` to a node, the versions that its results depend on; for `Look`, these, the cell and
+            the epoch.
     """
 
     note: str = "null"

@@ -238,7 +238,7 @@ class Calls:
             if reply.ok is not None and isinstance(kept := _decoded(reply.ok.payload.to_bytes()), KeptStates):
                 queue.put(StatesTold(question, kept))
 
-        self._get(key, command, direct(hear, lambda: queue.put(StatesTold(question, None))), _TOLD_WITHIN)
+        self._get(key, command, direct(hear, lambda: queue.put(StatesTold(question, None))), _ANSWER_WITHIN)
         return question
 
     def tell(self, key: str, command: Command) -> None:

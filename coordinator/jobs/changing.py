@@ -108,8 +108,8 @@ class Changing:
         """
         job = self._job
         job.dispatch.changed(job.entry, "waiting")
-        number = job.epoch.number
-        while job.epoch.number == number:
+        before = job.epoch
+        while job.epoch is before:  # its number may be the same, if all nodes died and it went on from a checkpoint
             message = job.changes.popleft() if job.changes else job.calls.next()
             try:
                 if isinstance(message, StopRequest):

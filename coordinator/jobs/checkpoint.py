@@ -59,6 +59,19 @@ class Checkpoint:
         """The job's generations so far; in async mode those of the slowest cell."""
         return self.past.generations + min((generation for generation, _ in self.states), default=0)
 
+    def file_on(self, topology: str | None) -> ProblemFile:
+        """Return the problem file of the latest epoch, on another topology if one is given.
+
+        Raises:
+            BadInput: if there is no such topology, or the checkpoint has no demes that other cells could begin with.
+        """
+        file = self.file.with_run(topology=topology)
+        if file.run.topology != self.file.run.topology and self.epoch > 0 and not self.states:
+            raise BadInput(
+                f"topology: expected {self.file.run.topology}, since no cell had told its deme yet, found {topology}"
+            )
+        return file
+
     def encode(self) -> bytes:
         """Return the checkpoint as bytes."""
         content = pack(

@@ -35,7 +35,8 @@ class Checkpointing:
         self._begins = begins
         self._every = job.entry.spec.checkpoint_every
         self.look_at = None if self._every is None else 0.0
-        self._question = -1  # whose answers count
+        self._question: int | None = None  # whose answers are awaited
+        self._pause = _SOON  # seconds from a question without a checkpoint to the next one
         self._told: list[KeptStates] = []
         self._epoch: Epoch | None = None  # of the latest checkpoint or question
         self._has_failed = False
@@ -50,11 +51,12 @@ class Checkpointing:
         if not job.epochs.settled or job.epoch.dead or job.stop_request is not None:
             return  # cells are still on their way to the latest epoch, or about to leave it
         if self._epoch is not job.epoch:
-            self._epoch = job.epoch
+            self._epoch, self._pause = job.epoch, min(_SOON, self._every)
             if self._begins and (job.epoch.is_fresh or job.epoch.number == 0):
                 self._save(())  # so that even a job that ends now can go on
             self._begins = True
         self._told.clear()
+        self.look_at = None  # until the question is over: a cell answers between two generations
         self._question = job.calls.ask_for_states(
             job.keys.every_control, TellStates(job.number, job.epoch.number, once=True)
         )
@@ -62,16 +64,21 @@ class Checkpointing:
     def hear(self, told: StatesTold) -> None:
         """Take a cell's answer; make a checkpoint once there are states of all cells."""
         epoch = self._job.epoch
-        if told.question != self._question or told.kept is None or epoch is not self._epoch:
+        if told.question != self._question or self._every is None:
             return
-        self._told.append(told.kept)
-        if len(self._told) < epoch.cells:
+        if told.kept is not None:
+            self._told.append(told.kept)
+        if told.kept is not None and len(self._told) < epoch.cells:
             return
-        states = consistent_states(self._told, epoch.cells, epoch.file.run.mode)
+        self._question = None
+        states = consistent_states(self._told, epoch.cells, epoch.file.run.mode) if epoch is self._epoch else ()
         self._told.clear()
-        if states and self._every is not None:
+        if states:
             self._save(states)
-            self.look_at = time.monotonic() + self._every
+            self._pause = self._every
+        else:  # more and more seldom, since there may never be any: cells without neighbours, or with long states
+            self._pause = min(self._every, 2.0 * self._pause)
+        self.look_at = time.monotonic() + self._pause
 
     def _save(self, states: tuple[tuple[int, bytes], ...]) -> None:
         """Have a checkpoint kept; if that fails, say so once and go on without."""

@@ -10,7 +10,7 @@ from coordinator.jobs.consulting import Consulting
 from coordinator.jobs.epochs import Epoch, Epochs
 from coordinator.jobs.job import Change, JobEntry, Placement, StopRequest
 from spy.improvement_records import ImprovementRecord, records_of
-from spy.past import lived_for
+from spy.past import Past, lived_for
 from topologies import ROOT
 from wire.control import Begin, ProposeStop, Wiring
 from wire.keys import Keys
@@ -128,6 +128,11 @@ class ConductedJob:
             before, self.best = self.best, self.answer_for(epoch)
             self.epochs.add(epoch)
             return None if self.best is before else self.best
+
+    def go_back_to(self, past: Past) -> None:
+        """Forget the epochs after a past: none of their cells is at work."""
+        with self._improving:
+            self.epochs.past, self.epochs.known = past, []
 
     def answer_for(self, epoch: Epoch) -> Improvement | None:
         """Return the best answer so far if it is still an answer to the problem of ``epoch``; else None.

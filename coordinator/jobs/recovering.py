@@ -5,13 +5,14 @@ gets a state, asks its neighbours for the messages, and breeds the same generati
 The epoch goes on; the other cells only wait.
 """
 
+import json
 from collections.abc import Mapping
 
 from coordinator.jobs.calls import RefusedError
 from coordinator.jobs.conducted_job import ConductedJob
 from coordinator.jobs.preparing import Preparing
 from topologies import ROOT, Topology
-from wire.control import TellStates
+from wire.control import Command, Done, Look, TellStates
 from wire.takeover import KeptStates, Takeover
 
 States = dict[int, tuple[int, bytes]]
@@ -89,10 +90,19 @@ class Recovering:
         Raises:
             ReplacedError: if another process dies meanwhile.
         """
-        job = self._job
-        question = job.keys.every_control, TellStates(job.number, job.epoch.number)
-        answers = job.calls.ask([question], 0, give_up=False)
-        return {answer.cell: answer for answer in answers if isinstance(answer, KeptStates)}
+        job, key = self._job, self._job.keys.every_control
+        questions: list[tuple[str, Command]] = [
+            (key, TellStates(job.number, job.epoch.number)),
+            (key, Look(job.number)),
+        ]
+        kept: dict[int, KeptStates] = {}
+        while True:
+            answers = job.calls.ask(questions, 0, give_up=False)
+            kept |= {answer.cell: answer for answer in answers if isinstance(answer, KeptStates)}
+            looks = [json.loads(answer.note) for answer in answers if isinstance(answer, Done)]
+            # A node in a long evaluation looks, but does not tell yet. One that is stopped does neither.
+            if {look["cell"] for look in looks if look["epoch"] == job.epoch.number} <= kept.keys():
+                return kept
 
 
 def choose_states(topology: Topology, kept: Mapping[int, KeptStates], began_anew: bool) -> States:

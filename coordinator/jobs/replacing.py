@@ -16,6 +16,7 @@ from coordinator.jobs.preparing import Preparing
 from coordinator.jobs.recovering import Recovering
 from coordinator.jobs.resuming import Resuming
 from problems import ProblemFile
+from spy.past import Past
 from topologies import Topology, Torus
 from wire.control import Done, Drop, Halt, Look, Wiring
 
@@ -46,6 +47,7 @@ class Replacing:
         # The wiring's number is enough: nodes that have its links keep them.
         epoch = Epoch(placement.epoch, placement.file, Wiring(placement.wiring, placement.nodes), why=placement.why)
         job.epochs.take_over(epoch)
+        job.lived_before = _lived_before(placement.past)
         job.best = job.answer_for(epoch)
         epoch.dead = set(range(epoch.cells)) - self._present_cells(epoch)
         self._spy_is_new = True  # it may have been replaced while there was no coordinator
@@ -216,6 +218,7 @@ class Replacing:
         if job.checkpoint is not None and job.checkpoint.epoch == job.epoch.number:
             self._resuming.go_on_from(job.checkpoint, self._next_file())
         else:
+            job.entry.spec.say("begins anew: all its processes have died, and there is no checkpoint of this epoch")
             self._preparing.set_out(job.epoch.number + 1, self._next_file())
         job.unsent_stop = job.stop_request  # what was sent of it is lost with the nodes
 
@@ -225,6 +228,15 @@ class Replacing:
         if len(self._job.nodes) == epoch.cells:
             return epoch.file
         return epoch.file.changed({}, {"topology": _taller(epoch.topology, len(self._job.nodes))})
+
+
+def _lived_before(past: Past) -> int:
+    """Return the generations of a job when it last began with new demes because all its nodes had died."""
+    lived = before = 0
+    for directive in past.directives:
+        lived += directive["generation"]
+        before = lived if directive["do"] == "restart" else before
+    return before
 
 
 def _taller(topology: Topology, cells: int) -> str | None:

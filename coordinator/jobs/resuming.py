@@ -41,11 +41,15 @@ class Resuming:
             BadInput: if the states do not fit the problem.
         """
         job = self._job
+        job.go_back_to(checkpoint.past)
         if checkpoint.epoch == 0 and not checkpoint.states:
             return self._preparing.set_out(0, file)
+        job.entry.spec.say(f"goes on from its checkpoint after generation {checkpoint.generation}")
         job.dispatch.changed(job.entry, "preparing")
         job.lived_before = checkpoint.lived_before
-        job.epochs.past, job.epochs.known = checkpoint.past, []
+        if job.best is not None:  # another topology may have no cell of that number
+            old, new = topologies.parse(checkpoint.file.run.topology), topologies.parse(file.run.topology)
+            job.best = replace(job.best, cell=donor_of(job.best.cell, old, new))
         fresh = False
         while True:
             try:
@@ -90,8 +94,6 @@ class Resuming:
             "generations": {str(cell): report.generation for cell, report in before.reports.items()},
             "topology": new.spec,
         }
-        if job.best is not None:  # the new topology may have no cell of that number
-            job.best = replace(job.best, cell=donor_of(job.best.cell, old, new))
         job.epochs.known = [before]
         epoch = Epoch(before.number + 1, file, wiring, job.generations(before, halted=False), why=why)
         self._preparing.prepare(epoch, {cell: before.reports[donor].deme for cell, donor in donors.items()})

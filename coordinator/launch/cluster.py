@@ -168,7 +168,7 @@ class LocalCluster:
         if checkpoints is not None:
             folder = CheckpointFolder(checkpoints)
             folder.refuse_other_runs()
-            spec = replace(spec, checkpoint_every=checkpoint_every, keep_checkpoint=folder.keep)
+            spec = replace(spec, checkpoint_every=_positive(checkpoint_every), keep_checkpoint=folder.keep)
         return self._submit(spec)
 
     def resume(
@@ -178,7 +178,8 @@ class LocalCluster:
         log: str | None = None,
         least_improvement: float = LEAST,
         checkpoint_every: float | None = CHECKPOINT_EVERY,
-        **topology: Any,
+        torus: tuple[int, int] | str | None = None,
+        topology: str | None = None,
     ) -> Job:
         """Let a run go on from its latest checkpoint; in lockstep bit for bit, as if it had never ended.
 
@@ -187,8 +188,9 @@ class LocalCluster:
             log: see `submit`.
             least_improvement: see `submit`.
             checkpoint_every: the seconds from one checkpoint to the next; None for no further ones.
-            topology: ``torus`` or ``topology``, another one than before: each cell then begins with the deme of a cell
-                of the checkpoint. By default that of the checkpoint, whatever this cluster's is.
+            torus: other rows and columns than before: each cell then begins with the deme of a cell of the checkpoint.
+                By default the topology is that of the checkpoint, whatever this cluster's is.
+            topology: another topology instead of ``torus``.
 
         Raises:
             BadInput: if there is no checkpoint that is whole, or the topology is wrong.
@@ -196,17 +198,18 @@ class LocalCluster:
         """
         folder = CheckpointFolder(checkpoints)
         checkpoint, _ = folder.latest()
+        file = checkpoint.file_on(checkpoint.file.with_run(torus=torus, topology=topology).run.topology)
         spec = JobSpec(
             0,
-            checkpoint.file.with_run(**topology),
+            file,
             log,
             least_improvement=least_improvement,
             submitted=time.monotonic() - checkpoint.seconds,
             past=checkpoint.past,
             best=checkpoint.best,
-            first=checkpoint.first,
+            first=checkpoint.first if checkpoint.epoch or checkpoint.states else file,
             checkpoint=checkpoint,
-            checkpoint_every=checkpoint_every,
+            checkpoint_every=_positive(checkpoint_every),
             keep_checkpoint=folder.keep,
         )
         return self._submit(spec)
@@ -309,3 +312,9 @@ class LocalCluster:
         if kind == "node" and number.isdigit():
             return f"{text} (cell {self.topology.place(int(number))})"
         return text
+
+
+def _positive(checkpoint_every: float | None) -> float | None:
+    if checkpoint_every is not None and not checkpoint_every > 0.0:  # so that NaN is refused too
+        raise BadInput(f"checkpoint_every: expected more than 0 s, found {checkpoint_every}")
+    return checkpoint_every

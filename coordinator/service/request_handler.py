@@ -19,7 +19,7 @@ from coordinator.service.checking import Checker, is_own
 from coordinator.store.database import StoreFailed
 from coordinator.store.job_store import Store
 from coordinator.store.record_book import RecordBook
-from coordinator.store.recorder import Recorder, record, state_of
+from coordinator.store.recorder import Recorder, log_record, state_of
 from coordinator.store.stored_job import Answered, Stored, Submission, Summary
 from problems import BadInput, ProblemFile
 from problems.digests import digest
@@ -203,9 +203,9 @@ class RequestHandler:
             try:
                 checkpoint = Checkpoint.decode(data, self._checker)
             except BadInput as error:
-                self._recorder.logged(record("warning", f"{error}; the one before is used", job.number))
+                self._recorder.logged(log_record("warning", f"a checkpoint is left out: {error}", job.number))
             else:
-                if checkpoint.epoch == job.epoch and checkpoint.states:
+                if checkpoint.epoch == job.epoch:
                     return checkpoint
         return None
 
@@ -214,7 +214,7 @@ class RequestHandler:
         try:
             self._store.keep_checkpoint(number, checkpoint.encode())
         except StoreFailed as error:
-            self._recorder.logged(record("warning", f"no checkpoint: {error}", number))
+            self._recorder.logged(log_record("warning", f"no checkpoint: {error}", number))
 
     def _spec(self, job: Summary, file: ProblemFile) -> JobSpec:
         """Return a job for the dispatcher, with its time of submission moved from Unix time to the monotonic clock."""
@@ -224,7 +224,7 @@ class RequestHandler:
             spec,
             checkpoint_every=self._checkpoint_every,
             keep_checkpoint=partial(self._keep_checkpoint, job.number),
-            say=lambda text: self._recorder.logged(record("info", text, job.number)),
+            say=lambda text: self._recorder.logged(log_record("info", text, job.number)),
         )
 
     def _past_of(self, job: Stored, file: ProblemFile) -> Past:
@@ -246,7 +246,7 @@ class RequestHandler:
             self._dispatcher.adopt(spec, placement)
         except Exception as error:
             self._recorder.logged(
-                record(
+                log_record(
                     "warning", f"the job cannot go on from where it was: {type(error).__name__}: {error}", job.number
                 )
             )

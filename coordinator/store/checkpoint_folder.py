@@ -1,7 +1,9 @@
 """A folder with the latest checkpoints of one run, from which `supernode resume` lets it go on."""
 
 import contextlib
+import fcntl
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 from coordinator.jobs.checkpoint import KEPT, Checkpoint
@@ -62,6 +64,35 @@ class CheckpointFolder:
                 f"{self.path}: expected no checkpoints of another run, found some: let that run go on by"
                 f" `supernode resume {self.path}`, delete the folder, or choose another one by --checkpoints"
             )
+
+    def discard(self) -> None:
+        """Delete the checkpoints, and the folder unless it holds something else."""
+        for file in self._files():
+            file.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            self.path.rmdir()
+
+    @contextlib.contextmanager
+    def held(self) -> Iterator[None]:
+        """Keep other processes from writing checkpoints to the folder, which is made if it is not there.
+
+        Raises:
+            BadInput: if another process does, or the folder cannot be made.
+        """
+        try:
+            self.path.mkdir(parents=True, exist_ok=True)
+            descriptor = os.open(self.path, os.O_RDONLY | os.O_DIRECTORY)
+        except OSError as error:
+            raise BadInput(f"{self.path}: expected a folder that can be written, found {error}") from None
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            os.close(descriptor)
+            raise BadInput(f"{self.path}: expected no other process that writes there, found one") from None
+        try:
+            yield
+        finally:
+            os.close(descriptor)
 
     def _files(self) -> list[Path]:
         """Return the files of the checkpoints, the oldest first."""

@@ -101,6 +101,7 @@ class Store(JobReader):
     def withdraw(self, number: int) -> None:
         """Delete a job that was never acknowledged to its client."""
         with self.writing() as session:
+            session.execute(delete(CheckpointRow).where(CheckpointRow.number == number))
             session.execute(delete(EpochRow).where(EpochRow.number == number))
             session.execute(delete(TransitionRow).where(TransitionRow.number == number))
             session.execute(delete(JobRow).where(JobRow.number == number))
@@ -203,9 +204,9 @@ class Store(JobReader):
             row.topology = placement.file.run.topology
             row.past_json = placement.past.to_json()
             known = select(EpochRow).where(EpochRow.number == number, EpochRow.epoch == placement.epoch)
-            if session.scalar(known) is not None:
-                return  # the job goes on in that epoch, from a checkpoint
-            if placement.epoch > 0:  # the first epoch follows no directive, and its file is that of the submission
+            if session.scalar(known) is not None:  # it goes on in that epoch, from a checkpoint
+                note_ends(session, number, placement.past)
+            elif placement.epoch > 0:  # the first epoch follows no directive, and its file is that of the submission
                 row.changed_file = placement.file.to_json()
                 if placement.why.get("do") == "update":
                     row.best_json = row.fitness = None
@@ -221,7 +222,7 @@ class Store(JobReader):
         """Delete the jobs that ended before ``at`` (Unix time), with all their records."""
         with self.writing() as session:
             old = select(JobRow.number).where(JobRow.ended < at)
-            for table in (ImprovementRow, HistoryRow, StatisticsRow, EpochRow, TransitionRow):
+            for table in (CheckpointRow, ImprovementRow, HistoryRow, StatisticsRow, EpochRow, TransitionRow):
                 session.execute(delete(table).where(table.number.in_(old)))
             session.execute(delete(JobRow).where(JobRow.ended < at))
 

@@ -211,7 +211,7 @@ class Recorder:
                 return self._commit(events)
             except StoreFailed as error:
                 if not away:
-                    self._lines.write(record("warning", str(error)))
+                    self._lines.write(log_record("warning", str(error)))
                 if not error.passing:
                     return self._settle_one_by_one(events, error)
                 away = True
@@ -288,7 +288,7 @@ class Recorder:
                 case _Ended(number, outcome):
                     return self._write_end(number, outcome)
         except (WrongTransition, UnknownJob) as error:  # the other events of this batch must still be written
-            self._log(record("warning", str(error), event.number))
+            self._log(log_record("warning", str(error), event.number))
         return None
 
     def _write_change(self, number: int, status: str, nodes: tuple[int, ...], at: float) -> JobState | None:
@@ -332,6 +332,6 @@ def _latest(events: list[_Event]) -> list[_Event]:
     return [event for event in events if not isinstance(event, _Improved) or last[event.number] is event]
 
 
-def record(level: str, text: str, job: int | None = None) -> LogRecord:
+def log_record(level: str, text: str, job: int | None = None) -> LogRecord:
     """Return a line of the coordinator for the log; ``job`` is the number of the job concerned."""
     return LogRecord(level, "coordinator", text, time.time(), job=job)

@@ -35,7 +35,7 @@ def in_words(outcome: Outcome) -> str:
         middle = statistics.median(times)
         lines.append(f"{len(times)} dead cells went on exactly: after {middle:.2f} s (median), {latest:.2f} s (95 %)")
     if result is not None:
-        new_epochs = sum(each["do"] in ("replace", "restart") for each in result.directives)
+        new_epochs = sum(each["do"] in ("replace", "resume", "restart") for each in result.directives)
         lines.append(f"{result.status} after {result.generations:,} generations, fitness {result.fitness:.6g}")
         lines.append(f"epochs that began because cells could not go on exactly: {new_epochs}")
     if outcome.repeats:

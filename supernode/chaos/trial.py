@@ -10,10 +10,11 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from coordinator.errors import ClusterFailed
 from coordinator.jobs.states import ENDS
 from coordinator.launch.launcher import ServiceOptions
 from node.replay import replay
-from problems import ProblemFile
+from problems import BadInput, ProblemFile
 from spy.past import Lived, Past
 from spy.result import Result
 from supernode.chaos.schedule import Fault
@@ -37,6 +38,7 @@ class Outcome:
         result: the job's result; None if the job did not end.
         whole_again: for each cell that died and went on exactly, the seconds from its death until then.
         best_told: the best fitness that the client was told in each epoch.
+        broken: why the cluster did not answer any more; None if it did.
         worse_told: improvements that were worse than an earlier one of the same epoch.
         repeats: whether a replay of the result has the same history; None if it has no history, as in async mode.
     """
@@ -45,12 +47,15 @@ class Outcome:
     result: Result | None = None
     whole_again: list[float] = field(default_factory=list)
     best_told: dict[int, float] = field(default_factory=dict)
+    broken: str | None = None
     worse_told: int = 0
     repeats: bool | None = None
 
     @property
     def lost(self) -> list[str]:
         """What was lost, a sentence for each; empty if nothing was."""
+        if self.broken is not None:
+            return [f"the cluster broke: {self.broken}"]
         if self.result is None:
             return [f"the job did not end within {_ENDS_WITHIN:.0f} s after the last fault"]
         found = []
@@ -60,7 +65,9 @@ class Outcome:
             found.append("the result is worse than an answer that the client had been told")
         if self.worse_told:
             found.append(f"{self.worse_told} improvements were worse than earlier ones")
-        if self.repeats is False:
+        if any(each["do"] == "restart" for each in self.result.directives):
+            found.append("all demes were lost, and the job began anew")
+        elif self.repeats is False:
             found.append("a replay of the result has another history")
         return found
 
@@ -86,17 +93,36 @@ def run(file: ProblemFile, faults: Sequence[Fault], force: bool, say: Callable[[
         job = client.submit(file)
         listener = threading.Thread(target=_listen, args=(job, outcome), name="improvements", daemon=True)
         listener.start()
-        if _wait_for(lambda: job.state() not in ("submitted", "queued", "preparing"), _RUNS_WITHIN):
-            _carry_out(faults, up.processes, job, outcome, say)
-        job.cancel()
-        with contextlib.suppress(TimeoutError):
-            outcome.result = job.result(_ENDS_WITHIN)
-            listener.join(_ENDS_WITHIN)
-        outcome.whole_again = _whole_again(outcome.done, _log_of(client, job.id))
-    if outcome.result is not None and file.run.mode == "lockstep" and outcome.result.history_sha256 is not None:
+        try:
+            _try(job, client, faults, up.processes, outcome, say)
+        except ClusterFailed as error:
+            outcome.broken = str(error)
+        listener.join(_ENDS_WITHIN)
+    if outcome.result is not None and file.run.mode == "lockstep":
         say("repeating the run in this process")
-        outcome.repeats = _history(file, outcome.result) == outcome.result.history_sha256
+        outcome.repeats = _repeats(file, outcome.result)
     return outcome
+
+
+def _try(
+    job: ClientJob,
+    client: Client,
+    faults: Sequence[Fault],
+    processes: Callable[[], Mapping[str, int]],
+    outcome: Outcome,
+    say: Callable[[str], None],
+) -> None:
+    """Carry out the faults once the job runs, end the job, and note how it went.
+
+    Raises:
+        ClusterFailed: if the cluster does not answer any more.
+    """
+    if _wait_for(lambda: job.state() not in ("submitted", "queued", "preparing"), _RUNS_WITHIN):
+        _carry_out(faults, processes, job, outcome, say)
+    job.cancel()
+    with contextlib.suppress(TimeoutError):
+        outcome.result = job.result(_ENDS_WITHIN)
+    outcome.whole_again = _whole_again(outcome.done, _log_of(client, job.id))
 
 
 def _carry_out(
@@ -137,10 +163,11 @@ def _let_go_on(process: int) -> None:
 
 
 def _listen(job: ClientJob, outcome: Outcome) -> None:
-    for better in job.improvements():
-        best = outcome.best_told.get(better.epoch)
-        outcome.worse_told += best is not None and better.fitness > best
-        outcome.best_told[better.epoch] = better.fitness if best is None else min(best, better.fitness)
+    with contextlib.suppress(ClusterFailed):  # `_try` notes that too
+        for better in job.improvements():
+            best = outcome.best_told.get(better.epoch)
+            outcome.worse_told += best is not None and better.fitness > best
+            outcome.best_told[better.epoch] = better.fitness if best is None else min(best, better.fitness)
 
 
 def _wait_for(happened: Callable[[], bool], seconds: float) -> bool:
@@ -182,10 +209,14 @@ def _whole_again(done: Sequence[tuple[float, Fault]], records: Iterable[Mapping[
     return sorted(found)
 
 
-def _history(file: ProblemFile, result: Result) -> str | None:
-    """Return the history of the run that a result tells of, lived through once more."""
-    *before, last = replay(file, result.directives)
+def _repeats(file: ProblemFile, result: Result) -> bool:
+    """Return whether the run that a result tells of has the same history if it is lived through once more."""
+    try:
+        *before, last = replay(file, result.directives)
+    except BadInput:  # an epoch ends elsewhere, or a directive says that the run cannot be repeated
+        return False
     past = Past()
     for epoch, then in zip(before, [*before, last][1:], strict=True):
         past = past.and_then(Lived(epoch.file, epoch.reports, epoch.plan.epoch), then.why)
-    return past.and_then(Lived(last.file, last.reports, last.plan.epoch)).history
+    past = past.and_then(Lived(last.file, last.reports, last.plan.epoch))
+    return result.history_sha256 is not None and past.history == result.history_sha256

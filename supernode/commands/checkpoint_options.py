@@ -1,12 +1,16 @@
 """Options about checkpoints, which `solve`, `resume` and `up` share."""
 
 import argparse
+import contextlib
 import math
 import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from coordinator.store.checkpoint_folder import CheckpointFolder
     from problems import ProblemFile
 
 _UNITS = {"ms": 1e-3, "s": 1.0, "": 1.0, "m": 60.0, "h": 3600.0}
@@ -23,8 +27,9 @@ def add_checkpoint(parser: "argparse._ActionsContainer", default: str = "off") -
     )
 
 
-def begun_checkpoints(file: "ProblemFile", options: argparse.Namespace) -> Path | None:
-    """Begin the folder of a run's checkpoints with one of its beginning; return the folder, None for no checkpoints.
+@contextlib.contextmanager
+def begun_checkpoints(file: "ProblemFile", options: argparse.Namespace) -> "Iterator[CheckpointFolder | None]":
+    """Yield the folder of a run's checkpoints, with one of its beginning; None if it is to have no checkpoints.
 
     It is there before any process is started, so that a run that is killed at any moment can go on.
 
@@ -38,15 +43,21 @@ def begun_checkpoints(file: "ProblemFile", options: argparse.Namespace) -> Path 
     if options.checkpoint is None:
         if options.checkpoints is not None:
             raise BadInput("--checkpoints: expected --checkpoint TIME with it, such as --checkpoint 30s")
-        return None
+        yield None
+        return
     path = Path(f"{Path(options.problem).stem}.run" if options.checkpoints is None else options.checkpoints)
     folder = CheckpointFolder(path)
-    folder.refuse_other_runs()
-    try:
-        folder.keep(Checkpoint(file, file))
-    except OSError as error:
-        raise BadInput(f"--checkpoints: {path}: expected a folder that can be written, found {error}") from None
-    return path
+    with folder.held():
+        folder.refuse_other_runs()
+        try:
+            folder.keep(Checkpoint(file, file))
+        except OSError as error:
+            raise BadInput(f"{path}: expected a folder that can be written, found {error}") from None
+        try:
+            yield folder
+        except BadInput:  # the run never began
+            folder.discard()
+            raise
 
 
 def _duration(text: str) -> float | None:

@@ -33,21 +33,21 @@ def run(options: argparse.Namespace) -> int:
     from supernode.launch.own_cluster import run_on_its_own
 
     check_outputs(options)
-    checkpoint, damaged = CheckpointFolder(options.folder).latest()
-    file = checkpoint.file.with_run(topology=options.topology)
+    folder = CheckpointFolder(options.folder)
+    checkpoint, damaged = folder.latest()
+    file = checkpoint.file_on(options.topology)
+    file.problem()  # imports its kind: the cluster loads the kernels of imported kinds
     for line in damaged:
         print(f"warning: {line}; the one before is used", file=sys.stderr)
-    if not options.quiet:
-        print(f"goes on after generation {checkpoint.generation}", file=sys.stderr)
-    file.problem()  # imports its kind: the cluster loads the kernels of imported kinds
-    return run_on_its_own(
-        file,
-        options,
-        lambda cluster: cluster.resume(
-            options.folder,
-            topology=options.topology,
-            log=options.log,
-            least_improvement=options.least_improvement,
-            checkpoint_every=options.checkpoint,
-        ),
-    )
+    about = {"log": options.log, "least_improvement": options.least_improvement}
+    with folder.held():
+        if not options.quiet:
+            print(f"goes on after generation {checkpoint.generation}", file=sys.stderr)
+        return run_on_its_own(
+            file,
+            options,
+            lambda cluster: cluster.resume(
+                folder.path, topology=options.topology, checkpoint_every=options.checkpoint, **about
+            ),
+            folder,
+        )

@@ -109,14 +109,17 @@ def _followed(client: "Client", file: "ProblemFile", options: argparse.Namespace
 
 def _on_its_own(file: "ProblemFile", options: argparse.Namespace) -> int:
     """Solve on a cluster of its own, started for the job."""
+    import topologies
+    from coordinator.launch import capacity
     from supernode.launch.own_cluster import run_on_its_own
 
-    folder = begun_checkpoints(file, options)
+    capacity.check(topologies.parse(file.run.topology).cells, force=options.force)  # before anything is compiled
     about = {"log": options.log, "least_improvement": options.least_improvement}
+    with begun_checkpoints(file, options) as folder:
 
-    def submit(cluster: "LocalCluster") -> "Job":
-        if folder is None:
-            return cluster.submit(file, **about)
-        return cluster.resume(folder, checkpoint_every=options.checkpoint, **about)
+        def submit(cluster: "LocalCluster") -> "Job":
+            if folder is None:
+                return cluster.submit(file, **about)
+            return cluster.resume(folder.path, checkpoint_every=options.checkpoint, **about)
 
-    return run_on_its_own(file, options, submit)
+        return run_on_its_own(file, options, submit, folder)

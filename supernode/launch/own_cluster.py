@@ -10,6 +10,7 @@ from coordinator import Job, LocalCluster
 from coordinator.jobs.job import BegunAnew, CheckpointFailed
 from coordinator.launch import capacity
 from coordinator.launch.compilation import compile_missing
+from coordinator.store.checkpoint_folder import CheckpointFolder
 from problems import ProblemFile, registry
 from spy.result import Result
 from spy.terminal import Terminal
@@ -20,13 +21,19 @@ DRAIN_SECONDS = 3.0
 """The time that the cells get to stop after Ctrl-C."""
 
 
-def run_on_its_own(file: ProblemFile, options: argparse.Namespace, submit: Callable[[LocalCluster], Job]) -> int:
+def run_on_its_own(
+    file: ProblemFile,
+    options: argparse.Namespace,
+    submit: Callable[[LocalCluster], Job],
+    folder: CheckpointFolder | None = None,
+) -> int:
     """Start a cluster, let ``submit`` give it a job, and present the result; return the exit code.
 
     Args:
         file: the problem file, with the topology of the cluster.
         options: what to report, and how the cluster is started.
         submit: called once the cluster is ready.
+        folder: has the checkpoints of the run, which are deleted if it ends by itself.
     """
     topology = topologies.parse(file.run.topology)
     capacity.check(topology.cells, force=options.force)  # before anything is compiled
@@ -44,6 +51,8 @@ def run_on_its_own(file: ProblemFile, options: argparse.Namespace, submit: Calla
             terminal.say(f"ready after {cluster.seconds_to_ready:.2f} s")
             job = submit(cluster)
             result, interrupted = _follow(cluster, job, terminal)
+    if folder is not None and result.status not in ("cancelled", "failed"):
+        folder.discard()
     first = job.spec.first or file
     tried = first.tried(result.directives)
     return present(replace(result, cpu_seconds=_cpu_seconds()), tried, options, interrupted)

@@ -1,9 +1,12 @@
 """A job goes on from a checkpoint on processes that know nothing of it: in lockstep as if it had never ended."""
 
+import os
 import random
+import signal
+from dataclasses import replace
 
 import pytest
-from epochs import again, turns_of
+from epochs import States, again, turns_of
 from hypothesis import given
 from hypothesis import strategies as st
 from one_max import AskingBus, plan_of
@@ -11,6 +14,7 @@ from stubborn import stubborn_file
 
 import supernode
 import topologies
+from coordinator.jobs.checkpoint import Checkpoint
 from coordinator.jobs.checkpointing import consistent_states
 from coordinator.jobs.resuming import donor_of
 from coordinator.store.checkpoint_folder import CheckpointFolder
@@ -101,7 +105,7 @@ def cluster():
 
 def function(cost=300, **run):
     text = f'kind = "function"\nname = "onemax"\ndimension = 64\ncost_us = {cost}\n'
-    return parse(text, "function", "/").with_run(target=-1.0, **run)
+    return parse(text, "function", "/").with_run(**{"target": -1.0} | run)
 
 
 def summary(result):
@@ -167,3 +171,64 @@ def test_the_job_goes_on_although_no_checkpoint_can_be_kept(cluster, tmp_path):
     assert job.result().status == "exhausted"
     assert len(failed) == 1, "said once"
     assert str(tmp_path / "file") in failed[0]
+
+
+def test_a_run_that_ended_before_any_state_begins_again_on_whatever_topology(cluster, tmp_path):
+    file = function(topology="torus 2x3", generations=50)
+    CheckpointFolder(tmp_path).keep(Checkpoint(file, file))
+    for topology in ("torus 2x3", "torus 3x4"):
+        result = cluster.resume(tmp_path, topology=topology).result()
+        assert (result.generations, result.topology, result.directives) == (50, topology, [])
+        assert again(file, result) == result.history_sha256
+
+
+def test_what_is_no_topology_or_no_time_is_refused(cluster, tmp_path):
+    file = function(topology="torus 2x3", generations=50)
+    CheckpointFolder(tmp_path).keep(Checkpoint(file, replace(file, attempt=1), epoch=1, why={"do": "retry"}))
+    with pytest.raises(supernode.BadInput, match="topology: expected torus 2x3"):
+        cluster.resume(tmp_path, torus="2x2")
+    with pytest.raises(supernode.BadInput, match="torus"):
+        cluster.resume(tmp_path, torus="2x2x2")
+    with pytest.raises(supernode.BadInput, match="checkpoint_every: expected more than 0"):
+        cluster.submit(file, checkpoints=tmp_path / "other", checkpoint_every=0.0)
+
+
+def test_long_generations_do_not_keep_checkpoints_from_being_made(cluster, tmp_path):
+    file = function(cost=140_000, topology="torus 1x2", generations=7)  # more than a second for each generation
+    cluster.submit(file, topology="torus 1x2", checkpoints=tmp_path, checkpoint_every=0.2).result()
+    checkpoint, _ = CheckpointFolder(tmp_path).latest()
+    assert checkpoint.generation >= 4
+
+
+def kill_all_nodes(cluster):
+    before = cluster.processes
+    for name, process in before.items():
+        if name.startswith("node "):
+            os.kill(process, signal.SIGKILL)
+
+
+def test_a_job_of_one_cell_begins_again_bit_for_bit_when_its_process_dies(tmp_path):
+    file = function(cost=1000, topology="torus 1x1", generations=200)
+    CheckpointFolder(tmp_path).keep(Checkpoint(file, file))
+    with supernode.LocalCluster(torus=(1, 1), kinds=["function"]) as cluster:
+        job = cluster.resume(tmp_path)
+        next(job.improvements())
+        kill_all_nodes(cluster)
+        result = job.result()
+    assert (result.status, result.generations, result.directives) == ("exhausted", 200, [])
+    assert again(file, result) == result.history_sha256
+
+
+def test_all_processes_of_a_job_that_waits_for_an_update_die(tmp_path):
+    file = function(topology="torus 1x2", keep_alive=True, target=10.0)
+    with supernode.LocalCluster(torus=(1, 2), kinds=["function"]) as cluster:
+        states = cluster._dispatcher.hooks = States()
+        job = cluster.submit(file, checkpoints=tmp_path, checkpoint_every=0.02)
+        states.wait(job, "waiting")
+        assert CheckpointFolder(tmp_path).latest()[0].states
+        kill_all_nodes(cluster)
+        states.wait(job, "waiting", times=2)
+        job.cancel()
+        result = job.result(60)
+    assert result.fitness <= 10.0
+    assert again(file, result) == result.history_sha256

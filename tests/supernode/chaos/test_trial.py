@@ -68,6 +68,8 @@ def test_what_was_lost_is_said():
         ({"result": result(fitness=4.0)}, "worse than an answer"),
         ({"worse_told": 2}, "2 improvements were worse"),
         ({"repeats": False}, "another history"),
+        ({"broken": "nobody answers"}, "the cluster broke: nobody answers"),
+        ({"result": result(directives=[{"do": "restart"}])}, "all demes were lost"),
     ):
         outcome = replace(SOUND, **wrong)
         assert len(outcome.lost) == 1

@@ -11,7 +11,9 @@ import pytest
 from command_line import in_process
 from live_service import ROOT, children_of, until
 
+from coordinator.jobs.checkpoint import Checkpoint
 from coordinator.store.checkpoint_folder import CheckpointFolder
+from problems import load
 
 PROBLEM = 'kind = "function"\nname = "onemax"\ndimension = 64\ncost_us = 1000\n'
 RUN = ("--torus", "2x3", "--generations", "1500", "--target", "-1", "--json", "--quiet")
@@ -62,6 +64,23 @@ def test_all_are_killed_twice_and_the_result_is_that_of_an_undisturbed_run(probl
     found, expected = json.loads(out), json.loads(expected)
     same = ("status", "fitness", "generations", "evaluations", "history_sha256", "directives", "found_at", "solution")
     assert {name: found[name] for name in same} == {name: expected[name] for name in same}
+
+
+def test_a_run_that_ends_by_itself_leaves_no_checkpoints(problem, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for _ in range(2):
+        code, out, _ = in_process(capsys, "solve", problem, *RUN, "--generations", "20", "--checkpoint", "30s")
+        assert (code, json.loads(out)["generations"]) == (3, 20)
+        assert not (tmp_path / "ones.run").exists()
+
+
+def test_two_processes_do_not_write_to_one_folder(problem, tmp_path, capsys):
+    folder = CheckpointFolder(tmp_path / "ones.run")
+    with folder.held():
+        folder.keep(Checkpoint(load(problem), load(problem)))
+        code, _, told = in_process(capsys, "resume", folder.path, "--quiet")
+    assert (code, told.count("\n")) == (2, 1)
+    assert "expected no other process" in told
 
 
 def test_a_run_of_its_own_does_not_overwrite_the_checkpoints_of_another(problem, tmp_path, capsys, monkeypatch):
