@@ -47,7 +47,7 @@ class Recovering:
         kept = self.kept_states()
         chosen = choose_states(epoch.topology, kept, began_anew=epoch.number == 0 or epoch.is_fresh)
         if not kept or not epoch.dead <= chosen.keys():
-            self._tell_why_not(epoch.dead - chosen.keys(), "no state to go on from is kept")
+            self._tell_why_not(epoch.dead - chosen.keys() or epoch.dead, "no state to go on from is kept")
             return False
         # In lockstep no cell is further ahead of another than there are exchanges on the way between them.
         reached = max(each.generation for each in kept.values()) + epoch.topology.diameter * epoch.file.run.interval

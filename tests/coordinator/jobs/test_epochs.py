@@ -115,7 +115,7 @@ def begun_before(file, number):
     past = Past().and_then(Lived(file), {"do": "rewire", "topology": "ring 16"})
     past = past.and_then(Lived(file.with_run(topology="ring 16"), number=1), {"do": "restart"})
     best = Improvement(number, 1, 0.1, 3, 1, 1e-9, True, {"x": [0.0] * 6, "value": 1e-9})
-    return JobSpec(number, file.with_run(topology="ring 16"), past=past, best=best, first_run=file.run)
+    return JobSpec(number, file.with_run(topology="ring 16"), past=past, best=best, first=file)
 
 
 def test_a_job_that_begins_again_keeps_its_past_and_its_best_answer(cluster, function):

@@ -103,7 +103,7 @@ def cluster():
         yield cluster
 
 
-def function(cost=300, **run):
+def function(cost=100, **run):
     text = f'kind = "function"\nname = "onemax"\ndimension = 64\ncost_us = {cost}\n'
     return parse(text, "function", "/").with_run(**{"target": -1.0} | run)
 

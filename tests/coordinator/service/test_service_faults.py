@@ -229,7 +229,7 @@ def kept_checkpoints(state, number=1):
 
 
 def test_when_all_is_killed_a_job_goes_on_from_its_latest_checkpoint(tmp_path):
-    file, options = job(1000, 2000, "torus 2x2", seed=3), ("--checkpoint", "300ms")
+    file, options = job(600, 500, "torus 2x2", seed=3), ("--checkpoint", "300ms")
     with live(tmp_path / "state", "torus 2x2", *options) as service:
         with service.connect() as client:
             client.submit(file, id="a")
@@ -238,14 +238,14 @@ def test_when_all_is_killed_a_job_goes_on_from_its_latest_checkpoint(tmp_path):
         assert service.all_gone_within(ENDS_WITHIN, lambda: os.kill(service.zygote, signal.SIGKILL))
     with live(tmp_path / "state", "torus 2x2", *options) as service, service.connect() as client:
         result = client.job("a").result(120)
-        assert (result.status, result.generations, result.directives) == ("exhausted", 1000, [])
+        assert (result.status, result.generations, result.directives) == ("exhausted", 600, [])
         assert result.history_sha256 == history(file, result)
         assert result.fitness <= best
         assert kept_checkpoints(tmp_path / "state") == 0, "of a job that has ended none is kept"
 
 
 def test_when_all_nodes_of_a_job_die_it_goes_on_from_its_latest_checkpoint(tmp_path):
-    file = job(1000, 2000, "torus 1x2")
+    file = job(600, 1000, "torus 1x2")
     with live(tmp_path / "state", "torus 1x2", "--checkpoint", "300ms") as service, service.connect() as client:
         running = client.submit(file, id="a")
         until(lambda: kept_checkpoints(tmp_path / "state") >= 3)
@@ -253,7 +253,7 @@ def test_when_all_nodes_of_a_job_die_it_goes_on_from_its_latest_checkpoint(tmp_p
         for node in ("node 0", "node 1"):
             os.kill(before[node], signal.SIGKILL)
         result = running.result(120)
-        assert (result.status, result.generations) == ("exhausted", 1000)
+        assert (result.status, result.generations) == ("exhausted", 600)
         assert result.history_sha256 == history(file, result)
         assert states(running).count("queued") == 2
 

@@ -15,7 +15,7 @@ from coordinator.jobs.checkpoint import Checkpoint
 from coordinator.store.checkpoint_folder import CheckpointFolder
 from problems import load
 
-PROBLEM = 'kind = "function"\nname = "onemax"\ndimension = 64\ncost_us = 1000\n'
+PROBLEM = 'kind = "function"\nname = "onemax"\ndimension = 64\ncost_us = 150\n'
 RUN = ("--torus", "2x3", "--generations", "1500", "--target", "-1", "--json", "--quiet")
 
 
