@@ -89,7 +89,7 @@ def _refuse_checkpoints(options: argparse.Namespace, where: str) -> None:
     from problems import BadInput
 
     if options.checkpoint is not None or options.checkpoints is not None:
-        raise BadInput(f"--checkpoint: expected none with {where}, where the cluster makes checkpoints by itself")
+        raise BadInput(f"--checkpoint: expected none with {where}; the checkpoints of a cluster are `supernode up`'s")
 
 
 def _followed(client: "Client", file: "ProblemFile", options: argparse.Namespace) -> tuple["Result", bool]:
