@@ -55,7 +55,7 @@ def result(**changed):
     return made
 
 
-SOUND = Outcome([(1.0, Fault(1.0, "kill", "node 3"))], result(), [0.2, 0.4], {0: 5.0, 1: 3.0}, 0, True)
+SOUND = Outcome([(1.0, Fault(1.0, "kill", "node 3"))], result(), [0.2, 0.4], {0: 5.0, 1: 3.0}, repeats=True)
 
 
 def test_what_was_lost_is_said():

@@ -16,7 +16,7 @@ from coordinator.store.checkpoint_folder import CheckpointFolder
 from problems import load
 
 PROBLEM = 'kind = "function"\nname = "onemax"\ndimension = 64\ncost_us = 150\n'
-RUN = ("--torus", "2x3", "--generations", "1500", "--target", "-1", "--json", "--quiet")
+RUN = ("--torus", "2x3", "--generations", "1000", "--target", "-1", "--json", "--quiet")
 
 
 @pytest.fixture
