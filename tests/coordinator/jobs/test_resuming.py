@@ -194,7 +194,7 @@ def test_what_is_no_topology_or_no_time_is_refused(cluster, tmp_path):
 
 
 def test_long_generations_do_not_keep_checkpoints_from_being_made(cluster, tmp_path):
-    file = function(cost=140_000, topology="torus 1x2", generations=6)  # more than a second for each generation
+    file = function(cost=60_000, topology="torus 1x2", generations=9)  # each takes longer than the time between two
     cluster.submit(file, topology="torus 1x2", checkpoints=tmp_path, checkpoint_every=0.2).result()
     checkpoint, _ = CheckpointFolder(tmp_path).latest()
     assert checkpoint.generation >= 4
