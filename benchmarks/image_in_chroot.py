@@ -21,6 +21,7 @@ BASE = "python3,python3-venv,ca-certificates"  # what the image python:3.11-slim
 RELEASE = "bookworm"  # its Python is 3.11
 _CHROOT = shutil.which("chroot", path="/usr/sbin:/sbin") or "chroot"  # the image's PATH need not lead there
 EXAMPLE = "examples/arm-ik.toml"
+_PATH = "/usr/local/bin:/usr/local/sbin:/usr/sbin:/usr/bin:/sbin:/bin"  # of the image python:3.11-slim
 
 
 def steps_of(dockerfile: str) -> Iterator[tuple[str, str]]:
@@ -37,7 +38,7 @@ class Stage:
 
     def __init__(self, base: Path, folder: Path) -> None:
         self.folder, self.user = folder, "root"
-        self.variables = {"PATH": "/usr/local/bin:/usr/bin:/bin", "HOME": "/root", "LANG": "C.UTF-8"}
+        self.variables = {"PATH": _PATH, "HOME": "/root", "LANG": "C.UTF-8"}
         subprocess.run(["cp", "--archive", base, folder], check=True)
 
     def mount(self) -> None:
