@@ -68,8 +68,8 @@ class Checkpointing:
             return
         if told.kept is not None:
             self._told.append(told.kept)
-        if told.kept is not None and len(self._told) < epoch.cells:
-            return
+            if len(self._told) < epoch.cells:
+                return
         self._question = None
         states = consistent_states(self._told, epoch.cells, epoch.file.run.mode) if epoch is self._epoch else ()
         self._told.clear()

@@ -21,6 +21,7 @@ from supernode.chaos.schedule import Fault
 from supernode.client.client import Client, ClientJob
 from supernode.client.cluster_info import Place
 from supernode.launch.supervisor import LaunchRequest, Supervisor
+from supernode.reports.records import pages
 
 _ENDS_WITHIN = 120.0  # seconds after the last fault
 _RUNS_WITHIN = 60.0  # seconds
@@ -53,7 +54,7 @@ class Outcome:
 
     @property
     def lost(self) -> list[str]:
-        """What was lost, a sentence for each; empty if nothing was."""
+        """Return what was lost, a sentence for each; empty if nothing was."""
         if self.broken is not None:
             return [f"the cluster broke: {self.broken}"]
         if self.result is None:
@@ -180,13 +181,8 @@ def _wait_for(happened: Callable[[], bool], seconds: float) -> bool:
 
 
 def _log_of(client: Client, job: str) -> Iterator[dict[str, Any]]:
-    after, more = 0, True
-    while more:
-        page = client.logs(job, None, after)
-        for row in page["rows"]:
-            yield dict(zip(page["columns"], row, strict=True))
-            after = row[0]  # the record's id
-        more = page["more"]
+    for page in pages(client, "log", job):
+        yield from (dict(zip(page.columns, row, strict=True)) for row in page.rows)
 
 
 def _whole_again(done: Sequence[tuple[float, Fault]], records: Iterable[Mapping[str, Any]]) -> list[float]:

@@ -109,11 +109,8 @@ def _followed(client: "Client", file: "ProblemFile", options: argparse.Namespace
 
 def _on_its_own(file: "ProblemFile", options: argparse.Namespace) -> int:
     """Solve on a cluster of its own, started for the job."""
-    import topologies
-    from coordinator.launch import capacity
     from supernode.launch.own_cluster import run_on_its_own
 
-    capacity.check(topologies.parse(file.run.topology).cells, force=options.force)  # before anything is compiled
     about = {"log": options.log, "least_improvement": options.least_improvement}
     with begun_checkpoints(file, options) as folder:
 
