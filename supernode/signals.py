@@ -1,8 +1,13 @@
 """The signals that ask a command to end in good order."""
 
+import queue
 import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import TypeVar
+
+_T = TypeVar("_T")
+_LOOK_AGAIN = 1.0  # seconds
 
 
 @contextmanager
@@ -20,3 +25,16 @@ def on_ending_signals(action: Callable[[], object]) -> Iterator[None]:
     finally:
         for kind, handler in zip(kinds, before, strict=True):
             signal.signal(kind, handler)
+
+
+def wait_for_an_end(ends: queue.SimpleQueue[_T]) -> _T:
+    """Wait, on the main thread, for what the action of `on_ending_signals` or another thread puts, and return it.
+
+    Python calls the action when the main thread next runs. A signal that another thread takes, or that comes just
+    before a wait begins, does not end that wait: so no wait is longer than a second.
+    """
+    while True:
+        try:
+            return ends.get(timeout=_LOOK_AGAIN)
+        except queue.Empty:
+            continue

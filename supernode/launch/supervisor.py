@@ -26,7 +26,7 @@ from supernode.client.client import Client
 from supernode.client.cluster_info import ClusterInfo, Place, occupy, remove_info, write_info
 from supernode.deploy.engine_cluster import ENGINE_CLUSTER, EngineCluster
 from supernode.launch.engines import start_on
-from supernode.signals import on_ending_signals
+from supernode.signals import on_ending_signals, wait_for_an_end
 from wire import sessions
 
 if TYPE_CHECKING:
@@ -313,7 +313,7 @@ class Supervisor:
                 self._wait_for_the_end()
 
     def _wait_for_the_end(self) -> NoReturn:
-        reason = self._ends.get()
+        reason = wait_for_an_end(self._ends)
         if reason is None:
             raise _AskedToEndError
         raise ClusterFailed(reason)
