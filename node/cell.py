@@ -196,12 +196,17 @@ class Cell:
         for event in events:
             if isinstance(event, Answered):
                 self._backlog.put(event.sender, event.generation // self.plan.run.interval, event.payloads)
+                if self._took_over:  # the neighbour may die before this cell has caught up: keep its state now
+                    actions += self.hear([(event.sender, event.payloads[-1])])
                 self._take_from_backlog(actions)
             elif isinstance(event, Asked):
                 if messages := self._outbox.since(event.generation):
-                    actions.append(Answer(event.question, messages))
                     assert self.generations is not None, "a cell that has sent messages has begun"
-                    self.generations.send_state()  # the neighbour may be a new process, which keeps none yet
+                    # The neighbour may be a new process, which keeps no state of this cell yet.
+                    if self.rows.exchanging:
+                        messages[-1] = self._outbox.written(*self.generations.publish_again())
+                    self.generations.send_state()
+                    actions.append(Answer(event.question, messages))
             elif isinstance(event, AskedForStates):
                 actions.append(AnswerStates(event.question, self._kept_states(event.once)))
             elif isinstance(event, Start):
@@ -251,8 +256,15 @@ class Cell:
 
     def _kept_states(self, once: bool) -> KeptStates:
         now, oldest = self.rows.generation, self._outbox.oldest
-        states = self.inbox.states_told_once() if once else self.inbox.states_to_go_on_from()
-        return KeptStates(self.number, now, now if oldest is None else oldest, states)
+        states = self.inbox.states_told_once() if once else tuple(self.inbox.states)
+        return KeptStates(self.number, now, now if oldest is None else oldest, states, self._heard())
+
+    def _heard(self) -> tuple[tuple[int, int], ...]:
+        """Return, for each neighbour, the generation up to which all its messages have come; nothing in async mode."""
+        if self.plan.run.mode != "lockstep":
+            return ()
+        interval, heard = self.plan.run.interval, self.inbox.heard()
+        return tuple((other, self._backlog.last(other, its) * interval) for other, its in heard.items())
 
     def _catch_up(self, generations: Generations, actions: list[Action]) -> None:
         """Breed for as long as the neighbours' answers have the messages that are missing; then ask for the next ones.
@@ -295,7 +307,7 @@ class Cell:
         if flags:
             self._handle_flags(flags, generations, news, actions)
         if size:
-            actions.append(self._outbox.with_state[:size].tobytes() if has_state else self._outbox.latest())
+            actions.append(self._outbox.written(size, has_state))
         if flags & STOPS:
             self._end("stopped", None, actions)
 
@@ -336,6 +348,7 @@ class Cell:
                 deme=self.rows.genomes.tobytes() if sound else b"",
                 state=reported(self.rows.problems[0]) if sound else b"",
                 error=error,
+                infeasible=self.plan.infeasible,
             )
         )
 

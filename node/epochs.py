@@ -16,6 +16,7 @@ from node.links import Links
 from node.node_config import NodeConfig
 from node.plan import Plan
 from node.queries import drop, reply
+from node.suspects import Suspects
 from node.telemetry import Telemetry
 from problems import BadInput
 from topologies import Topology
@@ -42,6 +43,7 @@ class Epochs:
         self._control = control
         self._driver = driver
         self._telemetry = telemetry
+        self._suspects = Suspects(config.folder, config.node, config.crash, config.limits)
         # The latest command that makes links prepared for an earlier one useless; the network thread writes it while
         # the main thread may be waiting for neighbours in `Links`.
         self._order: Prepare | Halt | Drop | TellStates | None = None
@@ -97,7 +99,8 @@ class Epochs:
         self._driver.coming = None
         try:
             file = self._config.modules.read(command.file)
-            plan = Plan.of(file, command.epoch, command.since or 0, checked=True)
+            suspects = self._suspects.of(command.job)
+            plan = Plan.of(file, command.epoch, command.since or 0, checked=True, protection=suspects)
             # The deme must fit the new epoch's genomes. Of a user's own problem the coordinator cannot check that,
             # since it does not import the user's module.
             if goes_on and self._driver.assignment is not None and not command.fresh:
@@ -115,8 +118,13 @@ class Epochs:
             begins_with = command.since, command.deme, command.fresh, command.takeover
             self._driver.expect(Coming(command.job, plan, links, *begins_with))
         else:
-            self._driver.enter(Assignment(cell, links))
+            self._enter(Assignment(cell, links))
         return Done(json.dumps(fingerprint()))
+
+    def _enter(self, assignment: Assignment) -> None:
+        self._driver.enter(assignment)
+        for line in self._suspects.news():
+            self._telemetry.log("warning", line, assignment.cell)
 
     def _has_lived_before(self, command: Prepare) -> bool:
         """Return whether this node is in an earlier epoch of that job.
@@ -184,7 +192,7 @@ class Epochs:
         assignment = Assignment(Cell(plan, coming.links.cell, coming.job), coming.links, coming.news)
         self._drop_past()  # kept until now: neighbours and coordinator may have asked how it ended
         self.past = before
-        self._driver.enter(assignment)
+        self._enter(assignment)
         assignment.begun = coming.begun
         self._driver.start(assignment, Start(genomes, coming.takeover))
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from node.core_token import CoreTokens
+from node.suspects import EvaluationLimits
 from problems.modules import Modules
 from wire import sessions
 from wire.keys import Keys
@@ -25,6 +26,7 @@ class NodeConfig:
         modules: users' modules that problems may name.
         host: identifies this start of the processes that share ``folder``, in a cluster of several hosts; else empty.
         crash: the signal by which the process before this one crashed, such as "SIGSEGV"; "" if it did not.
+        limits: what an evaluation in a user's own code may take.
         core_tokens: the tokens of cores that nodes share, by core. Without one a node breeds whenever it is scheduled.
     """
 
@@ -38,6 +40,7 @@ class NodeConfig:
     host: str = ""
     core_tokens: CoreTokens = field(default_factory=dict)
     crash: str = ""
+    limits: EvaluationLimits = field(default_factory=EvaluationLimits)
 
     @property
     def keys(self) -> Keys:

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -20,6 +20,17 @@ from wire.exchange import Limits
 _GOLDEN = 0x9E3779B97F4A7C15  # 2^64 divided by the golden ratio: multiples of it are spread evenly
 
 
+class Guard(Protocol):
+    """Calls a problem's `evaluate` so that no individual can do harm."""
+
+    @property
+    def infeasible(self) -> tuple[bytes, ...]:
+        """The genomes that count as infeasible without being evaluated."""
+
+    def guard(self, problem: Problem) -> Evaluate:
+        """Return the problem's fitness function, which raises `EvaluationFailed` for any wrong result."""
+
+
 @dataclass(frozen=True)
 class Plan:
     """The plan of an epoch of a job: the problem, how it is bred, which cells are neighbours, and when it ends.
@@ -30,6 +41,7 @@ class Plan:
         epoch: the epoch's number in the job, from 0.
         since: generations of the job before this epoch.
         attempt: how often the job had been restarted by then, since the problem was last changed.
+        protection: protects this process from individuals that would kill it; None for none.
     """
 
     problem: Problem
@@ -37,9 +49,17 @@ class Plan:
     epoch: int = 0
     since: int = 0
     attempt: int = 0
+    protection: Guard | None = None
 
     @staticmethod
-    def of(file: ProblemFile, epoch: int = 0, since: int = 0, *, checked: bool = False) -> "Plan":
+    def of(
+        file: ProblemFile,
+        epoch: int = 0,
+        since: int = 0,
+        *,
+        checked: bool = False,
+        protection: Guard | None = None,
+    ) -> "Plan":
         """Return the plan of a problem file; if the problem is a user's own, this imports its module.
 
         If another process has ``checked`` the file, checks that take long are skipped.
@@ -47,7 +67,7 @@ class Plan:
         Raises:
             BadInput: if the problem file is wrong.
         """
-        plan = Plan(file.problem(checked=checked), file.run, epoch, since, file.attempt)
+        plan = Plan(file.problem(checked=checked), file.run, epoch, since, file.attempt, protection)
         _ = plan.target, plan.next_attempt  # calls a user's own code, so that its errors are reported now
         return plan
 
@@ -93,7 +113,16 @@ class Plan:
     @cached_property
     def evaluate(self) -> Evaluate:
         """The problem's fitness function, which raises `EvaluationFailed` for any wrong result."""
-        return guarded(self.problem)
+        return self.guarded(self.problem)
+
+    def guarded(self, problem: Problem) -> Evaluate:
+        """Return the fitness function of the problem, or of its copy for one cell, as this process should call it."""
+        return guarded(problem) if self.protection is None else self.protection.guard(problem)
+
+    @property
+    def infeasible(self) -> tuple[bytes, ...]:
+        """The genomes that count as infeasible without being evaluated."""
+        return () if self.protection is None else self.protection.infeasible
 
     @cached_property
     def target(self) -> float | None:

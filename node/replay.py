@@ -15,10 +15,12 @@ import topologies
 from genetics import Fitness, Genomes
 from node.plan import Plan, retry
 from node.simulation import Outside, Snapshot, Watch, ignore, never, simulate
+from node.suspects import Avoiding
 from problems import BadInput, ProblemFile
 from problems.errors import shorten
 from wire.report import Report
 
+_INFEASIBLE = "infeasible"
 _TURNS = ("update", "rewire", "replace", "resume", "retry")
 _LOST = {
     "several": "it had so many epochs that the directives of the first ones were merged",
@@ -39,6 +41,7 @@ class Epoch:
         left_at: the generation after which each cell leaves the epoch; None for the last epoch.
         last: the generation after which the epoch is stopped from outside; None if it ends by itself.
         donors: for each cell of the next epoch the cell of this one whose deme it gets; empty for the last epoch.
+        infeasible: genomes that counted as infeasible, since evaluating them killed processes.
     """
 
     number: int
@@ -48,6 +51,7 @@ class Epoch:
     left_at: Mapping[int, int] | None = None
     last: int | None = None
     donors: Mapping[int, int] = field(default_factory=dict)
+    infeasible: frozenset[bytes] = frozenset()
 
     @property
     def is_fresh(self) -> bool:
@@ -57,7 +61,8 @@ class Epoch:
     @cached_property
     def plan(self) -> Plan:
         """The epoch's plan; if the problem is a user's own, this imports its module."""
-        return Plan.of(self.file, self.number, self.since)
+        protection = Avoiding(self.infeasible) if self.infeasible else None
+        return Plan.of(self.file, self.number, self.since, protection=protection)
 
     @cached_property
     def ending(self) -> Plan:
@@ -74,7 +79,8 @@ class Epoch:
             BadInput: if the problem does not accept these fields.
         """
         file = self.file.next_attempt(fields)
-        return Epoch(self.number + 1, file, self.since + generation, retry(file, self.number + 1, fields))
+        why = retry(file, self.number + 1, fields)
+        return Epoch(self.number + 1, file, self.since + generation, why, infeasible=self.infeasible)
 
     def live(
         self, demes: Genomes | None, watch: Watch = ignore, outside: Outside = never, snapshot: Snapshot = ignore
@@ -126,7 +132,7 @@ def epochs_of(file: ProblemFile, directives: Sequence[Mapping[str, Any]] = ()) -
     Raises:
         BadInput: if a directive is malformed, or the run cannot be repeated.
     """
-    changes, stop = _sorted(directives)
+    changes, stop, infeasible = _sorted(directives)
     if changes and file.run.mode != "lockstep":
         raise BadInput(f"directives: mode: expected lockstep, which alone can be repeated, found {file.run.mode}")
     epochs: list[Epoch] = []
@@ -137,10 +143,10 @@ def epochs_of(file: ProblemFile, directives: Sequence[Mapping[str, Any]] = ()) -
         then = topologies.parse(after.run.topology).cells
         left_at, donors = _left_at(change, cells, then), _donors(change, cells, then)
         last = max(left_at.values())  # the others' demes are kept on the way, see `_Leaving`
-        epochs.append(Epoch(number, file, since, why, left_at, last, donors))
+        epochs.append(Epoch(number, file, since, why, left_at, last, donors, infeasible))
         file = after
         since, why = since + last, dict(change)
-    return [*epochs, Epoch(len(epochs), file, since, why, last=stop)]
+    return [*epochs, Epoch(len(epochs), file, since, why, last=stop, infeasible=infeasible)]
 
 
 def live(epochs: Sequence[Epoch], watch: Watch = ignore, outside: Outside = never) -> list[Replayed]:
@@ -192,23 +198,38 @@ class _Leaving:
 
 
 # What directives say --------------------------------------------------------------------------------------------------
-def _sorted(directives: Sequence[Mapping[str, Any]]) -> tuple[list[Mapping[str, Any]], int | None]:
-    """Return the directives that lead to another epoch, and the generation of the last epoch's stop, if any."""
-    changes, stops = [], []
+def _sorted(directives: Sequence[Mapping[str, Any]]) -> tuple[list[Mapping[str, Any]], int | None, frozenset[bytes]]:
+    """Sort directives by what they say.
+
+    Returns:
+        Those that lead to another epoch, the generation of the last epoch's stop, if any, and the genomes that counted
+        as infeasible.
+    """
+    changes, stops, infeasible = [], [], set[bytes]()
     for directive in directives:
         if not isinstance(directive, Mapping):
             raise BadInput(f"directives: expected tables, found {shorten(directive)}")
         kind = directive.get("do")
         if kind == "stop":
             stops.append(_count(directive, "generation"))
+        elif kind == _INFEASIBLE:
+            infeasible |= _genomes(directive)
         elif kind in _TURNS:
             changes.append(directive)
         elif isinstance(kind, str) and kind in _LOST:
             raise BadInput(f"directives: such a run cannot be repeated: {_LOST[kind]}")
         else:
-            known = ", ".join(("stop", *_TURNS[:-1]))
+            known = ", ".join(("stop", _INFEASIBLE, *_TURNS[:-1]))
             raise BadInput(f"directives: do: expected {known} or {_TURNS[-1]}, found {shorten(kind)}")
-    return changes, min(stops, default=None)
+    return changes, min(stops, default=None), frozenset(infeasible)
+
+
+def _genomes(directive: Mapping[str, Any]) -> set[bytes]:
+    found = directive.get("genomes")
+    try:
+        return {bytes.fromhex(each) for each in found}  # type: ignore[union-attr]
+    except (TypeError, ValueError):
+        raise BadInput(f"directives: genomes: expected hexadecimal texts, found {shorten(found)}") from None
 
 
 def _after(change: Mapping[str, Any], file: ProblemFile, cells: int) -> ProblemFile:

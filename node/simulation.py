@@ -161,6 +161,7 @@ def _reports(rows: Rows, digests: list[bytes], published: int) -> list[Report]:
             deme=deme,
             state=reported(problem),
             error=None,
+            infeasible=rows.plan.infeasible if cell == ROOT else (),  # all have the same
         )
         for cell, digest, champion, deme, problem in zip(
             rows.cells.tolist(), digests, _champions(rows.messages), _bytes_of(rows.genomes), rows.problems, strict=True

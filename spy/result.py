@@ -196,7 +196,7 @@ def result_of(
         run=first.model_dump(),
         problem_sha256=file.sha256,
         versions=versions,
-        directives=[*whole.directives, *_stops(epoch.reports)],
+        directives=[*whole.directives, *_deadly(epoch.reports), *_stops(epoch.reports)],
         messages=asdict(whole.messages),
         staleness=_staleness(whole.staleness) if run.mode == "async" else None,
         history_sha256=whole.history if judgement.status != "failed" else None,
@@ -228,6 +228,12 @@ def _found_at(best: Improvement, topology: Topology) -> dict[str, Any]:
     """Return where an individual was born. Generations count from 0 in each epoch, and epoch 0 is left out."""
     place = {"cell": list(topology.place(best.cell)), "generation": best.generation}
     return place | ({"epoch": best.epoch} if best.epoch else {})
+
+
+def _deadly(reports: Sequence[Report]) -> list[dict[str, Any]]:
+    """Return the directive about genomes that counted as infeasible, if there are any."""
+    genomes = sorted({genome for report in reports for genome in report.infeasible})
+    return [{"do": "infeasible", "genomes": [genome.hex() for genome in genomes]}] if genomes else []
 
 
 def _stops(reports: Sequence[Report]) -> list[dict[str, Any]]:

@@ -84,6 +84,7 @@ class Report:
         deme: the cell's last individuals, at full length (with zeros at the end), one after the other.
         state: what the problem reports about the state that evaluating left, see `problems.problem.Problem.report`.
         error: why the cell failed, or None.
+        infeasible: genomes that count as infeasible, since they have killed processes (`node.suspects`).
     """
 
     cell: int
@@ -101,6 +102,7 @@ class Report:
     deme: bytes
     state: bytes
     error: str | None
+    infeasible: tuple[bytes, ...] = ()
 
     def encode(self) -> bytes:
         """Return the report as msgpack: an array of the fields in the order of their definition."""
@@ -113,8 +115,8 @@ class Report:
         Raises:
             Rejected: if the payload is not a valid report.
         """
-        cell, generation, digest, *counters, staleness, champion, proposals, births, deme, state, error = fields(
-            unpack(payload), 15
+        cell, generation, digest, *counters, staleness, champion, proposals, births, deme, state, error, deadly = (
+            fields(unpack(payload), 16)
         )
         evaluations, sent, received, lost, rejected = (count(each) for each in counters)
         return Report(
@@ -133,6 +135,7 @@ class Report:
             of(bytes, deme),
             of(bytes, state),
             None if error is None else of(str, error),
+            tuple(of(bytes, each) for each in of(list, deadly)),
         )
 
 

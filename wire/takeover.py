@@ -41,12 +41,14 @@ class KeptStates:
         generation: the generation that it is in.
         oldest: the generation of the oldest message that it can send again.
         states: for each state its cell, its generation, and the state as bytes.
+        heard: in lockstep, for each neighbour its cell and the generation up to which all its messages have come.
     """
 
     cell: int
     generation: int
     oldest: int
     states: tuple[tuple[int, int, bytes], ...]
+    heard: tuple[tuple[int, int], ...]
 
     @staticmethod
     def of(values: object) -> "KeptStates":
@@ -55,7 +57,9 @@ class KeptStates:
         Raises:
             Rejected: if they are no valid answer.
         """
-        cell, generation, oldest, states = fields(values, 4)
+        cell, generation, oldest, states, heard = fields(values, 5)
         found = [fields(each, 3) for each in of(list, states)]
         kept = tuple((count(whose), count(its), of(bytes, state)) for whose, its, state in found)
-        return KeptStates(count(cell), count(generation), count(oldest), kept)
+        pairs = [fields(each, 2) for each in of(list, heard)]
+        come = tuple((count(whose), count(its)) for whose, its in pairs)
+        return KeptStates(count(cell), count(generation), count(oldest), kept, come)

@@ -14,7 +14,7 @@ from coordinator.experiments.experiment import Case, Parameters, all_cases, case
 from coordinator.experiments.journal import Journal, Record
 from coordinator.experiments.measure import memory_of_nodes, run_in_process, run_on_nodes
 from coordinator.launch.cluster import LocalCluster
-from coordinator.launch.zygote import import_all
+from coordinator.launch.imports import import_all
 from problems import ProblemFile
 from topologies import torus_of
 

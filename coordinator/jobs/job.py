@@ -20,7 +20,7 @@ from topologies import Topology
 from wire.news import Improvement, Statistics
 
 _LOOK_AGAIN = 0.2  # seconds
-_MOST_CRASHES = 3  # of processes of one job
+_MOST_CRASHES = 20  # of processes of one job: each of its deadly individuals takes two
 _MOST_RECORDS = 1 << 16  # improvements kept of one job, which may be kept alive for days
 
 
@@ -285,7 +285,9 @@ class JobEntry(Job):
         """
         self._crashes += bool(crash)
         if self._crashes > _MOST_CRASHES:
-            why = f"the problem's code has crashed the processes of several nodes, the last one by {crash}"
+            why = f"the problem's code has crashed {self._crashes} processes, the last one by {crash}"
+            if crash == "SIGALRM":
+                why += ", since evaluations took longer than --eval-timeout"
             self.queue.put(Failure(why))
         else:
             self.queue.put(Replaced(node))

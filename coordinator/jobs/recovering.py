@@ -6,6 +6,7 @@ The epoch goes on; the other cells only wait.
 """
 
 import json
+import time
 from collections.abc import Mapping
 
 from coordinator.jobs.calls import RefusedError
@@ -14,6 +15,8 @@ from coordinator.jobs.preparing import Preparing
 from topologies import ROOT, Topology
 from wire.control import Command, Done, Look, TellStates
 from wire.takeover import KeptStates, Takeover
+
+_ANSWERS_WITHIN = 6.0  # seconds in which all living cells should tell what they keep; a busy machine may need some
 
 States = dict[int, tuple[int, bytes]]
 """By cell, a generation and the state of the cell in it."""
@@ -96,12 +99,15 @@ class Recovering:
             (key, Look(job.number)),
         ]
         kept: dict[int, KeptStates] = {}
+        living = set(range(job.epoch.topology.cells)) - job.epoch.dead
+        until = time.monotonic() + _ANSWERS_WITHIN
         while True:
             answers = job.calls.ask(questions, 0, give_up=False)
             kept |= {answer.cell: answer for answer in answers if isinstance(answer, KeptStates)}
             looks = [json.loads(answer.note) for answer in answers if isinstance(answer, Done)]
+            looking = {look["cell"] for look in looks if look["epoch"] == job.epoch.number}
             # A node in a long evaluation looks, but does not tell yet. One that is stopped does neither.
-            if {look["cell"] for look in looks if look["epoch"] == job.epoch.number} <= kept.keys():
+            if looking <= kept.keys() and (living <= kept.keys() or time.monotonic() > until):
                 return kept
 
 
@@ -110,7 +116,7 @@ def choose_states(topology: Topology, kept: Mapping[int, KeptStates], began_anew
 
     Dead cells that are neighbours need each other's messages, so they go on from the same generation. A living
     neighbour must still have its messages since then, and must not wait for a message of the dead cell from before:
-    one that is itself catching up may do so.
+    one that is itself catching up is behind, but has the messages that the dead cell had sent until then.
 
     Args:
         topology: the neighbours of each cell.
@@ -135,8 +141,7 @@ def choose_states(topology: Topology, kept: Mapping[int, KeptStates], began_anew
 
 def _may_go_on(cell: int, generation: int, beside: KeptStates) -> bool:
     """Return whether the cell may go on from a generation beside a living neighbour. Messages come in their order."""
-    heard = max((its for whose, its, _ in beside.states if whose == cell), default=0)
-    return beside.oldest <= generation <= max(beside.generation, heard)
+    return beside.oldest <= generation <= max(beside.generation, dict(beside.heard).get(cell, 0))
 
 
 def latest_states(kept: Mapping[int, KeptStates], cell: int) -> dict[int, bytes]:

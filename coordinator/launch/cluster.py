@@ -15,6 +15,7 @@ from coordinator.errors import ClusterFailed
 from coordinator.jobs.checkpoint import CHECKPOINT_EVERY
 from coordinator.jobs.dispatcher import Dispatcher
 from coordinator.jobs.job import Job, JobSpec
+from coordinator.jobs.running import EVAL_TIMEOUT
 from coordinator.launch import capacity
 from coordinator.launch.compilation import compile_missing
 from coordinator.launch.launcher import Launcher
@@ -52,6 +53,9 @@ class LocalCluster:
         on_node_death: "replace" to have another process take the place of one that dies once the cluster is ready, so
             that jobs go on; "fail" to fail the cluster and its jobs.
         node_timeout: after how many seconds a process that is stopped (SIGSTOP, say) counts as dead.
+        eval_timeout: how many seconds a user's own code may take to evaluate one individual. What kills two processes,
+            by taking longer, by a crash or by ``node_memory``, counts as infeasible.
+        node_memory: how many bytes a node may take for a user's own code; None for any number.
 
     Raises:
         ValueError: if there is no such topology; the message begins with ``torus`` if that is wrong.
@@ -73,6 +77,8 @@ class LocalCluster:
         force: bool = False,
         on_node_death: Literal["replace", "fail"] = "replace",
         node_timeout: float = NODE_TIMEOUT,
+        eval_timeout: float = EVAL_TIMEOUT,
+        node_memory: int | None = None,
     ) -> None:
         if on_node_death not in ("replace", "fail"):
             raise ValueError(f"on_node_death: expected replace or fail, found {on_node_death!r}")
@@ -96,6 +102,8 @@ class LocalCluster:
             force=force,
             on_replacement=self._on_replacement if replaces else None,
             node_timeout=node_timeout,
+            eval_timeout=eval_timeout,
+            node_memory=node_memory,
         )
         self._session: zenoh.Session | None = None
         try:
@@ -113,6 +121,7 @@ class LocalCluster:
             cpu_seconds=self.cpu_seconds_by_process,
             seconds_to_ready=self.seconds_to_ready,
             replaces=replaces,
+            eval_timeout=eval_timeout,
         )
         if replaces:
             self._roster = Roster(session, self.keys, dispatcher.replaced)

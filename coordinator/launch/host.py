@@ -26,6 +26,7 @@ from coordinator.launch.folders import make_folder, new_folder
 from coordinator.launch.stopped import NODE_TIMEOUT
 from coordinator.launch.zygote import Zygote
 from node.node_config import NodeConfig
+from node.suspects import EvaluationLimits
 from problems.modules import Modules
 from wire import jobs, sessions
 from wire.callbacks import direct
@@ -58,6 +59,7 @@ class HostZygote(Zygote):
         host: this host, which has no node numbers yet.
         force: start the nodes even if this machine cannot hold so many.
         node_timeout: after how many seconds a process that is stopped counts as dead.
+        limits: what an evaluation in a user's own code may take.
 
     Raises:
         BadInput: if this machine cannot hold so many nodes; the message says how many it can hold.
@@ -73,11 +75,12 @@ class HostZygote(Zygote):
         *,
         force: bool = False,
         node_timeout: float = NODE_TIMEOUT,
+        limits: EvaluationLimits,
     ) -> None:
         capacity.check(host.wants, force=force, has_router=False)
         folder = new_folder()
         self._lock = make_folder(folder)
-        super().__init__(cluster, "", folder, secret, modules, node_timeout=node_timeout)
+        super().__init__(cluster, "", folder, secret, modules, node_timeout=node_timeout, limits=limits)
         self._router = router
         self._host = host
         self.name = f"host {host.name}"
@@ -163,6 +166,7 @@ class HostZygote(Zygote):
             self._host.id,
             self._core_tokens,
             self._crashes.get(f"node {node}", ""),
+            self._limits,
         )
 
     def _be_the_agent(self) -> None:

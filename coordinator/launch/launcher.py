@@ -48,7 +48,9 @@ class ServiceOptions:
         allow_modules: users' modules whose problems may be run.
         modules: the folder of these modules; if None, the folder that the cluster was started in.
         node_timeout: after how many seconds a process that is stopped counts as dead.
-        eval_timeout: how many seconds an evaluation may go on once its job is stopped.
+        eval_timeout: how many seconds an evaluation of one individual may take, and how many it may go on once its job
+            is stopped.
+        node_memory: how many bytes a node may take for a user's own code; None for any number.
         checkpoint_every: seconds from one checkpoint of a job to the next; None for no checkpoints.
     """
 
@@ -63,6 +65,7 @@ class ServiceOptions:
     modules: Path | None = None
     node_timeout: float = NODE_TIMEOUT
     eval_timeout: float = EVAL_TIMEOUT
+    node_memory: int | None = None
     checkpoint_every: float | None = CHECKPOINT_EVERY
 
 
@@ -83,7 +86,7 @@ class Launcher:
         force: start it even if this machine cannot hold so many nodes.
         on_replacement: called, likewise, with who has died and how, after another process has taken its place; None if
             the first death is to end the cluster.
-        node_timeout: see `ServiceOptions`, for a cluster without them.
+        node_timeout, eval_timeout, node_memory: see `ServiceOptions`, for a cluster without them.
 
     Raises:
         BadInput: if this machine cannot hold so many nodes; the message says how many it can hold.
@@ -106,6 +109,8 @@ class Launcher:
         force: bool = False,
         on_replacement: Callable[[str], None] | None = _ignore,
         node_timeout: float = NODE_TIMEOUT,
+        eval_timeout: float = EVAL_TIMEOUT,
+        node_memory: int | None = None,
     ) -> None:
         nodes = topologies.parse(topology).cells
         capacity.check(nodes, force=force)
@@ -126,6 +131,7 @@ class Launcher:
             "kinds": None if kinds is None else sorted(kinds),
             "replaces": on_replacement is not None,
             "node_timeout": node_timeout if service is None else service.node_timeout,
+            "limits": [eval_timeout, node_memory] if service is None else [service.eval_timeout, service.node_memory],
         }
         crowded = nodes >= _CROWD
         self._zygote = subprocess.Popen(

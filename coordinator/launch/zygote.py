@@ -30,6 +30,7 @@ from typing import TYPE_CHECKING, Any
 
 from coordinator.errors import ClusterFailed
 from coordinator.launch.folders import make_folder
+from coordinator.launch.imports import import_all
 from coordinator.launch.lifeline import at_end, comes_first, end_with_the_caller, first_line
 from coordinator.launch.stopped import NODE_TIMEOUT, StoppedChildren
 from lowlevel import capabilities, linux
@@ -37,13 +38,14 @@ from lowlevel import capabilities, linux
 if TYPE_CHECKING:
     from node.core_token import CoreTokens
     from node.node_config import NodeConfig
+    from node.suspects import EvaluationLimits
     from problems.modules import Modules
 
 _DOWN = 100  # exit status of a coordinator that a client told to end the cluster
 _LATELY = 60.0  # seconds in which deaths are counted
 _MOST_DEATHS = 20  # allowed besides one for each process; beyond that something is wrong that no new process mends
-_LONG_LIFE = 2.0  # seconds; a crash after that is the fault of a job, which its conductor counts
-_CRASHES = {signal.SIGSEGV, signal.SIGBUS, signal.SIGILL, signal.SIGFPE, signal.SIGABRT}
+_LONG_LIFE = 2.0  # seconds; a node that has lived so long has most likely begun a job
+_CRASHES = {signal.SIGSEGV, signal.SIGBUS, signal.SIGILL, signal.SIGFPE, signal.SIGABRT, signal.SIGALRM}
 _WAKING = {signal.SIGCHLD, signal.SIGIO}  # a child has died; standard input has ended
 _MOVED_FROM = 256  # nodes: with fewer, moving memory to files takes longer than the forks that it makes quicker
 
@@ -58,6 +60,8 @@ def main() -> None:
         lock = make_folder(folder)  # inherited by every process of the cluster: without any the folder is stale
     except OSError as error:
         return _tell({"failed": f"the zygote cannot make {folder}: {error.strerror}"})
+    from node.suspects import EvaluationLimits
+
     service = config["service"]
     zygote = Zygote(
         config["cluster"],
@@ -69,6 +73,7 @@ def main() -> None:
         config["kinds"],
         replaces=config["replaces"],
         node_timeout=config["node_timeout"],
+        limits=EvaluationLimits(*config["limits"]),
     )
     zygote.run()
     return os.close(lock)
@@ -99,8 +104,10 @@ class Zygote:
         *,
         replaces: bool = True,
         node_timeout: float = NODE_TIMEOUT,
+        limits: "EvaluationLimits",
     ) -> None:
         self._stopped = StoppedChildren(node_timeout)
+        self._limits = limits
         self._replaces = replaces  # processes that die; if not, the first death ends the cluster
         self.cluster = cluster
         self.secret = secret
@@ -240,7 +247,8 @@ class Zygote:
         router = sessions.unix_socket(self.folder, "router")
         common = (self.folder, router, self.secret, self.modules)
         crash = self._crashes.get(f"node {node}", "")
-        return NodeConfig(self.cluster, node, topology, *common, core_tokens=self._core_tokens, crash=crash)
+        tokens, limits = self._core_tokens, self._limits
+        return NodeConfig(self.cluster, node, topology, *common, core_tokens=tokens, crash=crash, limits=limits)
 
     def _fork(self, name: str, live: Callable[[], None]) -> None:
         """Fork a child that calls ``live``.
@@ -315,8 +323,15 @@ class Zygote:
         crash = os.WTERMSIG(status) if os.WIFSIGNALED(status) and os.WTERMSIG(status) in _CRASHES else None
         self._crashes[name] = "" if crash is None else signal.Signals(crash).name
         self._deaths = [each for each in self._deaths if now - each < _LATELY]
-        if crash is None or not name.startswith("node ") or now - born < _LONG_LIFE:
+        if crash is None or not self._is_fault_of_a_job(name, now - born):
             self._deaths.append(now)
+
+    def _is_fault_of_a_job(self, name: str, life: float) -> bool:
+        """Return whether what crashed was most likely a job's code, which the job's conductor counts."""
+        from node.suspects import evaluates
+
+        kind, _, number = name.partition(" ")
+        return kind == "node" and (life >= _LONG_LIFE or evaluates(self.folder, int(number)))
 
     def _dies_too_often(self) -> bool:
         return len(self._deaths) > len(self.children) + _MOST_DEATHS
@@ -363,18 +378,6 @@ def _be_a_child(parent: int, name: str, nothing: int) -> None:
     os.dup2(nothing, 0)
     os.dup2(nothing, 1)  # else the caller could not see the end of the zygote's output while a child runs
     os.close(nothing)
-
-
-def import_all(kinds: Collection[str] | None = None) -> None:
-    """Import everything that router, spy and nodes need, with the compiled kernels of these kinds (None: of all)."""
-    import numpy.ma  # numba asks whether an array is one of these  # noqa: F401
-
-    import problems.registry
-    import spy.process  # noqa: F401
-    from node.fingerprint import fingerprint
-
-    problems.registry.warm_up(kinds)
-    fingerprint()
 
 
 def _how(status: int) -> str:

@@ -21,6 +21,11 @@ class Backlog:
         """Keep a neighbour's messages, one of each exchange from ``first`` on, in place of those kept before."""
         self._messages[sender] = deque(enumerate(messages, first))
 
+    def last(self, sender: int, before: int) -> int:
+        """Return the exchange up to which there are a neighbour's messages, given that those up to ``before`` came."""
+        messages = self._messages.get(sender)
+        return max(before, messages[-1][0]) if messages and messages[0][0] <= before + 1 else before
+
     def take(self, exchange: int) -> list[tuple[int, bytes]]:
         """Take the messages of an exchange out, each with its sender; forget those of earlier ones."""
         taken = []

@@ -25,7 +25,6 @@ from node.engine.rule import finish, is_missing_any, make_couples, publish_messa
 from node.engine.state import LEAST_DISTANCE, read_state
 from node.plan import Plan
 from problems import EvaluationFailed
-from problems.guard import guarded
 from wire.exchange_layout import EPOCH, GENERATION, JOB, STOP_AT
 from wire.report import MOST_BIRTHS, Birth
 
@@ -110,7 +109,7 @@ class Generations:
         for number, birth in enumerate(rows.births):  # of generation 0
             self._births[number], self._birth_fitness[number] = birth[:2], birth.fitness
             self._birth_count += 1
-        self._rows, self._evaluate = rows, guarded(rows.problems[0])
+        self._rows, self._evaluate = rows, plan.guarded(rows.problems[0])
         self._failure: EvaluationFailed | None = None
         header, genomes, fitness = rows.messages
         self._settings = _settings(plan, rows, champion, operators)
@@ -178,7 +177,18 @@ class Generations:
             raise EvaluationFailed(str(error)) from None
         if (header.item(JOB), header.item(EPOCH), header.item(STOP_AT)) != expected or not rows.is_sound():
             raise EvaluationFailed("the state that a neighbour has kept does not fit the problem")
+        self.publish_again()
+
+    def publish_again(self) -> tuple[int, int]:
+        """Publish the message of the generation that the cell is in once more, with the cell's state.
+
+        Returns:
+            The size in bytes, and whether the state is there (`node.engine.outbox.Outbox.written`).
+        """
+        self.send_state()
         _publish_again(self.table)
+        _, _, size, has_state, _ = self.done()
+        return size, has_state
 
     def keep_states_every(self, messages: int) -> None:
         """Let every so many-th message carry the state; a power of two, so that cells agree as far as they can."""

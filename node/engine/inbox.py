@@ -123,9 +123,9 @@ def _swap(row: Any, source_row: Any, names: Any, spare: Any, counts: Any) -> Any
 
 @subroutine
 def _keep_state(table: Any, state: Any, header: Any, sender: Any) -> Any:
-    """Keep a neighbour's state, for the process that takes its place if it dies."""
+    """Keep a neighbour's state, for the process that takes its place if it dies; once, as messages come again."""
     room, entries, marks = octets(table, _STATES)[0], integers(table, _STATE_ENTRIES), integers(table, _STATE_MARKS)[0]
-    if state.size <= room.size:
+    if state.size <= room.size and not ring.has(entries, marks, sender, header[GENERATION]):
         start = ring.begin(room, entries, marks, state.size)
         room[start : start + state.size] = state
         ring.end(entries, marks, start, state.size, sender, header[GENERATION])
@@ -156,10 +156,11 @@ def _take_in(table: Any, limits: Any, payload: Any, number: Any, counts: Any) ->
         place = _note(header, limits[_INTERVAL], latest, number, counts)
         _swap(row, integers(table, _SOURCE_ROWS)[place], octets(table, _NAMES)[number], spare, counts)
         counts[_KEPT] += 1
-        if end < len(payload):
-            _keep_state(table, payload[state_at(payload, end) :], header, integers(table, _SENDERS)[0, number])
     else:
         counts[_OF_NO_USE] += 1
+    # The state counts also if the message does not: this cell may have just begun in the place of a dead one.
+    if end < len(payload):
+        _keep_state(table, payload[state_at(payload, end) :], header, integers(table, _SENDERS)[0, number])
     return 1
 
 
@@ -304,14 +305,11 @@ class Inbox:
         self.counts[NEXT] = generation // interval
         self.counts[_KEPT] = self.exchange * len(self.neighbours)
 
-    def states_to_go_on_from(self) -> tuple[tuple[int, int, bytes], ...]:
-        """Return cell, generation and bytes of the neighbours' states from which another process could go on.
-
-        It would send its messages from that generation on; so a state does not count if an earlier message is missing.
-        """
-        missing = self.missing_senders() if self._lockstep else ()
-        now = self.exchange * self._kept["limits"].item(_INTERVAL)
-        return tuple(each for each in self.states if each[0] not in missing or each[1] < now)
+    def heard(self) -> dict[int, int]:
+        """Return, in lockstep, up to which exchange all messages of each neighbour have come."""
+        now, after = self._not_come[self.exchange % 2](), self._not_come[(self.exchange + 1) % 2]()
+        come = [0 if this else 1 if following else 2 for this, following in zip(now, after, strict=True)]
+        return {other: max(0, self.exchange - 1 + each) for other, each in zip(self.neighbours, come, strict=True)}
 
     def states_told_once(self) -> tuple[tuple[int, int, bytes], ...]:
         """Return the latest states of the neighbours that name this cell first; another cell tells the others'."""

@@ -58,6 +58,16 @@ def end(entries: Any, marks: Any, start: Any, size: Any, key: Any, number: Any) 
 
 
 @subroutine
+def has(entries: Any, marks: Any, key: Any, number: Any) -> Any:
+    """Return whether there is a string of this key and number."""
+    for count in range(marks[_FIRST], marks[_COUNT]):
+        entry = entries[count % len(entries)]
+        if entry[_KEY] == key and entry[_NUMBER] == number:
+            return True
+    return False
+
+
+@subroutine
 def latest(room: Any, entries: Any, marks: Any) -> Any:
     """Return the string that was entered last; there must be one."""
     entry = entries[(marks[_COUNT] - 1) % len(entries)]

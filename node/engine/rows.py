@@ -15,7 +15,6 @@ from genetics.breeding import Evaluators, breed, evaluate_all
 from genetics.coding import Immigrants
 from node.engine.kernels import merge_champions, prepare_messages
 from node.plan import Plan
-from problems.guard import guarded
 from topologies import ROOT
 from wire.exchange import NEVER, Messages
 from wire.exchange_layout import BIRTHPLACE, BORN, STOP_AT
@@ -181,7 +180,7 @@ class Rows:
     def _evaluators(self) -> Evaluators:
         """Return one evaluator for all rows if that gives the same bits as one for each row, else one for each."""
         if any(each is not self.plan.problem for each in self.problems):
-            return [guarded(each) for each in self.problems]
+            return [self.plan.guarded(each) for each in self.problems]
         if len(self.cells) > 1 and not self.plan.problem.is_batch_invariant:
             return [self.plan.evaluate] * len(self.cells)
         return self.plan.evaluate

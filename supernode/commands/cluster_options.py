@@ -4,7 +4,7 @@ import argparse
 import json
 from typing import TYPE_CHECKING, Any
 
-from supernode.commands.run_options import positive
+from supernode.commands.run_options import positive, size
 
 if TYPE_CHECKING:
     from supernode.client.client import Client
@@ -45,11 +45,19 @@ def add_own_cluster(parser: "argparse._ActionsContainer") -> None:
         help="whether another process takes the place of one that dies, or the job fails (replace)",
     )
     add_node_timeout(parser)
+    add_evaluation_limits(parser)
+
+
+def add_evaluation_limits(parser: "argparse._ActionsContainer") -> None:
+    """Add the options that limit the time and the memory of an evaluation."""
+    add_eval_timeout(parser)
+    words = "the memory that a node may take for a problem's own code, such as 500M or 2G (no limit)"
+    parser.add_argument("--node-memory", metavar="SIZE", type=size, help=words)
 
 
 def add_eval_timeout(parser: "argparse._ActionsContainer") -> None:
-    """Add the option that says when an evaluation counts as endless."""
-    words = "replace a process whose evaluation goes on for so many seconds after its job was stopped (60)"
+    """Add the option that says when an evaluation counts as endless: while its job runs, and once that is stopped."""
+    words = "end an evaluation of one individual after so many seconds, in a problem's own code (60)"
     parser.add_argument("--eval-timeout", metavar="S", type=positive, default=60.0, help=words)
 
 

@@ -53,7 +53,7 @@ def run(options: argparse.Namespace) -> int:
     prepare_process()
     from pathlib import Path
 
-    from coordinator.launch.zygote import import_all
+    from coordinator.launch.imports import import_all
     from coordinator.service.joined import preside
     from coordinator.service.process import Options
     from coordinator.store.record_book import Keep

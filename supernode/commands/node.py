@@ -3,7 +3,7 @@
 import argparse
 
 from supernode import exits
-from supernode.commands.cluster_options import add_force, add_node_timeout
+from supernode.commands.cluster_options import add_evaluation_limits, add_force, add_node_timeout
 from supernode.commands.role_options import (
     add_membership,
     add_option,
@@ -52,6 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_force(parser)
     add_node_timeout(parser)
+    add_evaluation_limits(parser)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -73,11 +74,20 @@ def run(options: argparse.Namespace) -> int:
     if options.lifeline:
         end_with_stdin()
     from coordinator.launch.host import HostZygote
+    from node.suspects import EvaluationLimits
     from wire.hosts import Host
 
     name = options.host or around.name or f"{socket.gethostname()}-{os.getpid()}"
     host = Host(secrets.token_hex(4), name, nodes, listen, label=options.label or around.label)
+    limits = EvaluationLimits(options.eval_timeout, options.node_memory)
     HostZygote(
-        cluster, router, secret, modules_of(options), host, force=options.force, node_timeout=options.node_timeout
+        cluster,
+        router,
+        secret,
+        modules_of(options),
+        host,
+        force=options.force,
+        node_timeout=options.node_timeout,
+        limits=limits,
     ).run()
     return exits.OK

@@ -2,6 +2,7 @@
 
 import argparse
 import math
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -165,6 +166,16 @@ def positive(text: str) -> float:
     if not 0.0 < value < math.inf:
         raise argparse.ArgumentTypeError(f"expected a number greater than 0, found {text}")
     return value
+
+
+def size(text: str) -> int:
+    """Parse the value of an option: bytes, such as 500M or 2G."""
+    units = {"k": 10, "m": 20, "g": 30, "t": 40}
+    found = re.fullmatch(r"(\d+(?:\.\d+)?)([kmgt]?)b?", text.strip().lower())
+    bytes_ = 0 if found is None else int(float(found[1]) * (1 << units.get(found[2], 0)))
+    if bytes_ <= 0:
+        raise argparse.ArgumentTypeError(f"expected a size such as 500M or 2G, found {text}")
+    return bytes_
 
 
 def number(text: str) -> float:

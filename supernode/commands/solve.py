@@ -74,7 +74,12 @@ def _on_a_shown_one(file: "ProblemFile", options: argparse.Namespace, listen_add
     check_library("solve --dashboard")
     module, own, _ = file.kind.partition(":")
     service = ServiceOptions(
-        max_queue=0, allow_modules=(module,) if own else (), modules=file.folder, node_timeout=options.node_timeout
+        max_queue=0,
+        allow_modules=(module,) if own else (),
+        modules=file.folder,
+        node_timeout=options.node_timeout,
+        eval_timeout=options.eval_timeout,
+        node_memory=options.node_memory,
     )
     # `max_queue=0`: nobody else's job may wait for this cluster, which ends with its one job.
     request = LaunchRequest(file.run.topology, service, listen_address, options.force)

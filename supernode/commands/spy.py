@@ -50,7 +50,7 @@ def run(options: argparse.Namespace) -> int:
 
     _check_state(options.state is None, "expected --dashboard too")
     router, cluster, secret = endpoint_of(options), cluster_of(options), secret_of(options)
-    from coordinator.launch.zygote import import_all
+    from coordinator.launch.imports import import_all
     from node.node_config import NodeConfig
     from spy.process import watch
 

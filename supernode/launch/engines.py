@@ -25,7 +25,11 @@ def start_on(
         ClusterFailed: if the cluster does not come up, or is given up.
     """
     modules = service.allow_modules
-    agent_options = ["--node-timeout", f"{service.node_timeout:g}", *(["--force"] if force else [])]
+    agent_options = ["--node-timeout", f"{service.node_timeout:g}", "--eval-timeout", f"{service.eval_timeout:g}"]
+    if service.node_memory is not None:
+        agent_options += ["--node-memory", str(service.node_memory)]
+    if force:
+        agent_options.append("--force")
     scheme, _, place = engine.partition("://")
     if scheme == "ray" and bool(place) == ("://" in engine):
         from supernode.deploy.ray_cluster import RayCluster

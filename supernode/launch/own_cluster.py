@@ -47,6 +47,8 @@ def run_on_its_own(
             force=options.force,
             on_node_death=options.on_node_death,
             node_timeout=options.node_timeout,
+            eval_timeout=options.eval_timeout,
+            node_memory=options.node_memory,
         ) as cluster:
             terminal.say(f"ready after {cluster.seconds_to_ready:.2f} s")
             job = submit(cluster)

@@ -98,6 +98,7 @@ def launch_request_of(options: argparse.Namespace, folder: Path) -> LaunchReques
         allow_modules=tuple(options.allow_module),
         node_timeout=options.node_timeout,
         eval_timeout=options.eval_timeout,
+        node_memory=options.node_memory,
         checkpoint_every=options.checkpoint,
     )
     return LaunchRequest(_topology(options), service, wanted_address(options), options.force, options.on)

@@ -20,9 +20,11 @@ TRYING = """
 import sys
 from pathlib import Path
 from coordinator.launch.zygote import Zygote
+from node.suspects import EvaluationLimits
 from problems.modules import Modules
 
-zygote = Zygote("c1", "torus 2x2", Path(sys.argv[1]), bytes(32), Modules(), {"listen": [sys.argv[2]], "log_json": True})
+service, limits = {"listen": [sys.argv[2]], "log_json": True}, EvaluationLimits()
+zygote = Zygote("c1", "torus 2x2", Path(sys.argv[1]), bytes(32), Modules(), service, limits=limits)
 zygote._fork_again("router")
 """
 

@@ -184,9 +184,9 @@ def without(directive, name):
 @pytest.mark.parametrize(
     ("directive", "said"),
     [
-        ({}, "do: expected stop, update, rewire, replace, resume or retry, found null"),
-        ({"do": "dance"}, 'do: expected stop, update, rewire, replace, resume or retry, found "dance"'),
-        ({"do": ["stop"]}, "do: expected stop, update, rewire, replace, resume or retry, found ["),
+        ({}, "do: expected stop, infeasible, update, rewire, replace, resume or retry, found null"),
+        ({"do": "dance"}, 'do: expected stop, infeasible, update, rewire, replace, resume or retry, found "dance"'),
+        ({"do": ["stop"]}, "do: expected stop, infeasible, update, rewire, replace, resume or retry, found ["),
         ("stop", 'expected tables, found "stop"'),
         (None, "expected tables, found null"),
         (without(STOP, "generation"), "generation: expected a whole number from 0 on, found null"),

@@ -241,7 +241,7 @@ def test_a_forked_node_has_all_that_it_needs(file):
     kinds = [file.kind] if registry.is_built_in(file.kind) else []  # as `solve` loads them
     script = (
         "import sys\n"
-        "from coordinator.launch.zygote import import_all; import node.process; import_all(sys.argv[1:])\n"
+        "from coordinator.launch.imports import import_all; import node.process; import_all(sys.argv[1:])\n"
         "from problems.file import ProblemFile\n"
         "from node import Plan, simulate\n"
         "from node.fingerprint import fingerprint\n"

@@ -19,10 +19,7 @@ TORUS = topologies.parse("torus 3x4")
 
 
 class Mortal(AskingBus):
-    """A bus on which cells die: ``deaths`` says after how many steps, and how many at once.
-
-    One dies only if it can go on: it cannot if a neighbour has just taken over and keeps no state of it yet.
-    """
+    """A bus on which cells die: ``deaths`` says after how many steps, and how many at once."""
 
     def __init__(self, plan, source, deaths):
         super().__init__(plan, source)
@@ -43,8 +40,7 @@ class Mortal(AskingBus):
     def kill(self, dead):
         self.ask_for_states(set(range(len(self.cells))) - set(dead))
         chosen = choose_states(self.cells[0].plan.topology, self.kept, began_anew=True)
-        if not chosen.keys() >= set(dead):
-            return
+        assert chosen.keys() == set(dead)
         for number in dead:
             plan = self.cells[number].plan
             self.news[number].clear()
@@ -118,6 +114,7 @@ def keeping(dead, states, generation=100, oldest=0):
             tuple(
                 (each, its, b"%d" % its) for each in TORUS.neighbours(cell) if each in states for its in states[each]
             ),
+            tuple((each, max(states.get(each, (0,)))) for each in set(TORUS.neighbours(cell))),
         )
         for cell in range(12)
         if cell not in dead
@@ -147,7 +144,7 @@ def test_dead_neighbours_go_on_from_the_same_generation_and_others_from_theirs()
 
 def test_a_neighbour_that_is_behind_needs_the_messages_since():
     kept = keeping({5}, {5: (80, 88, 96)})
-    kept[1] = dataclasses.replace(kept[1], generation=90, states=())
+    kept[1] = dataclasses.replace(kept[1], generation=90, states=(), heard=((5, 90),))
     assert choose(kept) == {5: (88, b"88")}
 
 

@@ -7,6 +7,7 @@ import pytest
 from coordinator import LocalCluster
 from coordinator.launch import capacity, cgroups
 from coordinator.launch.host import HostZygote
+from node.suspects import EvaluationLimits
 from problems import BadInput
 from problems.modules import Modules
 from wire.hosts import Host
@@ -170,7 +171,9 @@ def test_nothing_is_launched_where_too_many_nodes_are_asked_for(
     with pytest.raises(BadInput, match="found 90000"):
         LocalCluster(torus=(300, 300))
     with pytest.raises(BadInput, match="found 90000"):
-        HostZygote("x", "tcp/127.0.0.1:1", bytes(32), Modules(), Host("id", "name", 90_000, ""))
+        HostZygote(
+            "x", "tcp/127.0.0.1:1", bytes(32), Modules(), Host("id", "name", 90_000, ""), limits=EvaluationLimits()
+        )
     assert not list(tmp_path.iterdir())
 
 

@@ -1,7 +1,11 @@
-"""A user's problem whose code crashes processes: its job fails, and nobody else's."""
+"""A user's problem whose code crashes processes: deadly individuals are infeasible; a deadly problem fails alone."""
 
+import epochs
 import pytest
 from live_service import live
+
+import supernode
+from node.replay import replay
 
 MODULE = """
 import ctypes
@@ -41,13 +45,50 @@ def test_the_job_fails_and_says_why_and_another_goes_on(service, tmp_path):
         for _ in range(2):
             result = client.submit(tmp_path / "poison.toml", topology="torus 1x4").result(60)
             assert result.status == "failed"
-            assert result.message == (
-                "the problem's code has crashed the processes of several nodes, the last one by SIGSEGV"
-            )
+            assert result.message == "the problem's code has crashed 21 processes, the last one by SIGSEGV"
         assert other.state() == "running"
         other.cancel()
         assert other.result(60).status == "cancelled"
     assert service.info().process == before
+
+
+FEW = """
+import ctypes
+
+import numpy as np
+import supernode
+
+
+class Deadly(supernode.Problem):
+    @property
+    def coding(self):
+        return supernode.BitString(8, 1)
+
+    def evaluate(self, genomes):
+        if np.any(genomes[:, 0] == 0):
+            ctypes.string_at(0)
+        return genomes[:, 0].astype(float)
+"""
+
+
+@pytest.mark.parametrize("deme", [1, 4])
+def test_a_deadly_individual_is_infeasible_and_the_run_goes_on_exactly(tmp_path, monkeypatch, deme):
+    (tmp_path / "deadly_module.py").write_text(FEW)
+    (tmp_path / "deadly.toml").write_text(f'kind = "deadly_module:Deadly"\n[run]\ntarget = -1.0\ndeme = {deme}\n')
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    options = ("--allow-module", "deadly_module")
+    with live(tmp_path / "state", "torus 1x3", *options) as service, service.connect() as client:
+        job = client.submit(tmp_path / "deadly.toml", topology="torus 1x3", generations=60)
+        result = job.result(60)
+        told = client.logs(job.id)
+        texts = [row[told["columns"].index("text")] for row in told["rows"]]
+        lines = {text for text in texts if "counts as infeasible" in text}
+    assert (result.status, result.fitness) == ("exhausted", 1.0)
+    assert result.directives == [{"do": "infeasible", "genomes": ["00"]}]
+    assert lines == {"genome 00 counts as infeasible: its evaluation crashed (SIGSEGV, 2 times)"}
+    file = supernode.load(tmp_path / "deadly.toml").with_run(topology="torus 1x3", generations=60)
+    assert epochs.history(replay(file, result.directives)) == result.history_sha256
 
 
 ENDLESS = """

@@ -28,7 +28,7 @@ import ctypes, json, os, signal, sys
 from pathlib import Path
 ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # none outlives the test
 import node.links
-from coordinator.launch.zygote import import_all
+from coordinator.launch.imports import import_all
 from node.node_config import NodeConfig
 from problems.modules import AnyModules
 role, folder, node_number, router = json.loads(sys.argv[1])

@@ -6,6 +6,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import pytest
@@ -59,7 +60,10 @@ def host(tmp_path, monkeypatch):
     (programs / "ssh").write_text(f'#!/bin/sh\nexec {shutil.which("ssh")} -F none {options} "$@"\n')
     (programs / "ssh").chmod(0o755)
     monkeypatch.setenv("PATH", f"{programs}:{os.environ['PATH']}")
-    server = subprocess.Popen([SSHD, "-D", "-e", "-f", keys / "sshd"], stderr=subprocess.DEVNULL)
+    server = subprocess.Popen([SSHD, "-D", "-e", "-f", keys / "sshd"], stderr=subprocess.PIPE, text=True)
+    said = iter(server.stderr.readline, "")
+    assert any("listening" in line for line in said), "sshd has ended"
+    threading.Thread(target=lambda: list(said), daemon=True).start()  # or its pipe would become full
     yield f"{getpass.getuser()}@127.0.0.1:{port}"
     server.kill()
     server.wait()
