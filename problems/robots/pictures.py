@@ -217,7 +217,9 @@ def _paint(axes: Any, solids: Sequence[_Paint], edges: Sequence[_Paint]) -> None
     inks[: sum(len(each.faces) for each in solids), 3] = 0.0
     faces = np.concatenate([each.faces for each in parts])
     axes.computed_zorder = False  # lines are drawn in front
-    axes.add_collection3d(Poly3DCollection(faces, facecolors=colors, edgecolors=inks, linewidths=0.7, zorder=1))
+    style = {"facecolors": colors, "edgecolors": inks, "linewidths": 0.7, "zorder": 1}
+    # As dots: thousands of triangles would make an SVG of megabytes, which every viewer draws slowly.
+    axes.add_collection3d(Poly3DCollection(faces, rasterized=True, **style))
 
 
 def shaded(faces: Floats, color: Any, alpha: float = 1.0) -> Floats:

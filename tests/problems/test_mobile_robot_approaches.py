@@ -1,7 +1,6 @@
 """How a robot enters a goal in which it cannot turn: by approaches that the check accepts, and scans that see them."""
 
 import json
-from itertools import islice
 
 import numpy as np
 import pytest
@@ -164,11 +163,9 @@ def test_a_rotation_that_is_blocked_both_ways_is_left_out_by_the_guide_around_an
 
 
 def test_three_rooms_whose_goal_is_tight_are_solved_by_the_defaults():
-    floors = map(three_room_world, range(1001, 1013))  # drawn one by one: each takes seconds
-    tight = list(islice((file for file in floors if len(file.problem().approaches)), 3))
-    assert tight
-    for file in tight:
-        problem = file.problem().for_recipe("tuned", 1)
-        champion = best_known(simulate(Plan(problem, Run(seed=1))), "champion")
-        assert champion.fitness == 0.0
-        assert problem.check(problem.decode(np.frombuffer(champion.genome, np.uint8))).feasible
+    file = three_room_world(1003)  # of the floors from 1001 to 1012 the only one whose goal is tight
+    assert len(file.problem().approaches)
+    problem = file.problem().for_recipe("tuned", 1)
+    champion = best_known(simulate(Plan(problem, Run(seed=1))), "champion")
+    assert champion.fitness == 0.0
+    assert problem.check(problem.decode(np.frombuffer(champion.genome, np.uint8))).feasible
