@@ -17,6 +17,7 @@ PLAYED = """
 import errno, json, os, sys
 from pathlib import Path
 from coordinator.launch.zygote import Zygote
+from node.suspects import EvaluationLimits
 from problems.modules import Modules
 
 end, lifeline = os.pipe()
@@ -32,7 +33,7 @@ class Played(Zygote):
         print(json.dumps({"forked": forked}), flush=True)
 
 folder = Path(sys.argv[1])
-played = Played("c1", "torus 8x8", folder, bytes(32), Modules(), None)
+played = Played("c1", "torus 8x8", folder, bytes(32), Modules(), None, limits=EvaluationLimits())
 """
 
 ENDS_WHILE_FORKING = """
