@@ -203,8 +203,8 @@ class Cell:
                 if messages := self._outbox.since(event.generation):
                     assert self.generations is not None, "a cell that has sent messages has begun"
                     # The neighbour may be a new process, which keeps no state of this cell yet.
-                    if self.rows.exchanging:
-                        messages[-1] = self._outbox.written(*self.generations.publish_again())
+                    if self.state == "running" and (size := self.generations.add_state_to_latest()):
+                        messages[-1] = self._outbox.with_state[:size].tobytes()
                     self.generations.send_state()
                     actions.append(Answer(event.question, messages))
             elif isinstance(event, AskedForStates):

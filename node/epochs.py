@@ -99,8 +99,8 @@ class Epochs:
         self._driver.coming = None
         try:
             file = self._config.modules.read(command.file)
-            suspects = self._suspects.of(command.job)
-            plan = Plan.of(file, command.epoch, command.since or 0, checked=True, protection=suspects)
+            watch = self._suspects.of(command.job, file.sha256)
+            plan = Plan.of(file, command.epoch, command.since or 0, checked=True, protection=watch)
             # The deme must fit the new epoch's genomes. Of a user's own problem the coordinator cannot check that,
             # since it does not import the user's module.
             if goes_on and self._driver.assignment is not None and not command.fresh:

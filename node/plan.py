@@ -24,8 +24,11 @@ class Guard(Protocol):
     """Calls a problem's `evaluate` so that no individual can do harm."""
 
     @property
-    def infeasible(self) -> tuple[bytes, ...]:
-        """The genomes that count as infeasible without being evaluated."""
+    def infeasible(self) -> tuple[tuple[str, bytes], ...]:
+        """The job's genomes that count as infeasible without being evaluated, each with the digest of its problem."""
+
+    def counts_as_infeasible(self, genome: bytes) -> bool:
+        """Return whether a genome does so in the plan's problem."""
 
     def guard(self, problem: Problem) -> Evaluate:
         """Return the problem's fitness function, which raises `EvaluationFailed` for any wrong result."""
@@ -120,8 +123,8 @@ class Plan:
         return guarded(problem) if self.protection is None else self.protection.guard(problem)
 
     @property
-    def infeasible(self) -> tuple[bytes, ...]:
-        """The genomes that count as infeasible without being evaluated."""
+    def infeasible(self) -> tuple[tuple[str, bytes], ...]:
+        """See `Guard.infeasible`."""
         return () if self.protection is None else self.protection.infeasible
 
     @cached_property

@@ -53,11 +53,12 @@ _FAST_PATH = make_fast_path()
 
 def live(config: NodeConfig) -> None:
     """Run a node in this process; does not return, since the coordinator or the zygote ends the process."""
-    config.limits.hold()
     sessions.use_runtime(sessions.NODE_RUNTIME)
     thread_state.keep_in_this_process()
     cpu_affinity.take_turns()
-    NodeProcess(config).driver.run()
+    process = NodeProcess(config)
+    config.limits.apply()
+    process.driver.run()
 
 
 class NodeProcess:

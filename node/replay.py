@@ -15,7 +15,7 @@ import topologies
 from genetics import Fitness, Genomes
 from node.plan import Plan, retry
 from node.simulation import Outside, Snapshot, Watch, ignore, never, simulate
-from node.suspects import Avoiding
+from node.suspects import Avoiding, Suspect
 from problems import BadInput, ProblemFile
 from problems.errors import shorten
 from wire.report import Report
@@ -41,7 +41,8 @@ class Epoch:
         left_at: the generation after which each cell leaves the epoch; None for the last epoch.
         last: the generation after which the epoch is stopped from outside; None if it ends by itself.
         donors: for each cell of the next epoch the cell of this one whose deme it gets; empty for the last epoch.
-        infeasible: genomes that counted as infeasible, since evaluating them killed processes.
+        infeasible: genomes that counted as infeasible, since evaluating them killed processes, each with the digest of
+            its problem.
     """
 
     number: int
@@ -51,7 +52,7 @@ class Epoch:
     left_at: Mapping[int, int] | None = None
     last: int | None = None
     donors: Mapping[int, int] = field(default_factory=dict)
-    infeasible: frozenset[bytes] = frozenset()
+    infeasible: frozenset[Suspect] = frozenset()
 
     @property
     def is_fresh(self) -> bool:
@@ -61,7 +62,7 @@ class Epoch:
     @cached_property
     def plan(self) -> Plan:
         """The epoch's plan; if the problem is a user's own, this imports its module."""
-        protection = Avoiding(self.infeasible) if self.infeasible else None
+        protection = Avoiding(self.infeasible, self.file.sha256) if self.infeasible else None
         return Plan.of(self.file, self.number, self.since, protection=protection)
 
     @cached_property
@@ -198,14 +199,14 @@ class _Leaving:
 
 
 # What directives say --------------------------------------------------------------------------------------------------
-def _sorted(directives: Sequence[Mapping[str, Any]]) -> tuple[list[Mapping[str, Any]], int | None, frozenset[bytes]]:
+def _sorted(directives: Sequence[Mapping[str, Any]]) -> tuple[list[Mapping[str, Any]], int | None, frozenset[Suspect]]:
     """Sort directives by what they say.
 
     Returns:
         Those that lead to another epoch, the generation of the last epoch's stop, if any, and the genomes that counted
         as infeasible.
     """
-    changes, stops, infeasible = [], [], set[bytes]()
+    changes, stops, infeasible = [], [], set[Suspect]()
     for directive in directives:
         if not isinstance(directive, Mapping):
             raise BadInput(f"directives: expected tables, found {shorten(directive)}")
@@ -224,10 +225,12 @@ def _sorted(directives: Sequence[Mapping[str, Any]]) -> tuple[list[Mapping[str, 
     return changes, min(stops, default=None), frozenset(infeasible)
 
 
-def _genomes(directive: Mapping[str, Any]) -> set[bytes]:
-    found = directive.get("genomes")
+def _genomes(directive: Mapping[str, Any]) -> set[Suspect]:
+    problem, found = directive.get("problem_sha256"), directive.get("genomes")
+    if not isinstance(problem, str):
+        raise BadInput(f"directives: problem_sha256: expected a text, found {shorten(problem)}")
     try:
-        return {bytes.fromhex(each) for each in found}  # type: ignore[union-attr]
+        return {(problem, bytes.fromhex(each)) for each in found}  # type: ignore[union-attr]
     except (TypeError, ValueError):
         raise BadInput(f"directives: genomes: expected hexadecimal texts, found {shorten(found)}") from None
 

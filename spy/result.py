@@ -1,5 +1,6 @@
 """The result of a job, as `--json` prints it and Python users get it."""
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
@@ -231,9 +232,14 @@ def _found_at(best: Improvement, topology: Topology) -> dict[str, Any]:
 
 
 def _deadly(reports: Sequence[Report]) -> list[dict[str, Any]]:
-    """Return the directive about genomes that counted as infeasible, if there are any."""
-    genomes = sorted({genome for report in reports for genome in report.infeasible})
-    return [{"do": "infeasible", "genomes": [genome.hex() for genome in genomes]}] if genomes else []
+    """Return the directives about genomes that counted as infeasible, one for each problem that the job has had."""
+    genomes: dict[str, set[str]] = {}
+    for problem, genome in itertools.chain.from_iterable(report.infeasible for report in reports):
+        genomes.setdefault(problem, set()).add(genome.hex())
+    return [
+        {"do": "infeasible", "problem_sha256": problem, "genomes": sorted(found)}
+        for problem, found in sorted(genomes.items())
+    ]
 
 
 def _stops(reports: Sequence[Report]) -> list[dict[str, Any]]:

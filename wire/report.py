@@ -84,7 +84,8 @@ class Report:
         deme: the cell's last individuals, at full length (with zeros at the end), one after the other.
         state: what the problem reports about the state that evaluating left, see `problems.problem.Problem.report`.
         error: why the cell failed, or None.
-        infeasible: genomes that count as infeasible, since they have killed processes (`node.suspects`).
+        infeasible: genomes that count as infeasible, since they have killed processes (`node.suspects`), each with the
+            digest of its problem.
     """
 
     cell: int
@@ -102,7 +103,7 @@ class Report:
     deme: bytes
     state: bytes
     error: str | None
-    infeasible: tuple[bytes, ...] = ()
+    infeasible: tuple[tuple[str, bytes], ...] = ()
 
     def encode(self) -> bytes:
         """Return the report as msgpack: an array of the fields in the order of their definition."""
@@ -135,7 +136,10 @@ class Report:
             of(bytes, deme),
             of(bytes, state),
             None if error is None else of(str, error),
-            tuple(of(bytes, each) for each in of(list, deadly)),
+            tuple(
+                (of(str, problem), of(bytes, genome))
+                for problem, genome in (fields(each, 2) for each in of(list, deadly))
+            ),
         )
 
 

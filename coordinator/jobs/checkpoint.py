@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from node.fingerprint import fingerprint
 from problems import BadInput, ProblemFile
 from problems.modules import Modules
 from spy.past import Past
@@ -23,7 +24,7 @@ CHECKPOINT_EVERY = 30.0
 """Seconds from one checkpoint to the next, unless a user wants another time."""
 
 _MAGIC = b"supernode checkpoint "
-_VERSION = b"1"
+_VERSION = b"2"
 _DIGEST_BYTES = 32
 
 
@@ -42,6 +43,8 @@ class Checkpoint:
         seconds: how long the job had been running.
         states: for each cell its generation and its state (`node.engine.state`). Empty if no cell had sent one yet:
             then the job begins the epoch anew.
+        versions: of the software, and the processor, on which the job ran (`node.fingerprint`); by default, the present
+            ones.
     """
 
     first: ProblemFile
@@ -53,6 +56,17 @@ class Checkpoint:
     best: Improvement | None = None
     seconds: float = 0.0
     states: tuple[tuple[int, bytes], ...] = ()
+    versions: Mapping[str, str] = field(default_factory=fingerprint)
+
+    def other_versions(self) -> list[str]:
+        """Return what is another version here than where the checkpoint was made: then bits may differ."""
+        here = fingerprint()
+        names = sorted(self.versions.keys() | here.keys())
+        return [
+            f"{name} {here.get(name, 'none')} instead of {self.versions.get(name, 'none')}"
+            for name in names
+            if here.get(name) != self.versions.get(name)
+        ]
 
     @property
     def generation(self) -> int:
@@ -86,6 +100,7 @@ class Checkpoint:
                 None if self.best is None else self.best.encode(),
                 self.seconds,
                 self.states,
+                json.dumps(dict(self.versions)),
             ]
         )
         return _MAGIC + _VERSION + b"\n" + hashlib.sha256(content).digest() + content
@@ -129,8 +144,8 @@ def _checked(data: bytes) -> bytes:
 
 
 def _read(content: bytes, modules: Modules) -> Checkpoint:
-    values = fields(unpack(content, most_bytes=len(content)), 10)
-    first, file, epoch, why, past, directives, lived_before, best, seconds, states = values
+    values = fields(unpack(content, most_bytes=len(content)), 11)
+    first, file, epoch, why, past, directives, lived_before, best, seconds, states, versions = values
     cells = [fields(each, 2) for each in of(list, states)]
     return Checkpoint(
         modules.read(of(str, first)),
@@ -142,4 +157,5 @@ def _read(content: bytes, modules: Modules) -> Checkpoint:
         None if best is None else Improvement.decode(of(bytes, best)),
         fitness(seconds),
         tuple((count(generation), of(bytes, state)) for generation, state in cells),
+        {name: of(str, its) for name, its in table(versions).items()},
     )

@@ -94,6 +94,7 @@ class Checkpointing:
             job.best,
             time.monotonic() - spec.submitted,
             states,
+            job.versions,
         )
         if states:
             job.checkpoint = checkpoint

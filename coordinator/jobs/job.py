@@ -20,7 +20,7 @@ from topologies import Topology
 from wire.news import Improvement, Statistics
 
 _LOOK_AGAIN = 0.2  # seconds
-_MOST_CRASHES = 20  # of processes of one job: each of its deadly individuals takes two
+_MOST_CRASHES = 20  # of processes of one job: a deadly individual takes two on each node that meets it
 _MOST_RECORDS = 1 << 16  # improvements kept of one job, which may be kept alive for days
 
 

@@ -9,14 +9,14 @@ import json
 import time
 from collections.abc import Mapping
 
-from coordinator.jobs.calls import RefusedError
+from coordinator.jobs.calls import ASK_AGAIN, RefusedError
 from coordinator.jobs.conducted_job import ConductedJob
 from coordinator.jobs.preparing import Preparing
 from topologies import ROOT, Topology
 from wire.control import Command, Done, Look, TellStates
 from wire.takeover import KeptStates, Takeover
 
-_ANSWERS_WITHIN = 6.0  # seconds in which all living cells should tell what they keep; a busy machine may need some
+_ANSWERS_WITHIN = 3.0  # seconds in which all living cells should tell what they keep; a busy machine may need some
 
 States = dict[int, tuple[int, bytes]]
 """By cell, a generation and the state of the cell in it."""
@@ -109,6 +109,7 @@ class Recovering:
             # A node in a long evaluation looks, but does not tell yet. One that is stopped does neither.
             if looking <= kept.keys() and (living <= kept.keys() or time.monotonic() > until):
                 return kept
+            job.calls.wait(ASK_AGAIN)
 
 
 def choose_states(topology: Topology, kept: Mapping[int, KeptStates], began_anew: bool) -> States:

@@ -45,6 +45,8 @@ class Resuming:
         if checkpoint.epoch == 0 and not checkpoint.states:
             return self._preparing.set_out(0, file)
         job.entry.spec.say(f"goes on from its checkpoint after generation {checkpoint.generation}")
+        if others := checkpoint.other_versions():
+            job.entry.spec.say(f"may not go on bit for bit: {', '.join(others)}")
         job.dispatch.changed(job.entry, "preparing")
         job.lived_before = checkpoint.lived_before
         if job.best is not None:  # another topology may have no cell of that number

@@ -53,8 +53,9 @@ class LocalCluster:
         on_node_death: "replace" to have another process take the place of one that dies once the cluster is ready, so
             that jobs go on; "fail" to fail the cluster and its jobs.
         node_timeout: after how many seconds a process that is stopped (SIGSTOP, say) counts as dead.
-        eval_timeout: how many seconds a user's own code may take to evaluate one individual. What kills two processes,
-            by taking longer, by a crash or by ``node_memory``, counts as infeasible.
+        eval_timeout: how many seconds a user's own code may take for each individual that it evaluates at once; None
+            for any time. An individual that kills two processes of a node, by taking longer, by a crash or by
+            ``node_memory``, counts as infeasible.
         node_memory: how many bytes a node may take for a user's own code; None for any number.
 
     Raises:
@@ -77,7 +78,7 @@ class LocalCluster:
         force: bool = False,
         on_node_death: Literal["replace", "fail"] = "replace",
         node_timeout: float = NODE_TIMEOUT,
-        eval_timeout: float = EVAL_TIMEOUT,
+        eval_timeout: float | None = None,
         node_memory: int | None = None,
     ) -> None:
         if on_node_death not in ("replace", "fail"):
@@ -121,7 +122,7 @@ class LocalCluster:
             cpu_seconds=self.cpu_seconds_by_process,
             seconds_to_ready=self.seconds_to_ready,
             replaces=replaces,
-            eval_timeout=eval_timeout,
+            eval_timeout=eval_timeout or EVAL_TIMEOUT,
         )
         if replaces:
             self._roster = Roster(session, self.keys, dispatcher.replaced)

@@ -17,7 +17,6 @@ import topologies
 from coordinator.cpu_time import cpu_seconds_of
 from coordinator.errors import ClusterFailed
 from coordinator.jobs.checkpoint import CHECKPOINT_EVERY
-from coordinator.jobs.running import EVAL_TIMEOUT
 from coordinator.launch import capacity
 from coordinator.launch.folders import new_folder
 from coordinator.launch.stopped import NODE_TIMEOUT
@@ -48,8 +47,8 @@ class ServiceOptions:
         allow_modules: users' modules whose problems may be run.
         modules: the folder of these modules; if None, the folder that the cluster was started in.
         node_timeout: after how many seconds a process that is stopped counts as dead.
-        eval_timeout: how many seconds an evaluation of one individual may take, and how many it may go on once its job
-            is stopped.
+        eval_timeout: how many seconds an evaluation may take for each individual, and how many it may go on once its
+            job is stopped; None for any time, and `EVAL_TIMEOUT` once the job is stopped.
         node_memory: how many bytes a node may take for a user's own code; None for any number.
         checkpoint_every: seconds from one checkpoint of a job to the next; None for no checkpoints.
     """
@@ -64,7 +63,7 @@ class ServiceOptions:
     allow_modules: tuple[str, ...] = ()
     modules: Path | None = None
     node_timeout: float = NODE_TIMEOUT
-    eval_timeout: float = EVAL_TIMEOUT
+    eval_timeout: float | None = None
     node_memory: int | None = None
     checkpoint_every: float | None = CHECKPOINT_EVERY
 
@@ -109,7 +108,7 @@ class Launcher:
         force: bool = False,
         on_replacement: Callable[[str], None] | None = _ignore,
         node_timeout: float = NODE_TIMEOUT,
-        eval_timeout: float = EVAL_TIMEOUT,
+        eval_timeout: float | None = None,
         node_memory: int | None = None,
     ) -> None:
         nodes = topologies.parse(topology).cells

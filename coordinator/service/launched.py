@@ -9,6 +9,7 @@ import zenoh
 
 import topologies
 from coordinator.jobs.hooks import Hooks
+from coordinator.jobs.running import EVAL_TIMEOUT
 from coordinator.service.process import Options, run
 from coordinator.service.roster import Roster
 from coordinator.service.service_dispatcher import ServiceDispatcher
@@ -36,7 +37,7 @@ def coordinate(config: NodeConfig, options: Mapping[str, Any], first: bool) -> N
         topology=config.topology,
         wired=first,
         max_queue=options["max_queue"],
-        eval_timeout=options["eval_timeout"],
+        eval_timeout=options["eval_timeout"] or EVAL_TIMEOUT,
     )
     keep = Keep(options["keep_days"], options["keep_records"])
     how = Options(cells, url, keep, options["log_json"], checkpoint_every=options["checkpoint_every"])

@@ -13,15 +13,24 @@ from numba import types
 from genetics.operators import TABLE, Operator, Table
 from genetics.recipe import ONE_BIT
 from lowlevel.compiled import kernel
-from lowlevel.pointers import integers
+from lowlevel.pointers import integers, octets
 from node.engine import cell_table as at
+from node.engine import ring
 from node.engine.flags import REFUSED, UNSOUND
 from node.engine.history import History
 from node.engine.inbox import Inbox, hear, packed
 from node.engine.kernels import OWN
 from node.engine.outbox import Outbox
 from node.engine.rows import Rows
-from node.engine.rule import finish, is_missing_any, make_couples, publish_message, record_and_publish, replace
+from node.engine.rule import (
+    add_state,
+    finish,
+    is_missing_any,
+    make_couples,
+    publish_message,
+    record_and_publish,
+    replace,
+)
 from node.engine.state import LEAST_DISTANCE, read_state
 from node.plan import Plan
 from problems import EvaluationFailed
@@ -43,6 +52,16 @@ def _publish_again(table: Table) -> None:
     done[:] = 0
     integers(table, at.CLOCK)[0, 0] = header[GENERATION]
     done[at.SIZE] = publish_message(table, integers(table, at.SETTINGS_ROW)[0], header[GENERATION])
+
+
+@kernel(types.int64(TABLE))
+def _add_state_to_latest(table: Table) -> int:
+    """Write the latest message and the cell's state; return the size, 0 if the message is not of this generation."""
+    settings, header = integers(table, at.SETTINGS_ROW)[0], integers(table, at.HEADER)[OWN]
+    room, entries, marks = octets(table, at.OUT)[0], integers(table, at.OUT_ENTRIES), integers(table, at.OUT_MARKS)[0]
+    is_latest = ring.latest_number(entries, marks) == integers(table, at.CLOCK)[0, 0]
+    may_write = header[STOP_AT] == settings[at.LIMIT] and settings[at.STATE_BYTES] > 0
+    return add_state(table, ring.latest(room, entries, marks)) if is_latest and may_write else 0
 
 
 @kernel(types.boolean(TABLE))
@@ -177,18 +196,16 @@ class Generations:
             raise EvaluationFailed(str(error)) from None
         if (header.item(JOB), header.item(EPOCH), header.item(STOP_AT)) != expected or not rows.is_sound():
             raise EvaluationFailed("the state that a neighbour has kept does not fit the problem")
-        self.publish_again()
-
-    def publish_again(self) -> tuple[int, int]:
-        """Publish the message of the generation that the cell is in once more, with the cell's state.
-
-        Returns:
-            The size in bytes, and whether the state is there (`node.engine.outbox.Outbox.written`).
-        """
         self.send_state()
         _publish_again(self.table)
-        _, _, size, has_state, _ = self.done()
-        return size, has_state
+
+    def add_state_to_latest(self) -> int:
+        """Write the latest message with the cell's state to the outbox, beside those that it keeps.
+
+        Returns:
+            The size of both in bytes; 0 if the cell has no state that fits the message.
+        """
+        return _add_state_to_latest(self.table)
 
     def keep_states_every(self, messages: int) -> None:
         """Let every so many-th message carry the state; a power of two, so that cells agree as far as they can."""

@@ -306,7 +306,7 @@ class Inbox:
         self.counts[_KEPT] = self.exchange * len(self.neighbours)
 
     def heard(self) -> dict[int, int]:
-        """Return, in lockstep, up to which exchange all messages of each neighbour have come."""
+        """Return, in lockstep, up to which exchange all messages of each neighbour have come; 0 also if none has."""
         now, after = self._not_come[self.exchange % 2](), self._not_come[(self.exchange + 1) % 2]()
         come = [0 if this else 1 if following else 2 for this, following in zip(now, after, strict=True)]
         return {other: max(0, self.exchange - 1 + each) for other, each in zip(self.neighbours, come, strict=True)}

@@ -74,6 +74,12 @@ def latest(room: Any, entries: Any, marks: Any) -> Any:
     return room[entry[_START] : entry[_START] + entry[_SIZE]]
 
 
+@subroutine
+def latest_number(entries: Any, marks: Any) -> Any:
+    """Return the number of the string that was entered last; there must be one."""
+    return entries[(marks[_COUNT] - 1) % len(entries)][_NUMBER]
+
+
 class Ring:
     """The arrays of a ring, and how Python reads them.
 

@@ -179,11 +179,11 @@ def publish_message(table: Any, settings: Any, now: Any) -> Any:
     size = write_message(header[OWN], genomes[OWN], fitness[OWN], settings[at.CHAMPION] != 0, room[start:])
     ring.end(entries, marks, start, size, settings[at.CELL], now)
     integers(table, at.OUTCOME_ROW)[0, at.HAS_STATE] = with_state
-    return _add_state(table, room[start : start + size]) if with_state else size
+    return add_state(table, room[start : start + size]) if with_state else size
 
 
 @subroutine
-def _add_state(table: Any, message: Any) -> Any:
+def add_state(table: Any, message: Any) -> Any:
     """Write the message and the cell's state after it; return the size of both. The outbox keeps the message alone."""
     out, size = octets(table, at.OUT_WITH_STATE)[0], message.size
     out[:size] = message

@@ -57,8 +57,11 @@ def add_evaluation_limits(parser: "argparse._ActionsContainer") -> None:
 
 def add_eval_timeout(parser: "argparse._ActionsContainer") -> None:
     """Add the option that says when an evaluation counts as endless: while its job runs, and once that is stopped."""
-    words = "end an evaluation of one individual after so many seconds, in a problem's own code (60)"
-    parser.add_argument("--eval-timeout", metavar="S", type=positive, default=60.0, help=words)
+    words = (
+        "end an evaluation in a problem's own code after so many seconds for each individual (no limit; 60 once its job"
+        " is stopped)"
+    )
+    parser.add_argument("--eval-timeout", metavar="S", type=positive, help=words)
 
 
 def add_job(parser: argparse.ArgumentParser, **more: Any) -> None:

@@ -53,6 +53,7 @@ def run(options: argparse.Namespace) -> int:
     prepare_process()
     from pathlib import Path
 
+    from coordinator.jobs.running import EVAL_TIMEOUT
     from coordinator.launch.imports import import_all
     from coordinator.service.joined import preside
     from coordinator.service.process import Options
@@ -60,7 +61,7 @@ def run(options: argparse.Namespace) -> int:
     from node.node_config import NodeConfig
 
     import_all()
-    keep, limits = Keep(keep_days, keep_records), (most_nodes, options.eval_timeout, options.checkpoint)
+    keep, limits = Keep(keep_days, keep_records), (most_nodes, options.eval_timeout or EVAL_TIMEOUT, options.checkpoint)
     how = Options(nodes, database, keep, options.log_json, *limits)
     preside(NodeConfig(cluster, 0, "", Path(), router, secret, modules_of(options)), how, max_queue)
     return exits.OK

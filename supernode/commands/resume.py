@@ -39,6 +39,8 @@ def run(options: argparse.Namespace) -> int:
     file.problem()  # imports its kind: the cluster loads the kernels of imported kinds
     for line in damaged:
         print(f"warning: {line}; the one before is used", file=sys.stderr)
+    if others := checkpoint.other_versions():
+        print(f"warning: {', '.join(others)}: the run may not go on bit for bit", file=sys.stderr)
     about = {"log": options.log, "least_improvement": options.least_improvement}
     with folder.held():
         if not options.quiet:

@@ -25,7 +25,7 @@ def start_on(
         ClusterFailed: if the cluster does not come up, or is given up.
     """
     modules = service.allow_modules
-    agent_options = ["--node-timeout", f"{service.node_timeout:g}", "--eval-timeout", f"{service.eval_timeout:g}"]
+    agent_options = ["--node-timeout", f"{service.node_timeout:g}", *_eval_timeout(service)]
     if service.node_memory is not None:
         agent_options += ["--node-memory", str(service.node_memory)]
     if force:
@@ -63,6 +63,10 @@ def start_on(
     raise BadInput(f"--on: expected ray, ray://HEAD:10001 or ssh://HOST,HOST, found {engine!r}")
 
 
+def _eval_timeout(service: ServiceOptions) -> list[str]:
+    return [] if service.eval_timeout is None else ["--eval-timeout", f"{service.eval_timeout:g}"]
+
+
 def _options(service: ServiceOptions) -> list[str]:
     """Return the options of `supernode coordinator` that any engine's cluster is given."""
     if service.keep_days != int(service.keep_days):
@@ -70,5 +74,5 @@ def _options(service: ServiceOptions) -> list[str]:
     keep = ["--keep-days", str(int(service.keep_days)), "--keep-records", str(service.keep_records)]
     queue = [] if service.max_queue is None else ["--max-queue", str(service.max_queue)]
     every = "off" if service.checkpoint_every is None else f"{service.checkpoint_every:g}s"
-    limits = ["--eval-timeout", f"{service.eval_timeout:g}", "--checkpoint", every]
+    limits = [*_eval_timeout(service), "--checkpoint", every]
     return [*limits, *keep, *queue, *(["--log-json"] if service.log_json else [])]

@@ -7,6 +7,7 @@ import math
 import random
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -236,22 +237,31 @@ def test_what_cannot_be_solved_ends_as_stalled_with_the_best_found(plan):
     assert (judgement.status, judgement.best is not None) == ("stalled", True)
 
 
-def test_a_forked_node_has_all_that_it_needs(file):
+KINDS = {path.name: tomllib.loads(path.read_text())["kind"] for path in EXAMPLES} | {
+    f"init {kind}": kind for kind in registry.kinds()
+}
+
+
+@pytest.mark.parametrize("kind", sorted(set(KINDS.values())))
+def test_a_forked_node_has_all_that_it_needs(kind):
     """What only a node's generations import would be loaded, or compiled, by each of a thousand nodes."""
-    kinds = [file.kind] if registry.is_built_in(file.kind) else []  # as `solve` loads them
+    kinds = [kind] if registry.is_built_in(kind) else []  # as `solve` loads them
     script = (
-        "import sys\n"
+        "import json, sys\n"
         "from coordinator.launch.imports import import_all; import node.process; import_all(sys.argv[1:])\n"
         "from problems.file import ProblemFile\n"
         "from node import Plan, simulate\n"
         "from node.fingerprint import fingerprint\n"
-        "file = ProblemFile.from_json(sys.stdin.read()).with_run(generations=2, target=-1.0)\n"
-        "users = file.kind.partition(':')[0]\n"
-        "before = set(sys.modules); simulate(Plan.of(file, checked=True)); fingerprint()\n"  # as nodes do
+        "texts = json.load(sys.stdin)\n"
+        "files = [ProblemFile.from_json(text).with_run(generations=2, target=-1.0) for text in texts]\n"
+        "users = files[0].kind.partition(':')[0]\n"
+        "before = set(sys.modules)\n"
+        "for file in files: simulate(Plan.of(file, checked=True)); fingerprint()\n"  # as nodes do
         "late = set(sys.modules) - before - {users, 'supernode'}\n"
         "assert not late, late\n"
     )
+    files = [FILES[name]().to_json() for name in FILES if KINDS[name] == kind]
     run = functools.partial(subprocess.run, capture_output=True, text=True, check=False)
     # On standard input, since a file with meshes in it is too long for an argument.
-    done = run([sys.executable, "-c", script, *kinds], input=file.to_json())
+    done = run([sys.executable, "-c", script, *kinds], input=json.dumps(files))
     assert done.returncode == 0, done.stderr

@@ -1,6 +1,7 @@
 """A checkpoint comes back from its bytes as it was; one that was changed or cut does not come back at all."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -53,8 +54,16 @@ def test_one_that_was_cut_is_refused(size):
 
 
 def test_another_version_is_named():
-    with pytest.raises(BadInput, match="version 1, found version 2"):
-        Checkpoint.decode(BYTES.replace(b"checkpoint 1\n", b"checkpoint 2\n"), AnyModules())
+    with pytest.raises(BadInput, match="version 2, found version 3"):
+        Checkpoint.decode(BYTES.replace(b"checkpoint 2\n", b"checkpoint 3\n"), AnyModules())
+
+
+def test_other_versions_of_the_software_are_named():
+    here = WHOLE.versions["numpy"]
+    assert WHOLE.other_versions() == []
+    assert replace(WHOLE, versions=WHOLE.versions | {"numpy": "0.9"}).other_versions() == [
+        f"numpy {here} instead of 0.9"
+    ]
 
 
 def test_a_service_runs_no_module_that_a_checkpoint_names():

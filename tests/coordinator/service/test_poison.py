@@ -85,7 +85,8 @@ def test_a_deadly_individual_is_infeasible_and_the_run_goes_on_exactly(tmp_path,
         texts = [row[told["columns"].index("text")] for row in told["rows"]]
         lines = {text for text in texts if "counts as infeasible" in text}
     assert (result.status, result.fitness) == ("exhausted", 1.0)
-    assert result.directives == [{"do": "infeasible", "genomes": ["00"]}]
+    sha = result.problem_sha256
+    assert result.directives == [{"do": "infeasible", "problem_sha256": sha, "genomes": ["00"]}]
     assert lines == {"genome 00 counts as infeasible: its evaluation crashed (SIGSEGV, 2 times)"}
     file = supernode.load(tmp_path / "deadly.toml").with_run(topology="torus 1x3", generations=60)
     assert epochs.history(replay(file, result.directives)) == result.history_sha256

@@ -13,6 +13,7 @@ from live_service import ROOT, children_of, until
 
 from coordinator.jobs.checkpoint import Checkpoint
 from coordinator.store.checkpoint_folder import CheckpointFolder
+from node.fingerprint import fingerprint
 from problems import load
 
 PROBLEM = 'kind = "function"\nname = "onemax"\ndimension = 64\ncost_us = 150\n'
@@ -72,6 +73,16 @@ def test_a_run_that_ends_by_itself_leaves_no_checkpoints(problem, tmp_path, caps
         code, out, _ = in_process(capsys, "solve", problem, *RUN, "--generations", "20", "--checkpoint", "30s")
         assert (code, json.loads(out)["generations"]) == (3, 20)
         assert not (tmp_path / "ones.run").exists()
+
+
+def test_other_versions_of_the_software_are_a_warning(problem, tmp_path, capsys):
+    file = load(problem).with_run(topology="torus 1x2", generations=5, target=-1.0)
+    folder = tmp_path / "ones.run"
+    CheckpointFolder(folder).keep(Checkpoint(file, file, versions=fingerprint() | {"numpy": "0.9"}))
+    code, _, told = in_process(capsys, "resume", folder, "--json", "--quiet")
+    assert code == 3
+    assert told.startswith("warning: numpy ")
+    assert " instead of 0.9: the run may not go on bit for bit" in told
 
 
 def test_two_processes_do_not_write_to_one_folder(problem, tmp_path, capsys):

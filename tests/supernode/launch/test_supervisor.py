@@ -81,7 +81,7 @@ def test_it_is_up_until_ctrl_c_and_leaves_no_card(tmp_path):
         "allow_modules": ("mine",),
         "modules": None,
         "node_timeout": 15.0,
-        "eval_timeout": 60.0,
+        "eval_timeout": None,
         "node_memory": None,
         "checkpoint_every": 30.0,
     }
