@@ -16,7 +16,8 @@ from topologies import ROOT, Topology
 from wire.control import Command, Done, Look, TellStates
 from wire.takeover import KeptStates, Takeover
 
-_ANSWERS_WITHIN = 3.0  # seconds in which all living cells should tell what they keep; a busy machine may need some
+_ANSWERS_WITHIN = 3.0  # seconds in which all living cells should tell what they keep; a stopped one does not
+_MOST_ANSWER_WITHIN = 12.0  # seconds in which most do, also if the router has died and is back
 
 States = dict[int, tuple[int, bytes]]
 """By cell, a generation and the state of the cell in it."""
@@ -100,14 +101,16 @@ class Recovering:
         ]
         kept: dict[int, KeptStates] = {}
         living = set(range(job.epoch.topology.cells)) - job.epoch.dead
-        until = time.monotonic() + _ANSWERS_WITHIN
+        began = time.monotonic()
         while True:
             answers = job.calls.ask(questions, 0, give_up=False)
             kept |= {answer.cell: answer for answer in answers if isinstance(answer, KeptStates)}
             looks = [json.loads(answer.note) for answer in answers if isinstance(answer, Done)]
             looking = {look["cell"] for look in looks if look["epoch"] == job.epoch.number}
             # A node in a long evaluation looks, but does not tell yet. One that is stopped does neither.
-            if looking <= kept.keys() and (living <= kept.keys() or time.monotonic() > until):
+            is_most = 2 * len(living & kept.keys()) > len(living)
+            is_late = time.monotonic() > began + (_ANSWERS_WITHIN if is_most else _MOST_ANSWER_WITHIN)
+            if looking <= kept.keys() and (living <= kept.keys() or is_late):
                 return kept
             job.calls.wait(ASK_AGAIN)
 
@@ -118,6 +121,9 @@ def choose_states(topology: Topology, kept: Mapping[int, KeptStates], began_anew
     Dead cells that are neighbours need each other's messages, so they go on from the same generation. A living
     neighbour must still have its messages since then, and must not wait for a message of the dead cell from before:
     one that is itself catching up is behind, but has the messages that the dead cell had sent until then.
+
+    The new process will have its own messages since that generation only. A neighbour that dies next needs those since
+    its own state; so, if possible, no state is chosen that is later than the latest one kept of each living neighbour.
 
     Args:
         topology: the neighbours of each cell.
@@ -136,7 +142,9 @@ def choose_states(topology: Topology, kept: Mapping[int, KeptStates], began_anew
         common = set.intersection(*(set(states) for states in offered.values()))
         fit = [each for each in common if all(_may_go_on(cell, each, beside) for cell, beside in links)]
         if fit:
-            chosen |= {cell: (max(fit), offered[cell][max(fit)]) for cell in group}
+            known = [max(latest_states(kept, beside.cell), default=0) for _, beside in links]
+            best = max([each for each in fit if each <= min(known, default=each)] or fit)
+            chosen |= {cell: (best, offered[cell][best]) for cell in group}
     return chosen
 
 

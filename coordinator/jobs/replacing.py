@@ -22,7 +22,7 @@ from wire.control import Done, Drop, Halt, Look, Wiring
 
 _FOUND_WITHIN = 1.0  # seconds; a running node finds a restarted router in a fifth of that
 _HALTED_WITHIN = 60.0  # seconds
-_EXACT_WITHIN = 5.0  # seconds for which exact recovery is begun again while more and more processes die
+_EXACT_WITHIN = 15.0  # seconds for which exact recovery is begun again while more and more processes die
 
 
 class Replacing:

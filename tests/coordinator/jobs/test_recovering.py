@@ -137,6 +137,13 @@ def test_a_cell_alone_goes_on_from_its_latest_state():
     assert choose(keeping({5}, {5: (80, 88, 96)})) == {5: (96, b"96")}
 
 
+def test_its_neighbours_can_die_next_and_have_the_messages_since_their_own_states():
+    beside = dict.fromkeys(TORUS.neighbours(5), (88, 96))
+    assert choose(keeping({5}, beside | {5: (80, 88, 96)})) == {5: (96, b"96")}
+    assert choose(keeping({5}, beside | {1: (80, 88), 5: (80, 88, 96)})) == {5: (88, b"88")}
+    assert choose(keeping({5}, beside | {1: (72,), 5: (80, 88, 96)})) == {5: (96, b"96")}, "it cannot be helped"
+
+
 def test_dead_neighbours_go_on_from_the_same_generation_and_others_from_theirs():
     kept = keeping({0, 1, 10}, {0: (80, 88), 1: (88, 96), 10: (80, 96)})
     assert {cell: its for cell, (its, _) in choose(kept).items()} == {0: 88, 1: 88, 10: 96}
