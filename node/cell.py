@@ -307,7 +307,7 @@ class Cell:
         if flags:
             self._handle_flags(flags, generations, news, actions)
         if size:
-            actions.append(self._outbox.written(size, has_state))
+            actions.append(self._outbox.with_state[:size].tobytes() if has_state else self._outbox.latest())
         if flags & STOPS:
             self._end("stopped", None, actions)
 

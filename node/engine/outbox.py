@@ -37,10 +37,6 @@ class Outbox(Ring):
         kept = {its: message for _, its, message in self}  # a message that was published again counts once
         return [message for its, message in kept.items() if its >= generation] if generation in kept else []
 
-    def written(self, size: int, has_state: int) -> bytes:
-        """Return the message that was written last, with the cell's state if it has one."""
-        return self.with_state[:size].tobytes() if has_state else self.latest()
-
     def messages_between_states(self, seconds: float) -> int:
         """Return after how many messages the next one should carry the cell's state; a power of two.
 
