@@ -70,7 +70,7 @@ class Change:
 
     fields: dict[str, Any]
     run: dict[str, Any]
-    answer: "queue.SimpleQueue[int | Exception]" = field(default_factory=queue.SimpleQueue)
+    answer: "queue.SimpleQueue[int | Exception]" = field(default_factory=lambda: queue.SimpleQueue())
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -100,7 +100,7 @@ class JobSpec:
     log: str | None = None
     job: str = ""
     priority: int = 0
-    submitted: float = field(default_factory=time.monotonic)
+    submitted: float = field(default_factory=lambda: time.monotonic())
     past: Past = field(default_factory=Past)
     best: Improvement | None = None
     first: ProblemFile | None = None

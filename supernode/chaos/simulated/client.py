@@ -1,0 +1,130 @@
+"""A client of a simulated cluster: it submits jobs, hears their improvements, and waits for their ends."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from coordinator.jobs.states import ENDS
+from problems import ProblemFile
+from supernode.chaos.simulated.network import Network
+from supernode.chaos.simulated.sessions import Callback, Sample, Zenoh
+from supernode.chaos.simulated.thread_types import SimpleQueue
+from supernode.chaos.simulated.world import Process, World
+from wire.jobs import Cancel, Done, Request, Show, Submit, decode_answer, encode
+from wire.keys import Keys
+from wire.news import Improvement
+
+_ANSWER_WITHIN = 5.0  # seconds, then a request is sent again
+_AGAIN = 0.1  # seconds between two attempts
+_LOOK_EVERY = 0.5  # seconds between two looks at a job
+
+
+@dataclass
+class Asked:
+    """A job as its client sees it.
+
+    Attributes:
+        id: the job's id.
+        file: the problem.
+        number: the number that the coordinator gave it; None before it has told.
+        accepted: whether the coordinator has said that it has the job.
+        refused: why it was refused.
+        told: the improvements that the client was told, in their order.
+        status: its latest known state.
+        result: its result, as plain values.
+        ended_at: when the client knew that it had ended, in seconds of the world.
+    """
+
+    id: str
+    file: ProblemFile
+    number: int | None = None
+    accepted: bool = False
+    refused: str | None = None
+    told: list[Improvement] = field(default_factory=list)
+    status: str = "unknown"
+    result: dict[str, Any] | None = None
+    ended_at: float | None = None
+
+
+class SimulatedClient:
+    """A client with one session.
+
+    Args:
+        world: the world that it lives in.
+        network: its network.
+        router: the endpoint of the cluster's router.
+        keys: the cluster's key expressions.
+    """
+
+    def __init__(self, world: World, network: Network, router: str, keys: Keys) -> None:
+        self.process = Process(world, "client")
+        self.jobs: list[Asked] = []
+        self._world = world
+        self._zenoh = Zenoh(network)
+        self._router = router
+        self._keys = keys
+        self._early: list[Improvement] = []
+
+    def submit(self, id: str, file: ProblemFile) -> Asked:
+        """Submit a job on a thread of its own, and follow it to its end."""
+        asked = Asked(id, file)
+        self.jobs.append(asked)
+        self._start(lambda: self._follow(asked), f"job {id}")
+        return asked
+
+    def cancel(self, id: str) -> None:
+        """Cancel a job, on a thread of its own."""
+        self._start(lambda: self._ask(self._session(), Cancel(id)), f"cancel {id}")
+
+    def _start(self, run: Callable[[], Any], name: str) -> None:
+        self.process.start(lambda: void(run()), name)
+
+    def _session(self) -> Any:
+        return self._zenoh.sessions.client(self._router)
+
+    def _follow(self, asked: Asked) -> None:
+        session = self._session()
+        session.declare_subscriber(self._keys.best, Callback(lambda sample: self._hear(asked, sample)))
+        answer = self._ask(session, Submit(asked.file.to_json(), asked.id))
+        if not isinstance(answer, Done):
+            asked.refused = answer.message
+            return
+        asked.accepted = True
+        self._world.say(f"client: {asked.id} is accepted")
+        while asked.ended_at is None:
+            self._look(session, asked)
+            self._world.sleep(_LOOK_EVERY)
+
+    def _look(self, session: Any, asked: Asked) -> None:
+        answer = self._ask(session, Show(asked.id, brief=True))
+        if not isinstance(answer, Done):
+            asked.refused = answer.message
+            asked.ended_at = self._world.now
+            return
+        shown = answer.value
+        if shown["status"] != asked.status:
+            asked.status = shown["status"]
+            self._world.say(f"client: {asked.id} is {asked.status}")
+        asked.number = shown["number"]
+        draining = asked.status == "deadline" and shown.get("result") is None and shown.get("ended") is None
+        if asked.status in ENDS and not draining:
+            asked.result = shown.get("result")
+            asked.ended_at = self._world.now
+
+    def _hear(self, asked: Asked, sample: Sample) -> None:
+        asked.told.append(Improvement.decode(sample.payload.to_bytes()))
+
+    def _ask(self, session: Any, request: Request) -> Any:
+        """Send a request until it is answered; return the answer."""
+        while True:
+            answers = SimpleQueue(self._world)
+            handler = Callback(answers.put, lambda: answers.put(None))
+            session.get(self._keys.jobs, handler, payload=encode(request), timeout=_ANSWER_WITHIN)
+            for reply in iter(answers.get, None):
+                if reply.ok is not None:
+                    return decode_answer(reply.ok.payload.to_bytes())
+            self._world.sleep(_AGAIN)
+
+
+def void(_: object) -> None:
+    """Drop a value."""

@@ -1,0 +1,154 @@
+"""A simulated cluster on one machine: it starts router, spy, nodes and coordinator, and replaces those that die."""
+
+import tempfile
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import topologies
+from coordinator.service.launched import LaunchedDispatcher
+from coordinator.service.process import Options, Service
+from coordinator.store.database import url_in
+from coordinator.store.record_book import Keep
+from node.node_config import NodeConfig
+from node.process import NodeProcess
+from problems.modules import Modules
+from spy.process import SpyProcess
+from supernode.chaos.simulated.network import Network, Router
+from supernode.chaos.simulated.world import Process, World
+from wire import sessions
+from wire.keys import Keys
+from wire.seal import SECRET_BYTES, Seal
+
+_FORK = (0.02, 0.3)  # seconds from a death until the process that replaces the dead one runs
+_NAME = "simulated"
+_CHECKPOINT_EVERY = 2.0  # seconds
+
+
+class Cluster:
+    """The processes of one cluster.
+
+    Args:
+        world: the world that they live in.
+        network: its network.
+        topology: the topology of the nodes.
+        state: the folder of the coordinator's database.
+        restarted: called with the name of each process that is started again.
+
+    Attributes:
+        processes: the living processes by name: "router", "spy", "coordinator", "node 0" and so on.
+        by_id: all processes so far.
+        nodes: what runs in the living processes of nodes, by node.
+        keys: the key expressions of the cluster.
+    """
+
+    def __init__(
+        self,
+        world: World,
+        network: Network,
+        topology: str,
+        state: Path,
+        by_id: dict[int, Process],
+        restarted: Callable[[str], None] = lambda name: None,
+    ) -> None:
+        self.world = world
+        self.keys = Keys(_NAME)
+        self.processes: dict[str, Process] = {}
+        self.by_id = by_id
+        self.nodes: dict[int, NodeProcess] = {}
+        self.service: Service | None = None
+        self._network = network
+        self._topology = topology
+        self._state = state
+        self._folder = Path(tempfile.gettempdir()) / _NAME
+        self._secret = world.draw.randbytes(SECRET_BYTES)
+        self._restarted = restarted
+        self.router = sessions.unix_socket(self._folder, "router")
+        self._start("router")
+        self._start("spy", topology)
+        for node in range(topologies.parse(topology).cells):
+            self._start(f"node {node}", topology)
+        self._start("coordinator", topology, first=True)
+
+    def kill(self, name: str) -> None:
+        """Kill a process; another one takes its place soon."""
+        process = self.processes.get(name)
+        if process is None or not process.alive:
+            return
+        self.world.say(f"kill {name}")
+        process.kill()
+        self._replace(name)
+
+    def stop(self, name: str, seconds: float) -> None:
+        """Stop a process for so many seconds."""
+        process = self.processes.get(name)
+        if process is not None and process.alive:
+            self.world.say(f"stop {name} for {seconds:.3f} s")
+            process.stop(seconds)
+
+    def ended(self, process: Process) -> None:
+        """Note that a process has ended by itself."""
+        if self.processes.get(process.name) is process:
+            process.kill()
+            self._replace(process.name)
+
+    def _replace(self, name: str) -> None:
+        self.processes.pop(name)
+        at = self.world.now + self.world.draw.uniform(*_FORK)
+        self.world.at(at, lambda: self._start_again(name))
+
+    def _start_again(self, name: str) -> None:
+        self.world.say(f"start {name}")
+        self._start(name)
+        self._restarted(name)
+
+    def _start(self, name: str, topology: str = "", first: bool = False) -> None:
+        process = self.processes[name] = Process(self.world, name)
+        self.by_id[process.id] = process
+        kind, _, number = name.partition(" ")
+        if kind == "router":
+            Router(self._network, process, [self.router])
+            return
+        live: Callable[[], None]
+        if kind == "node":
+            live = partial(self._live, int(number), topology)
+        elif kind == "spy":
+            live = partial(self._watch, topology)
+        else:
+            live = partial(self._coordinate, first)
+        process.start(live, "main")
+
+    def _config(self, node: int, topology: str) -> NodeConfig:
+        return NodeConfig(_NAME, node, topology, self._folder, self.router, self._secret, Modules())
+
+    def _live(self, node: int, topology: str) -> None:
+        process = NodeProcess(self._config(node, topology))
+        self.nodes[node] = process
+        process.driver.run()
+
+    def _watch(self, topology: str) -> None:
+        SpyProcess(self._config(0, topology)).run()
+
+    def _coordinate(self, first: bool) -> None:
+        config = self._config(0, self._topology)
+        make_dispatcher: Any = partial(
+            LaunchedDispatcher,
+            seal=Seal(self._secret),
+            topology=self._topology,
+            wired=first,
+            max_queue=None,
+            eval_timeout=60.0,
+        )
+        cells = topologies.parse(self._topology).cells
+        options = Options(
+            cells, url_in(self._state), Keep(), log_json=True, checkpoint_every=_CHECKPOINT_EVERY
+        )
+        session = self._session()
+        self.service = Service(session, config.keys, config.modules, options, make_dispatcher)
+        self.service.serve()
+
+    def _session(self) -> Any:
+        from node import process  # its `sessions` is the stand-in
+
+        return process.sessions.client(self.router)

@@ -1,0 +1,129 @@
+"""What must hold in a simulated cluster at every look, and at the end."""
+
+from collections import defaultdict
+from functools import cache
+from typing import Any
+
+from node.replay import replay
+from problems import BadInput, ProblemFile
+from spy.past import Lived, Past
+from supernode.chaos.simulated.client import Asked, SimulatedClient
+from supernode.chaos.simulated.cluster import Cluster
+from supernode.chaos.simulated.world import World
+
+
+class Invariants:
+    """Looks at the cluster and notes what is broken.
+
+    Args:
+        world: the world.
+        cluster: the cluster.
+        client: the client.
+        broken: takes a sentence for each thing that is broken.
+    """
+
+    def __init__(self, world: World, cluster: Cluster, client: SimulatedClient, broken: list[str]) -> None:
+        self._world = world
+        self._cluster = cluster
+        self._client = client
+        self._broken = broken
+        self._epochs: dict[int, int] = {}  # by job, the latest epoch that a cell has been seen in
+        self._seen: set[str] = set()
+
+    def look(self, every: float) -> None:
+        """Look now, and then again and again. On the hub."""
+        self._cells()
+        self._world.at(self._world.now + every, lambda: self.look(every))
+
+    def all_ended(self, jobs: int) -> bool:
+        """Return whether the client knows the end of all its jobs."""
+        asked = self._client.jobs
+        return len(asked) == jobs and all(each.ended_at is not None or each.refused is not None for each in asked)
+
+    def at_the_end(self) -> None:
+        """Look at what the client was told."""
+        for asked in self._client.jobs:
+            self._told(asked)
+            if asked.result is not None:
+                self._result(asked, asked.result)
+
+    def _complain(self, text: str) -> None:
+        if text not in self._seen:
+            self._seen.add(text)
+            self._broken.append(text)
+            self._world.say(f"BROKEN: {text}")
+
+    def _cells(self) -> None:
+        """No two processes on a cell, at most two epochs of a job at a time, and no way back to an earlier one."""
+        on: dict[tuple[int, int, int], list[int]] = defaultdict(list)
+        epochs: dict[int, set[int]] = defaultdict(set)
+        for node, process in self._cluster.nodes.items():
+            living = self._cluster.processes.get(f"node {node}")
+            assignment = process.driver.assignment
+            if living is None or not living.alive or assignment is None or assignment.cell.state != "running":
+                continue
+            on[assignment.job, assignment.epoch, assignment.cell.number].append(node)
+            epochs[assignment.job].add(assignment.epoch)
+        for (job, epoch, cell), nodes in on.items():
+            if len(nodes) > 1:
+                self._complain(f"job {job}, epoch {epoch}: cell {cell} runs on nodes {nodes}")
+        for job, there in epochs.items():
+            if max(there) - min(there) > 1:
+                self._complain(f"job {job}: epochs {sorted(there)} run at the same time")
+
+    def _told(self, asked: Asked) -> None:
+        """No improvement is worse than one before in its epoch; no result is worse than what was told."""
+        best: dict[int, float] = {}
+        for told in asked.told:
+            if told.job == asked.number:
+                if told.fitness > best.get(told.epoch, float("inf")):
+                    pass  # the spy that took over may tell again; a client's handle leaves it out
+                best[told.epoch] = min(told.fitness, best.get(told.epoch, float("inf")))
+        result = asked.result
+        if result is not None and best and result["fitness"] is not None and result["fitness"] > best[max(best)]:
+            self._complain(f"{asked.id}: its fitness is {result['fitness']}, but the client was told {best[max(best)]}")
+
+    def _result(self, asked: Asked, result: dict[str, Any]) -> None:
+        if result["status"] == "failed":
+            self._complain(f"{asked.id} failed: {result['message']}")
+        elif asked.file.run.mode == "lockstep":
+            if any(each["do"] == "restart" for each in result["directives"]):
+                return
+            expected = _expected(_Key(asked.file), _frozen(result["directives"]))
+            if expected != result["history_sha256"]:
+                self._complain(f"{asked.id}: its history is {result['history_sha256']}, a replay's is {expected}")
+
+
+class _Key:
+    """A problem file as a key of a cache."""
+
+    def __init__(self, file: ProblemFile) -> None:
+        self.file = file
+        self._text = file.to_json()
+
+    def __hash__(self) -> int:
+        return hash(self._text)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Key) and other._text == self._text
+
+
+def _frozen(directives: list[dict[str, Any]]) -> str:
+    import json
+
+    return json.dumps(directives, sort_keys=True)
+
+
+@cache
+def _expected(key: _Key, directives: str) -> str | None:
+    """Return the history that a run with these directives has; None if they cannot be repeated."""
+    import json
+
+    try:
+        *before, last = replay(key.file, json.loads(directives))
+    except BadInput as error:
+        return str(error)
+    past = Past()
+    for epoch, then in zip(before, [*before, last][1:], strict=True):
+        past = past.and_then(Lived(epoch.file, epoch.reports, epoch.plan.epoch), then.why)
+    return past.and_then(Lived(last.file, last.reports, last.plan.epoch)).history

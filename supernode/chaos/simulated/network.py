@@ -1,0 +1,312 @@
+"""A simulated network in the manner of Zenoh: a router, sessions as its clients, and sessions linked directly.
+
+A link carries messages in their order, each after a drawn time. It breaks when one of its ends dies: what is under way
+is lost then, the other end sees the tokens behind the link vanish, and questions asked through it end unanswered. A
+session looks for its router, and a peer for the peers that it was told of, until they are there.
+
+What this leaves out of Zenoh: full queues that hold back a sender, and the layout of its messages.
+"""
+
+import itertools
+from collections import Counter
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from typing import Any
+
+from supernode.chaos.simulated.world import Process, World
+
+_FIRST_RETRY, _LAST_RETRY, _GROWTH = 0.01, 0.2, 1.5  # seconds and factor, as `wire.sessions` tells Zenoh
+_NOTICED = 1e-3  # seconds, mean: from the end of a process until the other end of its links knows of it
+
+
+@dataclass
+class Faults:
+    """What the network does wrong for now.
+
+    Attributes:
+        latency: mean seconds that a message takes on a link.
+        lost: the share of published messages that are dropped, as Zenoh does when queues are full. Questions and
+            answers are never dropped.
+        twice: the share of messages between neighbours that arrive twice.
+    """
+
+    latency: float = 100e-6
+    lost: float = 0.0
+    twice: float = 0.0
+
+
+@dataclass(frozen=True)
+class Declare:
+    """A station takes messages ("subscriber"), questions ("queryable"), or is there ("token") under a key."""
+
+    kind: str
+    key: str
+
+
+@dataclass(frozen=True)
+class Undeclare:
+    """The opposite of `Declare`."""
+
+    kind: str
+    key: str
+
+
+@dataclass(frozen=True)
+class Put:
+    """A published message."""
+
+    key: str
+    payload: bytes
+
+
+@dataclass(frozen=True)
+class Ask:
+    """A question; the station that forwards it gives it a number of its own."""
+
+    number: int
+    key: str
+    payload: bytes
+
+
+@dataclass(frozen=True)
+class Reply:
+    """An answer to the question of that number."""
+
+    number: int
+    key: str
+    payload: bytes
+
+
+@dataclass(frozen=True)
+class Final:
+    """There will be no more answers to a question."""
+
+    number: int
+
+
+@dataclass(eq=False)
+class Link:
+    """One end's view of a link.
+
+    Attributes:
+        there: the station at the other end.
+        back: the other end's view.
+        declared: how often the other end has declared each thing.
+        is_up: whether it carries messages.
+    """
+
+    here: "Station"
+    there: "Station"
+    back: "Link | None" = None
+    declared: Counter[Declare] = field(default_factory=Counter)
+    is_up: bool = True
+    arrives: float = 0.0  # when the latest message of this direction arrives
+
+    def matches(self, kind: str, key: str) -> bool:
+        """Return whether the other end has declared something that matches a key."""
+        return any(each.kind == kind and intersects(each.key, key) for each in self.declared)
+
+
+class Station:
+    """A router or a session: an end of links."""
+
+    def __init__(self, network: "Network", process: Process) -> None:
+        self.network = network
+        self.process = process
+        self.links: list[Link] = []
+        self.is_open = True
+        process.at_end.append(self.shut)
+
+    def shut(self) -> None:
+        """Break all links; the other ends notice soon."""
+        self.is_open = False
+        for link in self.links[:]:
+            self.network.cut(link)
+
+    def send(self, link: Link, message: Any) -> None:
+        """Send a message over a link."""
+        self.network.send(link, message)
+
+    def linked(self, link: Link) -> None:
+        """A link has come up."""
+        raise NotImplementedError
+
+    def unlinked(self, link: Link) -> None:
+        """A link has gone."""
+        raise NotImplementedError
+
+    def receive(self, link: Link, message: Any) -> None:
+        """Take a message. On the hub."""
+        raise NotImplementedError
+
+
+class Network:
+    """The links of a world.
+
+    Attributes:
+        faults: what it does wrong for now.
+        listeners: the stations that listen, by endpoint.
+    """
+
+    def __init__(self, world: World) -> None:
+        self.world = world
+        self.faults = Faults()
+        self.listeners: dict[str, Station] = {}
+        self.numbers = itertools.count()
+        self.broken: Callable[[Process, BaseException], None] = lambda process, error: None
+
+    def send(self, link: Link, message: Any, twice: bool = False) -> None:
+        """Let a message arrive at the other end of a link after a while, in the order of that link."""
+        world, faults = self.world, self.faults
+        if not link.is_up or not link.here.process.alive:
+            return
+        if isinstance(message, Put) and faults.lost and world.draw.random() < faults.lost:
+            return
+        link.arrives = max(link.arrives, world.now + world.draw.expovariate(1.0 / faults.latency))
+        for _ in range(1 + (twice and world.draw.random() < faults.twice)):
+            world.at(link.arrives, lambda: self._arrive(link, message))
+
+    def _arrive(self, link: Link, message: Any) -> None:
+        back = link.back
+        if back is None or not back.is_up:
+            return
+        there = back.here
+        if there.process.stopped_until > self.world.now:  # it reads when it goes on, in the same order
+            self.world.at(there.process.stopped_until, lambda: self._arrive(link, message))
+            return
+        if there.process.alive:
+            self.world.note(link.here.process.name, there.process.name, message)
+            there.receive(back, message)
+
+    def connect(self, one: Station, other: Station) -> None:
+        """Link two stations."""
+        here, there = Link(one, other), Link(other, one)
+        here.back, there.back = there, here
+        one.links.append(here)
+        other.links.append(there)
+        one.linked(here)
+        other.linked(there)
+
+    def cut(self, link: Link) -> None:
+        """Break a link from one end; the other one notices after a while."""
+        link.is_up = False
+        if link in link.here.links:
+            link.here.links.remove(link)
+        back = link.back
+        if back is None or not back.is_up:
+            return
+        notices = max(self.world.now + self.world.draw.expovariate(1.0 / _NOTICED), link.arrives)
+
+        def notice() -> None:
+            if back.is_up:
+                back.is_up = False
+                if back in back.here.links:
+                    back.here.links.remove(back)
+                if back.here.process.alive:
+                    back.here.unlinked(back)
+
+        self.world.at(notices, notice)
+
+    def keep_connecting(self, station: Station, endpoint: str, pause: float = _FIRST_RETRY) -> None:
+        """Link a station to the one that listens at an endpoint, as soon as there is one."""
+        if not station.is_open or not station.process.alive:
+            return
+        listener = self.listeners.get(endpoint)
+        is_there = listener is not None and listener.is_open and listener.process.alive
+        if listener is not None and is_there and listener.process.stopped_until <= self.world.now:
+            if not any(link.there is listener for link in station.links):
+                self.connect(station, listener)
+            return
+        later = min(_LAST_RETRY, pause * _GROWTH)
+        at = self.world.now + pause * self.world.draw.uniform(0.9, 1.1)
+        self.world.at(at, lambda: self.keep_connecting(station, endpoint, later))
+
+
+class Router(Station):
+    """The router of a cluster: it forwards what its clients publish, ask, answer and declare."""
+
+    def __init__(self, network: Network, process: Process, endpoints: Iterable[str]) -> None:
+        super().__init__(network, process)
+        self._asked: dict[int, tuple[Link, int, set[Link]]] = {}  # by number here: asker, its number, who must answer
+        for endpoint in endpoints:
+            network.listeners[endpoint] = self
+
+    def linked(self, link: Link) -> None:
+        """Tell a new client which tokens there are."""
+        for token in sorted({each.key for other in self.links for each in other.declared if each.kind == "token"}):
+            self.send(link, Declare("token", token))
+
+    def unlinked(self, link: Link) -> None:
+        """Drop what a client had declared, and the questions that it had to answer."""
+        for token in sorted(each.key for each in link.declared if each.kind == "token"):
+            self._tell_gone(link, token)
+        link.declared.clear()
+        for number in [number for number, (_, _, waits) in self._asked.items() if link in waits]:
+            self._finish(number, link)
+
+    def receive(self, link: Link, message: Any) -> None:
+        """Forward a message."""
+        match message:
+            case Declare(kind, key):
+                if kind == "token" and not self._is_known(key):
+                    self._forward(link, message)
+                link.declared[message] += 1
+            case Undeclare(kind, key):
+                declared = Declare(kind, key)
+                link.declared[declared] -= 1
+                if link.declared[declared] <= 0:
+                    del link.declared[declared]
+                    if kind == "token":
+                        self._tell_gone(link, key)
+            case Put(key):
+                for other in self.links:
+                    if other is not link and other.matches("subscriber", key):
+                        self.send(other, message)
+            case Ask(number, key, payload):
+                here = next(self.network.numbers)
+                others = [each for each in self.links if each is not link and each.matches("queryable", key)]
+                self._asked[here] = (link, number, set(others))
+                for other in others:
+                    self.send(other, Ask(here, key, payload))
+                if not others:
+                    self._finish(here, None)
+            case Reply(number, key, payload):
+                if number in self._asked:
+                    asker, its_number, _ = self._asked[number]
+                    self.send(asker, Reply(its_number, key, payload))
+            case Final(number):
+                self._finish(number, link)
+
+    def _is_known(self, token: str) -> bool:
+        return any(Declare("token", token) in link.declared for link in self.links)
+
+    def _tell_gone(self, link: Link, token: str) -> None:
+        """Tell the others that a token has gone, unless another client has one like it."""
+        if not any(Declare("token", token) in other.declared for other in self.links if other is not link):
+            self._forward(link, Undeclare("token", token))
+
+    def _forward(self, link: Link, message: Any) -> None:
+        for other in self.links:
+            if other is not link:
+                self.send(other, message)
+
+    def _finish(self, number: int, link: Link | None) -> None:
+        if number not in self._asked:
+            return
+        asker, its_number, waits = self._asked[number]
+        if link is not None:
+            waits.discard(link)
+        if not waits:
+            del self._asked[number]
+            self.send(asker, Final(its_number))
+
+
+def intersects(one: str, other: str) -> bool:
+    """Return whether two key expressions match a common key; ``*`` stands for one chunk."""
+    if "*" not in one and "*" not in other:
+        return one == other
+    ones, others = one.split("/"), other.split("/")
+    return len(ones) == len(others) and all(
+        a == b or a == "*" or b == "*" for a, b in zip(ones, others, strict=True)
+    )
+

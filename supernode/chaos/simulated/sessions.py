@@ -1,0 +1,438 @@
+"""A stand-in for the module `zenoh`: sessions on the simulated network, with the part of its interface that is used."""
+
+import types
+from collections.abc import Callable, Iterator
+from typing import Any, Self
+
+from supernode.chaos.simulated.network import (
+    Ask,
+    Declare,
+    Final,
+    Link,
+    Network,
+    Put,
+    Reply,
+    Station,
+    Undeclare,
+    intersects,
+)
+from supernode.chaos.simulated.thread_types import SimpleQueue
+from supernode.chaos.simulated.world import Process, World
+from wire.sessions import unix_socket
+
+_SEND = 20e-6  # seconds that sending takes
+_DECLARE = 50e-6  # seconds that a declaration takes
+_OPENED_WITHIN = 60.0  # seconds
+
+
+class ZError(Exception):
+    """Instead of `zenoh.ZError`."""
+
+
+class SampleKind:
+    """Instead of `zenoh.SampleKind`."""
+
+    PUT = "put"
+    DELETE = "delete"
+
+
+class _Bytes:
+    def __init__(self, payload: bytes) -> None:
+        self._payload = payload
+
+    def to_bytes(self) -> bytes:
+        return self._payload
+
+    def __len__(self) -> int:
+        return len(self._payload)
+
+
+class Sample:
+    """Instead of `zenoh.Sample`."""
+
+    def __init__(self, key: str, payload: bytes, kind: str = SampleKind.PUT) -> None:
+        self.key_expr = key
+        self.payload = _Bytes(payload)
+        self.kind = kind
+
+
+class Answer:
+    """Instead of `zenoh.Reply`; ``ok`` is None for an error, such as a timeout."""
+
+    def __init__(self, ok: Sample | None) -> None:
+        self.ok = ok
+        self.err = None if ok is not None else "timeout"
+
+
+class Callback:
+    """Instead of `zenoh.handlers.Callback`."""
+
+    def __init__(
+        self, function: Callable[[Any], None], end: Callable[[], None] | None = None, indirect: bool = True
+    ) -> None:
+        self.call = function
+        self.end = end or (lambda: None)
+
+
+class Query:
+    """Instead of `zenoh.Query`: a question that this process is to answer."""
+
+    def __init__(self, session: "Session", link: Link, ask: Ask) -> None:
+        self.key_expr = ask.key
+        self.payload = _Bytes(ask.payload)
+        self._session = session
+        self._link = link
+        self._number = ask.number
+        self._is_over = False
+
+    def reply(self, key: str, payload: bytes) -> None:
+        """Send an answer."""
+        if self._is_over:
+            raise ZError("the query is finalized")
+        self._session.spend(_SEND)
+        self._session.send(self._link, Reply(self._number, key, bytes(payload)))
+
+    def drop(self) -> None:
+        """End the question."""
+        if not self._is_over:
+            self._is_over = True
+            self._session.send(self._link, Final(self._number))
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.drop()
+
+    def __del__(self) -> None:
+        self.drop()
+
+
+class _Declared:
+    """Something that a session has declared; `undeclare` ends it."""
+
+    def __init__(self, session: "Session", kind: str, key: str, call: Callable[[Any], None] | None) -> None:
+        self.kind = kind
+        self.key = key
+        self.call = call
+        self.heard: set[str] = set()  # tokens that it was told of
+        self._session = session
+
+    def undeclare(self) -> None:
+        self._session.undeclare(self)
+
+
+class _Publisher:
+    def __init__(self, session: "Session", key: str) -> None:
+        self._session = session
+        self._key = key
+        self._is_gone = False
+
+    def put(self, payload: bytes) -> None:
+        if self._is_gone:
+            raise ZError("the publisher is undeclared")
+        self._session.put(self._key, payload)
+
+    def undeclare(self) -> None:
+        self._is_gone = True
+
+
+class _Asked:
+    """A question of this session that is not over."""
+
+    def __init__(self, handler: Callback, links: set[Link]) -> None:
+        self.handler = handler
+        self.links = links
+
+
+class _Liveliness:
+    def __init__(self, session: "Session") -> None:
+        self._session = session
+
+    def declare_token(self, key: str) -> _Declared:
+        return self._session.declare("token", key)
+
+    def declare_subscriber(self, key: str, handler: Callback, history: bool = False) -> _Declared:
+        return self._session.watch(key, handler, history)
+
+    def get(self, key: str) -> Iterator[Answer]:
+        self._session.spend(_DECLARE)
+        return iter([Answer(Sample(token, b"")) for token in self._session.tokens() if intersects(key, token)])
+
+
+class Session(Station):
+    """Instead of `zenoh.Session`; its callbacks run one after another, on a task of its own, in order of arrival."""
+
+    def __init__(self, network: Network, process: Process, listen: list[str], connect: list[str]) -> None:
+        super().__init__(network, process)
+        self.is_peer = False
+        self._declared: list[_Declared] = []
+        self._watchers: list[_Declared] = []
+        self._asked: dict[int, _Asked] = {}
+        self._news = SimpleQueue(network.world)
+        self._endpoints = connect
+        self.info = types.SimpleNamespace(routers_zid=lambda: [link.there for link in self.links])
+        for endpoint in listen:
+            network.listeners[endpoint] = self
+        process.start(self._work, "network")
+        for endpoint in connect:
+            network.keep_connecting(self, endpoint)
+
+    @property
+    def world(self) -> World:
+        """The world of the session's process."""
+        return self.network.world
+
+    def spend(self, seconds: float) -> None:
+        """Let the calling task work for a while."""
+        if self.world.process is self.process:
+            self.world.spend(seconds)
+
+    def _work(self) -> None:
+        """Call back, for as long as the session is open."""
+        while (call := self._news.get()) is not None:
+            call()
+
+    # What the production code calls -----------------------------------------------------------------------------------
+    def declare_subscriber(self, key: str, handler: Callback) -> _Declared:
+        """Receive what is published under a key."""
+        return self.declare("subscriber", key, handler.call)
+
+    def declare_queryable(self, key: str, handler: Callback) -> _Declared:
+        """Take questions under a key."""
+        return self.declare("queryable", key, handler.call)
+
+    def declare_publisher(self, key: str) -> _Publisher:
+        """Return what publishes under a key."""
+        return _Publisher(self, key)
+
+    def liveliness(self) -> _Liveliness:
+        """Return what declares tokens and watches them."""
+        return _Liveliness(self)
+
+    def put(self, key: str, payload: bytes) -> None:
+        """Publish a message."""
+        if not self.is_open:
+            raise ZError("the session is closed")
+        message = Put(key, bytes(payload))
+        for link in self.links[:]:
+            if not self.is_peer or link.matches("subscriber", key):
+                self.network.send(link, message, twice=self.is_peer)
+        self.spend(_SEND)
+
+    def get(
+        self,
+        key: str,
+        handler: Callback | None = None,
+        *,
+        payload: bytes = b"",
+        timeout: float = 10.0,
+        target: object = None,
+        consolidation: object = None,
+    ) -> Any:
+        """Ask a question; without a handler return an iterator over the answers."""
+        if not self.is_open:
+            raise ZError("the session is closed")
+        if handler is None:
+            answers = SimpleQueue(self.world)
+            self.get(key, Callback(answers.put, lambda: answers.put(None)), payload=payload, timeout=timeout)
+            return iter(answers.get, None)
+        number, links = next(self.network.numbers), set(self.links)
+        self._asked[number] = _Asked(handler, links)
+        for link in self.links[:]:
+            self.send(link, Ask(number, key, bytes(payload)))
+        if not links:
+            self._finish(number, None)
+        self.world.at(self.world.now + timeout, lambda: self._time_is_over(number))
+        self.spend(_SEND)
+        return None
+
+    def close(self) -> None:
+        """Close the session."""
+        if self.is_open:
+            self.shut()
+            for number in list(self._asked):
+                self._end(number)
+            self._news.put(None)
+
+    # Declarations -----------------------------------------------------------------------------------------------------
+    def declare(self, kind: str, key: str, call: Callable[[Any], None] | None = None) -> _Declared:
+        """Declare something, and tell the other ends of all links."""
+        if not self.is_open:
+            raise ZError("the session is closed")
+        declared = _Declared(self, kind, key, call)
+        self._declared.append(declared)
+        for link in self.links[:]:
+            self.send(link, Declare(kind, key))
+        if kind == "token":
+            self._see(key, is_there=True)
+        self.spend(_DECLARE)
+        return declared
+
+    def watch(self, key: str, handler: Callback, history: bool) -> _Declared:
+        """Call ``handler`` with the tokens under a key that come and go."""
+        watcher = _Declared(self, "watcher", key, handler.call)
+        self._watchers.append(watcher)
+        if history:
+            for token in self.tokens():
+                self._tell(watcher, token, is_there=True)
+        self.spend(_DECLARE)
+        return watcher
+
+    def undeclare(self, declared: _Declared) -> None:
+        """End a declaration."""
+        if declared in self._watchers:
+            self._watchers.remove(declared)
+        elif declared in self._declared:
+            self._declared.remove(declared)
+            for link in self.links[:]:
+                self.send(link, Undeclare(declared.kind, declared.key))
+        self.spend(_DECLARE)
+
+    def tokens(self) -> list[str]:
+        """Return the tokens that this session sees, its own too."""
+        own = {each.key for each in self._declared if each.kind == "token"}
+        return sorted(own.union(each.key for link in self.links for each in link.declared if each.kind == "token"))
+
+    def _see(self, token: str, is_there: bool) -> None:
+        for watcher in self._watchers[:]:
+            self._tell(watcher, token, is_there)
+
+    def _tell(self, watcher: _Declared, token: str, is_there: bool) -> None:
+        if not intersects(watcher.key, token) or (token in watcher.heard) == is_there:
+            return
+        (watcher.heard.add if is_there else watcher.heard.discard)(token)
+        assert watcher.call is not None
+        self._call_back(watcher.call, Sample(token, b"", SampleKind.PUT if is_there else SampleKind.DELETE), watcher)
+
+    # What the network calls, on the hub -------------------------------------------------------------------------------
+    def linked(self, link: Link) -> None:
+        """Tell the other end what this session has declared."""
+        for declared in self._declared:
+            self.send(link, Declare(declared.kind, declared.key))
+
+    def unlinked(self, link: Link) -> None:
+        """See the tokens behind the link vanish, end questions, and look for the other end again."""
+        gone = sorted(each.key for each in link.declared if each.kind == "token")
+        link.declared.clear()
+        still = set(self.tokens())
+        for token in gone:
+            if token not in still:
+                self._see(token, is_there=False)
+        for number in [number for number, asked in self._asked.items() if link in asked.links]:
+            self._finish(number, link)
+        for endpoint in self._endpoints:
+            self.network.keep_connecting(self, endpoint)
+
+    def receive(self, link: Link, message: Any) -> None:
+        """Take a message."""
+        match message:
+            case Declare("token", key):
+                link.declared[message] += 1
+                self._see(key, is_there=True)
+            case Declare():
+                link.declared[message] += 1
+            case Undeclare(kind, key):
+                declared = Declare(kind, key)
+                link.declared[declared] -= 1
+                if link.declared[declared] <= 0:
+                    del link.declared[declared]
+                    if kind == "token" and key not in self.tokens():
+                        self._see(key, is_there=False)
+            case Put(key, payload):
+                for declared in self._declared:
+                    if declared.kind == "subscriber" and intersects(declared.key, key):
+                        assert declared.call is not None
+                        self._call_back(declared.call, Sample(key, payload), declared)
+            case Ask(_, key):
+                takers = [each for each in self._declared if each.kind == "queryable" and intersects(each.key, key)]
+                query = Query(self, link, message)
+                for taker in takers:
+                    assert taker.call is not None
+                    self._call_back(taker.call, query, taker)
+            case Reply(number, key, payload):
+                if number in self._asked:
+                    self._call_back(self._asked[number].handler.call, Answer(Sample(key, payload)), None)
+            case Final(number):
+                self._finish(number, link)
+
+    def _call_back(self, call: Callable[[Any], None], argument: Any, declared: _Declared | None) -> None:
+        """Queue a callback, unless what it belongs to has been undeclared by then."""
+
+        def run() -> None:
+            if declared is None or declared in self._declared or declared in self._watchers:
+                call(argument)
+
+        self._news.put(run)
+
+    def _finish(self, number: int, link: Link | None) -> None:
+        asked = self._asked.get(number)
+        if asked is not None:
+            asked.links.discard(link)  # type: ignore[arg-type]
+            if not asked.links:
+                self._end(number)
+
+    def _time_is_over(self, number: int) -> None:
+        if number in self._asked and self.process.alive:
+            self._call_back(self._asked[number].handler.call, Answer(None), None)
+            self._end(number)
+
+    def _end(self, number: int) -> None:
+        handler = self._asked.pop(number).handler
+        self._news.put(handler.end)
+
+
+class Zenoh:
+    """Makes the stand-in for the module `zenoh` in one network."""
+
+    def __init__(self, network: Network) -> None:
+        self._network = network
+        self.module = types.SimpleNamespace(
+            Session=Session,
+            Query=Query,
+            Sample=Sample,
+            Reply=Answer,
+            SampleKind=SampleKind,
+            ZError=ZError,
+            ZBytes=_Bytes,
+            Publisher=_Publisher,
+            QueryTarget=types.SimpleNamespace(ALL="all"),
+            ConsolidationMode=types.SimpleNamespace(NONE="none"),
+            handlers=types.SimpleNamespace(Callback=Callback),
+        )
+        self.sessions = types.SimpleNamespace(
+            client=self.client, visitor=self.visitor, peer=self.peer, unix_socket=unix_socket
+        )
+
+    def _process(self) -> Process:
+        process = self._network.world.process
+        assert process is not None, "only a process opens sessions"
+        return process
+
+    def client(self, endpoint: str) -> Session:
+        """Instead of `wire.sessions.client`."""
+        return self._opened(endpoint, _OPENED_WITHIN)
+
+    def visitor(self, endpoint: str, within: float) -> Session:
+        """Instead of `wire.sessions.visitor`."""
+        session = self._opened(endpoint, within)
+        if not session.links:
+            session.close()
+            raise ZError(f"no router at {endpoint}")
+        return session
+
+    def _opened(self, endpoint: str, within: float) -> Session:
+        world = self._network.world
+        session = Session(self._network, self._process(), [], [endpoint])
+        until = world.now + within
+        while not session.links and world.now < until:
+            world.sleep(1e-3)
+        return session
+
+    def peer(self, listen: list[str], links: list[str]) -> Session:
+        """Instead of `wire.sessions.peer`."""
+        session = Session(self._network, self._process(), listen, links)
+        session.is_peer = True
+        self._network.world.spend(_DECLARE)
+        return session
+
