@@ -159,8 +159,7 @@ def _run(plan: Plan, file: ProblemFile, state: Path, outcome: Outcome) -> None:
     network = Network(world)
     network.faults = fair = Faults(plan.latency)
     processes: dict[int, Process] = {}
-    shown = io.StringIO()
-    with stand_ins.in_place(world, network, processes), contextlib.redirect_stderr(shown):
+    with stand_ins.in_place(world, network, processes), contextlib.redirect_stderr(_Log(world)):
         cluster = Cluster(world, network, plan.topology, state, processes)
         client = SimulatedClient(world, network, cluster.router, cluster.keys)
         invariants = Invariants(world, cluster, client, broken)
@@ -181,6 +180,20 @@ def _run(plan: Plan, file: ProblemFile, state: Path, outcome: Outcome) -> None:
             process.kill()
     outcome.log = world.log
     outcome.digest, outcome.seconds, outcome.events = world.digest, world.now, world.events
+
+
+class _Log(io.StringIO):
+    """Standard error of the simulated processes: their log becomes part of the world's."""
+
+    def __init__(self, world: World) -> None:
+        super().__init__()
+        self._world = world
+
+    def write(self, text: str) -> int:
+        """Write a line, as `LogLines` does."""
+        if text.strip():
+            self._world.say(f"log: {text.strip()}")
+        return len(text)
 
 
 def _do(fault: Fault, world: World, network: Network, cluster: Cluster, fair: Faults) -> None:
