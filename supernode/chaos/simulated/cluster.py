@@ -16,6 +16,7 @@ from node.process import NodeProcess
 from problems.modules import Modules
 from spy.process import SpyProcess
 from supernode.chaos.simulated.network import Network, Router
+from supernode.chaos.simulated.plans import Fault
 from supernode.chaos.simulated.world import Process, World
 from wire import sessions
 from wire.keys import Keys
@@ -34,13 +35,13 @@ class Cluster:
         network: its network.
         topology: the topology of the nodes.
         state: the folder of the coordinator's database.
-        restarted: called with the name of each process that is started again.
+        by_id: takes all processes, by their ids.
 
     Attributes:
         processes: the living processes by name: "router", "spy", "coordinator", "node 0" and so on.
-        by_id: all processes so far.
         nodes: what runs in the living processes of nodes, by node.
         keys: the key expressions of the cluster.
+        disk_fails_until: until when writes of the database fail.
     """
 
     def __init__(
@@ -50,20 +51,18 @@ class Cluster:
         topology: str,
         state: Path,
         by_id: dict[int, Process],
-        restarted: Callable[[str], None] = lambda name: None,
     ) -> None:
         self.world = world
         self.keys = Keys(_NAME)
         self.processes: dict[str, Process] = {}
-        self.by_id = by_id
+        self._by_id = by_id
         self.nodes: dict[int, NodeProcess] = {}
-        self.service: Service | None = None
+        self.disk_fails_until = 0.0
         self._network = network
         self._topology = topology
         self._state = state
         self._folder = Path(tempfile.gettempdir()) / _NAME
         self._secret = world.draw.randbytes(SECRET_BYTES)
-        self._restarted = restarted
         self.router = sessions.unix_socket(self._folder, "router")
         self._start("router")
         self._start("spy", topology)
@@ -71,21 +70,27 @@ class Cluster:
             self._start(f"node {node}", topology)
         self._start("coordinator", topology, first=True)
 
+    def suffer(self, fault: Fault) -> None:
+        """Carry out a fault. On the hub."""
+        self.world.say(str(fault))
+        if fault.do == "kill":
+            self.kill(fault.whom)
+        elif fault.do == "stop" and (process := self.processes.get(fault.whom)) is not None:
+            process.stop(fault.seconds)
+        elif fault.do == "part":
+            self._network.part(fault.whom, fault.other, fault.seconds)
+        elif fault.do == "disk":
+            self.disk_fails_until = max(self.disk_fails_until, self.world.now + fault.seconds)
+        elif fault.weather is not None:
+            self._network.change(fault.weather, fault.seconds)
+
     def kill(self, name: str) -> None:
         """Kill a process; another one takes its place soon."""
         process = self.processes.get(name)
         if process is None or not process.alive:
             return
-        self.world.say(f"kill {name}")
         process.kill()
         self._replace(name)
-
-    def stop(self, name: str, seconds: float) -> None:
-        """Stop a process for so many seconds."""
-        process = self.processes.get(name)
-        if process is not None and process.alive:
-            self.world.say(f"stop {name} for {seconds:.3f} s")
-            process.stop(seconds)
 
     def ended(self, process: Process) -> None:
         """Note that a process has ended by itself."""
@@ -101,11 +106,10 @@ class Cluster:
     def _start_again(self, name: str) -> None:
         self.world.say(f"start {name}")
         self._start(name)
-        self._restarted(name)
 
     def _start(self, name: str, topology: str = "", first: bool = False) -> None:
         process = self.processes[name] = Process(self.world, name)
-        self.by_id[process.id] = process
+        self._by_id[process.id] = process
         kind, _, number = name.partition(" ")
         if kind == "router":
             Router(self._network, process, [self.router])
@@ -145,8 +149,7 @@ class Cluster:
             cells, url_in(self._state), Keep(), log_json=True, checkpoint_every=_CHECKPOINT_EVERY
         )
         session = self._session()
-        self.service = Service(session, config.keys, config.modules, options, make_dispatcher)
-        self.service.serve()
+        Service(session, config.keys, config.modules, options, make_dispatcher).serve()
 
     def _session(self) -> Any:
         from node import process  # its `sessions` is the stand-in

@@ -9,7 +9,7 @@ What this leaves out of Zenoh: full queues that hold back a sender, and the layo
 
 import itertools
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -20,7 +20,7 @@ _NOTICED = 1e-3  # seconds, mean: from the end of a process until the other end 
 
 
 @dataclass
-class Faults:
+class Weather:
     """What the network does wrong for now.
 
     Attributes:
@@ -116,6 +116,7 @@ class Station:
         self.links: list[Link] = []
         self.is_open = True
         process.at_end.append(self.shut)
+        network.add(self)
 
     def shut(self) -> None:
         """Break all links; the other ends notice soon."""
@@ -143,27 +144,63 @@ class Station:
 class Network:
     """The links of a world.
 
+    Args:
+        world: the world.
+        fair: what goes wrong in fair weather.
+        work: mean seconds that a node works for each message to its neighbours.
+
     Attributes:
-        faults: what it does wrong for now.
+        weather: what the network does wrong for now.
         listeners: the stations that listen, by endpoint.
     """
 
-    def __init__(self, world: World) -> None:
+    def __init__(self, world: World, fair: Weather, work: float) -> None:
         self.world = world
-        self.faults = Faults()
+        self.weather = self._fair = fair
+        self.work = work
         self.listeners: dict[str, Station] = {}
         self.numbers = itertools.count()
-        self.broken: Callable[[Process, BaseException], None] = lambda process, error: None
+        self._stations: list[Station] = []
+        self._apart: dict[frozenset[str], float] = {}  # names of processes, until when they are cut off
+
+    def change(self, weather: Weather, seconds: float) -> None:
+        """Change the weather for a while."""
+        self.weather = weather
+
+        def calm() -> None:
+            self.weather = self._fair
+
+        self.world.at(self.world.now + seconds, calm)
+
+    def part(self, one: str, other: str, seconds: float) -> None:
+        """Cut all links between two processes, and let none come up for so long."""
+        apart = frozenset((one, other))
+        self._apart[apart] = max(self._apart.get(apart, 0.0), self.world.now + seconds)
+        for station in self._stations:
+            for link in station.links[:]:
+                if {link.here.process.name, link.there.process.name} == apart and link.is_up:
+                    self.cut(link)
+                    if link.here.process.alive:
+                        link.here.unlinked(link)
+
+    def add(self, station: "Station") -> None:
+        """Note a station."""
+        self._stations = [each for each in self._stations if each.is_open]
+        self._stations.append(station)
+
+    def _may_link(self, one: "Station", other: "Station") -> bool:
+        names = frozenset((one.process.name, other.process.name))
+        return self._apart.get(names, 0.0) <= self.world.now
 
     def send(self, link: Link, message: Any, twice: bool = False) -> None:
         """Let a message arrive at the other end of a link after a while, in the order of that link."""
-        world, faults = self.world, self.faults
+        world, weather = self.world, self.weather
         if not link.is_up or not link.here.process.alive:
             return
-        if isinstance(message, Put) and faults.lost and world.draw.random() < faults.lost:
+        if isinstance(message, Put) and weather.lost and world.draw.random() < weather.lost:
             return
-        link.arrives = max(link.arrives, world.now + world.draw.expovariate(1.0 / faults.latency))
-        for _ in range(1 + (twice and world.draw.random() < faults.twice)):
+        link.arrives = max(link.arrives, world.now + world.draw.expovariate(1.0 / weather.latency))
+        for _ in range(1 + (twice and world.draw.random() < weather.twice)):
             world.at(link.arrives, lambda: self._arrive(link, message))
 
     def _arrive(self, link: Link, message: Any) -> None:
@@ -213,7 +250,12 @@ class Network:
             return
         listener = self.listeners.get(endpoint)
         is_there = listener is not None and listener.is_open and listener.process.alive
-        if listener is not None and is_there and listener.process.stopped_until <= self.world.now:
+        if (
+            listener is not None
+            and is_there
+            and listener.process.stopped_until <= self.world.now
+            and self._may_link(station, listener)
+        ):
             if not any(link.there is listener for link in station.links):
                 self.connect(station, listener)
             return

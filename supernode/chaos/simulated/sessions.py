@@ -218,7 +218,7 @@ class Session(Station):
         for link in self.links[:]:
             if not self.is_peer or link.matches("subscriber", key):
                 self.network.send(link, message, twice=self.is_peer)
-        self.spend(_SEND)
+        self.spend(self.network.work if self.is_peer else _SEND)
 
     def get(
         self,

@@ -1,0 +1,127 @@
+"""What a trial does: a cluster, its network, the jobs of a client and the faults, all drawn from one seed."""
+
+import random
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import topologies
+from problems.run import MOST_GENERATIONS
+from supernode.chaos.simulated.network import Weather
+
+_TOPOLOGIES = ("torus 2x2", "torus 2x3", "torus 3x3", "torus 3x4", "torus 4x4")
+_LATENCIES = (0.2e-3, 1e-3, 4e-3)  # seconds
+_SPECIAL = ("spy", "router", "coordinator")
+_LENGTHS = (1.0, 8.0)  # seconds of faults
+_STEPS = (500, 4000)  # generations of all cells of a job together
+_MOST_FAULTS = 14
+_SHORTEST_WORK = 0.1e-3  # seconds
+
+
+@dataclass(frozen=True)
+class Fault:
+    """Something that happens to the cluster.
+
+    Attributes:
+        at: seconds since the world began.
+        do: "kill"; "stop" for a while; "part", which cuts ``whom`` off from ``other`` for a while; "disk", whose writes
+            fail for a while; or "weather", which changes the network for a while.
+        whom: the name of a process.
+        seconds: for how long.
+        other: the name of another process.
+        weather: the network's faults meanwhile.
+    """
+
+    at: float
+    do: Literal["kill", "stop", "part", "disk", "weather"]
+    whom: str = ""
+    seconds: float = 0.0
+    other: str = ""
+    weather: Weather | None = None
+
+    def __str__(self) -> str:
+        lasting = f" for {self.seconds:.3f} s" if self.seconds else ""
+        from_whom = f" from {self.other}" if self.other else ""
+        return f"{self.do} {self.whom or self.weather or ''}{from_whom}".rstrip() + lasting
+
+
+@dataclass(frozen=True)
+class PlannedJob:
+    """A job that a client submits ``at`` seconds after the world began, and the settings of its run."""
+
+    at: float
+    topology: str
+    mode: str
+    seed: int
+    deme: int
+    generations: int
+    seconds: float | None
+
+    def settings(self) -> dict[str, Any]:
+        """Return the settings for `ProblemFile.with_run`; the run does not end before its last generation."""
+        named = ("topology", "mode", "seed", "deme", "generations", "seconds")
+        return {name: getattr(self, name) for name in named} | {"target": -1.0, "stall": MOST_GENERATIONS - 1}
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a trial does, all drawn from its seed.
+
+    Attributes:
+        seed: also of everything that is drawn while the trial runs.
+        topology: of the cluster.
+        jobs: what clients submit.
+        latency: mean seconds of a message on a link, in fair weather.
+        work: mean seconds of a node's generation.
+        faults: in the order of time.
+    """
+
+    seed: int
+    topology: str
+    jobs: tuple[PlannedJob, ...]
+    latency: float
+    work: float
+    faults: tuple[Fault, ...]
+
+
+def drawn(seed: int) -> Plan:
+    """Return the plan of a seed."""
+    draw = random.Random(f"plan {seed}")
+    topology = draw.choice(_TOPOLOGIES)
+    latency, length = draw.choice(_LATENCIES), draw.uniform(*_LENGTHS)
+    # A job has some thousand steps at most, to bound what a trial costs; so its steps are slow enough to meet faults.
+    first = _drawn_job(draw, topology)
+    takes = length * draw.uniform(0.5, 1.5) / first.generations - (3 * latency if first.mode == "lockstep" else 0.0)
+    jobs = [first]
+    if draw.random() < 0.3:
+        jobs.append(replace(_drawn_job(draw, topology), at=draw.uniform(0.0, length)))
+    nodes = topologies.parse(topology).cells
+    faults = [_drawn_fault(draw, nodes, length) for _ in range(draw.randrange(_MOST_FAULTS))]
+    if draw.random() < 0.3:  # many at once
+        at = draw.uniform(0.0, length)
+        faults += [Fault(at, "kill", f"node {node}") for node in draw.sample(range(nodes), max(1, nodes // 4))]
+    ordered = tuple(sorted(faults, key=lambda fault: fault.at))
+    return Plan(seed, topology, tuple(jobs), latency, max(_SHORTEST_WORK, takes), ordered)
+
+
+def _drawn_job(draw: random.Random, topology: str) -> PlannedJob:
+    topology = topology if draw.random() < 0.8 else "torus 2x2"
+    generations = max(20, draw.randint(*_STEPS) // topologies.parse(topology).cells)
+    seconds = draw.uniform(0.5, 10.0) if draw.random() < 0.2 else None
+    mode = "lockstep" if draw.random() < 0.75 else "async"
+    return PlannedJob(0.0, topology, mode, draw.randrange(4), draw.choice((1, 4)), generations, seconds)
+
+
+def _drawn_fault(draw: random.Random, nodes: int, length: float) -> Fault:
+    at, kind, node = draw.uniform(0.0, length), draw.random(), draw.randrange(nodes)
+    whom = draw.choice(_SPECIAL) if draw.random() < 0.25 else f"node {node}"
+    if kind < 0.55:
+        return Fault(at, "kill", whom)
+    if kind < 0.7:
+        return Fault(at, "stop", whom, draw.uniform(0.05, 3.0))
+    if kind < 0.8:
+        other = "router" if draw.random() < 0.3 else f"node {(node + 1 + draw.randrange(nodes - 1)) % nodes}"
+        return Fault(at, "part", f"node {node}", draw.uniform(0.05, 5.0), other=other)
+    if kind < 0.85:
+        return Fault(at, "disk", "", draw.uniform(0.05, 3.0))
+    weather = Weather(draw.choice((1e-3, 20e-3, 100e-3)), draw.choice((0.0, 0.02, 0.3)), draw.choice((0.0, 0.1)))
+    return Fault(at, "weather", "", draw.uniform(0.1, 3.0), weather=weather)
