@@ -23,6 +23,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     faults.add_argument(
         "--at-once", metavar="R", type=share, default=0.25, help="the share of nodes to kill at once (%(default)s)"
     )
+    simulated = parser.add_argument_group("simulation")
+    simulated.add_argument(
+        "--simulate", action="store_true", help="no processes: whole clusters in this process, all drawn from --draw"
+    )
+    simulated.add_argument("--trials", metavar="N", type=whole, default=1, help="with the seeds from --draw on (1)")
+    simulated.add_argument("--events", action="store_true", help="print what happened in each trial")
     add_force(parser)
     parser.add_argument("--json", action="store_true", help="print the outcome as one JSON object")
     parser.add_argument("--quiet", action="store_true", help="no line on stderr about each fault")
@@ -30,6 +36,33 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Show each fault on stderr, and print the outcome on stdout."""
+    return _simulate(options) if options.simulate else _try(options)
+
+
+def _simulate(options: argparse.Namespace) -> int:
+    """Simulate clusters under faults, and print what was lost."""
+    import json
+
+    from problems import load
+    from supernode.chaos.simulated import campaign
+
+    file, broken = load(options.problem), 0
+    for outcome in campaign.trials(file, options.draw, options.trials):
+        broken += bool(outcome.broken)
+        if options.json:
+            print(json.dumps(campaign.as_json(outcome)))
+            continue
+        if options.events:
+            print("\n".join(outcome.log))
+        if outcome.broken or options.trials == 1:
+            print(campaign.in_words(outcome))
+    if not options.json:
+        print(f"{options.trials} trials, something was lost in {broken}")
+    return exits.NOT_REACHED if broken else exits.OK
+
+
+def _try(options: argparse.Namespace) -> int:
+    """Try a real cluster."""
     import json
     import sys
 
