@@ -4,13 +4,15 @@ import tempfile
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import topologies
+from coordinator.jobs.hooks import MakeJobRunner
+from coordinator.jobs.running import EVAL_TIMEOUT
 from coordinator.service.launched import LaunchedDispatcher
 from coordinator.service.process import Options, Service
 from coordinator.store.database import url_in
 from coordinator.store.record_book import Keep
+from node import process as node_process
 from node.node_config import NodeConfig
 from node.process import NodeProcess
 from problems.modules import Modules
@@ -64,11 +66,14 @@ class Cluster:
         self._folder = Path(tempfile.gettempdir()) / _NAME
         self._secret = world.draw.randbytes(SECRET_BYTES)
         self.router = sessions.unix_socket(self._folder, "router")
+        self._start_all()
+
+    def _start_all(self) -> None:
         self._start("router")
-        self._start("spy", topology)
-        for node in range(topologies.parse(topology).cells):
-            self._start(f"node {node}", topology)
-        self._start("coordinator", topology, first=True)
+        self._start("spy", self._topology)
+        for node in range(topologies.parse(self._topology).cells):
+            self._start(f"node {node}", self._topology)
+        self._start("coordinator", first=True)
 
     def suffer(self, fault: Fault) -> None:
         """Carry out a fault. On the hub."""
@@ -110,18 +115,17 @@ class Cluster:
     def _start(self, name: str, topology: str = "", first: bool = False) -> None:
         process = self.processes[name] = Process(self.world, name)
         self._by_id[process.id] = process
-        kind, _, number = name.partition(" ")
-        if kind == "router":
+        if name == "router":
             Router(self._network, process, [self.router])
-            return
-        live: Callable[[], None]
-        if kind == "node":
-            live = partial(self._live, int(number), topology)
-        elif kind == "spy":
-            live = partial(self._watch, topology)
         else:
-            live = partial(self._coordinate, first)
-        process.start(live, "main")
+            process.start(self._life_of(name, topology, first), "main")
+
+    def _life_of(self, name: str, topology: str, first: bool) -> Callable[[], None]:
+        """Return what the main thread of a process does."""
+        kind, _, number = name.partition(" ")
+        if kind == "node":
+            return partial(self._live, int(number), topology)
+        return partial(self._watch, topology) if kind == "spy" else partial(self._serve, first)
 
     def _config(self, node: int, topology: str) -> NodeConfig:
         return NodeConfig(_NAME, node, topology, self._folder, self.router, self._secret, Modules())
@@ -134,24 +138,19 @@ class Cluster:
     def _watch(self, topology: str) -> None:
         SpyProcess(self._config(0, topology)).run()
 
-    def _coordinate(self, first: bool) -> None:
-        config = self._config(0, self._topology)
-        make_dispatcher: Any = partial(
+    def _serve(self, first: bool) -> None:
+        make_dispatcher = partial(
             LaunchedDispatcher,
             seal=Seal(self._secret),
             topology=self._topology,
             wired=first,
             max_queue=None,
-            eval_timeout=60.0,
+            eval_timeout=EVAL_TIMEOUT,
         )
-        cells = topologies.parse(self._topology).cells
-        options = Options(
-            cells, url_in(self._state), Keep(), log_json=True, checkpoint_every=_CHECKPOINT_EVERY
-        )
-        session = self._session()
-        Service(session, config.keys, config.modules, options, make_dispatcher).serve()
+        self._be_the_coordinator(make_dispatcher, topologies.parse(self._topology).cells)
 
-    def _session(self) -> Any:
-        from node import process  # its `sessions` is the stand-in
-
-        return process.sessions.client(self.router)
+    def _be_the_coordinator(self, make_dispatcher: MakeJobRunner, nodes: int, *, joined: bool = False) -> None:
+        store, every = url_in(self._state), _CHECKPOINT_EVERY
+        options = Options(nodes, store, Keep(), log_json=True, checkpoint_every=every, joined=joined)
+        session = node_process.sessions.client(self.router)  # looked up there: that is the stand-in
+        Service(session, self.keys, Modules(), options, make_dispatcher).serve()

@@ -14,6 +14,7 @@ _SPECIAL = ("spy", "router", "coordinator")
 _LENGTHS = (1.0, 8.0)  # seconds of faults
 _STEPS = (500, 4000)  # generations of all cells of a job together
 _MOST_FAULTS = 14
+_HOST_AWAY = 15.0  # seconds, at most: less than the time after which a host counts as gone
 _SHORTEST_WORK = 0.1e-3  # seconds
 
 
@@ -24,15 +25,15 @@ class Fault:
     Attributes:
         at: seconds since the world began.
         do: "kill"; "stop" for a while; "part", which cuts ``whom`` off from ``other`` for a while; "disk", whose writes
-            fail for a while; or "weather", which changes the network for a while.
-        whom: the name of a process.
-        seconds: for how long.
+            fail for a while; "weather", which changes the network for a while; or "leave", which has a host end.
+        whom: the name of a process or a host.
+        seconds: for how long; for a host that is killed or leaves, until it is started again.
         other: the name of another process.
         weather: the network's faults meanwhile.
     """
 
     at: float
-    do: Literal["kill", "stop", "part", "disk", "weather"]
+    do: Literal["kill", "stop", "part", "disk", "weather", "leave"]
     whom: str = ""
     seconds: float = 0.0
     other: str = ""
@@ -42,6 +43,16 @@ class Fault:
         lasting = f" for {self.seconds:.3f} s" if self.seconds else ""
         from_whom = f" from {self.other}" if self.other else ""
         return f"{self.do} {self.whom or self.weather or ''}{from_whom}".rstrip() + lasting
+
+
+@dataclass(frozen=True)
+class PlannedHost:
+    """A host that joins ``at`` seconds after the world began; without an ``endpoint`` it is reached by the router."""
+
+    at: float
+    name: str
+    nodes: int
+    endpoint: str
 
 
 @dataclass(frozen=True)
@@ -69,6 +80,7 @@ class Plan:
     Attributes:
         seed: also of everything that is drawn while the trial runs.
         topology: of the cluster.
+        hosts: of a cluster that hosts join; empty if one zygote launches all nodes.
         jobs: what clients submit.
         latency: mean seconds of a message on a link, in fair weather.
         work: mean seconds of a node's generation.
@@ -77,6 +89,7 @@ class Plan:
 
     seed: int
     topology: str
+    hosts: tuple[PlannedHost, ...]
     jobs: tuple[PlannedJob, ...]
     latency: float
     work: float
@@ -95,12 +108,13 @@ def drawn(seed: int) -> Plan:
     if draw.random() < 0.3:
         jobs.append(replace(_drawn_job(draw, topology), at=draw.uniform(0.0, length)))
     nodes = topologies.parse(topology).cells
-    faults = [_drawn_fault(draw, nodes, length) for _ in range(draw.randrange(_MOST_FAULTS))]
+    hosts = _drawn_hosts(draw, nodes) if draw.random() < 0.4 else ()
+    faults = [_drawn_fault(draw, nodes, length, hosts) for _ in range(draw.randrange(_MOST_FAULTS))]
     if draw.random() < 0.3:  # many at once
         at = draw.uniform(0.0, length)
         faults += [Fault(at, "kill", f"node {node}") for node in draw.sample(range(nodes), max(1, nodes // 4))]
     ordered = tuple(sorted(faults, key=lambda fault: fault.at))
-    return Plan(seed, topology, tuple(jobs), latency, max(_SHORTEST_WORK, takes), ordered)
+    return Plan(seed, topology, hosts, tuple(jobs), latency, max(_SHORTEST_WORK, takes), ordered)
 
 
 def _drawn_job(draw: random.Random, topology: str) -> PlannedJob:
@@ -111,7 +125,22 @@ def _drawn_job(draw: random.Random, topology: str) -> PlannedJob:
     return PlannedJob(0.0, topology, mode, draw.randrange(4), draw.choice((1, 4)), generations, seconds)
 
 
-def _drawn_fault(draw: random.Random, nodes: int, length: float) -> Fault:
+def _drawn_hosts(draw: random.Random, nodes: int) -> tuple[PlannedHost, ...]:
+    """Draw two or three hosts that have the nodes together, and perhaps one more that has some to spare."""
+    number = draw.choice((2, 3))
+    sizes = [nodes // number + (place < nodes % number) for place in range(number)]
+    if draw.random() < 0.5:
+        sizes.append(draw.choice(sizes))
+    listens = draw.random() < 0.7
+    return tuple(
+        PlannedHost(draw.uniform(0.0, 1.0), f"h{place}", size, f"tcp/10.0.0.{place}:7450" if listens else "")
+        for place, size in enumerate(sizes)
+    )
+
+
+def _drawn_fault(draw: random.Random, nodes: int, length: float, hosts: tuple[PlannedHost, ...]) -> Fault:
+    if hosts and draw.random() < 0.3:
+        return _drawn_fault_of_a_host(draw, length, draw.choice(hosts).name)
     at, kind, node = draw.uniform(0.0, length), draw.random(), draw.randrange(nodes)
     whom = draw.choice(_SPECIAL) if draw.random() < 0.25 else f"node {node}"
     if kind < 0.55:
@@ -125,3 +154,10 @@ def _drawn_fault(draw: random.Random, nodes: int, length: float) -> Fault:
         return Fault(at, "disk", "", draw.uniform(0.05, 3.0))
     weather = Weather(draw.choice((1e-3, 20e-3, 100e-3)), draw.choice((0.0, 0.02, 0.3)), draw.choice((0.0, 0.1)))
     return Fault(at, "weather", "", draw.uniform(0.1, 3.0), weather=weather)
+
+
+def _drawn_fault_of_a_host(draw: random.Random, length: float, host: str) -> Fault:
+    at, kind, seconds = draw.uniform(0.0, length), draw.random(), draw.uniform(0.1, _HOST_AWAY)
+    if kind < 0.4:
+        return Fault(at, "kill", host, seconds)
+    return Fault(at, "leave" if kind < 0.7 else "part", host, seconds, other="" if kind < 0.7 else "router")

@@ -401,7 +401,8 @@ class Zenoh:
             handlers=types.SimpleNamespace(Callback=Callback),
         )
         self.sessions = types.SimpleNamespace(
-            client=self.client, visitor=self.visitor, peer=self.peer, unix_socket=unix_socket
+            client=self.client, visitor=self.visitor, peer=self.peer, unix_socket=unix_socket,
+            use_runtime=lambda _: None, NODE_RUNTIME="",
         )
 
     def _process(self) -> Process:

@@ -10,6 +10,7 @@ import importlib
 import os
 import pkgutil
 import queue
+import signal
 import threading
 import time
 from collections.abc import Iterator
@@ -54,6 +55,11 @@ class _System:
             raise ProcessLookupError
         self._world.at(self._world.now, there.kill)
 
+    def _exit(self, status: int) -> None:
+        process = self._world.process
+        assert process is not None
+        process.exit(status)
+
     def open(self, *args: Any) -> int:
         """Open a file, and close it at the end of the simulated process, which also releases its locks."""
         descriptor = os.open(*args)
@@ -66,6 +72,21 @@ class _System:
         _close(descriptor)
 
 
+class _Signals:
+    """Stands in for `signal`: handlers are those of the simulated processes."""
+
+    def __init__(self, world: World) -> None:
+        self._world = world
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(signal, name)
+
+    def signal(self, number: int, handler: Any) -> None:
+        process = self._world.process
+        assert process is not None
+        process.handlers[number] = handler
+
+
 def _close(descriptor: int) -> None:
     with contextlib.suppress(OSError):
         os.close(descriptor)
@@ -73,7 +94,7 @@ def _close(descriptor: int) -> None:
 
 def modules() -> list[ModuleType]:
     """Import and return the modules under test."""
-    found = []
+    found = [importlib.import_module("coordinator.launch.host")]
     for name in _PACKAGES:
         package = importlib.import_module(name)
         found.append(package)
@@ -93,6 +114,7 @@ def in_place(world: World, network: Network, processes: dict[int, Process]) -> I
         "queue": (queue, types.queue),
         "zenoh": (real_zenoh, zenoh.module),
         "sessions": (sessions, zenoh.sessions),
+        "signal": (signal, _Signals(world)),
         "os": (os, _System(world, processes)),
         "ThreadPoolExecutor": (ThreadPoolExecutor, types.executor),
         "core_of": (core_of, lambda *_: None),  # simulated nodes have no cores

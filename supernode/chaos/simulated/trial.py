@@ -12,12 +12,14 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
+import topologies
 from problems import ProblemFile
 from supernode.chaos.simulated import stand_ins
 from supernode.chaos.simulated.client import SimulatedClient
 from supernode.chaos.simulated.cluster import Cluster
 from supernode.chaos.simulated.disk import Disk
 from supernode.chaos.simulated.invariants import Invariants
+from supernode.chaos.simulated.joined_cluster import JoinedCluster
 from supernode.chaos.simulated.network import Network, Weather
 from supernode.chaos.simulated.plans import Fault, Plan
 from supernode.chaos.simulated.world import Process, World
@@ -72,12 +74,20 @@ def _run(plan: Plan, file: ProblemFile, state: Path, outcome: Outcome) -> None:
         if cluster is not None and task in ("main", "network"):
             cluster.ended(process)
 
-    world = World(plan.seed, failed)
+    def exited(process: Process) -> None:
+        if cluster is not None and process.alive:
+            cluster.ended(process)
+
+    world = World(plan.seed, failed, exited)
     network = Network(world, Weather(plan.latency), plan.work)
     processes: dict[int, Process] = {}
     disk = Disk()
     with stand_ins.in_place(world, network, processes), contextlib.redirect_stderr(_Log(world)), disk.in_place():
-        cluster = Cluster(world, network, plan.topology, state, processes)
+        if plan.hosts:
+            nodes = topologies.parse(plan.topology).cells
+            cluster = JoinedCluster(world, network, plan.hosts, nodes, state, processes)
+        else:
+            cluster = Cluster(world, network, plan.topology, state, processes)
         client = SimulatedClient(world, network, cluster.router, cluster.keys)
         disk.fails = lambda: world.now < cluster.disk_fails_until
         invariants = Invariants(world, cluster, client, broken)

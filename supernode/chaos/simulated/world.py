@@ -35,6 +35,8 @@ class Process:
         id: the process id.
         alive: whether it has not ended.
         at_end: called when it ends, as the kernel closes its sockets and files.
+        status: its exit status, once it has ended by itself.
+        handlers: what it does at signals that it handles.
     """
 
     def __init__(self, world: "World", name: str) -> None:
@@ -45,6 +47,8 @@ class Process:
         self.stopped_until = 0.0
         self.at_end: list[Callable[[], None]] = []
         self.tasks: set[Task] = set()
+        self.status: int | None = None
+        self.handlers: dict[int, Callable[[int, None], object]] = {}
 
     def start(self, run: Callable[[], None], name: str) -> "Task":
         """Start a task of this process."""
@@ -52,6 +56,18 @@ class Process:
         self.tasks.add(task)
         self.world.wake(task)
         return task
+
+    def signal(self, number: int) -> None:
+        """Send a signal that the process handles; it is ignored if it does not, or does not yet."""
+        handler = self.handlers.get(number)
+        if handler is not None and self.alive:
+            self.start(lambda: _void(handler(number, None)), "signal")
+
+    def exit(self, status: int) -> None:
+        """End the process, whose task calls this, as `os._exit` does."""
+        self.status = status
+        self.world.at(self.world.now, lambda: self.world.exited(self))
+        self.world.wait()
 
     def kill(self) -> None:
         """End the process at once, as SIGKILL does: nothing that it does from now on has an effect."""
@@ -117,6 +133,7 @@ class World:
     Args:
         seed: the same seed gives the same run.
         failed: called with a process one of whose tasks ended by an exception, the task's name and the exception.
+        exited: called with a process that has ended by itself.
 
     Attributes:
         now: seconds since the world began.
@@ -124,7 +141,12 @@ class World:
         hub: the greenlet that runs the agenda.
     """
 
-    def __init__(self, seed: int, failed: Callable[[Process, str, BaseException], None]) -> None:
+    def __init__(
+        self,
+        seed: int,
+        failed: Callable[[Process, str, BaseException], None],
+        exited: Callable[[Process], None],
+    ) -> None:
         self.now = 0.0
         self.draw = random.Random(seed)
         self.hub = getcurrent()
@@ -133,6 +155,7 @@ class World:
         self.events = 0
         self.log: list[str] = []
         self._failed = failed
+        self.exited = exited
         self._order = itertools.count()
         self._agenda: list[tuple[float, int, Task | Callable[[], None], int]] = []
         self._current: Task | None = None
@@ -242,3 +265,7 @@ class World:
     def digest(self) -> str:
         """A digest of everything that has happened so far."""
         return self._digest.hexdigest()
+
+
+def _void(_: object) -> None:
+    """Drop a value."""
