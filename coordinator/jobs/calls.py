@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import zenoh
 
 from coordinator.errors import ClusterFailed
-from coordinator.jobs.job import Failure, Moved, Replaced, StopRequest
+from coordinator.jobs.job import Failure, Moved, Replaced, Returned, StopRequest
 from problems import BadInput
 from wire import control
 from wire.callbacks import direct
@@ -97,6 +97,10 @@ class MovedError(Exception):
         self.nodes = moved.nodes
 
 
+class _ReturnedError(Exception):
+    """A node that was cut off is back."""
+
+
 class RefusedError(ClusterFailed):
     """A process refuses a command, for no reason of the user's."""
 
@@ -125,7 +129,14 @@ class Calls:
         self._questions = itertools.count()
         self.closing = False
 
-    def ask(self, questions: Sequence[tuple[str, Command]], expected: int = 1, give_up: bool = True) -> list[Given]:
+    def ask(
+        self,
+        questions: Sequence[tuple[str, Command]],
+        expected: int = 1,
+        give_up: bool = True,
+        *,
+        for_nodes_back: bool = False,
+    ) -> list[Given]:
         """Send commands and return the answers of all processes that they reach.
 
         If too few processes answer, all are asked again for as long as a replacement may take; so commands must be
@@ -135,6 +146,8 @@ class Calls:
             questions: keys with commands, sent all at once.
             expected: the number of answers to wait for.
             give_up: whether a stop request ends the waiting.
+            for_nodes_back: whether to ask all again as soon as a node is back that was cut off; else only once those
+                that were reached have answered, though each of them may wait for that node.
 
         Raises:
             BadInput: if a process refuses and blames the input.
@@ -144,7 +157,11 @@ class Calls:
         """
         until = time.monotonic() + (_REPLACED_WITHIN if self._replaces else 0.0)
         while True:
-            answers = self._ask_once(questions, give_up)
+            try:
+                answers = self._ask_once(questions, give_up, for_nodes_back)
+            except _ReturnedError:  # others return with it: a moment later one question reaches them all
+                self._wait_for_news_of_a_death(ASK_AGAIN, give_up)
+                continue
             if len(answers) >= expected:
                 return answers
             # If the router has died there is no news at all, so this asks again. If a process has died, this raises.
@@ -154,7 +171,9 @@ class Calls:
                     f"only {len(answers)} of {expected} processes answered the command {questions[0][1].name!r}"
                 )
 
-    def _ask_once(self, questions: Sequence[tuple[str, Command]], give_up: bool) -> list[Given]:
+    def _ask_once(
+        self, questions: Sequence[tuple[str, Command]], give_up: bool, for_nodes_back: bool
+    ) -> list[Given]:
         number = next(self._questions)
         queue = self.queue
 
@@ -166,14 +185,14 @@ class Calls:
             self._raise_stop_put_off()
         for key, command in questions:
             self._get(key, command, direct(hear, lambda: queue.put(_Answer(number, None))), _answered_within(command))
-        return self._answers(number, len(questions), give_up)
+        return self._answers(number, len(questions), give_up, for_nodes_back)
 
     def _raise_stop_put_off(self) -> None:
         stop_request = next((each for each in self._put_off if isinstance(each, StopRequest)), None)
         if stop_request is not None:
             raise GivenUpError(stop_request)
 
-    def _answers(self, number: int, open_questions: int, give_up: bool) -> list[Given]:
+    def _answers(self, number: int, open_questions: int, give_up: bool, for_nodes_back: bool) -> list[Given]:
         answers: list[Given] = []
         while open_questions:
             news = self._take(None)
@@ -181,6 +200,10 @@ class Calls:
                 raise ReplacedError(news)
             if isinstance(news, StopRequest) and give_up:
                 raise GivenUpError(news)
+            if isinstance(news, Returned):
+                if for_nodes_back:
+                    raise _ReturnedError
+                continue
             if not isinstance(news, _Answer):
                 self._put_off.append(news)
                 continue
@@ -213,7 +236,8 @@ class Calls:
                 raise ReplacedError(news)
             if isinstance(news, StopRequest) and give_up:
                 raise GivenUpError(news)
-            self._put_off.append(news)
+            if not isinstance(news, Returned):
+                self._put_off.append(news)
 
     def ask_for_reports(self, key: str, command: control.Begin | control.Halt) -> int:
         """Have the report of each cell that ``key`` reaches queued once it stops; return the question's number."""

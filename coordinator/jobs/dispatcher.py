@@ -21,7 +21,7 @@ from coordinator.jobs.alarms import Alarms
 from coordinator.jobs.conductor import Conductor
 from coordinator.jobs.growing import Growing
 from coordinator.jobs.hooks import Hooks
-from coordinator.jobs.job import Failure, JobEntry, JobSpec, Placement, StopRequest
+from coordinator.jobs.job import Failure, JobEntry, JobSpec, Placement, Returned, StopRequest
 from coordinator.jobs.listener import Listener
 from coordinator.jobs.node_hosts import NodeHosts
 from coordinator.jobs.running import EVAL_TIMEOUT
@@ -256,6 +256,12 @@ class Dispatcher:
                 nodes = self._scheduler.nodes_of(job.spec.number)
                 if nodes is not None and (node is None or node in nodes):
                     job.replaced(node, crash)
+
+    def returned(self, node: int) -> None:
+        """Tell the job of a node that the node was cut off and is back."""
+        job, _ = self.place_of(node)
+        if job is not None:
+            job.queue.put(Returned(node))
 
     def joined(self, node: int) -> None:
         """Add a node to the cluster. Harmless if it is there already."""

@@ -48,6 +48,13 @@ class Replaced:
 
 
 @dataclass(frozen=True)
+class Returned:
+    """The process of a node was cut off from the router and is back: it may have missed a question."""
+
+    node: int
+
+
+@dataclass(frozen=True)
 class Moved:
     """The cells shall go on, with their demes, on these nodes.
 

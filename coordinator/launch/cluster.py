@@ -125,7 +125,7 @@ class LocalCluster:
             eval_timeout=eval_timeout or EVAL_TIMEOUT,
         )
         if replaces:
-            self._roster = Roster(session, self.keys, dispatcher.replaced)
+            self._roster = Roster(session, self.keys, dispatcher.replaced, returned=dispatcher.returned)
             self._roster.look()  # from now on it sees that a process is another one
         with self._changed:
             self._dispatcher = dispatcher

@@ -53,7 +53,7 @@ class JoinedDispatcher(ServiceDispatcher):
         self._first_port = self.began % PORTS  # probably not the port that the previous coordinator used last
         self._book = HostBook(session, keys, seal, self._came, self._leave, self._drain, self._complain, most_nodes)
         # After the book: when a node is reported, its host must be known already, or a wiring would lack its address.
-        self._roster = Roster(session, keys, self.replaced, self.joined)
+        self._roster = Roster(session, keys, self.replaced, self.joined, self.returned)
         self._roster.look()
 
     def nodes(self) -> list[dict[str, Any]]:

@@ -31,6 +31,7 @@ class Roster:
         replaced: called with the number of a node that has a new process, or with None for the spy; and with the signal
             by which the process before it crashed, or "". Usually called on Zenoh's thread.
         arrived: called with the number of a node that is seen for the first time, likewise.
+        returned: called with the number of a node that was out of sight and is back with the same process, likewise.
     """
 
     def __init__(
@@ -39,10 +40,12 @@ class Roster:
         keys: Keys,
         replaced: Callable[[int | None, str], None],
         arrived: Callable[[int], None] = lambda _: None,
+        returned: Callable[[int], None] = lambda _: None,
     ) -> None:
         self._keys = keys
         self._replaced = replaced
         self._arrived = arrived
+        self._returned = returned
         self._lock = threading.Lock()
         self._processes: dict[str, tuple[int, str]] = {}  # by name, the process id and the host ("": this machine)
         self._seen: dict[int, float] = {}  # by node, when its process was first seen, on the monotonic clock
@@ -141,6 +144,8 @@ class Roster:
             self._arrived(node)
         elif before not in (None, (process, host)):
             self._replaced(node, self._keys.crash_of_life(key))
+        elif node is not None:
+            self._returned(node)
 
     def _hear(self, sample: zenoh.Sample) -> None:
         try:
