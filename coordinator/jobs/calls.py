@@ -171,9 +171,7 @@ class Calls:
                     f"only {len(answers)} of {expected} processes answered the command {questions[0][1].name!r}"
                 )
 
-    def _ask_once(
-        self, questions: Sequence[tuple[str, Command]], give_up: bool, for_nodes_back: bool
-    ) -> list[Given]:
+    def _ask_once(self, questions: Sequence[tuple[str, Command]], give_up: bool, for_nodes_back: bool) -> list[Given]:
         number = next(self._questions)
         queue = self.queue
 

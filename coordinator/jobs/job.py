@@ -25,6 +25,15 @@ _MOST_RECORDS = 1 << 16  # improvements kept of one job, which may be kept alive
 
 
 # Messages to a conductor, besides answers and reports -----------------------------------------------------------------
+# Functions, since a simulation replaces what these modules have: a default must not be taken at the import.
+def _line() -> "queue.SimpleQueue[int | Exception]":
+    return queue.SimpleQueue()
+
+
+def _now() -> float:
+    return time.monotonic()
+
+
 @dataclass(frozen=True)
 class StopRequest:
     """A client or a deadline wants the job to stop, or its oracle has found that it has no solution."""
@@ -77,7 +86,7 @@ class Change:
 
     fields: dict[str, Any]
     run: dict[str, Any]
-    answer: "queue.SimpleQueue[int | Exception]" = field(default_factory=lambda: queue.SimpleQueue())
+    answer: "queue.SimpleQueue[int | Exception]" = field(default_factory=_line)
 
 
 # ----------------------------------------------------------------------------------------------------------------------
@@ -107,7 +116,7 @@ class JobSpec:
     log: str | None = None
     job: str = ""
     priority: int = 0
-    submitted: float = field(default_factory=lambda: time.monotonic())
+    submitted: float = field(default_factory=_now)
     past: Past = field(default_factory=Past)
     best: Improvement | None = None
     first: ProblemFile | None = None

@@ -68,7 +68,9 @@ class Preparing:
             ]
         if with_the_spy:
             questions.append((keys.spy_control, self._preparation_of_the_spy(epoch)))
-        answers = self._job.calls.ask(questions, epoch.cells + with_the_spy, give_up=not self._job.epochs, for_nodes_back=True)
+        answers = self._job.calls.ask(
+            questions, epoch.cells + with_the_spy, give_up=not self._job.epochs, for_nodes_back=True
+        )
         self._note_versions(epoch, answers)
 
     def _note_versions(self, epoch: Epoch, answers: list[Given]) -> None:

@@ -41,9 +41,15 @@ def run(options: argparse.Namespace) -> int:
 
 def _simulate(options: argparse.Namespace) -> int:
     """Simulate clusters under faults, and print what was lost."""
+    import importlib.util
     import json
 
-    from problems import load
+    from problems import BadInput, load
+    from supernode.launch.supervisor import check_library
+
+    if importlib.util.find_spec("greenlet") is None:
+        raise BadInput("chaos --simulate: expected greenlet to be installed: pip install 'supernode[simulate]'")
+    check_library("chaos")
     from supernode.chaos.simulated import campaign
 
     file, broken = load(options.problem), 0

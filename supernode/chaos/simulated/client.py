@@ -1,6 +1,5 @@
 """A client of a simulated cluster: it submits jobs, hears their improvements, and waits for their ends."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -8,9 +7,8 @@ from coordinator.jobs.states import ENDS
 from problems import ProblemFile
 from supernode.chaos.simulated.network import Network
 from supernode.chaos.simulated.sessions import Callback, Sample, Zenoh
-from supernode.chaos.simulated.thread_types import SimpleQueue
 from supernode.chaos.simulated.world import Process, World
-from wire.jobs import Cancel, Done, Request, Show, Submit, decode_answer, encode
+from wire.jobs import Done, Request, Show, Submit, decode_answer, encode
 from wire.keys import Keys
 from wire.news import Improvement
 
@@ -63,21 +61,19 @@ class SimulatedClient:
         self._zenoh = Zenoh(network)
         self._router = router
         self._keys = keys
-        self._early: list[Improvement] = []
 
-    def submit(self, id: str, file: ProblemFile) -> Asked:
+    def submit(self, id: str, file: ProblemFile) -> None:
         """Submit a job on a thread of its own, and follow it to its end."""
         asked = Asked(id, file)
         self.jobs.append(asked)
-        self._start(lambda: self._follow(asked), f"job {id}")
-        return asked
+        self.process.start(lambda: self._follow(asked), f"job {id}")
 
-    def cancel(self, id: str) -> None:
-        """Cancel a job, on a thread of its own."""
-        self._start(lambda: self._ask(self._session(), Cancel(id)), f"cancel {id}")
+    def ask(self, request: Request) -> None:
+        """Send a request on a thread of its own, until it is answered."""
+        self.process.start(lambda: self._tell(request), request.name)
 
-    def _start(self, run: Callable[[], Any], name: str) -> None:
-        self.process.start(lambda: void(run()), name)
+    def _tell(self, request: Request) -> None:
+        self._ask(self._session(), request)
 
     def _session(self) -> Any:
         return self._zenoh.sessions.client(self._router)
@@ -117,14 +113,7 @@ class SimulatedClient:
     def _ask(self, session: Any, request: Request) -> Any:
         """Send a request until it is answered; return the answer."""
         while True:
-            answers = SimpleQueue(self._world)
-            handler = Callback(answers.put, lambda: answers.put(None))
-            session.get(self._keys.jobs, handler, payload=encode(request), timeout=_ANSWER_WITHIN)
-            for reply in iter(answers.get, None):
+            for reply in session.get(self._keys.jobs, payload=encode(request), timeout=_ANSWER_WITHIN):
                 if reply.ok is not None:
                     return decode_answer(reply.ok.payload.to_bytes())
             self._world.sleep(_AGAIN)
-
-
-def void(_: object) -> None:
-    """Drop a value."""

@@ -4,6 +4,7 @@ import tempfile
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import topologies
 from coordinator.jobs.hooks import MakeJobRunner
@@ -12,13 +13,13 @@ from coordinator.service.launched import LaunchedDispatcher
 from coordinator.service.process import Options, Service
 from coordinator.store.database import url_in
 from coordinator.store.record_book import Keep
-from node import process as node_process
 from node.node_config import NodeConfig
 from node.process import NodeProcess
 from problems.modules import Modules
 from spy.process import SpyProcess
 from supernode.chaos.simulated.network import Network, Router
 from supernode.chaos.simulated.plans import Fault
+from supernode.chaos.simulated.sessions import Zenoh
 from supernode.chaos.simulated.world import Process, World
 from wire import sessions
 from wire.keys import Keys
@@ -152,5 +153,5 @@ class Cluster:
     def _be_the_coordinator(self, make_dispatcher: MakeJobRunner, nodes: int, *, joined: bool = False) -> None:
         store, every = url_in(self._state), _CHECKPOINT_EVERY
         options = Options(nodes, store, Keep(), log_json=True, checkpoint_every=every, joined=joined)
-        session = node_process.sessions.client(self.router)  # looked up there: that is the stand-in
+        session: Any = Zenoh(self._network).client(self.router)
         Service(session, self.keys, Modules(), options, make_dispatcher).serve()

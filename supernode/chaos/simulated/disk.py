@@ -2,7 +2,7 @@
 
 import contextlib
 import sqlite3
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from sqlalchemy import Engine, event
@@ -15,7 +15,7 @@ class Disk:
     """Lets statements that write, and commits, fail while ``fails`` returns True."""
 
     def __init__(self) -> None:
-        self.fails = lambda: False
+        self.fails: Callable[[], bool] = lambda: False
 
     @contextlib.contextmanager
     def in_place(self) -> Iterator[None]:

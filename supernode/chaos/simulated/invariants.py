@@ -91,9 +91,11 @@ class Invariants:
                 return
             if result["history_sha256"] is None and not result["generations"]:  # it never had nodes
                 return
-            expected = _expected(_Key(asked.file), _frozen(result["directives"]))
-            if expected != result["history_sha256"]:
-                self._complain(f"{asked.id}: its history is {result['history_sha256']}, a replay's is {expected}")
+            history, fitness = _expected(_Key(asked.file), _frozen(result["directives"]))
+            if history != result["history_sha256"]:
+                self._complain(f"{asked.id}: its history is {result['history_sha256']}, a replay's is {history}")
+            if fitness is not None and result["fitness"] != fitness:
+                self._complain(f"{asked.id}: its fitness is {result['fitness']}, a replay's is {fitness}")
 
 
 class _Key:
@@ -117,15 +119,17 @@ def _frozen(directives: list[dict[str, Any]]) -> str:
 
 
 @cache
-def _expected(key: _Key, directives: str) -> str | None:
-    """Return the history that a run with these directives has; None if they cannot be repeated."""
+def _expected(key: _Key, directives: str) -> tuple[str | None, float | None]:
+    """Return the history and the fitness of a run with these directives, or instead why they cannot be repeated."""
     import json
 
     try:
         *before, last = replay(key.file, json.loads(directives))
     except BadInput as error:
-        return str(error)
+        return str(error), None
     past = Past()
     for epoch, then in zip(before, [*before, last][1:], strict=True):
         past = past.and_then(Lived(epoch.file, epoch.reports, epoch.plan.epoch), then.why)
-    return past.and_then(Lived(last.file, last.reports, last.plan.epoch)).history
+    lived = Lived(last.file, last.reports, last.plan.epoch)
+    best = past.or_better(lived)
+    return past.and_then(lived).history, None if best is None else best.fitness

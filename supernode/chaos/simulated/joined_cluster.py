@@ -127,7 +127,12 @@ class JoinedCluster(Cluster):
         """Be the agent of a host."""
         try:
             launch_host.attend(
-                host.host, self.keys, self.router, Seal(self._secret), partial(self._fork_nodes, host), leaves=host.is_leaving
+                host.host,
+                self.keys,
+                self.router,
+                Seal(self._secret),
+                partial(self._fork_nodes, host),
+                leaves=host.is_leaving,
             )
         except ClusterFailed as error:
             self.world.say(f"host {host.planned.name} is refused: {error}")
@@ -158,4 +163,3 @@ class JoinedCluster(Cluster):
     def _serve(self, first: bool) -> None:
         make_dispatcher = partial(JoinedDispatcher, seal=Seal(self._secret), max_queue=None)
         self._be_the_coordinator(make_dispatcher, self._expected, joined=True)
-

@@ -106,6 +106,15 @@ class Link:
         """Return whether the other end has declared something that matches a key."""
         return any(each.kind == kind and intersects(each.key, key) for each in self.declared)
 
+    def forget(self, gone: Undeclare) -> bool:
+        """Note that the other end has undeclared something; return whether it has declared nothing like it besides."""
+        declared = Declare(gone.kind, gone.key)
+        self.declared[declared] -= 1
+        if self.declared[declared] > 0:
+            return False
+        del self.declared[declared]
+        return True
+
 
 class Station:
     """A router or a session: an end of links."""
@@ -293,31 +302,34 @@ class Router(Station):
                 if kind == "token" and not self._is_known(key):
                     self._forward(link, message)
                 link.declared[message] += 1
-            case Undeclare(kind, key):
-                declared = Declare(kind, key)
-                link.declared[declared] -= 1
-                if link.declared[declared] <= 0:
-                    del link.declared[declared]
-                    if kind == "token":
-                        self._tell_gone(link, key)
+            case Undeclare():
+                self._undeclare(link, message)
             case Put(key):
                 for other in self.links:
                     if other is not link and other.matches("subscriber", key):
                         self.send(other, message)
             case Ask(number, key, payload):
-                here = next(self.network.numbers)
-                others = [each for each in self.links if each is not link and each.matches("queryable", key)]
-                self._asked[here] = (link, number, set(others))
-                for other in others:
-                    self.send(other, Ask(here, key, payload))
-                if not others:
-                    self._finish(here, None)
+                self._ask(link, number, key, payload)
             case Reply(number, key, payload):
                 if number in self._asked:
                     asker, its_number, _ = self._asked[number]
                     self.send(asker, Reply(its_number, key, payload))
             case Final(number):
                 self._finish(number, link)
+
+    def _undeclare(self, link: Link, message: Undeclare) -> None:
+        if link.forget(message) and message.kind == "token":
+            self._tell_gone(link, message.key)
+
+    def _ask(self, link: Link, number: int, key: str, payload: bytes) -> None:
+        """Pass a question on to all who have declared that they take it."""
+        here = next(self.network.numbers)
+        others = [each for each in self.links if each is not link and each.matches("queryable", key)]
+        self._asked[here] = (link, number, set(others))
+        for other in others:
+            self.send(other, Ask(here, key, payload))
+        if not others:
+            self._finish(here, None)
 
     def _is_known(self, token: str) -> bool:
         return any(Declare("token", token) in link.declared for link in self.links)
@@ -348,7 +360,4 @@ def intersects(one: str, other: str) -> bool:
     if "*" not in one and "*" not in other:
         return one == other
     ones, others = one.split("/"), other.split("/")
-    return len(ones) == len(others) and all(
-        a == b or a == "*" or b == "*" for a, b in zip(ones, others, strict=True)
-    )
-
+    return len(ones) == len(others) and all(a == b or "*" in (a, b) for a, b in zip(ones, others, strict=True))

@@ -114,7 +114,7 @@ class _Declared:
     def __init__(self, session: "Session", kind: str, key: str, call: Callable[[Any], None] | None) -> None:
         self.kind = kind
         self.key = key
-        self.call = call
+        self.call = call or _ignore
         self.heard: set[str] = set()  # tokens that it was told of
         self._session = session
 
@@ -140,7 +140,7 @@ class _Publisher:
 class _Asked:
     """A question of this session that is not over."""
 
-    def __init__(self, handler: Callback, links: set[Link]) -> None:
+    def __init__(self, handler: Callback, links: set[Link | None]) -> None:
         self.handler = handler
         self.links = links
 
@@ -237,7 +237,8 @@ class Session(Station):
             answers = SimpleQueue(self.world)
             self.get(key, Callback(answers.put, lambda: answers.put(None)), payload=payload, timeout=timeout)
             return iter(answers.get, None)
-        number, links = next(self.network.numbers), set(self.links)
+        number = next(self.network.numbers)
+        links: set[Link | None] = set(self.links)
         self._asked[number] = _Asked(handler, links)
         for link in self.links[:]:
             self.send(link, Ask(number, key, bytes(payload)))
@@ -302,7 +303,6 @@ class Session(Station):
         if not intersects(watcher.key, token) or (token in watcher.heard) == is_there:
             return
         (watcher.heard.add if is_there else watcher.heard.discard)(token)
-        assert watcher.call is not None
         self._call_back(watcher.call, Sample(token, b"", SampleKind.PUT if is_there else SampleKind.DELETE), watcher)
 
     # What the network calls, on the hub -------------------------------------------------------------------------------
@@ -327,34 +327,28 @@ class Session(Station):
     def receive(self, link: Link, message: Any) -> None:
         """Take a message."""
         match message:
-            case Declare("token", key):
+            case Declare(kind, key):
                 link.declared[message] += 1
-                self._see(key, is_there=True)
-            case Declare():
-                link.declared[message] += 1
+                if kind == "token":
+                    self._see(key, is_there=True)
             case Undeclare(kind, key):
-                declared = Declare(kind, key)
-                link.declared[declared] -= 1
-                if link.declared[declared] <= 0:
-                    del link.declared[declared]
-                    if kind == "token" and key not in self.tokens():
-                        self._see(key, is_there=False)
+                if link.forget(message) and kind == "token" and key not in self.tokens():
+                    self._see(key, is_there=False)
             case Put(key, payload):
-                for declared in self._declared:
-                    if declared.kind == "subscriber" and intersects(declared.key, key):
-                        assert declared.call is not None
-                        self._call_back(declared.call, Sample(key, payload), declared)
+                for taker in self._takers("subscriber", key):
+                    self._call_back(taker.call, Sample(key, payload), taker)
             case Ask(_, key):
-                takers = [each for each in self._declared if each.kind == "queryable" and intersects(each.key, key)]
-                query = Query(self, link, message)
-                for taker in takers:
-                    assert taker.call is not None
+                query = Query(self, link, message)  # ends, if nobody takes it, when it is forgotten
+                for taker in self._takers("queryable", key):
                     self._call_back(taker.call, query, taker)
             case Reply(number, key, payload):
                 if number in self._asked:
                     self._call_back(self._asked[number].handler.call, Answer(Sample(key, payload)), None)
             case Final(number):
                 self._finish(number, link)
+
+    def _takers(self, kind: str, key: str) -> list[_Declared]:
+        return [each for each in self._declared if each.kind == kind and intersects(each.key, key)]
 
     def _call_back(self, call: Callable[[Any], None], argument: Any, declared: _Declared | None) -> None:
         """Queue a callback, unless what it belongs to has been undeclared by then."""
@@ -368,7 +362,7 @@ class Session(Station):
     def _finish(self, number: int, link: Link | None) -> None:
         asked = self._asked.get(number)
         if asked is not None:
-            asked.links.discard(link)  # type: ignore[arg-type]
+            asked.links.discard(link)
             if not asked.links:
                 self._end(number)
 
@@ -401,8 +395,12 @@ class Zenoh:
             handlers=types.SimpleNamespace(Callback=Callback),
         )
         self.sessions = types.SimpleNamespace(
-            client=self.client, visitor=self.visitor, peer=self.peer, unix_socket=unix_socket,
-            use_runtime=lambda _: None, NODE_RUNTIME="",
+            client=self.client,
+            visitor=self.visitor,
+            peer=self.peer,
+            unix_socket=unix_socket,
+            use_runtime=lambda _: None,
+            NODE_RUNTIME="",
         )
 
     def _process(self) -> Process:
@@ -437,3 +435,6 @@ class Zenoh:
         self._network.world.spend(_DECLARE)
         return session
 
+
+def _ignore(_: object) -> None:
+    """Do nothing: nobody is told of what comes under a token."""

@@ -1,4 +1,4 @@
-"""Put simulated threads, clock, network and parts of the system in the place of the real ones, in the modules under test.
+"""Put simulated threads, clock and network in the place of the real ones, in the modules under test.
 
 Only the names that these modules themselves have imported are replaced, for as long as a simulation runs: libraries
 keep the real ones. Modules of the production code thus need no seams, but must look up such a name when they use it:
@@ -131,4 +131,3 @@ def in_place(world: World, network: Network, processes: dict[int, Process]) -> I
     finally:
         for module, name, real in reversed(undo):
             setattr(module, name, real)
-

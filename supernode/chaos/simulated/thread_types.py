@@ -5,6 +5,7 @@ import concurrent.futures
 import queue
 import types
 from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 from typing import Any, Self
 
 from supernode.chaos.simulated.world import EPOCH, Process, Task, World
@@ -218,14 +219,17 @@ class _Thread:
     ) -> None:
         assert target is not None
         self._world = world
-        self._call = lambda: target(*args, **(kwargs or {}))
+        self._call = partial(target, *args, **(kwargs or {}))
         self.name = name or "thread"
         self._task: Task | None = None
 
     def start(self) -> None:
         process = self._world.process
         assert process is not None, "only a process starts threads"
-        self._task = process.start(lambda: void(self._call()), self.name)
+        self._task = process.start(self._run, self.name)
+
+    def _run(self) -> None:
+        self._call()
 
     def join(self, timeout: float | None = None) -> None:
         world, task = self._world, self._task
@@ -314,7 +318,3 @@ class _Executor:
 
     def __exit__(self, *_: object) -> None:
         self.shutdown()
-
-
-def void(_: object) -> None:
-    """Drop a value."""

@@ -13,6 +13,7 @@ import heapq
 import itertools
 import random
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from greenlet import GreenletExit, getcurrent, greenlet
@@ -50,7 +51,7 @@ class Process:
         self.status: int | None = None
         self.handlers: dict[int, Callable[[int, None], object]] = {}
 
-    def start(self, run: Callable[[], None], name: str) -> "Task":
+    def start(self, run: Callable[[], object], name: str) -> "Task":
         """Start a task of this process."""
         task = Task(self, run, name)
         self.tasks.add(task)
@@ -61,7 +62,7 @@ class Process:
         """Send a signal that the process handles; it is ignored if it does not, or does not yet."""
         handler = self.handlers.get(number)
         if handler is not None and self.alive:
-            self.start(lambda: _void(handler(number, None)), "signal")
+            self.start(partial(handler, number, None), "signal")
 
     def exit(self, status: int) -> None:
         """End the process, whose task calls this, as `os._exit` does."""
@@ -94,7 +95,7 @@ class Task:
         joiners: tasks that wait for its end.
     """
 
-    def __init__(self, process: Process, run: Callable[[], None], name: str) -> None:
+    def __init__(self, process: Process, run: Callable[[], object], name: str) -> None:
         self.process = process
         self.name = name
         self.number = next(process.world.task_numbers)
@@ -265,7 +266,3 @@ class World:
     def digest(self) -> str:
         """A digest of everything that has happened so far."""
         return self._digest.hexdigest()
-
-
-def _void(_: object) -> None:
-    """Drop a value."""

@@ -1,0 +1,248 @@
+"""Plant bugs in nodes, spy and coordinator, one at a time, and count the simulated trials until each is found.
+
+Usage: python -m benchmarks.planted_bugs [--most 2000] [--only NAME]
+
+A simulation that finds nothing shows little unless it finds what is there. Each bug changes a few words of the source
+as it is imported; no file is changed. The run fails if the source does not have these words any more.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.abc
+import importlib.machinery
+import importlib.util
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from types import CodeType, ModuleType
+from typing import NamedTuple
+
+_ROOT = Path(__file__).resolve().parent.parent
+_PROBLEM = _ROOT / "examples" / "rastrigin.toml"
+_LONGEST = 3000.0  # seconds for one bug
+
+
+class Bug(NamedTuple):
+    """A change of the source of a module: ``old`` becomes ``new``."""
+
+    name: str
+    module: str
+    old: str
+    new: str
+
+
+BUGS = (
+    Bug(
+        "a new process stops before others may have got to that generation",
+        "node.cell",
+        "if self._put_off and self.rows.generation >= self._reached:",
+        "if self._put_off:",
+    ),
+    Bug(
+        "answers of neighbours are filed one exchange late",
+        "node.cell",
+        "event.generation // self.plan.run.interval, event.payloads",
+        "event.generation // self.plan.run.interval + 1, event.payloads",
+    ),
+    Bug(
+        "a cell claims to have all its messages since the beginning",
+        "node.cell",
+        "now if oldest is None else oldest, states",
+        "0, states",
+    ),
+    Bug(
+        "a cell that goes on from a state expects its first messages again",
+        "node.cell",
+        "            self.inbox.go_on_from(rows.generation, plan.run.interval)\n",
+        "",
+    ),
+    Bug(
+        "a cell that waits never asks for a missing message",
+        "node.driver",
+        "if waited >= patience:",
+        "if waited >= patience and assignment is None:",
+    ),
+    Bug(
+        "a report that was lost is not told again",
+        "node.epochs",
+        "            self.answer_with_report(assignment, query)\n        elif self.past",
+        "            drop(query) if assignment.report is not None else self.answer_with_report(assignment, query)\n"
+        "        elif self.past",
+    ),
+    Bug(
+        "a node ignores the order to halt",
+        "node.commands",
+        "            assignment.events.append(Halted())\n",
+        "",
+    ),
+    Bug(
+        "a node told to take a dead one's place begins with random individuals",
+        "node.epochs",
+        "self._driver.start(assignment, Start(genomes, coming.takeover))",
+        "self._driver.start(assignment, Start(genomes, None))",
+    ),
+    Bug(
+        "a new spy believes that it knows all jobs",
+        "spy.process",
+        'f"the spy is not at job {command.job}, epoch {command.epoch}", "stranger"',
+        'f"the spy is not at job {command.job}, epoch {command.epoch}", "input"',
+    ),
+    Bug(
+        "the spy forgets what the reports say of the best",
+        "spy.process",
+        "        self._hear(assignment, command.champion)\n",
+        "",
+    ),
+    Bug(
+        "a question that too few have answered is not asked again",
+        "coordinator.jobs.calls",
+        "until = time.monotonic() + (_REPLACED_WITHIN if self._replaces else 0.0)",
+        "until = time.monotonic()",
+    ),
+    Bug(
+        "all states look fit to go on from",
+        "coordinator.jobs.recovering",
+        "return beside.oldest <= generation <= max(beside.generation, dict(beside.heard).get(cell, 0))",
+        "return True",
+    ),
+    Bug(
+        "the report of a cell that died counts although it goes on",
+        "coordinator.jobs.recovering",
+        "            epoch.reports.pop(cell, None)\n",
+        "            pass\n",
+    ),
+    Bug(
+        "a new process may have got no further than its state",
+        "coordinator.jobs.recovering",
+        "+ epoch.topology.diameter * epoch.file.run.interval",
+        "- epoch.topology.diameter * epoch.file.run.interval",
+    ),
+    Bug(
+        "a coordinator that takes over takes all nodes for alive",
+        "coordinator.jobs.replacing",
+        "epoch.dead = set(range(epoch.cells)) - self._present_cells(epoch)",
+        "self._present_cells(epoch)",
+    ),
+    Bug(
+        "a coordinator that takes over takes the spy for the old one",
+        "coordinator.jobs.replacing",
+        "self._spy_is_new = True  # it may have been replaced while there was no coordinator",
+        "self._spy_is_new = False",
+    ),
+    Bug(
+        "reports that a dead router has lost are not asked for again",
+        "coordinator.jobs.running",
+        "            job.ask_for_reports(epoch)\n            if epoch is not job.epoch:",
+        "            if epoch is not job.epoch:",
+    ),
+    Bug(
+        "nodes are not freed at the end of a job",
+        "coordinator.jobs.dispatcher",
+        "            self._scheduler.free(number)\n            self.jobs.pop",
+        "            self.jobs.pop",
+    ),
+    Bug(
+        "a failing disk loses what was to be written",
+        "coordinator.store.recorder",
+        "                if not error.passing:\n",
+        "                if error.passing:\n",
+    ),
+    Bug(
+        "the death of a node is not told to its job",
+        "coordinator.jobs.dispatcher",
+        "if nodes is not None and (node is None or node in nodes):",
+        "if nodes is not None and node is None:",
+    ),
+    Bug(
+        "a host that comes back gets other numbers",
+        "coordinator.service.host_book",
+        "            old = before.nodes[: asking.wants]\n",
+        "            old = ()\n",
+    ),
+    Bug(
+        "a host may leave although jobs still need it",
+        "coordinator.service.joined",
+        "            return sorted(needed.intersection(nodes))",
+        "            return []",
+    ),
+)
+
+
+class _Loader(importlib.machinery.SourceFileLoader):
+    """Loads a module from its file with one bug in it."""
+
+    def __init__(self, name: str, path: str, bug: Bug) -> None:
+        super().__init__(name, path)
+        self._bug = bug
+
+    def get_code(self, fullname: str) -> CodeType:
+        """Compile the changed source; what is cached is the unchanged one."""
+        source = Path(self.path).read_text(encoding="utf-8")
+        if source.count(self._bug.old) != 1:
+            raise SystemExit(
+                f"{self.path}: expected once, found {source.count(self._bug.old)} times: {self._bug.old!r}"
+            )
+        return compile(source.replace(self._bug.old, self._bug.new), self.path, "exec")
+
+
+class _Finder(importlib.abc.MetaPathFinder):
+    def __init__(self, bug: Bug) -> None:
+        self._bug = bug
+
+    def find_spec(
+        self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
+    ) -> importlib.machinery.ModuleSpec | None:
+        if fullname != self._bug.module:
+            return None
+        file = _ROOT.joinpath(*fullname.split(".")).with_suffix(".py")
+        return importlib.util.spec_from_file_location(fullname, file, loader=_Loader(fullname, str(file), self._bug))
+
+
+def _find(bug: Bug, most: int) -> None:
+    """Run trials with the bug until one finds it; print how many that took, and what it says."""
+    sys.meta_path.insert(0, _Finder(bug))
+    from problems import load
+    from supernode.chaos.simulated.plans import drawn
+    from supernode.chaos.simulated.trial import run
+
+    file = load(str(_PROBLEM))
+    for seed in range(1, most + 1):
+        outcome = run(drawn(seed), file)
+        if outcome.broken:
+            print(f"{seed}\t{outcome.broken[0]}")
+            return
+    print(f"-\tnot found in {most} trials")
+
+
+def main() -> None:
+    """Plant each bug in a process of its own."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--most", type=int, default=2000, help="trials for each bug (%(default)s)")
+    parser.add_argument("--only", help="the bug whose name begins so")
+    parser.add_argument("--plant", type=int, help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.plant is not None:
+        return _find(BUGS[options.plant], options.most)
+    found = asked = 0
+    for number, bug in enumerate(BUGS):
+        if options.only and not bug.name.startswith(options.only):
+            continue
+        began, asked = time.monotonic(), asked + 1
+        command = [sys.executable, "-m", "benchmarks.planted_bugs", "--plant", str(number), "--most", str(options.most)]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=_LONGEST, check=False, cwd=_ROOT)
+        seed, _, what = done.stdout.strip().partition("\t")
+        if done.returncode:
+            seed, what = "?", done.stderr.strip().rpartition("\n")[2]
+        found += seed.isdigit()
+        print(
+            f"{seed:>5}  {time.monotonic() - began:6.1f} s  {bug.module}: {bug.name}\n{'':16}{what[:150]}", flush=True
+        )
+    print(f"{found} of {asked} bugs found")
+    return None
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,95 @@
+"""Simulated clusters lose nothing under drawn faults; a seed repeats a trial; a bug that is planted is found."""
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from command_line import in_process
+
+from problems import load
+from supernode.chaos.simulated.campaign import in_words, trial
+from supernode.chaos.simulated.plans import Fault, drawn
+from supernode.chaos.simulated.trial import run, shortest
+
+ROOT = Path(__file__).resolve().parents[3]
+PROBLEM = ROOT / "examples" / "rastrigin.toml"
+SEEDS = 200
+IN_A_BLOCK = 10
+
+
+@pytest.fixture(scope="module")
+def file():
+    return load(str(PROBLEM))
+
+
+@pytest.mark.timeout(300)
+@pytest.mark.parametrize("first", range(1, SEEDS + 1, IN_A_BLOCK))
+def test_nothing_is_lost(file, first):
+    for seed in range(first, first + IN_A_BLOCK):
+        outcome = run(drawn(seed), file)
+        assert not outcome.broken, in_words(outcome) + "\n" + "\n".join(outcome.log)
+
+
+@pytest.mark.parametrize("seed", [3, 44])  # a cluster of one zygote, and one of hosts
+def test_the_same_seed_gives_the_same_events(file, seed):
+    one, other = run(drawn(seed), file), run(drawn(seed), file)
+    assert one.log == other.log
+    assert one.digest == other.digest != run(replace(drawn(seed), seed=seed + 1000), file).digest
+
+
+def test_another_process_gives_the_same_events(capsys):
+    command = [sys.executable, "-m", "supernode", "chaos", PROBLEM, "--simulate", "--draw", "3", "--json"]
+    told = [subprocess.run(command, capture_output=True, text=True, check=True).stdout for _ in range(2)]
+    code, out, _ = in_process(capsys, "chaos", PROBLEM, "--simulate", "--draw", "3", "--json")
+    assert told == [out, out]
+    outcome = json.loads(out)
+    assert (code, outcome["lost"], outcome["draw"]) == (0, [], 3)
+    assert [each["at"] for each in outcome["faults"]] == sorted(each["at"] for each in outcome["faults"])
+
+
+def test_a_command_shows_the_events_and_counts_trials(capsys):
+    code, out, _ = in_process(capsys, "chaos", PROBLEM, "--simulate", "--draw", "3", "--trials", "2", "--events")
+    assert code == 0
+    assert "client: job-0 is accepted" in out
+    assert out.endswith("2 trials, something was lost in 0\n")
+
+
+BUGS = ("reports that a dead router", "a new spy believes")
+
+
+@pytest.mark.parametrize("name", BUGS)
+def test_a_planted_bug_is_found(name):
+    command = [sys.executable, "-m", "benchmarks.planted_bugs", "--only", name, "--most", "300"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, cwd=ROOT)
+    assert "1 of 1 bugs found" in done.stdout
+
+
+def test_a_way_to_a_failure_is_shortened(file, monkeypatch):
+    """Whatever kills node 1 counts as broken here, so the shortest way is one fault."""
+    plan = drawn(3)
+    faults = tuple(sorted((*plan.faults, Fault(1.0, "kill", "node 1")), key=lambda fault: fault.at))
+
+    def breaks(plan, file):
+        outcome = run(replace(plan, jobs=()), file)
+        outcome.broken += [str(fault) for fault in plan.faults if str(fault) == "kill node 1"]
+        return outcome
+
+    monkeypatch.setattr("supernode.chaos.simulated.trial.run", breaks)
+    found = shortest(replace(plan, faults=faults), file)
+    assert [str(fault) for fault in found.faults] == ["kill node 1"]
+
+
+def test_a_trial_that_breaks_something_says_how_to_get_there(file, monkeypatch):
+    def breaks(plan, file):
+        outcome = run(replace(plan, jobs=(), faults=()), file)
+        return replace(outcome, plan=plan, broken=["the sky falls"])
+
+    monkeypatch.setattr("supernode.chaos.simulated.campaign.run", breaks)
+    monkeypatch.setattr("supernode.chaos.simulated.trial.run", breaks)
+    told = in_words(trial(file, 3))
+    assert "BROKEN" in told
+    assert "lost: the sky falls" in told
+    assert "the shortest way there, 0 faults" in told
