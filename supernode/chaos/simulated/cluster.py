@@ -110,6 +110,8 @@ class Cluster:
         self.world.at(at, lambda: self._start_again(name))
 
     def _start_again(self, name: str) -> None:
+        if name in self.processes:  # its host has been started again meanwhile
+            return
         self.world.say(f"start {name}")
         self._start(name)
 

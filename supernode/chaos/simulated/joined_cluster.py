@@ -114,6 +114,12 @@ class JoinedCluster(Cluster):
         else:
             super().ended(process)
 
+    def _start_again(self, name: str) -> None:
+        kind, _, whose = name.partition(" ")
+        host = self._hosts[whose] if kind == "agent" else self._host_of[int(whose)] if kind == "node" else None
+        if host is None or host.is_up:  # else nobody is there who would start it
+            super()._start_again(name)
+
     def _start_all(self) -> None:
         self._start("router")
         self._start("spy")
