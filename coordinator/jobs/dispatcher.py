@@ -20,7 +20,7 @@ from coordinator.errors import ClusterFailed
 from coordinator.jobs.alarms import Alarms
 from coordinator.jobs.conductor import Conductor
 from coordinator.jobs.growing import Growing
-from coordinator.jobs.hooks import Hooks
+from coordinator.jobs.hooks import Hooks, NoHooks
 from coordinator.jobs.job import Failure, JobEntry, JobSpec, Placement, Returned, StopRequest
 from coordinator.jobs.listener import Listener
 from coordinator.jobs.node_hosts import NodeHosts
@@ -32,36 +32,11 @@ from wire import control
 from wire.callbacks import direct
 from wire.control import Drop, Wiring
 from wire.keys import Keys
-from wire.news import Improvement, LogRecord, Statistics
+from wire.news import Improvement
 from wire.seal import Seal
 
 _BEGUN_WITHIN = 5.0  # seconds: a thread that was created has begun by then
 _LOOK_AGAIN = 0.01  # seconds
-
-
-class _NoHooks:
-    """Hooks that do nothing."""
-
-    def changed(self, number: int, status: str, nodes: tuple[int, ...]) -> None:
-        """See `Hooks`."""
-
-    def placed(self, number: int, placement: Placement) -> None:
-        """See `Hooks`."""
-
-    def improved(self, number: int, improvement: Improvement) -> None:
-        """See `Hooks`."""
-
-    def lived(self, number: int, epoch: int, records: Sequence[ImprovementRecord]) -> None:
-        """See `Hooks`."""
-
-    def measured(self, statistics: Statistics) -> None:
-        """See `Hooks`."""
-
-    def logged(self, record: LogRecord) -> None:
-        """See `Hooks`."""
-
-    def ended(self, number: int, outcome: Result | Exception) -> None:
-        """See `Hooks`."""
 
 
 class Dispatcher:
@@ -108,7 +83,7 @@ class Dispatcher:
         self.session = session
         self.keys = keys
         self._seal = seal
-        self.hooks: Hooks = hooks or _NoHooks()
+        self.hooks: Hooks = hooks or NoHooks()
         self._told = hooks is None  # else nobody would empty the jobs' event queues
         self.cpu_seconds = cpu_seconds
         self.seconds_to_ready = seconds_to_ready
@@ -149,9 +124,8 @@ class Dispatcher:
         job = JobEntry(spec, self._told, self.cancel)
         topology = topologies.parse(spec.file.run.topology)
         if accepted_before:  # some nodes may still hold the job; those that do must forget it before it starts over
-            key = self.keys.every_control
-            payload = self._seal.close(key, control.encode(Drop(spec.number)))
-            self.session.get(key, direct(lambda _: None), payload=payload, timeout=5.0)
+            payload = self._seal.close(self.keys.every_control, control.encode(Drop(spec.number)))
+            self.session.get(self.keys.every_control, direct(lambda _: None), payload=payload, timeout=5.0)
         with self._lock:
             if self._failure is not None:
                 raise ClusterFailed(self._failure)
@@ -176,8 +150,7 @@ class Dispatcher:
         return job
 
     def _set_deadline(self, spec: JobSpec) -> None:
-        seconds = spec.file.run.seconds
-        if seconds is not None:
+        if (seconds := spec.file.run.seconds) is not None:
             self._deadlines.set(spec.number, spec.submitted + seconds)
 
     def _end_at_deadline(self, number: int) -> None:
@@ -259,8 +232,7 @@ class Dispatcher:
 
     def returned(self, node: int) -> None:
         """Tell the job of a node that the node was cut off and is back."""
-        job, _ = self.place_of(node)
-        if job is not None:
+        if (job := self.place_of(node)[0]) is not None:
             job.queue.put(Returned(node))
 
     def joined(self, node: int) -> None:

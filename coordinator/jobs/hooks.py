@@ -8,6 +8,7 @@ import zenoh
 from coordinator.jobs.job import JobEntry, JobSpec, Placement
 from spy.improvement_records import ImprovementRecord
 from spy.result import Result
+from wire.hosts import Host
 from wire.keys import Keys
 from wire.news import Improvement, LogRecord, Statistics
 
@@ -15,7 +16,8 @@ from wire.news import Improvement, LogRecord, Statistics
 class Hooks(Protocol):
     """Callbacks of the dispatcher, which it calls on any thread.
 
-    Only `placed` may wait: the dispatcher may hold its lock, or be on Zenoh's thread, when it calls the others.
+    Only `placed` and those about hosts may wait: the dispatcher may hold its lock, or be on Zenoh's thread, when it
+    calls the others.
     """
 
     def changed(self, number: int, status: str, nodes: tuple[int, ...]) -> None:
@@ -38,6 +40,45 @@ class Hooks(Protocol):
 
     def ended(self, number: int, outcome: Result | Exception) -> None:
         """A job has ended, with a result or because something broke."""
+
+    def known_hosts(self) -> Sequence[tuple[Host, bool]]:
+        """Return the hosts that the previous coordinator knew, each with whether it had given the host up."""
+        ...
+
+    def keep_hosts(self, hosts: Sequence[tuple[Host, bool]]) -> None:
+        """Hosts have come or gone. When this returns, a coordinator that takes over will know these."""
+
+
+class NoHooks:
+    """Hooks that do nothing."""
+
+    def changed(self, number: int, status: str, nodes: tuple[int, ...]) -> None:
+        """See `Hooks`."""
+
+    def placed(self, number: int, placement: Placement) -> None:
+        """See `Hooks`."""
+
+    def improved(self, number: int, improvement: Improvement) -> None:
+        """See `Hooks`."""
+
+    def lived(self, number: int, epoch: int, records: Sequence[ImprovementRecord]) -> None:
+        """See `Hooks`."""
+
+    def measured(self, statistics: Statistics) -> None:
+        """See `Hooks`."""
+
+    def logged(self, record: LogRecord) -> None:
+        """See `Hooks`."""
+
+    def ended(self, number: int, outcome: Result | Exception) -> None:
+        """See `Hooks`."""
+
+    def known_hosts(self) -> Sequence[tuple[Host, bool]]:
+        """See `Hooks`."""
+        return ()
+
+    def keep_hosts(self, hosts: Sequence[tuple[Host, bool]]) -> None:
+        """See `Hooks`."""
 
 
 class JobRunner(Protocol):

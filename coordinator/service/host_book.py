@@ -4,8 +4,10 @@ A host's liveliness token drops when the host ends, but also when the router doe
 it has stayed away for `LEFT_AFTER`. A host that returns under the same name before that gets the same node numbers, and
 the jobs on these nodes continue. One that stays away for longer may only be cut off: it gets its numbers when it comes
 back, and no other host does, but jobs that needed them have failed. A host that is about to end may ask first that its
-jobs move to other nodes; it counts as gone as soon as its token drops. A coordinator that takes over asks all hosts who
-they are.
+jobs move to other nodes; it counts as gone as soon as its token drops.
+
+A coordinator that takes over knows the hosts from the store, and asks those that it can reach who they are now. Without
+the store it would give the numbers of a host that is cut off just then to another one.
 """
 
 import contextlib
@@ -18,6 +20,7 @@ from dataclasses import dataclass
 
 import zenoh
 
+from coordinator.jobs.hooks import Hooks
 from wire import jobs
 from wire.callbacks import direct
 from wire.hosts import Host
@@ -54,6 +57,7 @@ class HostBook:
         left: called with a host that has stayed away, or with one that gives up a part of its nodes.
         drain: called with a host that is about to end; returns those of its nodes that jobs still need.
         complain: called with an error that is nobody's fault but this program's.
+        hooks: keeps the hosts for the coordinator that takes over, and knows those of the one before.
         most_nodes: how many nodes may join; None for any number. A host that finds no room gets no numbers, and asks
             again.
     """
@@ -67,8 +71,10 @@ class HostBook:
         left: Callable[[Host], None],
         drain: Callable[[Host], list[int]],
         complain: Callable[[str], None],
+        hooks: Hooks,
         most_nodes: int | None = None,
     ) -> None:
+        self._hooks = hooks
         self._complain = complain
         self._most_nodes = most_nodes
         self._session = session
@@ -83,6 +89,7 @@ class HostBook:
         self._lost: dict[str, Host] = {}  # by id, hosts that were given up, but may only have been cut off
         self._away: dict[str, float] = {}  # ids of the other hosts, with the time (monotonic) when they count as gone
         self._mail: queue.SimpleQueue[zenoh.Query | _Seen] = queue.SimpleQueue()
+        self._recall()
         self._ask_all()  # before any host can ask for numbers: those that are in use must not be given again
         self._declared = [
             session.liveliness().declare_subscriber(keys.any_host, direct(self._see), history=True),
@@ -94,8 +101,27 @@ class HostBook:
         """Return the name of the host that a node runs on; None if no host has it. Any thread may call this."""
         return next((host.name for host in list(self._hosts.values()) if node in host.nodes), None)
 
+    def _recall(self) -> None:
+        """Note the hosts that the previous coordinator knew; those that are gone will not come back in time."""
+        for host, given_up in self._hooks.known_hosts():
+            if given_up:
+                self._lost[host.id] = host
+            else:
+                self._note(host)
+        self._kept = self._all()
+
+    def _all(self) -> list[tuple[Host, bool]]:
+        """Return all hosts, each with whether it was given up."""
+        return [(host, False) for host in self._hosts.values()] + [(host, True) for host in self._lost.values()]
+
+    def _keep(self) -> None:
+        """Have the hosts stored if they have changed."""
+        if (hosts := self._all()) != self._kept:
+            self._hooks.keep_hosts(hosts)
+            self._kept = hosts
+
     def _ask_all(self) -> None:
-        """Note the hosts that joined under the previous coordinator."""
+        """Note the hosts that joined under the previous coordinator, as they are now."""
         replies = self._session.get(
             self._keys.any_host,
             target=zenoh.QueryTarget.ALL,
@@ -117,10 +143,12 @@ class HostBook:
 
     def _note(self, host: Host) -> None:
         if host.nodes:
-            self._hosts[host.id] = host
+            self._lost.pop(host.id, None)
+            is_new, self._hosts[host.id] = self._hosts.get(host.id) != host, host
             if host.id not in self._present:  # its token has not been reported yet; until then it counts as away
                 self._away[host.id] = time.monotonic() + LEFT_AFTER
-            self._came(host)
+            if is_new:
+                self._came(host)
 
     def _see(self, sample: zenoh.Sample) -> None:
         host = str(sample.key_expr).rpartition("/")[2]
@@ -138,10 +166,13 @@ class HostBook:
     def _handle(self, message: zenoh.Query | _Seen | None) -> None:
         if isinstance(message, zenoh.Query):
             with message:
-                message.reply(self._keys.nodes, jobs.encode_answer(self._answer(message)))
+                answer = self._answer(message)
+                self._keep()  # before the host knows its numbers: no other one may ever get them
+                message.reply(self._keys.nodes, jobs.encode_answer(answer))
         elif isinstance(message, _Seen):
             self._notice(message)
         self._give_up_those_away()
+        self._keep()
 
     def _next(self) -> zenoh.Query | _Seen | None:
         due = min(self._away.values(), default=None)

@@ -51,7 +51,9 @@ class JoinedDispatcher(ServiceDispatcher):
         super().__init__(session, keys, seal, hooks, max_queue=max_queue, expected=nodes, eval_timeout=eval_timeout)
         self._moving: dict[int, int] = {}  # nodes that leave, each with the job whose cells are on their way from it
         self._first_port = self.began % PORTS  # probably not the port that the previous coordinator used last
-        self._book = HostBook(session, keys, seal, self._came, self._leave, self._drain, self._complain, most_nodes)
+        self._book = HostBook(
+            session, keys, seal, self._came, self._leave, self._drain, self._complain, hooks, most_nodes
+        )
         # After the book: when a node is reported, its host must be known already, or a wiring would lack its address.
         self._roster = Roster(session, keys, self.replaced, self.joined, self.returned)
         self._roster.look()

@@ -18,7 +18,7 @@ from coordinator.store.stored_job import (
     values_of,
     whole_rows,
 )
-from coordinator.store.tables import CheckpointRow, EpochRow, JobRow, TransitionRow
+from coordinator.store.tables import CheckpointRow, EpochRow, HostRow, JobRow, TransitionRow
 from spy.past import Past
 
 # A job that is kept alive may have any number of epochs and states. These bounds keep answers, and the database, small.
@@ -49,6 +49,11 @@ class JobReader(StoreSessions):
         with self.reading() as session:
             this = select(CheckpointRow.data).where(CheckpointRow.number == number)
             return list(session.scalars(this.order_by(CheckpointRow.id.desc())))
+
+    def hosts(self) -> list[tuple[bytes, bool]]:
+        """Return the hosts that were stored last, see `Store.keep_hosts`."""
+        with self.reading() as session:
+            return [(row.data, row.given_up) for row in session.scalars(select(HostRow).order_by(HostRow.id))]
 
     def show(self, job: str) -> Stored:
         """Return a job with its problem files, answer and result.

@@ -7,6 +7,7 @@ is acknowledged after `Store.add` survives whatever happens to the process.
 import json
 import secrets
 import time
+from collections.abc import Iterable
 from typing import Any
 
 from sqlalchemy import delete, func, select
@@ -22,6 +23,7 @@ from coordinator.store.tables import (
     CheckpointRow,
     EpochRow,
     HistoryRow,
+    HostRow,
     ImprovementRow,
     JobRow,
     StatisticsRow,
@@ -183,6 +185,12 @@ class Store(JobReader):
             this = CheckpointRow.number == number
             kept = select(CheckpointRow.id).where(this).order_by(CheckpointRow.id.desc()).limit(KEPT)
             session.execute(delete(CheckpointRow).where(this, CheckpointRow.id.not_in(list(session.scalars(kept)))))
+
+    def keep_hosts(self, hosts: Iterable[tuple[bytes, bool]]) -> None:
+        """Store all hosts, encoded, each with whether it was given up, in the place of those that were stored."""
+        with self.writing() as session:
+            session.execute(delete(HostRow))
+            session.add_all([HostRow(data=data, given_up=given_up) for data, given_up in hosts])
 
     def note_nodes(self, number: int, nodes: tuple[int, ...]) -> Summary:
         """Store the nodes of a job, which have changed."""

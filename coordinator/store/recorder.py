@@ -26,9 +26,11 @@ from coordinator.store.stored_job import Summary, UnknownJob
 from problems.errors import BadInput
 from spy.improvement_records import ImprovementRecord
 from spy.result import Result
+from wire.hosts import Host
 from wire.jobs import JobState
 from wire.news import Improvement, LogRecord, Statistics
 from wire.plain import plain
+from wire.strict import Rejected
 
 _TRY_AGAIN = 0.5  # seconds between two attempts while the database is away
 _PATIENCE = 5.0  # seconds that the beginning of an epoch may be held back by the database
@@ -181,6 +183,21 @@ class Recorder:
         if (last := self._unwritten.pop(number, None)) is not None:
             self._events.put(last)
         self._events.put(_Ended(number, outcome))
+
+    def known_hosts(self) -> list[tuple[Host, bool]]:
+        """Return the hosts that are stored, less those of another version of this program."""
+        hosts = []
+        for data, given_up in self._store.hosts():
+            with contextlib.suppress(Rejected):
+                hosts.append((Host.decode(data), given_up))
+        return hosts
+
+    def keep_hosts(self, hosts: Sequence[tuple[Host, bool]]) -> None:
+        """Store all hosts. If that fails, log it: they go on, and only the next coordinator might not know them."""
+        try:
+            self._store.keep_hosts([(host.encode(), given_up) for host, given_up in hosts])
+        except StoreFailed as error:
+            self.logged(log_record("warning", f"the hosts are not stored: {error}"))
 
     def close(self) -> None:
         """Write what has come so far, and stop. Idempotent. If the database is away, these events are lost."""

@@ -102,6 +102,16 @@ class CheckpointRow(Base):
     data: Mapped[bytes] = mapped_column(LargeBinary)
 
 
+class HostRow(Base):
+    """A host of nodes, as `wire.hosts.Host.encode` returns it; ``given_up`` if only its numbers are kept."""
+
+    __tablename__ = "hosts"
+
+    id: Mapped[int] = mapped_column(primary_key=True)
+    data: Mapped[bytes] = mapped_column(LargeBinary)
+    given_up: Mapped[bool]
+
+
 class EpochRow(Base):
     """An epoch of a job after its first.
 

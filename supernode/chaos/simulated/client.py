@@ -6,8 +6,9 @@ from typing import Any
 from coordinator.jobs.states import ENDS
 from problems import ProblemFile
 from supernode.chaos.simulated.network import Network
-from supernode.chaos.simulated.sessions import Callback, Sample, Zenoh
+from supernode.chaos.simulated.samples import Callback, Sample
 from supernode.chaos.simulated.world import Process, World
+from supernode.chaos.simulated.zenoh_module import Zenoh
 from wire.jobs import Done, Request, Show, Submit, decode_answer, encode
 from wire.keys import Keys
 from wire.news import Improvement

@@ -17,10 +17,11 @@ from node.node_config import NodeConfig
 from node.process import NodeProcess
 from problems.modules import Modules
 from spy.process import SpyProcess
-from supernode.chaos.simulated.network import Network, Router
+from supernode.chaos.simulated.network import Network
 from supernode.chaos.simulated.plans import Fault
-from supernode.chaos.simulated.sessions import Zenoh
+from supernode.chaos.simulated.router import Router
 from supernode.chaos.simulated.world import Process, World
+from supernode.chaos.simulated.zenoh_module import Zenoh
 from wire import sessions
 from wire.keys import Keys
 from wire.seal import SECRET_BYTES, Seal
@@ -89,6 +90,10 @@ class Cluster:
             self.disk_fails_until = max(self.disk_fails_until, self.world.now + fault.seconds)
         elif fault.weather is not None:
             self._network.change(fault.weather, fault.seconds)
+
+    def nodes_of_hosts(self) -> dict[str, tuple[int, ...]]:
+        """Return the nodes of each host that runs; empty if one zygote launched all nodes."""
+        return {}
 
     def kill(self, name: str) -> None:
         """Kill a process; another one takes its place soon."""

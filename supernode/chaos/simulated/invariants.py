@@ -55,6 +55,7 @@ class Invariants:
 
     def _cells(self) -> None:
         """No two processes on a cell, at most two epochs of a job at a time, and no way back to an earlier one."""
+        self._numbers()
         on: dict[tuple[int, int, int], list[int]] = defaultdict(list)
         epochs: dict[int, set[int]] = defaultdict(set)
         for node, process in self._cluster.nodes.items():
@@ -70,6 +71,14 @@ class Invariants:
         for job, there in epochs.items():
             if max(there) - min(there) > 1:
                 self._complain(f"job {job}: epochs {sorted(there)} run at the same time")
+
+    def _numbers(self) -> None:
+        """No two hosts have a node of the same number."""
+        has: dict[int, str] = {}
+        for name, nodes in self._cluster.nodes_of_hosts().items():
+            for node in nodes:
+                if has.setdefault(node, name) != name:
+                    self._complain(f"hosts {has[node]} and {name} both have node {node}")
 
     def _told(self, asked: Asked) -> None:
         """No improvement is worse than one before in its epoch; no result is worse than what was told."""

@@ -67,6 +67,10 @@ class JoinedCluster(Cluster):
             self._leave(host, fault.seconds)
         return None
 
+    def nodes_of_hosts(self) -> dict[str, tuple[int, ...]]:
+        """Return the nodes of each host that runs."""
+        return {name: host.host.nodes for name, host in self._hosts.items() if host.is_up}
+
     def _start_host(self, name: str) -> None:
         host = self._hosts[name]
         if host.is_up:

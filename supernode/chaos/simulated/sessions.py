@@ -1,8 +1,8 @@
-"""A stand-in for the module `zenoh`: sessions on the simulated network, with the part of its interface that is used."""
+"""Stand-ins for Zenoh's sessions, on the simulated network."""
 
 import types
 from collections.abc import Callable, Iterator
-from typing import Any, Self
+from typing import Any
 
 from supernode.chaos.simulated.network import (
     Ask,
@@ -16,125 +16,22 @@ from supernode.chaos.simulated.network import (
     Undeclare,
     intersects,
 )
+from supernode.chaos.simulated.samples import (
+    SEND,
+    Answer,
+    Callback,
+    Declared,
+    Publisher,
+    Query,
+    Sample,
+    SampleKind,
+    ZError,
+)
 from supernode.chaos.simulated.thread_types import SimpleQueue
 from supernode.chaos.simulated.world import Process, World
-from wire.sessions import unix_socket
 
-_SEND = 20e-6  # seconds that sending takes
-_DECLARE = 50e-6  # seconds that a declaration takes
-_OPENED_WITHIN = 60.0  # seconds
-
-
-class ZError(Exception):
-    """Instead of `zenoh.ZError`."""
-
-
-class SampleKind:
-    """Instead of `zenoh.SampleKind`."""
-
-    PUT = "put"
-    DELETE = "delete"
-
-
-class _Bytes:
-    def __init__(self, payload: bytes) -> None:
-        self._payload = payload
-
-    def to_bytes(self) -> bytes:
-        return self._payload
-
-    def __len__(self) -> int:
-        return len(self._payload)
-
-
-class Sample:
-    """Instead of `zenoh.Sample`."""
-
-    def __init__(self, key: str, payload: bytes, kind: str = SampleKind.PUT) -> None:
-        self.key_expr = key
-        self.payload = _Bytes(payload)
-        self.kind = kind
-
-
-class Answer:
-    """Instead of `zenoh.Reply`; ``ok`` is None for an error, such as a timeout."""
-
-    def __init__(self, ok: Sample | None) -> None:
-        self.ok = ok
-        self.err = None if ok is not None else "timeout"
-
-
-class Callback:
-    """Instead of `zenoh.handlers.Callback`."""
-
-    def __init__(
-        self, function: Callable[[Any], None], end: Callable[[], None] | None = None, indirect: bool = True
-    ) -> None:
-        self.call = function
-        self.end = end or (lambda: None)
-
-
-class Query:
-    """Instead of `zenoh.Query`: a question that this process is to answer."""
-
-    def __init__(self, session: "Session", link: Link, ask: Ask) -> None:
-        self.key_expr = ask.key
-        self.payload = _Bytes(ask.payload)
-        self._session = session
-        self._link = link
-        self._number = ask.number
-        self._is_over = False
-
-    def reply(self, key: str, payload: bytes) -> None:
-        """Send an answer."""
-        if self._is_over:
-            raise ZError("the query is finalized")
-        self._session.spend(_SEND)
-        self._session.send(self._link, Reply(self._number, key, bytes(payload)))
-
-    def drop(self) -> None:
-        """End the question."""
-        if not self._is_over:
-            self._is_over = True
-            self._session.send(self._link, Final(self._number))
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.drop()
-
-    def __del__(self) -> None:
-        self.drop()
-
-
-class _Declared:
-    """Something that a session has declared; `undeclare` ends it."""
-
-    def __init__(self, session: "Session", kind: str, key: str, call: Callable[[Any], None] | None) -> None:
-        self.kind = kind
-        self.key = key
-        self.call = call or _ignore
-        self.heard: set[str] = set()  # tokens that it was told of
-        self._session = session
-
-    def undeclare(self) -> None:
-        self._session.undeclare(self)
-
-
-class _Publisher:
-    def __init__(self, session: "Session", key: str) -> None:
-        self._session = session
-        self._key = key
-        self._is_gone = False
-
-    def put(self, payload: bytes) -> None:
-        if self._is_gone:
-            raise ZError("the publisher is undeclared")
-        self._session.put(self._key, payload)
-
-    def undeclare(self) -> None:
-        self._is_gone = True
+DECLARE = 50e-6
+"""Seconds that a declaration takes."""
 
 
 class _Asked:
@@ -149,14 +46,14 @@ class _Liveliness:
     def __init__(self, session: "Session") -> None:
         self._session = session
 
-    def declare_token(self, key: str) -> _Declared:
+    def declare_token(self, key: str) -> Declared:
         return self._session.declare("token", key)
 
-    def declare_subscriber(self, key: str, handler: Callback, history: bool = False) -> _Declared:
+    def declare_subscriber(self, key: str, handler: Callback, history: bool = False) -> Declared:
         return self._session.watch(key, handler, history)
 
     def get(self, key: str) -> Iterator[Answer]:
-        self._session.spend(_DECLARE)
+        self._session.spend(DECLARE)
         return iter([Answer(Sample(token, b"")) for token in self._session.tokens() if intersects(key, token)])
 
 
@@ -166,8 +63,8 @@ class Session(Station):
     def __init__(self, network: Network, process: Process, listen: list[str], connect: list[str]) -> None:
         super().__init__(network, process)
         self.is_peer = False
-        self._declared: list[_Declared] = []
-        self._watchers: list[_Declared] = []
+        self._declared: list[Declared] = []
+        self._watchers: list[Declared] = []
         self._asked: dict[int, _Asked] = {}
         self._news = SimpleQueue(network.world)
         self._endpoints = connect
@@ -194,17 +91,17 @@ class Session(Station):
             call()
 
     # What the production code calls -----------------------------------------------------------------------------------
-    def declare_subscriber(self, key: str, handler: Callback) -> _Declared:
+    def declare_subscriber(self, key: str, handler: Callback) -> Declared:
         """Receive what is published under a key."""
         return self.declare("subscriber", key, handler.call)
 
-    def declare_queryable(self, key: str, handler: Callback) -> _Declared:
+    def declare_queryable(self, key: str, handler: Callback) -> Declared:
         """Take questions under a key."""
         return self.declare("queryable", key, handler.call)
 
-    def declare_publisher(self, key: str) -> _Publisher:
+    def declare_publisher(self, key: str) -> Publisher:
         """Return what publishes under a key."""
-        return _Publisher(self, key)
+        return Publisher(self, key)
 
     def liveliness(self) -> _Liveliness:
         """Return what declares tokens and watches them."""
@@ -218,7 +115,7 @@ class Session(Station):
         for link in self.links[:]:
             if not self.is_peer or link.matches("subscriber", key):
                 self.network.send(link, message, twice=self.is_peer)
-        self.spend(self.network.work if self.is_peer else _SEND)
+        self.spend(self.network.work if self.is_peer else SEND)
 
     def get(
         self,
@@ -245,7 +142,7 @@ class Session(Station):
         if not links:
             self._finish(number, None)
         self.world.at(self.world.now + timeout, lambda: self._time_is_over(number))
-        self.spend(_SEND)
+        self.spend(SEND)
         return None
 
     def close(self) -> None:
@@ -257,30 +154,30 @@ class Session(Station):
             self._news.put(None)
 
     # Declarations -----------------------------------------------------------------------------------------------------
-    def declare(self, kind: str, key: str, call: Callable[[Any], None] | None = None) -> _Declared:
+    def declare(self, kind: str, key: str, call: Callable[[Any], None] | None = None) -> Declared:
         """Declare something, and tell the other ends of all links."""
         if not self.is_open:
             raise ZError("the session is closed")
-        declared = _Declared(self, kind, key, call)
+        declared = Declared(self, kind, key, call)
         self._declared.append(declared)
         for link in self.links[:]:
             self.send(link, Declare(kind, key))
         if kind == "token":
             self._see(key, is_there=True)
-        self.spend(_DECLARE)
+        self.spend(DECLARE)
         return declared
 
-    def watch(self, key: str, handler: Callback, history: bool) -> _Declared:
+    def watch(self, key: str, handler: Callback, history: bool) -> Declared:
         """Call ``handler`` with the tokens under a key that come and go."""
-        watcher = _Declared(self, "watcher", key, handler.call)
+        watcher = Declared(self, "watcher", key, handler.call)
         self._watchers.append(watcher)
         if history:
             for token in self.tokens():
                 self._tell(watcher, token, is_there=True)
-        self.spend(_DECLARE)
+        self.spend(DECLARE)
         return watcher
 
-    def undeclare(self, declared: _Declared) -> None:
+    def undeclare(self, declared: Declared) -> None:
         """End a declaration."""
         if declared in self._watchers:
             self._watchers.remove(declared)
@@ -288,7 +185,7 @@ class Session(Station):
             self._declared.remove(declared)
             for link in self.links[:]:
                 self.send(link, Undeclare(declared.kind, declared.key))
-        self.spend(_DECLARE)
+        self.spend(DECLARE)
 
     def tokens(self) -> list[str]:
         """Return the tokens that this session sees, its own too."""
@@ -299,7 +196,7 @@ class Session(Station):
         for watcher in self._watchers[:]:
             self._tell(watcher, token, is_there)
 
-    def _tell(self, watcher: _Declared, token: str, is_there: bool) -> None:
+    def _tell(self, watcher: Declared, token: str, is_there: bool) -> None:
         if not intersects(watcher.key, token) or (token in watcher.heard) == is_there:
             return
         (watcher.heard.add if is_there else watcher.heard.discard)(token)
@@ -347,10 +244,10 @@ class Session(Station):
             case Final(number):
                 self._finish(number, link)
 
-    def _takers(self, kind: str, key: str) -> list[_Declared]:
+    def _takers(self, kind: str, key: str) -> list[Declared]:
         return [each for each in self._declared if each.kind == kind and intersects(each.key, key)]
 
-    def _call_back(self, call: Callable[[Any], None], argument: Any, declared: _Declared | None) -> None:
+    def _call_back(self, call: Callable[[Any], None], argument: Any, declared: Declared | None) -> None:
         """Queue a callback, unless what it belongs to has been undeclared by then."""
 
         def run() -> None:
@@ -374,67 +271,3 @@ class Session(Station):
     def _end(self, number: int) -> None:
         handler = self._asked.pop(number).handler
         self._news.put(handler.end)
-
-
-class Zenoh:
-    """Makes the stand-in for the module `zenoh` in one network."""
-
-    def __init__(self, network: Network) -> None:
-        self._network = network
-        self.module = types.SimpleNamespace(
-            Session=Session,
-            Query=Query,
-            Sample=Sample,
-            Reply=Answer,
-            SampleKind=SampleKind,
-            ZError=ZError,
-            ZBytes=_Bytes,
-            Publisher=_Publisher,
-            QueryTarget=types.SimpleNamespace(ALL="all"),
-            ConsolidationMode=types.SimpleNamespace(NONE="none"),
-            handlers=types.SimpleNamespace(Callback=Callback),
-        )
-        self.sessions = types.SimpleNamespace(
-            client=self.client,
-            visitor=self.visitor,
-            peer=self.peer,
-            unix_socket=unix_socket,
-            use_runtime=lambda _: None,
-            NODE_RUNTIME="",
-        )
-
-    def _process(self) -> Process:
-        process = self._network.world.process
-        assert process is not None, "only a process opens sessions"
-        return process
-
-    def client(self, endpoint: str) -> Session:
-        """Instead of `wire.sessions.client`."""
-        return self._opened(endpoint, _OPENED_WITHIN)
-
-    def visitor(self, endpoint: str, within: float) -> Session:
-        """Instead of `wire.sessions.visitor`."""
-        session = self._opened(endpoint, within)
-        if not session.links:
-            session.close()
-            raise ZError(f"no router at {endpoint}")
-        return session
-
-    def _opened(self, endpoint: str, within: float) -> Session:
-        world = self._network.world
-        session = Session(self._network, self._process(), [], [endpoint])
-        until = world.now + within
-        while not session.links and world.now < until:
-            world.sleep(1e-3)
-        return session
-
-    def peer(self, listen: list[str], links: list[str]) -> Session:
-        """Instead of `wire.sessions.peer`."""
-        session = Session(self._network, self._process(), listen, links)
-        session.is_peer = True
-        self._network.world.spend(_DECLARE)
-        return session
-
-
-def _ignore(_: object) -> None:
-    """Do nothing: nobody is told of what comes under a token."""

@@ -24,9 +24,9 @@ import node.process
 from node.cpu_affinity import core_of
 from node.ordinary_path import OrdinaryPath
 from supernode.chaos.simulated.network import Network
-from supernode.chaos.simulated.sessions import Zenoh
 from supernode.chaos.simulated.thread_types import ThreadTypes
 from supernode.chaos.simulated.world import Process, World
+from supernode.chaos.simulated.zenoh_module import Zenoh
 from wire import sessions
 
 _PACKAGES = ("wire", "node", "spy", "coordinator.jobs", "coordinator.store", "coordinator.service")

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from places import until
 
+from coordinator.jobs.hooks import NoHooks
 from coordinator.jobs.node_hosts import PORTS, NodeHosts
 from coordinator.service import host_book
 from coordinator.service.host_book import HostBook
@@ -25,6 +26,19 @@ KEYS = Keys("c1")
 SECRET = bytes(range(32))
 
 
+class Memory(NoHooks):
+    """Keeps the hosts as a store does."""
+
+    def __init__(self):
+        self.hosts = []
+
+    def known_hosts(self):
+        return self.hosts
+
+    def keep_hosts(self, hosts):
+        self.hosts = list(hosts)
+
+
 class Room:
     """A router, a book, and hosts that the test plays."""
 
@@ -35,14 +49,15 @@ class Room:
         self.tokens = {}  # a token that nobody holds is gone
         self.left = queue.SimpleQueue()
         self.came = []
+        self.memory = Memory()
         self.needed = []  # nodes that jobs need of a host that is about to end
         self.book = self.open_book()
 
     def open_book(self, most_nodes=None):
         session = self.sessions["book"] = sessions.client(self.endpoint)
         self.complaints = []
-        hooks = self.came.append, self.left.put, lambda host: list(self.needed), self.complaints.append
-        return HostBook(session, KEYS, Seal(SECRET), *hooks, most_nodes)
+        callbacks = self.came.append, self.left.put, lambda host: list(self.needed), self.complaints.append
+        return HostBook(session, KEYS, Seal(SECRET), *callbacks, self.memory, most_nodes)
 
     def arrive(self, host):
         """A host's session, with its token and its answer to a new coordinator."""
@@ -171,6 +186,7 @@ def test_a_coordinator_that_takes_over_asks_who_is_there(room):
     room.arrive(Host("b1", "b", 2))  # it has not asked yet
     room.go("book")
     room.came.clear()
+    room.memory.hosts = []  # so it has another database
     room.open_book()
     assert [host.nodes for host in room.came] == [(0, 1)]
     assert room.ask(Host("b1", "b", 2)) == Done([2, 3])
@@ -200,6 +216,31 @@ def test_nonsense_is_refused(room, payload):
     answer = room.ask_sealed(session, payload)
     assert isinstance(answer, Refused)
     assert answer.message.startswith("the request to join cannot be read: ")
+
+
+def test_a_host_that_is_cut_off_when_the_coordinator_is_replaced_keeps_its_numbers(room):
+    assert room.join("a1", "a", 2) == (0, 1)
+    assert room.join("b1", "b", 1) == (2,)
+    room.go("a1")
+    room.sessions["book"].close()
+    room.came.clear()
+    room.book = room.open_book()
+    assert {host.id: host.nodes for host in room.came} == {"a1": (0, 1), "b1": (2,)}
+    assert room.join("c1", "c", 2) == (3, 4), "those of a host that may come back are not given to another one"
+    assert until_let_in(room, "a2", "a", 2) == (0, 1)
+
+
+def test_a_host_that_was_given_up_is_still_known_to_the_next_coordinator(room, monkeypatch):
+    monkeypatch.setattr(host_book, "LEFT_AFTER", 0.2)
+    assert room.join("a1", "a", 2) == (0, 1)
+    room.go("a1")
+    assert room.left.get(timeout=10.0).id == "a1"
+    until(lambda: [given_up for _, given_up in room.memory.hosts] == [True])
+    room.sessions["book"].close()
+    room.came.clear()
+    room.book = room.open_book()
+    assert room.came == []
+    assert room.join("b1", "b", 1) == (2,)
 
 
 def test_who_does_not_know_the_secret_is_not_let_in(room):

@@ -10,9 +10,11 @@ from functools import partial
 import pytest
 import zenoh
 
-from supernode.chaos.simulated.network import Network, Router, Weather, intersects
-from supernode.chaos.simulated.sessions import Callback, Zenoh
+from supernode.chaos.simulated.network import Network, Weather, intersects
+from supernode.chaos.simulated.router import Router
+from supernode.chaos.simulated.samples import Callback
 from supernode.chaos.simulated.world import Process, World
+from supernode.chaos.simulated.zenoh_module import Zenoh
 from wire import sessions
 from wire.callbacks import direct
 
